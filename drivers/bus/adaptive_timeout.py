@@ -23,24 +23,24 @@ class AdaptiveTimeout:
 
     def __init__(self) -> None:
         self._slowest_s: float | None = None
-        self._in_vain = False
+        self._missed = False
 
     def begin(self) -> None:
         """Begin a new round of requests. Until the first reply, only one request of a round gets the long timeout."""
-        self._in_vain = False
+        self._missed = False
 
-    def heard(self, took_s: float) -> None:
+    def reply_received(self, took_s: float) -> None:
         self._slowest_s = min(max(took_s, (self._slowest_s or 0.0) * FORGET, 0.0), FIRST_REPLY_S)
 
-    def heard_late(self) -> None:
+    def late_reply_received(self) -> None:
         """Record a reply that came after its timeout."""
         self._slowest_s = FIRST_REPLY_S
 
-    def in_vain(self) -> None:
-        self._in_vain = True
+    def no_reply(self) -> None:
+        self._missed = True
 
     def wait_s(self, responsive: bool) -> float:
         """Return the timeout of the next reply. ``responsive`` is whether the servo answered its last request."""
         if self._slowest_s is None:
-            return RESPONSIVE_S if self._in_vain else FIRST_REPLY_S
+            return RESPONSIVE_S if self._missed else FIRST_REPLY_S
         return self._slowest_s + RESPONSIVE_S if responsive else max(PROBE_S, self._slowest_s + SPARE_S)

@@ -30,7 +30,7 @@ from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_AT_ONCE: Final = 256  # maximum number of bytes that are discarded in one read
+_DRAIN_SIZE: Final = 256  # maximum number of bytes that are discarded in one read
 
 
 class Bus:
@@ -115,7 +115,7 @@ class Bus:
         Missing states are requested again if there is time. A servo known to be silent is not asked in every cycle.
         """
         readings, deadline_s = self._reader.receive(), self._reader.deadline_s
-        return readings if self._maps is None else self._look_after(readings, deadline_s)
+        return readings if self._maps is None else self._name_alarms(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """Write the goals of several servos, by ID, in one packet. Servos do not acknowledge it.
@@ -124,7 +124,7 @@ class Bus:
             ValueError: A goal does not fit its register. No goal is written.
         """
         if goals:
-            self._line.tell(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
+            self._line.send(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """Request and receive servo states.
@@ -137,8 +137,8 @@ class Bus:
             The state or the fault of each servo, by ID.
         """
         if deadline_s is None:
-            readings = self._reader.read_patiently(tuple(servo_ids))
-            return readings if self._maps is None else self._look_after(readings, math.inf)
+            readings = self._reader.read_without_deadline(tuple(servo_ids))
+            return readings if self._maps is None else self._name_alarms(readings, math.inf)
         self.request(servo_ids, deadline_s)
         return self.receive()
 
@@ -146,7 +146,7 @@ class Bus:
         """Return the number of bytes that a control cycle without faults sends and receives."""
         return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
 
-    def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
+    def _name_alarms(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
         """Read which hardware errors the servos have, if there is time, and record servos that were reset."""
         readings = self._turns.readings(readings) if self._turns else readings
         alarmed: dict[int, ServoState] = {}
@@ -155,12 +155,12 @@ class Bus:
                 if reading.alarms == ALARMED:
                     alarmed[servo_id] = reading
             elif reading.kind == "reset" and self._maps is not None:
-                self._maps.lost(servo_id)
+                self._maps.mark_lost(servo_id)
         if not alarmed:
             return readings
         sources = {i: source for i in alarmed if (source := self._servos.series(i).hardware_error)}
-        said = self._reader.registers({i: register for i, (register, _) in sources.items()}, deadline_s)
-        named = {i: alarmed[i]._replace(alarms=sources[i][1](bits) or ALARMED) for i, bits in said.items()}
+        error_bits = self._reader.registers({i: register for i, (register, _) in sources.items()}, deadline_s)
+        named = {i: alarmed[i]._replace(alarms=sources[i][1](bits) or ALARMED) for i, bits in error_bits.items()}
         return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
@@ -178,7 +178,7 @@ class Bus:
     def _is_extended(self, servo_id: int, model: ServoModel) -> bool:
         if series_of(model) is not X:
             return False
-        return self._read_surely(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
+        return self._read_with_retries(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
         """Check that the settings of a servo with this model's control table are usable. Raise ServoError otherwise."""
@@ -187,7 +187,7 @@ class Bus:
 
     def goal(self, servo_id: int) -> int:
         """Return the goal position that the servo holds, in counts."""
-        held = self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
+        held = self._read_with_retries(servo_id, self._servos.series(servo_id).goal_position)
         return self._turns.goal(servo_id, held) if self._turns else held
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
@@ -199,12 +199,12 @@ class Bus:
         if self._turns and servo_id in self._turns:
             return None
         registers = self._servos.series(servo_id).position_limits
-        lowest, highest = (self._read_surely(servo_id, register) for register in registers)
+        lowest, highest = (self._read_with_retries(servo_id, register) for register in registers)
         return (lowest, highest) if (lowest, highest) != (0, 0) else None
 
     def torque_is_on(self, servo_id: int) -> bool:
         """Return whether the servo's torque is enabled."""
-        return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable) == 1
+        return self._read_with_retries(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         """Return whether each servo has torque enabled with the torque limit that ``limit_torque`` wrote.
@@ -224,16 +224,16 @@ class Bus:
             self._maps.restore(servo_id)
         series = self._servos.series(servo_id)
         for register, value in series.before_torque:
-            self._write_surely(servo_id, register, value)
+            self._write_with_retries(servo_id, register, value)
         if servo_id in self._position_p and series.position_p is not None:
-            self._write_surely(servo_id, series.position_p, self._position_p[servo_id])
+            self._write_with_retries(servo_id, series.position_p, self._position_p[servo_id])
         self.write(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         """Disable torque of all these servos and return the errors of those that failed."""
         # One packet to all first, so that no servo waits for another's timeout; then one acknowledged write to each.
         if servo_ids:
-            self._line.tell(self._servos.torque_off(servo_ids))
+            self._line.send(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
         for _ in range(ATTEMPTS):
             failed = []
@@ -248,26 +248,26 @@ class Bus:
     def limit_torque(self, servo_id: int, share: float) -> None:
         """Limit the torque to a share (0 to 1) of the full torque until power-off."""
         series = self._servos.series(servo_id)
-        wanted, lasting, passing = round(share * series.full_torque), series.max_torque, series.torque_limit
-        held, where = self._read_surely(servo_id, lasting), f"{lasting.name} (register {lasting.address}"
+        wanted, persistent, volatile = round(share * series.full_torque), series.max_torque, series.torque_limit
+        held, where = self._read_with_retries(servo_id, persistent), f"{persistent.name} (register {persistent.address}"
         # The persistent limit is the upper bound and returns after a reset. One less shows whether the servo was reset.
-        limit = min(wanted, held - 1 if passing else held)
+        limit = min(wanted, held - 1 if volatile else held)
         if limit <= 0:
             raise ServoRefused(
                 servo_id,
                 f"would have no torque: {where}) is {held}, torque_limit is {share:g}: increase one of them",
             )
-        if passing is not None:
+        if volatile is not None:
             self._limits[servo_id] = limit
-            self._write_surely(servo_id, passing, limit)
+            self._write_with_retries(servo_id, volatile, limit)
         elif share < 1.0:
             what = f"write {wanted} to {where}, EEPROM) and set torque_limit: 1.0 in the robot file"
             raise ServoRefused(servo_id, f"has no torque limit in RAM: {what}")
 
-    def _read_surely(self, servo_id: int, register: Register) -> int:
+    def _read_with_retries(self, servo_id: int, register: Register) -> int:
         return retry(partial(self.read, servo_id, register))
 
-    def _write_surely(self, servo_id: int, register: Register, value: int) -> None:
+    def _write_with_retries(self, servo_id: int, register: Register, value: int) -> None:
         retry(partial(self.write, servo_id, register, value))
 
     @contextmanager
@@ -285,15 +285,15 @@ class Bus:
         self._port.set_baud(baud)
         try:
             yield Bus(self._port, self._clock, models or self._servos.models, lent=True)
-            self._let_pass()
+            self._drain()
         finally:
             self._port.set_baud(former)
             self._line.clean = False
 
-    def _let_pass(self) -> None:
+    def _drain(self) -> None:
         """Discard replies that are still arriving, for a limited time."""
         end_s = self._line.now() + 4.0 * HELD_S
-        while self._port.read(_AT_ONCE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
+        while self._port.read(_DRAIN_SIZE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
             pass
 
     def close(self) -> None:

@@ -33,7 +33,7 @@ class ServoCounters:
     def add(self, kind: str) -> None:
         setattr(self, kind, getattr(self, kind) + 1)
 
-    def came_late(self, counted_as: str) -> None:
+    def count_late(self, counted_as: str) -> None:
         """Count a late reply instead of the fault for which its request was counted."""
         setattr(self, counted_as, getattr(self, counted_as) - 1)
         self.late += 1

@@ -12,7 +12,7 @@ from typing import Final
 from fastcrc.crc16 import umts as crc16
 
 from drivers.bus.late_replies import OPEN_S
-from drivers.bus.read_plan import ReadPlan, Whole
+from drivers.bus.read_plan import Decode, ReadPlan
 from drivers.bus.types import ServoState
 from drivers.port.line import Line
 from drivers.protocol import v2
@@ -35,20 +35,20 @@ def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan
         v2.fast_sync_read(servo_ids, block.address, block.size),
         v2.FAST_HEAD_SIZE + (block.size + v2.FAST_OVERHEAD) * len(servo_ids),
         v2.OVERHEAD,
-        _whole(block, scales),
+        _decoder(block, scales),
         lambda reply: "silent",
         dict.fromkeys(servo_ids, block),
         fast=True,
     )
 
 
-def _whole(block: StateBlock, scales: Mapping[int, float | None]) -> Whole:
+def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
     """Return a decoder for the whole reply. Only the last checksum is checked, because it covers the whole packet."""
     head = v2.fast_head(len(scales), block.size)
     piece = Struct(f"<BB{block.at}x{block.fields.format[1:]}H")
     size = len(head) + piece.size * len(scales)
 
-    def whole(data: bytes) -> Mapping[int, ServoState] | None:
+    def decode_all(data: bytes) -> Mapping[int, ServoState] | None:
         if len(data) != size or not data.startswith(head) or crc16(data[:-2]) != int.from_bytes(data[-2:], "little"):
             return None
         states: dict[int, ServoState] = {}
@@ -59,7 +59,7 @@ def _whole(block: StateBlock, scales: Mapping[int, float | None]) -> Whole:
             states[servo_id] = block.state(scale, error, *numbers)
         return states
 
-    return whole
+    return decode_all
 
 
 class FastReads:
@@ -70,8 +70,8 @@ class FastReads:
         self.tried = False
         self.known = False
         """Whether all servos support fast sync reads, as found by ``trial``."""
-        self._broken_in_a_row = 0
-        self._rests_until_s = -math.inf
+        self._failures_in_a_row = 0
+        self._paused_until_s = -math.inf
 
     def trial(self, plan: ReadPlan) -> None:
         """Try a fast sync read of servos that have just answered, and record whether it succeeds.
@@ -81,24 +81,24 @@ class FastReads:
         """
         line = self._line
         self.tried = True
-        due_s = line.ask(plan.request) + plan.reply_size * line.byte_s
-        self.known = plan.whole(line.hear(plan.request, plan.reply_size, due_s + FAST_TRIAL_S)) is not None
+        due_s = line.send_request(plan.request) + plan.reply_size * line.byte_s
+        self.known = plan.decode_all(line.receive(plan.request, plan.reply_size, due_s + FAST_TRIAL_S)) is not None
         line.clean = False
         if not self.known:
             LOG.info("%s: not every servo supports fast sync reads: using plain sync reads", line.port.name)
 
-    def may_be_asked(self) -> bool:
+    def allowed(self) -> bool:
         """Whether no reply to a failed fast sync read can still arrive."""
-        return self._line.now() >= self._rests_until_s
+        return self._line.now() >= self._paused_until_s
 
-    def came_whole(self) -> None:
-        self._broken_in_a_row = 0
+    def succeeded(self) -> None:
+        self._failures_in_a_row = 0
 
-    def came_broken(self) -> None:
+    def failed(self) -> None:
         """Record a failure. Plain sync reads are used for a while, or permanently after too many failures."""
-        self._rests_until_s = self._line.now() + OPEN_S
-        self._broken_in_a_row += 1
-        if self._broken_in_a_row == FAST_TRIES:
+        self._paused_until_s = self._line.now() + OPEN_S
+        self._failures_in_a_row += 1
+        if self._failures_in_a_row == FAST_TRIES:
             self.known = False
             name = self._line.port.name
             LOG.warning("%s: %d consecutive fast sync reads failed: using plain sync reads", name, FAST_TRIES)

@@ -35,21 +35,21 @@ class GroupRead:
         self._late = late
         self._adaptive = protocol.group_read != "sync"
         """Whether servos may be asked separately, with an adaptive timeout for each."""
-        self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
+        self._counters_of: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._sent_s = 0.0
         self._flooded = False
         """Whether bytes kept arriving until the end of the last wait."""
         self.timeout = AdaptiveTimeout()
         self.fast = FastReads(line)
-        self.whole = False
+        self.complete = False
         """Whether the last read returned a state of every servo."""
 
-    def ask(self, plan: ReadPlan) -> None:
+    def send(self, plan: ReadPlan) -> None:
         if not self._line.clean:
-            self._take_what_waits()
-        self._sent_s = self._line.ask(plan.request)
+            self._drain_input()
+        self._sent_s = self._line.send_request(plan.request)
 
-    def _take_what_waits(self) -> None:
+    def _drain_input(self) -> None:
         """Discard the input since the last request. Late replies in the input close their requests.
 
         After a stall the input holds a reply to each open request. After a flood a flush discards only part of the
@@ -67,11 +67,11 @@ class GroupRead:
 
     def _close_late(self, reply: Reply, asked: bool = False) -> bool:
         """Count the reply as late if it may belong to an earlier request. Return whether it may."""
-        counted_as = self._late.take(reply.servo_id, len(reply.data), asked)
+        counted_as = self._late.match(reply.servo_id, len(reply.data), asked)
         if counted_as is None:
             return False
-        self._counters.of(reply.servo_id).came_late(counted_as)
-        self.timeout.heard_late()
+        self._counters.of(reply.servo_id).count_late(counted_as)
+        self.timeout.late_reply_received()
         return True
 
     def collect(self, plan: ReadPlan, responsive: int, deadline_s: float) -> Mapping[int, ReadResult]:
@@ -80,7 +80,7 @@ class GroupRead:
         The first ``responsive`` servos of the plan are expected to answer. The others get a short timeout. If a fast
         read fails, the result is empty and no fault is counted for a servo.
         """
-        line, expected, self.whole = self._line, plan.reply_size, False
+        line, expected, self.complete = self._line, plan.reply_size, False
         if 0 < responsive < len(plan.servo_ids):
             expected = sum(plan.sizes[i] + plan.overhead for i in plan.servo_ids[:responsive])
         due_s = self._sent_s + expected * line.byte_s
@@ -90,26 +90,26 @@ class GroupRead:
         else:
             wait_s = GROUP_WAIT_S if responsive else GAP_S
         until_s = due_s + wait_s
-        data = line.hear(plan.request, expected, until_s if until_s < deadline_s else deadline_s)
-        if not self._late.open or not self._late.doubtful(plan.sizes):
-            states = plan.whole(data)
+        data = line.receive(plan.request, expected, until_s if until_s < deadline_s else deadline_s)
+        if not self._late.open or not self._late.ambiguous(plan.sizes):
+            states = plan.decode_all(data)
             if states is not None:
-                return self._all_well(plan, states, due_s)
+                return self._count_all(plan, states, due_s)
         if plan.fast:
             self._counters.noise += bool(data)
-            self.fast.came_broken()
+            self.fast.failed()
             return {}
         if not data and responsive and not self._adaptive:
-            data = self._after_silence(expected, deadline_s)
-        return self._piecewise(plan, responsive, data, wait_s, due_s, deadline_s)
+            data = self._wait_for_slow_adapter(expected, deadline_s)
+        return self._decode_separately(plan, responsive, data, wait_s, due_s, deadline_s)
 
     def abandon(self, plan: ReadPlan) -> None:
         """Give up the last request, whose replies may still arrive."""
         if plan.fast:
-            self.fast.came_broken()
-        self._counted(plan, dict.fromkeys(plan.servo_ids, "no_time"))
+            self.fast.failed()
+        self._count(plan, dict.fromkeys(plan.servo_ids, "no_time"))
 
-    def _after_silence(self, expected: int, deadline_s: float) -> bytes:
+    def _wait_for_slow_adapter(self, expected: int, deadline_s: float) -> bytes:
         """Wait longer when no servo has answered, because the adapter may be slow."""
         line = self._line
         data = line.port.read(1, min(self._sent_s + FIRST_REPLY_S, deadline_s))
@@ -117,28 +117,28 @@ class GroupRead:
             return data
         return data + line.port.read(expected - 1, min(line.now() + expected * line.byte_s + GAP_S, deadline_s))
 
-    def _all_well(self, plan: ReadPlan, states: Mapping[int, ServoState], due_s: float) -> Mapping[int, ServoState]:
+    def _count_all(self, plan: ReadPlan, states: Mapping[int, ServoState], due_s: float) -> Mapping[int, ServoState]:
         line = self._line
-        line.clean = self.whole = True
+        line.clean = self.complete = True
         if line.echoes is None:
             line.echoes = False
         if self._late.open:
             for servo_id in plan.servo_ids:
                 self._late.answered(servo_id, line.now())
         if self._adaptive:
-            self.timeout.heard(line.now() - due_s)
+            self.timeout.reply_received(line.now() - due_s)
         if plan.fast:
-            self.fast.came_whole()
-        accounts = self._accounts.get(plan.servo_ids)
+            self.fast.succeeded()
+        accounts = self._counters_of.get(plan.servo_ids)
         if accounts is None:
-            accounts = self._accounts[plan.servo_ids] = [self._counters.of(servo_id) for servo_id in plan.servo_ids]
+            accounts = self._counters_of[plan.servo_ids] = [self._counters.of(servo_id) for servo_id in plan.servo_ids]
         for account, state in zip(accounts, states.values(), strict=True):
             account.replies += 1
             if state.alarms:
                 account.alarms += 1
         return states
 
-    def _piecewise(
+    def _decode_separately(
         self, plan: ReadPlan, responsive: int, data: bytes, wait_s: float, due_s: float, deadline_s: float
     ) -> Mapping[int, ReadResult]:
         """Decode replies one by one, because some are missing or there is garbage, until no more bytes arrive."""
@@ -153,12 +153,12 @@ class GroupRead:
             self._wait_for(assembler, plan.servo_ids[responsive:], GAP_S, deadline_s)
         assembler.finish()
         if self._adaptive and assembler.answered:
-            self.timeout.heard(self._line.now() - due_s)
+            self.timeout.reply_received(self._line.now() - due_s)
         elif self._adaptive:
-            self.timeout.in_vain()
+            self.timeout.no_reply()
         results, noise = self._judge(plan, assembler, "silent" if deadline_s >= due_s + TURNAROUND_S else "no_time")
         self._line.clean = len(assembler.answered) == len(plan.servo_ids) and not noise
-        return self._counted(plan, results, noise)
+        return self._count(plan, results, noise)
 
     def _wait_for(
         self, assembler: ReplyAssembler, servo_ids: tuple[int, ...], wait_s: float, deadline_s: float
@@ -198,7 +198,7 @@ class GroupRead:
                 results[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else nothing
         return results, noise
 
-    def _counted(self, plan: ReadPlan, results: dict[int, ReadResult], noise: int = 0) -> Mapping[int, ReadResult]:
+    def _count(self, plan: ReadPlan, results: dict[int, ReadResult], noise: int = 0) -> Mapping[int, ReadResult]:
         """Count the result of each request. Requests without a value stay open for late replies."""
         now_s = self._line.now()
         self._counters.noise += noise

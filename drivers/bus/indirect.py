@@ -30,7 +30,7 @@ class IndirectMaps:
         self._single = single
         self._name = name
         self._lost: set[int] = set()
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
 
     def set_up(self, servo_id: int, model: ServoModel) -> None:
         """Map the indirect registers of an identified servo. If a ServoError occurs, the direct block stays in use."""
@@ -42,8 +42,8 @@ class IndirectMaps:
             why = self._map(servo_id, block) if block else ""
         except ServoError as error:
             why = error.text
-        if why and servo_id not in self._told:
-            self._told.add(servo_id)
+        if why and servo_id not in self._reported:
+            self._reported.add(servo_id)
             LOG.info(
                 "%s: servo %d is read from the direct block: after its indirect registers were mapped, it %s",
                 self._name, servo_id, why,
@@ -63,7 +63,7 @@ class IndirectMaps:
         self._lost.discard(servo_id)
         return ""
 
-    def lost(self, servo_id: int) -> None:
+    def mark_lost(self, servo_id: int) -> None:
         """Record that the servo has answered without proof of its map."""
         if servo_id in self._servos.mapped:
             LOG.warning(

@@ -26,7 +26,7 @@ Missed = Literal["silent", "corrupt", "late", "refused", "no_time"]
 
 
 @dataclass(slots=True)
-class _Open:
+class _OpenRequests:
     """Open requests to one servo for replies of one size."""
 
     given_up: deque[tuple[float, Missed]]
@@ -45,7 +45,7 @@ class LateReplies:
     """
 
     def __init__(self) -> None:
-        self.open: dict[int, dict[int, _Open]] = {}
+        self.open: dict[int, dict[int, _OpenRequests]] = {}
         """Open requests by servo ID and reply size. Servos without open requests are left out."""
         self._single_until_s: dict[int, float] = {}
 
@@ -59,7 +59,7 @@ class LateReplies:
             while given_up[0][0] <= now_s - OPEN_S:
                 given_up.popleft()
         else:
-            of_servo[size] = _Open(deque(((now_s, counted),)), now_s + OPEN_S)
+            of_servo[size] = _OpenRequests(deque(((now_s, counted),)), now_s + OPEN_S)
 
     def add_single(self, servo_id: int, now_s: float) -> None:
         """Record that a servo gave no valid reply to a single request of any size."""
@@ -69,7 +69,7 @@ class LateReplies:
         """Return the time until which a late reply to a single request may arrive, or minus infinity."""
         return self._single_until_s.get(servo_id, -math.inf)
 
-    def take(self, servo_id: int, size: int, asked: bool = False) -> Missed | None:
+    def match(self, servo_id: int, size: int, asked: bool = False) -> Missed | None:
         """Close the open requests that a reply of this size may answer. Return how the oldest one was counted.
 
         Return None if the reply answers no open request. If this size was requested last (``asked``), overtaken
@@ -91,7 +91,7 @@ class LateReplies:
             if not one.overtaken:
                 one.overtaken, one.until_s = True, now_s + HELD_S
 
-    def doubtful(self, sizes: Mapping[int, int]) -> bool:
+    def ambiguous(self, sizes: Mapping[int, int]) -> bool:
         """Whether a reply of the requested size (by servo ID) may answer an earlier request."""
         asked = (self.open[servo_id].get(sizes[servo_id]) for servo_id in self.open.keys() & sizes)
         return any(one is not None and not one.overtaken for one in asked)
@@ -113,14 +113,14 @@ class LateReplies:
         """Return the index into ``sizes`` for which the fewest servos have open requests."""
 
         # Of equally good sizes, the one requested last is best, because its reply closes the most requests.
-        def doubts(place: int) -> tuple[int, int, float]:
+        def open_requests(place: int) -> tuple[int, int, float]:
             found = [o for i, of in sizes.items() if (o := self.open.get(i, {}).get(of[place]))]
             first_s = [one.given_up[0][0] for one in found if not one.overtaken]
             return len(first_s), len(found), -min(first_s, default=0.0)
 
-        return min(range(min(map(len, sizes.values()), default=1)), key=doubts)
+        return min(range(min(map(len, sizes.values()), default=1)), key=open_requests)
 
-    def _keep(self, servo_id: int, of_servo: dict[int, _Open]) -> None:
+    def _keep(self, servo_id: int, of_servo: dict[int, _OpenRequests]) -> None:
         if of_servo:
             self.open[servo_id] = of_servo
         else:

@@ -19,7 +19,7 @@ ReadResult = ServoState | int | FaultKind | ServoFault
 """Result of one request to one servo: its state, a register value, or a fault. A ``ServoFault`` is a refusal with its
 reason."""
 
-Whole = Callable[[bytes], Mapping[int, ServoState] | None]
+Decode = Callable[[bytes], Mapping[int, ServoState] | None]
 """Returns all states if the bytes are exactly the valid replies of all servos in their order, or else None."""
 
 _GOOD_SUM_V1 = (1 + sum(v1.HEADER) + 0xFF) & 0xFF
@@ -36,7 +36,7 @@ class ReadPlan:
     reply_size: int
     """Number of bytes of all replies without byte stuffing."""
     overhead: int
-    whole: Whole
+    decode_all: Decode
     result: Callable[[Reply], ReadResult]
     """Decodes a single reply."""
     blocks: Mapping[int, StateBlock]
@@ -53,13 +53,13 @@ def state_plan(
 ) -> ReadPlan:
     """Return the plan that reads a state block of each servo."""
     is_v1 = protocol.packets is v1
-    whole = _whole_v1(protocol, blocks, scales) if is_v1 else _whole_v2(blocks, scales)
+    decode_all = _decoder_v1(protocol, blocks, scales) if is_v1 else _decoder_v2(blocks, scales)
 
     def result(reply: Reply) -> ReadResult:
         return _state_result(protocol, blocks[reply.servo_id], scales[reply.servo_id], reply)
 
     spans = {i: (block.address, block.size) for i, block in blocks.items()}
-    return _plan(protocol, spans, whole, result, blocks)
+    return _plan(protocol, spans, decode_all, result, blocks)
 
 
 def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> ReadPlan:
@@ -77,14 +77,14 @@ def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> 
 def _plan(
     protocol: WireProtocol,
     spans: Mapping[int, tuple[int, int]],
-    whole: Whole,
+    decode_all: Decode,
     result: Callable[[Reply], ReadResult],
     blocks: Mapping[int, StateBlock],
 ) -> ReadPlan:
     overhead: int = protocol.packets.OVERHEAD
     sizes = {i: size for i, (_, size) in spans.items()}
     reply_size = sum(sizes.values()) + overhead * len(sizes)
-    return ReadPlan(tuple(spans), sizes, _request(protocol, spans), reply_size, overhead, whole, result, blocks)
+    return ReadPlan(tuple(spans), sizes, _request(protocol, spans), reply_size, overhead, decode_all, result, blocks)
 
 
 def _request(protocol: WireProtocol, spans: Mapping[int, tuple[int, int]]) -> bytes:
@@ -119,7 +119,7 @@ def _unpack(layout: str) -> Callable[[bytes], tuple[Any, ...]]:
     return Struct(layout).unpack
 
 
-def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Whole:
+def _decoder_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Decode:
     """Return a decoder that unpacks each reply separately, which is faster than unpacking all replies together.
 
     A control cycle spends most of its Python time here, with cold processor caches. A few steps repeated for seven
@@ -136,7 +136,7 @@ def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: 
         begin = end
     size, refusals = begin, protocol.refusals
 
-    def whole(data: bytes) -> Mapping[int, ServoState] | None:
+    def decode_all(data: bytes) -> Mapping[int, ServoState] | None:
         if len(data) != size:
             return None
         states: dict[int, ServoState] = {}
@@ -148,10 +148,10 @@ def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: 
             states[servo_id] = state(scale, status, position, velocity, load, voltage, temperature)
         return states
 
-    return whole
+    return decode_all
 
 
-def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Whole:
+def _decoder_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Decode:
     replies = []
     begin = 0
     for servo_id, block in blocks.items():
@@ -164,7 +164,7 @@ def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | Non
         begin = end
     size = begin
 
-    def whole(data: bytes) -> Mapping[int, ServoState] | None:
+    def decode_all(data: bytes) -> Mapping[int, ServoState] | None:
         if len(data) != size or data.count(v2.PATTERN) != len(replies):  # wrong length, or stuffed bytes
             return None
         states: dict[int, ServoState] = {}
@@ -175,4 +175,4 @@ def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | Non
             states[servo_id] = block.state(scale, error, *numbers)
         return states
 
-    return whole
+    return decode_all

@@ -14,21 +14,21 @@ class ReplyAssembler:
     overhead: int
     """Number of bytes of a reply in addition to its data."""
     decoder: Decoder
-    doubted: frozenset[int] = frozenset()
+    ambiguous: frozenset[int] = frozenset()
     """Servos whose refusal may belong to an earlier request, so that a reply may still arrive."""
     replies: list[Reply] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
 
     def feed(self, data: bytes) -> None:
-        self._take(self.decoder.feed(data))
+        self._add(self.decoder.feed(data))
 
     def finish(self) -> None:
-        self._take(self.decoder.finish())
+        self._add(self.decoder.finish())
 
-    def _take(self, replies: Sequence[Reply]) -> None:
+    def _add(self, replies: Sequence[Reply]) -> None:
         self.replies += replies
         for reply in replies:
-            if self.fits(reply) and not (reply.servo_id in self.doubted and self.decoder.refuses(reply)):
+            if self.fits(reply) and not (reply.servo_id in self.ambiguous and self.decoder.refuses(reply)):
                 self.answered.add(reply.servo_id)
 
     def fits(self, reply: Reply) -> bool:

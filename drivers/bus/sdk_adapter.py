@@ -15,7 +15,7 @@ CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """Result codes of both SDKs for a corrupt reply. Their other codes are the same, or mean that there was no reply."""
 _GRACE_S = 0.034
 """Reply timeout of the SDK without the transmission time, in seconds: two USB latency timers of 16 ms and 2 ms."""
-_NEVER_SILENT_S = 0.1  # after the deadline, by when all bytes that arrived before it have been read
+_FLOOD_S = 0.1  # after the deadline, by when all bytes that arrived before it have been read
 
 
 class SdkAdapter:
@@ -25,14 +25,14 @@ class SdkAdapter:
         self._line = line
         self._port = line.port
         self._sent = b""
-        self._doubtful, self._given, self._mixed = b"", b"", False
+        self._held_back, self._delivered, self._echo_delivered = b"", b"", False
         self._deadline_s = 0.0
 
-    def judged(self, result: int) -> int:
+    def corrected_result(self, result: int) -> int:
         """Return the result code of an SDK, corrected for echoes."""
         if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # the adapter may no longer echo
             self._line.echoes = self._line.echoes and None
-        return dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result
+        return dynamixel_sdk.COMM_RX_CORRUPT if self._echo_delivered else result
 
     @property
     def is_using(self) -> bool:
@@ -49,16 +49,16 @@ class SdkAdapter:
         self._port.discard_input()
 
     def writePort(self, packet: list[int]) -> int:
-        self._sent, self._doubtful, self._given, self._mixed = bytes(packet), b"", b"", False
+        self._sent, self._held_back, self._delivered, self._echo_delivered = bytes(packet), b"", b"", False
         self._port.write(self._sent)
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
         # For a frame with an impossibly small length, the SDKs request a negative number of bytes. They do not check
         # the time while bytes arrive, which never ends on a flooded bus.
-        if length <= 0 or self._line.now() >= self._deadline_s + _NEVER_SILENT_S:
+        if length <= 0 or self._line.now() >= self._deadline_s + _FLOOD_S:
             return b""
-        data = self._doubtful + self._port.read(length, self._deadline_s)
+        data = self._held_back + self._port.read(length, self._deadline_s)
         if self._line.echoes is False or not self._sent:
             return data
         return self._without_echo(data)
@@ -72,16 +72,16 @@ class SdkAdapter:
         at = data.find(self._sent)
         if at >= 0:
             data = data[at + len(self._sent) :]
-        elif self._line.echoes or (not self._given and self._sent.startswith(data)):
-            self._doubtful = data
+        elif self._line.echoes or (not self._delivered and self._sent.startswith(data)):
+            self._held_back = data
             return b""
         else:
-            self._given += data
-            self._mixed = self._sent in self._given
-            self._doubtful = b""
-        if at >= 0 or self._mixed:
+            self._delivered += data
+            self._echo_delivered = self._sent in self._delivered
+            self._held_back = b""
+        if at >= 0 or self._echo_delivered:
             self._line.echoes = True
-            self._sent, self._doubtful = b"", b""
+            self._sent, self._held_back = b"", b""
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:

@@ -32,13 +32,13 @@ class SingleServo:
     def ping(self, servo_id: int) -> None:
         """Ping a servo. Raise ServoSilent if it does not answer."""
         # The SDK's ping also reads the model number, but a servo may answer nothing but pings.
-        self._ask(servo_id, self._packets.PING, b"", None, "a ping")
+        self._request(servo_id, self._packets.PING, b"", None, "a ping")
 
     def read(self, servo_id: int, register: Register) -> int:
         """Read a register."""
         # The SDK's readTxRx takes the checksum of a short reply for data.
         where = self._packets.span(register.address, register.size)
-        data = self._ask(servo_id, self._packets.READ, where, register.size, register.name)
+        data = self._request(servo_id, self._packets.READ, where, register.size, register.name)
         return register.decode(data, self._protocol.byte_order)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
@@ -52,7 +52,7 @@ class SingleServo:
     def _write(self, instruction: int, servo_id: int, register: Register, value: int) -> None:
         # The SDK's writeTxRx takes any reply of the servo for the acknowledgment, even a late reply.
         data = self._packets.place(register.address) + register.encode(value, self._protocol.byte_order)
-        self._ask(servo_id, instruction, data, 0, register.name)
+        self._request(servo_id, instruction, data, 0, register.name)
 
     def action(self) -> None:
         """Execute the writes prepared by ``reg_write`` on all servos at once. Servos do not reply."""
@@ -67,7 +67,7 @@ class SingleServo:
         if self._protocol.reboot == "none":
             raise ServoRefused(servo_id, "cannot be rebooted over the bus: switch its power off and on")
         if self._protocol.reboot == "acknowledged":
-            self._ask(servo_id, self._packets.REBOOT, b"", 0, "a reboot")
+            self._request(servo_id, self._packets.REBOOT, b"", 0, "a reboot")
             return
         self._line.clean = False
         self._sdk.txPacket(self._adapter, self._packets.sdk_request(servo_id, self._packets.REBOOT, b""))
@@ -75,11 +75,11 @@ class SingleServo:
 
     def factory_reset(self, servo_id: int) -> None:
         """Restore the factory settings except for the ID. Servos of Dynamixel protocol 1.0 also change to ID 1."""
-        self._ask(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
+        self._request(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
 
     def forget_turns(self, servo_id: int) -> None:
         """Reset the turn count of a Feetech STS servo to zero. Its torque goes off."""
-        self._ask(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
+        self._request(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
 
     def broadcast_ping(self) -> tuple[int, ...]:
         """Return the servos that answer a broadcast ping. Raise DriverError if their replies would collide."""
@@ -89,23 +89,23 @@ class SingleServo:
         found, _ = self._sdk.broadcastPing(self._adapter)  # within the SDK's 0.8 s at 1 Mbit/s
         return tuple(sorted(found))
 
-    def _ask(self, servo_id: int, instruction: int, parameters: bytes, size: int | None, what: str) -> bytes:
+    def _request(self, servo_id: int, instruction: int, parameters: bytes, size: int | None, what: str) -> bytes:
         """Send an instruction and return the data of the reply, which must be ``size`` bytes (None: any size).
 
         A reply does not identify its request. The call therefore waits until no late reply of this servo is possible.
         """
         self._line.clean = False
-        self._let_pass(servo_id)
+        self._wait_for_late_replies(servo_id)
         request = self._packets.sdk_request(servo_id, instruction, parameters)
         try:
             reply, result, error = self._sdk.txRxPacket(self._adapter, request)
         except BaseException:  # after an interrupt the reply may still arrive
             self._late.add_single(servo_id, self._line.now())
             raise
-        self._check_heard(servo_id, self._adapter.judged(result))
-        return self._checked(servo_id, error, self._packets.sdk_data(reply), size, what)
+        self._check_received(servo_id, self._adapter.corrected_result(result))
+        return self._reply_data(servo_id, error, self._packets.sdk_data(reply), size, what)
 
-    def _check_heard(self, servo_id: int, result: int) -> None:
+    def _check_received(self, servo_id: int, result: int) -> None:
         if result == COMM_SUCCESS:
             return
         self._late.add_single(servo_id, self._line.now())
@@ -116,12 +116,12 @@ class SingleServo:
         account.silent += 1
         raise ServoSilent(servo_id, "does not answer: check its power and cable, its ID and the baud rate")
 
-    def _checked(self, servo_id: int, error: int, data: bytes, size: int | None, what: str) -> bytes:
+    def _reply_data(self, servo_id: int, error: int, data: bytes, size: int | None, what: str) -> bytes:
         account = self._counters.of(servo_id)
         if refused := error & self._protocol.refusals:
             account.refused += 1
             self._late.answered(servo_id, self._line.now())
-            error_of = ServoCorrupt if self._protocol.came_broken(refused) else ServoRefused
+            error_of = ServoCorrupt if self._protocol.arrived_corrupt(refused) else ServoRefused
             raise error_of(servo_id, self._protocol.refusal(refused))
         if size is not None and len(data) != size:
             account.late += 1
@@ -132,7 +132,7 @@ class SingleServo:
         self._late.answered(servo_id, self._line.now())
         return data
 
-    def _let_pass(self, servo_id: int) -> None:
+    def _wait_for_late_replies(self, servo_id: int) -> None:
         until_s = self._late.single_until_s(servo_id)
         while self._line.now() < until_s:
             self._line.port.read(_MANY, until_s)

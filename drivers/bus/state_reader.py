@@ -21,7 +21,7 @@ from drivers.servos.register import Register
 
 LOG = logging.getLogger("servoloop.drivers")
 
-Turn = tuple[tuple[int, ...], int]
+Batch = tuple[tuple[int, ...], int]
 """Servos that are asked together, and the number of servos at its start that are expected to answer."""
 
 
@@ -39,36 +39,36 @@ class StateReader:
         self._sync = servos.protocol.group_read == "sync"
         self._backoff = Backoff()
         self._asked: tuple[int, ...] = ()
-        self._turns: list[Turn] = []
+        self._batches: list[Batch] = []
         self._plan: ReadPlan | None = None
         """Plan of the request whose replies have not been received yet."""
         self._responsive = 0
         self._no_time: frozenset[int] = frozenset()
         """Servos for which the last cycle had no time. The next cycle asks them first."""
         self.deadline_s = math.inf
-        self._told = servos.read_together
+        self._reported = servos.read_together
 
     def request(self, asked: tuple[int, ...], deadline_s: float) -> None:
         """Send the first request of a cycle."""
         if self._plan is not None:
             self._group.abandon(self._plan)
             self._plan = None
-        if not self._told:
-            self._told = True
-            self._say_that_it_takes_longer(asked)
-        self._asked, self.deadline_s, self._turns = asked, deadline_s, []
+        if not self._reported:
+            self._reported = True
+            self._log_separate_reads(asked)
+        self._asked, self.deadline_s, self._batches = asked, deadline_s, []
         now_s = self._line.now()
         if now_s >= deadline_s or not asked:
             return
         if self._sync and not self._backoff.misses:
-            self._ask(asked, len(asked), deadline_s)
+            self._send(asked, len(asked), deadline_s)
             return
         self._group.timeout.begin()
-        self._turns = self._turns_of(asked, now_s)
-        if self._turns:
-            self._ask(*self._turns.pop(0), deadline_s)
+        self._batches = self._batches_of(asked, now_s)
+        if self._batches:
+            self._send(*self._batches.pop(0), deadline_s)
 
-    def _turns_of(self, asked: tuple[int, ...], now_s: float) -> list[Turn]:
+    def _batches_of(self, asked: tuple[int, ...], now_s: float) -> list[Batch]:
         responsive, probed = self._backoff.split(asked, now_s)
         if self._sync:
             # If all servos are silent, the adapter may be slow, so that they get the timeout of responsive servos.
@@ -79,15 +79,15 @@ class StateReader:
         responsive = tuple(sorted(responsive, key=lambda i: i not in self._no_time))
         return [*(((i,), 1) for i in responsive), *(((i,), 0) for i in probed)]
 
-    def _ask(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
+    def _send(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
         fast = self._group.fast
-        may = fast.known and responsive == len(servo_ids) and fast.may_be_asked()
+        may = fast.known and responsive == len(servo_ids) and fast.allowed()
         plan = self._fast_or_none(servo_ids, deadline_s) if may else None
         if plan is None:
             plan = self._servos.plan(servo_ids, self._place(servo_ids) if self._late.open else 0)
         self._plan = plan
         self._responsive = responsive
-        self._group.ask(plan)
+        self._group.send(plan)
 
     def _place(self, servo_ids: tuple[int, ...]) -> int:
         """Return the index of the block to request, so that a late reply cannot be taken for the reply to it."""
@@ -98,15 +98,15 @@ class StateReader:
         """Return the states or faults of this cycle. Missing states are requested again while there is time."""
         plan, asked = self._plan, self._asked
         results = self._collect(self._until_s(plan.servo_ids) if plan and not self._sync else self.deadline_s)
-        while self._turns:
-            turn = self._turns.pop(0)
-            if self._has_time(turn[0], self.deadline_s):
-                self._ask(*turn, self.deadline_s)
-                results = {**results, **self._collect(self._until_s(turn[0]))}
-        if plan is not None and plan.servo_ids == asked and self._group.whole and not self._backoff.misses:
+        while self._batches:
+            batch = self._batches.pop(0)
+            if self._has_time(batch[0], self.deadline_s):
+                self._send(*batch, self.deadline_s)
+                results = {**results, **self._collect(self._until_s(batch[0]))}
+        if plan is not None and plan.servo_ids == asked and self._group.complete and not self._backoff.misses:
             self._no_time = frozenset()
             return cast(Mapping[int, Reading], results)
-        return self._made_up(dict(results))
+        return self._complete(dict(results))
 
     def _collect(self, deadline_s: float) -> Mapping[int, ReadResult]:
         plan = self._plan
@@ -118,21 +118,21 @@ class StateReader:
         except BaseException:
             self._group.abandon(plan)
             raise
-        return results if results or not plan.fast else self._plainly(plan.servo_ids, deadline_s)
+        return results if results or not plan.fast else self._read_separately(plan.servo_ids, deadline_s)
 
-    def _plainly(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
+    def _read_separately(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
         """Read servos again with separate replies after a failed fast read, to find which of them failed."""
         if not self._has_time(servo_ids, deadline_s):
             return {}
-        self._ask(servo_ids, len(servo_ids), deadline_s)
+        self._send(servo_ids, len(servo_ids), deadline_s)
         return self._collect(deadline_s)
 
-    def _made_up(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
+    def _complete(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
         """Count servos that were not asked, and repeat the requests to servos that were expected to answer."""
         expected = [i for i in results if i not in self._backoff.misses]
         self._count_unasked(results)
         missing = self._backoff.note(results, self._line.now())
-        self._ask_again([i for i in missing if i in expected], results)
+        self._repeat_requests([i for i in missing if i in expected], results)
         return self._readings(results)
 
     def _count_unasked(self, results: Mapping[int, ReadResult]) -> None:
@@ -151,16 +151,16 @@ class StateReader:
             readings[servo_id] = fault(servo_id, result) if isinstance(result, str) else cast(Reading, result)
         return readings
 
-    def _ask_again(self, missing: Sequence[int], results: dict[int, ReadResult]) -> None:
+    def _repeat_requests(self, missing: Sequence[int], results: dict[int, ReadResult]) -> None:
         for _ in range(CYCLE_RETRIES):
             # A servo that has lost its map would send the same reply again.
-            worth_it = [i for i in missing if results[i] != "reset"]
+            repeatable = [i for i in missing if results[i] != "reset"]
             again: dict[int, ReadResult] = {}
-            for servo_ids in self.groups(worth_it):
+            for servo_ids in self.groups(repeatable):
                 if self._has_time(servo_ids, self.deadline_s, GAP_S):
                     for servo_id in servo_ids:
                         self._counters.of(servo_id).retries += 1
-                    self._ask(servo_ids, 0, self.deadline_s)
+                    self._send(servo_ids, 0, self.deadline_s)
                     again |= self._collect(self._until_s(servo_ids))
             if not again:
                 return
@@ -173,7 +173,7 @@ class StateReader:
             return [tuple(servo_ids)] if servo_ids else []
         return [(servo_id,) for servo_id in servo_ids]
 
-    def read_patiently(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
+    def read_without_deadline(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
         """Read the states of all servos without a deadline."""
         # Silent servos are asked last. Servos that may have waited for a silent servo are asked once more.
         self._asked, self._no_time = asked, frozenset()
@@ -194,7 +194,7 @@ class StateReader:
     def _read_all(self, servo_ids: tuple[int, ...]) -> dict[int, ReadResult]:
         results: dict[int, ReadResult] = {}
         for together in self.groups(servo_ids):
-            self._ask(together, len(together), -math.inf)
+            self._send(together, len(together), -math.inf)
             results |= self._collect(math.inf)
         return results
 
@@ -202,12 +202,12 @@ class StateReader:
         """Read one register of each servo once. Servos that do not reply before the deadline are left out."""
         # Servos are left out if a late reply, also to a single request, may have the size of this reply.
         now_s, late = self._line.now(), self._late
-        asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.doubtful({i: r.size})]
+        asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
         found: dict[int, int] = {}
         for together in self.groups(asked):
             plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})
             if self._fits(plan.exchange_size, deadline_s, GAP_S):
-                self._group.ask(plan)
+                self._group.send(plan)
                 results = self._group.collect(plan, len(together), deadline_s)
                 found |= {i: result for i, result in results.items() if isinstance(result, int)}
         return found
@@ -238,7 +238,6 @@ class StateReader:
     # Time.
 
     def exchange_size(self, asked: tuple[int, ...]) -> int:
-        """Return the number of bytes that a fault-free read of all states sends and receives."""
         fast = self._servos.fast_plan(asked) if self._group.fast.known else None
         groups = [asked] if self._servos.read_together else self.groups(asked)
         plans = [fast] if fast else [self._servos.plan(servo_ids) for servo_ids in groups]
@@ -260,12 +259,12 @@ class StateReader:
             return self.deadline_s
         byte_s = self._line.byte_s
         # Servos hidden by a silent servo in a bulk read are asked again separately.
-        later = [ids for ids, _ in self._turns] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
+        later = [ids for ids, _ in self._batches] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
         needed_s = sum(self._size_of(ids) * byte_s + RESPONSIVE_S for ids in later)
         at_least_s = self._line.now() + self._size_of(servo_ids) * byte_s + SPARE_S
         return min(max(self.deadline_s - needed_s, at_least_s), self.deadline_s)
 
-    def _say_that_it_takes_longer(self, servo_ids: tuple[int, ...]) -> None:
+    def _log_separate_reads(self, servo_ids: tuple[int, ...]) -> None:
         count, port = len(servo_ids), self._line.port
         LOG.info(
             "%s: these %s servos do not support a group read, so the %d servos are read one by one: this takes %.2f ms "

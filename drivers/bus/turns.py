@@ -16,9 +16,9 @@ class Turns:
 
     def __init__(self) -> None:
         self._counts_per_turn: dict[int, int] = {}
-        self._turned: dict[int, int] = {}
+        self._whole_turns: dict[int, int] = {}
         """Whole turns in the readings of each servo, in counts."""
-        self._doubted: dict[int, int] = {}
+        self._unconfirmed: dict[int, int] = {}
         """Whole turns in the newest reading of each servo, in counts, if not confirmed yet."""
 
     def identified(self, servo_id: int, model: ServoModel, extended: bool) -> None:
@@ -36,32 +36,32 @@ class Turns:
         for servo_id, turn in self._counts_per_turn.items():
             reading = readings.get(servo_id)
             if isinstance(reading, ServoState):
-                self._take(servo_id, reading.position_counts // turn * turn)
-                counts = reading.position_counts - self._turned[servo_id]
+                self._update(servo_id, reading.position_counts // turn * turn)
+                counts = reading.position_counts - self._whole_turns[servo_id]
                 changed[servo_id] = reading._replace(position_counts=counts)
             elif reading is not None and reading.kind == "reset":
                 self._forget(servo_id)
         return {**readings, **changed} if changed else readings
 
-    def _take(self, servo_id: int, turned: int) -> None:
-        if turned in (self._turned.setdefault(servo_id, turned), self._doubted.pop(servo_id, None)):
-            self._turned[servo_id] = turned
+    def _update(self, servo_id: int, whole_turns: int) -> None:
+        if whole_turns in (self._whole_turns.setdefault(servo_id, whole_turns), self._unconfirmed.pop(servo_id, None)):
+            self._whole_turns[servo_id] = whole_turns
         else:
-            self._doubted[servo_id] = turned
+            self._unconfirmed[servo_id] = whole_turns
 
     def _forget(self, servo_id: int) -> None:
-        self._turned.pop(servo_id, None)
-        self._doubted.pop(servo_id, None)
+        self._whole_turns.pop(servo_id, None)
+        self._unconfirmed.pop(servo_id, None)
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> Mapping[int, ServoGoal]:
         """Return the goals with the whole turns of the servos added."""
         changed = {
-            i: goals[i]._replace(position_counts=goals[i].position_counts + turned)
-            for i, turned in self._turned.items()
-            if turned and i in goals
+            i: goals[i]._replace(position_counts=goals[i].position_counts + whole_turns)
+            for i, whole_turns in self._whole_turns.items()
+            if whole_turns and i in goals
         }
         return {**goals, **changed} if changed else goals
 
     def goal(self, servo_id: int, held: int) -> int:
         """Return the goal that a servo holds, without its whole turns."""
-        return held - self._turned.get(servo_id, 0)
+        return held - self._whole_turns.get(servo_id, 0)

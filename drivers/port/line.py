@@ -24,7 +24,7 @@ class Line:
         self.echoes: bool | None = None
         """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply shows it."""
 
-    def tell(self, packet: bytes) -> None:
+    def send(self, packet: bytes) -> None:
         """Send a packet that has no reply, and read its echo if the adapter echoes."""
         self.port.write(packet)
         now_s, on_wire_s = self.now(), len(packet) * self.byte_s
@@ -32,14 +32,14 @@ class Line:
         if self.echoes:
             self.port.read(len(packet), self.busy_until_s + on_wire_s + GAP_S)
 
-    def ask(self, request: bytes) -> float:
+    def send_request(self, request: bytes) -> float:
         """Send a request. Return the clock time at which its last byte leaves the wire."""
         now_s = self.now()
         self.clean = False
         self.port.write(request)
         return (self.busy_until_s if self.busy_until_s > now_s else now_s) + len(request) * self.byte_s
 
-    def hear(self, request: bytes, size: int, until_s: float) -> bytes:
+    def receive(self, request: bytes, size: int, until_s: float) -> bytes:
         """Receive up to ``size`` bytes of replies until ``until_s`` and return them without the echo of the request."""
         if self.echoes is False:
             return self.port.read(size, until_s)

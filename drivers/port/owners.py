@@ -11,12 +11,12 @@ def port_owners(path: Path) -> Iterator[str]:
     """Yield the names of other processes that have the device open, as far as permissions allow."""
     device = path.resolve()
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
-        if int(process.name) != os.getpid() and _holds(process, device) and not _serves(process, device):
+        if int(process.name) != os.getpid() and _has_open(process, device) and not _serves(process, device):
             yield f"{_command(process)} (process {process.name})"
 
 
 def held_by_us(path: Path) -> bool:
-    return _holds(Path("/proc/self"), path.resolve())
+    return _has_open(Path("/proc/self"), path.resolve())
 
 
 def is_pseudo_terminal(path: Path) -> bool:
@@ -24,7 +24,7 @@ def is_pseudo_terminal(path: Path) -> bool:
     return path.resolve().parent == PSEUDO_TERMINALS
 
 
-def _holds(process: Path, device: Path) -> bool:
+def _has_open(process: Path, device: Path) -> bool:
     try:
         return any(Path(os.readlink(fd)) == device for fd in (process / "fd").iterdir())
     except OSError:  # the process has ended, or belongs to another user

@@ -50,7 +50,7 @@ class SerialPort:
         self._serial = _open(device, baud)
         self._fd: int = self._serial.fileno()
         try:
-            _shut_out_others(Path(device), self._fd)
+            _exclude_others(Path(device), self._fd)
             _check_rate(device, self._fd, baud)
         except PortError:
             self.close()
@@ -110,7 +110,7 @@ class SerialPort:
             wait_s = deadline_s - self._clock.now()
             try:
                 # poll waits for whole milliseconds, and select for the rest.
-                ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._rest(wait_s)
+                ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._wait_rest(wait_s)
                 while len(received) < size:
                     data = os.read(self._fd, size - len(received))
                     if not data:  # the other end has closed the line
@@ -122,7 +122,7 @@ class SerialPort:
                 raise self._lost(error) from error
         return received
 
-    def _rest(self, wait_s: float) -> bool:
+    def _wait_rest(self, wait_s: float) -> bool:
         rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
         return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
 
@@ -189,7 +189,7 @@ def _open(device: str, baud: int) -> serial.Serial:
         raise _baud_error(device, baud, error) from error
 
 
-def _shut_out_others(path: Path, fd: int) -> None:
+def _exclude_others(path: Path, fd: int) -> None:
     """Have the kernel keep out all other programs except root's, because the SDKs ignore the lock.
 
     A pseudo-terminal is left out. The kernel lifts this ban at the last close, but an emulator never closes its end.
@@ -245,15 +245,15 @@ def _may_be_serial(path: Path) -> bool:
 
 
 def _missing_text(device: str) -> str:
-    return f"{device} does not exist: plug in the adapter or choose another port (found: {_there()})"
+    return f"{device} does not exist: plug in the adapter or choose another port (found: {_ports_found()})"
 
 
 def not_serial_text(device: str) -> str:
     what = "a folder" if Path(device).is_dir() else "a file" if Path(device).is_file() else "another kind of device"
-    return f"{device} is not a serial device but {what}: choose the adapter's port (found: {_there()})"
+    return f"{device} is not a serial device but {what}: choose the adapter's port (found: {_ports_found()})"
 
 
-def _there() -> str:
+def _ports_found() -> str:
     found = sorted(str(p) for pattern in ("ttyACM*", "ttyUSB*") for p in Path("/dev").glob(pattern))
     return ", ".join(found) or "none"
 

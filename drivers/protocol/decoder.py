@@ -49,11 +49,11 @@ class Decoder(ABC):
         at = 0
         while (start := pending.find(header, at)) >= 0:
             self.garbage += start - at
-            taken = self._take(pending, start, replies)
-            if taken is None:
+            consumed = self._decode(pending, start, replies)
+            if consumed is None:
                 self._pending = pending[start:]
                 return replies
-            at = start + taken
+            at = start + consumed
         size = len(header) - 1
         while not pending.endswith(header[:size], at):
             size -= 1
@@ -73,22 +73,22 @@ class Decoder(ABC):
     def refuses(self, reply: Reply) -> bool:
         return bool(reply.error & self.refusals)
 
-    def _may_have(self, data_size: int) -> bool:
+    def _accepts(self, data_size: int) -> bool:
         return data_size == self.data_size or data_size in self.other_sizes or (data_size == 0 and self.refusals > 0)
 
-    def _found(self, reply: Reply, frame_size: int, replies: list[Reply]) -> int:
+    def _accept(self, reply: Reply, frame_size: int, replies: list[Reply]) -> int:
         """Add a valid reply to ``replies``. Return the number of bytes consumed."""
         if not (reply.data or self.refuses(reply)):  # an acknowledgment, which no group read expects
-            return self._pass()
+            return self._skip()
         replies.append(reply)
         self.garbage = 0
         return frame_size
 
     @abstractmethod
-    def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+    def _decode(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         """Decode the frame whose header is at ``at``. Return the number of bytes consumed; None if more are needed."""
 
-    def _pass(self, size: int = 1) -> int:
+    def _skip(self, size: int = 1) -> int:
         """Count garbage bytes. By default this is one byte, because a valid frame may begin inside a false frame."""
         self.garbage += size
         return size

@@ -84,17 +84,17 @@ class ReplyDecoder(Decoder):
 
     HEADER = HEADER
 
-    def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+    def _decode(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         left = len(pending) - at
         if left > 2 and pending[at + 2] > _LARGEST_ID:
-            return self._pass()
+            return self._skip()
         size = pending[at + 3] - 2 if left > 3 else self.data_size
-        if not self._may_have(size):
-            return self._pass()
+        if not self._accepts(size):
+            return self._skip()
         if left < size + OVERHEAD:
             return None
         frame = pending[at : at + size + OVERHEAD]
         if _CHECKSUMS[adler32(frame[:-1]) & 0xFF] != frame[-1:] or HEADER in frame[2:]:
             self.corrupt_ids.append(frame[2])
-            return self._pass()
-        return self._found(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)
+            return self._skip()
+        return self._accept(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)

@@ -42,11 +42,11 @@ FAST_OVERHEAD = 4
 
 ALERT = 0x80
 """Bit of the error byte that reports a hardware error. The servo has executed the instruction nevertheless."""
-CAME_BROKEN, NO_ACCESS = 3, 7
+CORRUPT_PACKET, NO_ACCESS = 3, 7
 _ERRORS = {
     1: "could not execute the instruction (if it has a hardware error, reboot it)",
     2: "does not know the instruction",
-    CAME_BROKEN: "received a corrupt packet",
+    CORRUPT_PACKET: "received a corrupt packet",
     4: "received a value out of range",
     5: "received too few bytes",
     6: "received a value beyond its limit",
@@ -134,29 +134,29 @@ class ReplyDecoder(Decoder):
 
     refusals: int = 0xFF & ~ALERT
 
-    def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+    def _decode(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         left = len(pending) - at
         if left > 4 and pending[at + 4] > LARGEST_ID:
-            return self._pass()
+            return self._skip()
         if left <= _HEAD:
             return None
         length = int.from_bytes(pending[at + 5 : at + 7], "little") + _HEAD
         if pending[at + _HEAD] != STATUS or not self._plausible(length):
-            return self._pass()
+            return self._skip()
         if left < length:
             return None
-        return self._judge(pending[at : at + length], replies)
+        return self._check(pending[at : at + length], replies)
 
     def _plausible(self, size: int) -> bool:
         """Whether a reply with an accepted data size may be ``size`` bytes long, including stuffed bytes."""
         data = size - OVERHEAD
         return any(wanted <= data <= wanted + (wanted + 1) // 3 for wanted in (self.data_size, *self.other_sizes, 0))
 
-    def _judge(self, frame: bytes, replies: list[Reply]) -> int:
+    def _check(self, frame: bytes, replies: list[Reply]) -> int:
         if crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little"):
             self.corrupt_ids.append(frame[4])
-            return self._pass()
+            return self._skip()
         body = unstuffed(frame[_HEAD:-2])
-        if not self._may_have(len(body) - 2):
-            return self._pass(len(frame))
-        return self._found(Reply(frame[4], body[1], body[2:], self.garbage), len(frame), replies)
+        if not self._accepts(len(body) - 2):
+            return self._skip(len(frame))
+        return self._accept(Reply(frame[4], body[1], body[2:], self.garbage), len(frame), replies)

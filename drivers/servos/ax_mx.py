@@ -74,7 +74,7 @@ ERROR_BITS: Final = dict(
 )
 """Meaning of the bits of a reply's error byte. The bits of ``REFUSALS`` report errors of the instruction."""
 REFUSALS: Final = 1 << 3 | 1 << 4 | 1 << 6
-CAME_BROKEN: Final = 1 << 4
+CORRUPT_PACKET: Final = 1 << 4
 """Bit of ``REFUSALS`` that reports a corrupt instruction packet."""
 
 ANSWERS_ALL: Final = 2

@@ -25,7 +25,7 @@ PROTOCOL_2: Final = WireProtocol(
     waits_for_silent=True,  # not documented in the manual
     refusals=0xFF & ~v2.ALERT,
     refusal=v2.error_text,
-    came_broken=lambda number: number == v2.CAME_BROKEN,
+    arrived_corrupt=lambda number: number == v2.CORRUPT_PACKET,
     reboot="acknowledged",
     factory_reset=bytes((v2.KEEP_ID_AND_BAUD,)),
     broadcast_ping=True,

@@ -19,7 +19,7 @@ PROTOCOL_1: Final = WireProtocol(
     group_read="bulk",
     refusals=ax_mx.REFUSALS,
     refusal=lambda bits: f"refused the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
-    came_broken=lambda bits: bool(bits & ax_mx.CAME_BROKEN),
+    arrived_corrupt=lambda bits: bool(bits & ax_mx.CORRUPT_PACKET),
     reboot="none",
 )
 _ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))

@@ -33,7 +33,7 @@ class WireProtocol:
     """Bits of a reply's error byte that refuse an instruction. The other bits are alarms and part of the state."""
     refusal: Callable[[int], str] = "refused the instruction (error {})".format
     """Describes the refusal bits as a predicate that follows the servo's name."""
-    came_broken: Callable[[int], bool] = lambda refused: False
+    arrived_corrupt: Callable[[int], bool] = lambda refused: False
     """Whether the refusal bits report a corrupt instruction packet, so that the request can be repeated."""
     factory_reset: bytes = b""
     """Option byte of the factory reset instruction."""

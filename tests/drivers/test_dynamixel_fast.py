@@ -46,7 +46,7 @@ def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> 
 
 def whole(data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE) -> object:
     """All states, if the packet is whole."""
-    return fast_plan(block, dict(zip(ids, units_a, strict=True))).whole(data)
+    return fast_plan(block, dict(zip(ids, units_a, strict=True))).decode_all(data)
 
 
 class Line:

@@ -34,7 +34,7 @@ def test_an_alarm_that_is_not_explained_in_time_does_not_cost_the_deadline() -> 
 def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
     blocks = [bytes((i * 37 + n * 11) & 0x7F for n in range(BLOCK.size)) for i in IDS]
     data = b"".join(status_packet(i, 0x80 * (i == 3), block) for i, block in zip(IDS, blocks, strict=True))
-    whole = state_plan(PROTOCOL_2, dict.fromkeys(IDS, BLOCK), dict.fromkeys(IDS)).whole
+    whole = state_plan(PROTOCOL_2, dict.fromkeys(IDS, BLOCK), dict.fromkeys(IDS)).decode_all
     fast = whole(data)
     replies = wire.ReplyDecoder(BLOCK.size).feed(data)
     assert fast == {r.servo_id: BLOCK.decode(None, r.error, r.data) for r in replies}
@@ -51,6 +51,6 @@ def test_a_stuffed_reply_and_a_longer_block_are_understood() -> None:
     longer = X.blocks[2]
     content = b"\xff\xff\xfd" + bytes(longer.size - 3)
     data = status_packet(1, 0, content)
-    assert state_plan(PROTOCOL_2, {1: longer}, {1: None}).whole(data) is None
+    assert state_plan(PROTOCOL_2, {1: longer}, {1: None}).decode_all(data) is None
     (reply,) = wire.ReplyDecoder(longer.size).feed(data)
     assert longer.decode(None, reply.error, reply.data) == (0, 0, 0.0, 0.0, 0.0, (), None)

@@ -43,8 +43,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
         monkeypatch.setattr(owner, name, judge)
 
     monkeypatch.setattr(GroupRead, "collect", collect)
-    otherwise(GroupRead, "_piecewise")
-    otherwise(FastReads, "came_broken")
+    otherwise(GroupRead, "_decode_separately")
+    otherwise(FastReads, "failed")
     return went
 
 

@@ -35,7 +35,7 @@ def test_lengths_that_tell_late_replies_survive_a_flipped_bit() -> None:
 
 def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
     frames = [wire.packet(i, i, bytes((i * 30 & 255, 0x80 | i, 9, 0x80, 0xF4, 5 + i, 118, 41))) for i in IDS]
-    whole = KnownServos({}).plan(IDS).whole
+    whole = KnownServos({}).plan(IDS).decode_all
     replies = wire.ReplyDecoder(8).feed(b"".join(frames))
     assert whole(b"".join(frames)) == {r.servo_id: state(r.servo_id, r.error, r.data) for r in replies}
     spoiled = bytearray(b"".join(frames))
@@ -57,7 +57,7 @@ def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.
     blocks = {i: draw.draw(st.tuples(st.integers(0, 255), st.binary(min_size=8, max_size=8))) for i in servo_ids}
     data = b"".join(wire.packet(servo_id, status, block) for servo_id, (status, block) in blocks.items())
     said = {servo_id: state(servo_id, status, block) for servo_id, (status, block) in blocks.items()}
-    assert KnownServos({}).plan(servo_ids).whole(data) == said
+    assert KnownServos({}).plan(servo_ids).decode_all(data) == said
     assert [bool(one.alarms) for one in said.values()] == [status != 0 for status, _ in blocks.values()]
 
 

@@ -30,7 +30,7 @@ class OneServo:
         believed = None
         for _ in range(min(comes, len(self.held))):
             size = self.asked[answered := self.held.popleft()]
-            if not self.late.take(1, size, size == self.asked[question]):
+            if not self.late.match(1, size, size == self.asked[question]):
                 assert believed is None
                 believed = answered
                 self.late.answered(1, now_s)
@@ -58,8 +58,8 @@ def test_the_first_of_very_many_open_questions_is_still_the_first_to_be_answered
     late.add(1, 10, 0.001, "silent")
     for number in range(2, 1000):
         late.add(1, 15, number * 0.001, "silent")
-    assert late.take(1, 15) == "silent"
-    assert late.doubtful({1: 10}), "it was asked after the question that was just answered"
+    assert late.match(1, 15) == "silent"
+    assert late.ambiguous({1: 10}), "it was asked after the question that was just answered"
 
 
 def test_what_can_no_longer_be_answered_is_not_kept_for_a_servo_that_is_asked_again_and_again() -> None:
@@ -84,14 +84,14 @@ def test_a_certain_answer_closes_every_earlier_question_of_its_servo_alone() -> 
     late.add_single(1, 0.0)
     late.answered(1, 0.0)
     late.forget(HELD_S)
-    assert late.servos(0.0) == {2} and late.doubtful({2: 8}) and not late.doubtful({1: 8, 2: 10})
+    assert late.servos(0.0) == {2} and late.ambiguous({2: 8}) and not late.ambiguous({1: 8, 2: 10})
 
 
 def test_each_late_reply_is_told_as_what_its_question_was_counted() -> None:
     late = LateReplies()
     for counted in ("silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
-    assert [late.take(1, 8) for _ in range(3)] == ["silent", "corrupt", None]
+    assert [late.match(1, 8) for _ in range(3)] == ["silent", "corrupt", None]
 
 
 def test_open_questions_are_closed_in_the_end() -> None:
@@ -119,7 +119,7 @@ def test_each_of_several_that_are_alike_may_still_come_and_none_after_them() -> 
     for counted in ("silent", "silent", "silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
     assert late.open and late.servos(0.0) == {1}
-    assert [late.take(1, 8) for _ in range(5)] == ["silent", "silent", "silent", "corrupt", None]
+    assert [late.match(1, 8) for _ in range(5)] == ["silent", "silent", "silent", "corrupt", None]
     assert not late.open and late.servos(0.0) == frozenset()
 
 
@@ -129,7 +129,7 @@ def test_what_was_overtaken_is_known_for_a_while_and_then_no_longer() -> None:
     late.answered(1, 0.0)
     late.forget(HELD_S * 0.9)
     assert late.place({1: SIZES}) == 1
-    assert late.take(1, 8, asked=True) is None
+    assert late.match(1, 8, asked=True) is None
     late.forget(HELD_S * 1.1)
     assert not late.open
 
@@ -137,10 +137,10 @@ def test_what_was_overtaken_is_known_for_a_while_and_then_no_longer() -> None:
 def test_only_a_size_that_is_open_for_its_servo_and_was_not_overtaken_is_in_doubt() -> None:
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
-    assert late.doubtful({1: 8, 2: 8})
-    assert not late.doubtful({1: 10, 2: 8}) and not late.doubtful({2: 8}) and not late.doubtful({})
+    assert late.ambiguous({1: 8, 2: 8})
+    assert not late.ambiguous({1: 10, 2: 8}) and not late.ambiguous({2: 8}) and not late.ambiguous({})
     late.answered(1, 0.0)
-    assert not late.doubtful({1: 8})
+    assert not late.ambiguous({1: 8})
     late.add(1, 8, 0.1, "corrupt")
-    assert late.doubtful({1: 8})
-    assert late.take(1, 8, asked=True) == "corrupt"
+    assert late.ambiguous({1: 8})
+    assert late.match(1, 8, asked=True) == "corrupt"

@@ -19,7 +19,7 @@ def test_a_question_of_the_same_size_keeps_the_earlier_ones_open_as_long_as_itse
     late.add(1, 8, 0.0, "silent")
     late.add(1, 8, 1.5, "corrupt")
     late.forget(1.5)
-    assert late.take(1, 8) == "silent"
+    assert late.match(1, 8) == "silent"
     late.forget(OPEN_S + 1.0)
     assert late.sizes() == {8}
     late.forget(OPEN_S + 1.5)
@@ -30,7 +30,7 @@ def test_a_reply_to_an_overtaken_question_is_known_where_its_size_was_not_asked_
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
     late.answered(1, 0.0)
-    assert late.take(1, 8) == "silent"
+    assert late.match(1, 8) == "silent"
 
 
 def test_where_nobody_is_asked_the_first_size_will_do() -> None:
