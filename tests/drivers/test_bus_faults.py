@@ -1,4 +1,4 @@
-"""What every bus survives, on each of them: thousands of cycles on a bad line, and every single fault by itself."""
+"""Behavior of every bus in thousands of cycles with line errors, and with each single fault."""
 
 import math
 
@@ -21,8 +21,8 @@ TOO_LOW = 50
     [pytest.param(kind, 1.0, id=kind.name) for kind in KINDS]
     + [pytest.param(kind, 0.02, id=f"{kind.name}, rarely") for kind in KINDS if kind.with_goals],
 )
-def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
-    """Every value is the right one of this very cycle, and the counters say what was done to the line."""
+def test_thousands_of_cycles_with_line_errors(kind: Kind, share: float) -> None:
+    """Every value is correct and from this cycle, and the counters match the injected faults."""
     line = Line(kind)
     truth = Truth(line)
     goals = dict.fromkeys(IDS, ServoGoal(500))  # limp servos do not follow
@@ -50,7 +50,7 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
 
 
 @every_kind
-def test_requests_that_do_not_reach_every_servo_make_no_wrong_value(kind: Kind) -> None:
+def test_lost_requests_never_cause_a_wrong_value(kind: Kind) -> None:
     line = Line(kind)
     truth = Truth(line)
     line.faults.disturbance = done = Disturbance(seed=6, flip=0.02, noise=0.02, miss=0.03)
@@ -67,7 +67,7 @@ def test_requests_that_do_not_reach_every_servo_make_no_wrong_value(kind: Kind) 
 
 
 @every_kind
-def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
+def test_a_lost_reply_is_requested_again_in_the_same_cycle(kind: Kind) -> None:
     line = Line(kind)
     account = line.account(3)
     before = account.replies
@@ -77,7 +77,7 @@ def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
 
 
 @every_kind
-def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
+def test_requests_are_not_repeated_without_time(kind: Kind) -> None:
     line = Line(kind)
     line.cycle()
     line.faults.corrupt_next(3)
@@ -89,7 +89,7 @@ def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
 
 
 @every_kind
-def test_the_deadline_ends_the_wait_of_a_dead_line(kind: Kind) -> None:
+def test_the_deadline_ends_the_wait_on_a_silent_bus(kind: Kind) -> None:
     line = Line(kind)
     for servo_id in IDS:
         line.faults.silence(servo_id)
@@ -102,7 +102,7 @@ def test_the_deadline_ends_the_wait_of_a_dead_line(kind: Kind) -> None:
 
 
 @every_servo
-def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Kind, servo_id: int) -> None:
+def test_a_silent_servo_is_reported_in_every_cycle_and_costs_little_time(kind: Kind, servo_id: int) -> None:
     line = Line(kind)
     period_s = kind.table.period_s
     begin_s = line.clock.now()
@@ -124,17 +124,17 @@ def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Ki
 
 
 @every_servo
-def test_a_servo_that_is_back_is_read_within_a_second(kind: Kind, servo_id: int) -> None:
+def test_a_servo_that_returns_is_read_within_a_second(kind: Kind, servo_id: int) -> None:
     comes_back(kind, (servo_id,))
 
 
 @every_kind
-def test_the_whole_line_comes_back_too(kind: Kind) -> None:
+def test_a_whole_bus_that_returns_is_read_within_a_second(kind: Kind) -> None:
     comes_back(kind, IDS)
 
 
 def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
-    """After three seconds."""
+    """Silence servos for three seconds and check that they are read again within a second."""
     line = Line(kind)
     for servo_id in silent:
         line.faults.silence(servo_id)
@@ -148,7 +148,7 @@ def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
 
 
 @every_kind
-def test_goals_and_states_go_out_together(kind: Kind) -> None:
+def test_goals_and_states_are_exchanged_in_one_cycle(kind: Kind) -> None:
     line = Line(kind)
     goals = {i: ServoGoal(kind.table.middle + 50 + i, 50) for i in IDS}
     readings = exchange(line.bus, goals, IDS, line.clock.now() + kind.table.budget_s)
@@ -169,8 +169,8 @@ def test_alarms_are_named_and_counted(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.with_goals], ids=lambda kind: kind.name)
-def test_no_goal_goes_out_while_an_answer_is_still_on_the_wire(kind: Kind) -> None:
-    """On one wire for both directions they would collide, and nobody acknowledges a goal."""
+def test_no_goal_is_sent_while_a_reply_is_on_the_wire(kind: Kind) -> None:
+    """They would collide on a half-duplex wire, and goals are not acknowledged."""
     line = Line(kind)
     line.faults.disturbance = Disturbance(seed=5, drop=0.02, flip=0.02, noise=0.05)
     write = line.port.write

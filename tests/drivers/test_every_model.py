@@ -1,4 +1,4 @@
-"""Every model that can be named, on a virtual line: who it is, its state, its goals. Nothing here names a model."""
+"""Every supported model on a virtual bus: identification, state and goals. The tests name no model."""
 
 import pytest
 
@@ -48,7 +48,7 @@ _KEPT_BESIDES = (3 + 1, *range(50, 55), 78, 79)
 
 
 def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
-    """All registers of a Feetech or of a Dynamixel of protocol 1.0, and the instruction that asks several at once."""
+    """Return the registers of a Feetech or Dynamixel protocol 1.0 model, and the instruction of its group read."""
     if isinstance(model, dxl.Model):
         return dxl.registers(model), Code.BULK_READ if model.bulk_read else None
     series = series_of(model)
@@ -60,7 +60,7 @@ def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
     [m for m in MODELS.values() if series_of(m).protocol.name != "Dynamixel protocol 2.0"],
     ids=lambda m: m.name,
 )
-def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: ServoModel) -> None:
+def test_the_virtual_servo_has_the_table_and_group_read_of_its_series(model: ServoModel) -> None:
     servo = servo_of(model, 1)
     table, group_read = table_of(model)
     assert group_read == servo.GROUP_READ
@@ -82,7 +82,7 @@ def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: S
 
 
 @every_model
-def test_it_is_known_by_its_number(model: ServoModel) -> None:
+def test_the_model_is_found_by_its_number(model: ServoModel) -> None:
     bench = Bench(model)
     for servo_id in IDS:
         bench.bus.identify(servo_id, model)
@@ -95,7 +95,7 @@ def test_it_is_known_by_its_number(model: ServoModel) -> None:
 
 
 @every_model
-def test_it_is_at_rest_and_well_and_then_where_it_was_told_to_go(model: ServoModel) -> None:
+def test_the_servo_is_at_rest_without_alarms_and_then_reaches_its_goal(model: ServoModel) -> None:
     bench = Bench(model)
     for servo_id in IDS:
         bench.bus.identify(servo_id, model)

@@ -1,7 +1,4 @@
-"""What is the STS bus's own against faults: late replies known by their length, and a way to decode whole bursts.
-
-Also that its quick ways of packing and unpacking say the same as the plain ones, for every number there is.
-"""
+"""Faults specific to the STS bus: late replies recognized by their length, and the fast encoder and decoder."""
 
 from collections import Counter
 from itertools import pairwise
@@ -20,20 +17,20 @@ from tests.drivers.fault_lines import IDS
 
 
 def state(servo_id: int, status: int, data: bytes) -> ServoState:
-    """Of one reply by itself."""
+    """Decode a single reply."""
     result = KnownServos({}).plan((servo_id,)).result(Reply(servo_id, status, data))
     assert isinstance(result, ServoState)
     return result
 
 
-def test_lengths_that_tell_late_replies_survive_a_flipped_bit() -> None:
+def test_reply_lengths_differ_in_more_than_one_bit() -> None:
     sizes = [block.size for block in STS.blocks]
     assert sizes[0] == sum(register.size for register in sts.STATE_BLOCK) and all(a < b for a, b in pairwise(sizes))
     lengths = [size + 2 for size in sizes]
     assert all((a ^ b).bit_count() >= 2 for a in lengths for b in lengths if a != b)
 
 
-def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
+def test_both_decoders_agree_and_detect_every_flipped_bit() -> None:
     frames = [wire.packet(i, i, bytes((i * 30 & 255, 0x80 | i, 9, 0x80, 0xF4, 5 + i, 118, 41))) for i in IDS]
     whole = KnownServos({}).plan(IDS).decode_all
     replies = wire.ReplyDecoder(8).feed(b"".join(frames))
@@ -53,7 +50,7 @@ some_ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=12, unique=True).
 
 
 @given(some_ids, st.data())
-def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.DataObject) -> None:
+def test_replies_decoded_together_and_separately_agree(servo_ids: tuple[int, ...], draw: st.DataObject) -> None:
     blocks = {i: draw.draw(st.tuples(st.integers(0, 255), st.binary(min_size=8, max_size=8))) for i in servo_ids}
     data = b"".join(wire.packet(servo_id, status, block) for servo_id, (status, block) in blocks.items())
     said = {servo_id: state(servo_id, status, block) for servo_id, (status, block) in blocks.items()}
@@ -62,7 +59,7 @@ def test_a_burst_says_what_its_replies_say(servo_ids: tuple[int, ...], draw: st.
 
 
 @given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, st.integers(0, 0x7FFF)), min_size=1, max_size=12))
-def test_goals_are_packed_as_their_registers_say(numbers: dict[int, tuple[int, int]]) -> None:
+def test_goals_are_encoded_as_their_registers_define(numbers: dict[int, tuple[int, int]]) -> None:
     said = {}
     for servo_id, (position, velocity) in numbers.items():
         values = {

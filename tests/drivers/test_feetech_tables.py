@@ -1,4 +1,4 @@
-"""The Feetech tables: consistent in themselves, and equal to an independent driver's where one is installed."""
+"""The Feetech tables: internal consistency, and agreement with an independent driver if it is installed."""
 
 import os
 import pty
@@ -42,7 +42,7 @@ def test_a_register_fits_the_table(series: Series, register: Register) -> None:
 
 
 @pytest.mark.parametrize(("module", "of"), [(sts, models.STS), (scs, models.SCS)])
-def test_the_table_misses_no_register_of_its_module(module: object, of: Series) -> None:
+def test_the_table_has_every_register_of_its_module(module: object, of: Series) -> None:
     written = [value for value in vars(module).values() if isinstance(value, Register)]
     assert len(written) == len(of.registers)
     assert set(written) == set(of.registers)
@@ -57,13 +57,13 @@ def test_the_state_is_the_same_eight_bytes_in_both_series(series: Series) -> Non
             assert before.address + before.size == after.address
 
 
-def test_the_lock_is_where_the_series_has_it() -> None:
+def test_the_address_of_the_lock() -> None:
     assert (models.STS.lock, models.SCS.lock) == (sts.lock, scs.lock)
     assert (sts.lock.address, scs.lock.address) == (55, 48)
 
 
 @series
-def test_every_model_speaks_as_its_series(series: Series) -> None:
+def test_every_model_has_the_protocol_of_its_series(series: Series) -> None:
     for model in series.models:
         assert model.byte_order == series.protocol.byte_order
         assert MODELS[model.name] is model
@@ -89,12 +89,12 @@ def test_the_model_number_is_the_two_bytes_in_the_order_of_the_series(name: str,
     assert model.number == int.from_bytes(bytes(model_bytes), model.byte_order)
 
 
-def test_a_model_of_another_make_has_no_series() -> None:
+def test_a_model_of_an_unknown_make_has_no_series() -> None:
     with pytest.raises(ValueError, match="other is not a supported servo model: choose one of ax-12a, "):
         series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 
 
-def test_a_potentiometer_sees_less_than_a_turn() -> None:
+def test_a_potentiometer_covers_less_than_a_turn() -> None:
     for model in models.SCS.models:
         assert model.positions == scs.POSITIONS < model.counts_per_turn
 
@@ -137,7 +137,7 @@ THEIR_NAMES = {
 
 @contextmanager
 def answering_servo(requests: list[bytes]) -> Iterator[str]:
-    """A servo on a pseudo-terminal that answers each read with zeros; yields the device."""
+    """Yield a pseudo-terminal with a servo that answers each read with zeros."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     done = threading.Event()
@@ -164,7 +164,7 @@ def answering_servo(requests: list[bytes]) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("of", "controller"), [(models.STS, "Sts3215PyController"), (models.SCS, "Scs0009PyController")]
 )
-def test_rustypot_reads_the_same_places(of: Series, controller: str) -> None:
+def test_rustypot_reads_the_same_addresses(of: Series, controller: str) -> None:
     rustypot = pytest.importorskip("rustypot")
     requests: list[bytes] = []
     missing = []

@@ -1,4 +1,4 @@
-"""A line that carries noise without end: no cycle lasts longer for it, and the first one behind it has every state."""
+"""A bus flooded with endless noise: no cycle exceeds its time, and the first cycle afterwards has every state."""
 
 import random
 
@@ -19,7 +19,7 @@ FLUSHED_BYTES = 70_000
 
 
 class FloodedPort(VirtualPort):
-    """Reads find noise at once, as much as they ask for, and so whatever their deadline is."""
+    """A port on which reads return noise at once, as many bytes as requested."""
 
     noise = b""
     flooded_until_s = -1.0
@@ -49,7 +49,7 @@ class FloodedPort(VirtualPort):
     [random.Random(1).randbytes(4099), b"\xff", b"\xff\xff\x01\x40", b"\xff\xff\xfd\x00\x01\x40\x00\x55", b"\x00"],
     ids=["random", "ff", "header", "header 2", "zero"],
 )
-def test_the_first_cycle_behind_a_flood_has_every_state(kind: Kind, noise: bytes) -> None:
+def test_the_first_cycle_after_a_flood_has_every_state(kind: Kind, noise: bytes) -> None:
     line = Line(kind, FloodedPort)
     port, period_s = line.port, kind.table.period_s
     assert isinstance(port, FloodedPort)

@@ -1,4 +1,4 @@
-"""Our group packets are the makers' SDKs' group packets, byte by byte, for every model."""
+"""Group packets equal those of the manufacturers' SDKs, byte for byte, for every model."""
 
 import importlib
 import math
@@ -32,7 +32,7 @@ every_sdk = pytest.mark.parametrize("sdk", HANDLERS)
 
 @pytest.fixture(autouse=True, scope="module")
 def words_of_the_sdk() -> Iterator[None]:
-    """The Feetech SDK keeps the order of words for the whole process."""
+    """Restore the byte order of the Feetech SDK, which applies to the whole process."""
     yield
     feetech.SCS_SETEND(0)
 
@@ -103,7 +103,7 @@ def test_bulk_read(servo_ids: list[int], address: int, size: int) -> None:
 
 
 @given(ids)
-def test_states_of_mx_are_asked_for_by_bulk_read(servo_ids: list[int]) -> None:
+def test_states_of_mx_servos_are_read_by_a_bulk_read(servo_ids: list[int]) -> None:
     bus, tape = bus_of(dict.fromkeys(servo_ids, dxl.MX_28))
     bus.request(servo_ids, math.inf)
     assert tape.sent == (

@@ -1,4 +1,4 @@
-"""A servo that answers, but that there is no answer: it is there, and says why. Not silent, and never a value."""
+"""A servo that refuses a read is present: it is reported with its reason, not as silent, and never has a value."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +26,7 @@ X_KINDS = [kind for kind in KINDS if kind.model in x.MODELS.values()]
 
 
 def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
-    """From now on, this servo answers every read so; what it returns ends that."""
+    """Make a servo refuse every read with this error. The returned function ends this."""
     servo: Any = line.servos.servo(servo_id)
     if line.kind in X_KINDS:
         servo._read = lambda address, size: (error, b"")
@@ -48,7 +48,7 @@ def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
-def test_who_refuses_to_be_read_is_named_with_its_reason_and_hides_nobody(
+def test_a_refusal_is_reported_with_its_reason_and_does_not_hide_others(
     kind: Kind, error: int, why: str, servo_id: int
 ) -> None:
     line = Line(kind)
@@ -69,7 +69,7 @@ def test_who_refuses_to_be_read_is_named_with_its_reason_and_hides_nobody(
     assert line.missing() == {}
 
 
-def test_an_acknowledgement_in_a_replys_place_is_no_refusal() -> None:
+def test_an_acknowledgment_is_not_a_refusal() -> None:
     for kind in (X_KINDS[0], AX):
         line = Line(kind)
         refuse(line, 4, 0)
@@ -80,8 +80,8 @@ def test_an_acknowledgement_in_a_replys_place_is_no_refusal() -> None:
 @pytest.mark.parametrize("asked", [(4,), IDS], ids=["one", "all"])
 @pytest.mark.parametrize("last", [True, False], ids=["refusal late", "answer late"])
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS], ids=lambda kind: kind.name)
-def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last: bool, asked: tuple[int, ...]) -> None:
-    """The refusal comes in the place of the next answer, and that in the place of the next but one."""
+def test_a_reply_after_a_late_refusal_is_never_an_old_state(kind: Kind, last: bool, asked: tuple[int, ...]) -> None:
+    """The refusal arrives in place of the next reply, and this reply in place of the one after it."""
     line = Line(kind)
     truth = Truth(line)
     for number in range(14):
@@ -107,10 +107,8 @@ def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last
 
 @pytest.mark.parametrize("arrives", [(2, 4), (3, 5), (3, 6), (4, 7), (5, 6)], ids=str)
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
-def test_a_refusal_does_not_make_of_what_is_still_to_come_what_will_not_come(
-    kind: Kind, arrives: tuple[int, int]
-) -> None:
-    """Replies keep their order, and two are held back: a refusal in cycle 1 and the answer in cycle 2."""
+def test_a_refusal_does_not_close_open_requests(kind: Kind, arrives: tuple[int, int]) -> None:
+    """Replies keep their order, and two are delayed: a refusal in cycle 1 and the reply in cycle 2."""
     line = Line(kind, WatchedPort)
     port = line.port
     assert isinstance(port, WatchedPort)
@@ -131,7 +129,7 @@ def test_a_refusal_does_not_make_of_what_is_still_to_come_what_will_not_come(
 
 
 class BytePort(VirtualPort):
-    """Bytes come one by one, as on a line."""
+    """A port that receives bytes one by one, like a serial line."""
 
     def write(self, data: bytes) -> None:
         before = len(self._coming)
@@ -148,8 +146,8 @@ class BytePort(VirtualPort):
 
 @pytest.mark.parametrize("asked", [(4,), IDS], ids=["one", "all"])
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
-def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple[int, ...]) -> None:
-    """What is asked again while it is on the wire is lost, and the answer too."""
+def test_the_reply_after_a_late_refusal_is_received(kind: Kind, asked: tuple[int, ...]) -> None:
+    """A request repeated while the reply is on the wire would be lost together with the reply."""
     line = Line(kind, BytePort)
     write = line.port.write
     early: list[bytes] = []
@@ -172,7 +170,7 @@ def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple
     assert early == []
 
 
-def test_a_servo_that_refuses_a_fast_read_costs_the_others_nothing() -> None:
+def test_a_refused_fast_read_costs_no_other_state() -> None:
     line = Line(next(kind for kind in X_KINDS if kind.mapped and not kind.with_goals))
     line.bus.read_states(IDS)
     fast = line.bus._reader._group.fast
@@ -187,7 +185,7 @@ def test_a_servo_that_refuses_a_fast_read_costs_the_others_nothing() -> None:
 
 @pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], 3), (AX, 0x10)], ids=["x", "ax-12a"])
 @pytest.mark.parametrize("number", range(4))
-def test_one_request_that_came_broken_does_not_fail_a_set_up(kind: Kind, error: int, number: int) -> None:
+def test_one_corrupt_request_does_not_make_set_up_fail(kind: Kind, error: int, number: int) -> None:
     line = Line(kind)
     servo: Any = line.servos.servo(4)
     answer = servo.answer
@@ -199,7 +197,7 @@ def test_one_request_that_came_broken_does_not_fail_a_set_up(kind: Kind, error: 
 
 
 @pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], NO_ACCESS), (AX, 0x08)], ids=["x", "ax-12a"])
-def test_one_servos_refusal_is_counted_and_leaves_nothing_owed(kind: Kind, error: int) -> None:
+def test_a_refusal_to_a_single_request_is_counted_and_closes_the_request(kind: Kind, error: int) -> None:
     line = Line(kind)
     end = refuse(line, 4, error)
     with pytest.raises(ServoRefused):
