@@ -296,7 +296,7 @@ def test_a_servo_that_becomes_silent_is_named(number: int) -> None:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert caught.value.servo_id == 1
     opened = line.held(sts.lock) == 0
-    # Whoever is told only of the first failure is told of the lock too.
+    # A caller that only sees the first error also learns about the lock.
     assert not opened or "lock (register 55)" in str(caught.value) + "".join(getattr(caught.value, "__notes__", []))
 
 

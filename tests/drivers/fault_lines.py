@@ -26,7 +26,7 @@ from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "1000"))
-"""How many cycles a test on a bad line lasts; ``make soak`` takes 10,000. Tests marked ``soak`` scale with it."""
+"""Number of cycles of a test with line errors (``make soak``: 10,000). Tests marked ``soak`` scale with it."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Table:
     position: Register
     max_voltage: Register
     counts_s: Callable[[ServoModel], float]
-    """In one unit of velocity."""
+    """Returns the velocity of one register unit, in counts/s."""
     full_load: int
-    """Negative where the servo shows its drive so."""
+    """Register value of full load, negative if the servo reports its load with the opposite sign."""
     order: ByteOrder = "little"
 
 
@@ -65,11 +65,11 @@ class Kind:
     name: str
     models: Mapping[int, ServoModel]
     one_by_one: bool = False
-    """Whether each is asked by itself."""
+    """Whether each servo is asked separately."""
     mapped: bool = False
     """Whether the state is read through indirect registers."""
     with_goals: bool = False
-    """Whether goals go out with every question, the first of which has been answered."""
+    """Whether goals are sent with every request, after the first request was answered."""
 
     @property
     def model(self) -> ServoModel:
@@ -96,7 +96,7 @@ READ_EACH = (
     Kind("mx-28", mixed(dxl.MX_28)),
     Kind("ax-12a and mx-28", mixed(dxl.AX_12A, dxl.MX_28), one_by_one=True),
 )
-"""Those without a sync read."""
+"""Kinds of servos without sync reads."""
 KINDS = (
     Kind("sts3215", mixed(sts.STS3215)),
     Kind("xl430 and xm430", mixed(x.XM430_W350, x.XL430_W250)),
@@ -110,7 +110,7 @@ KINDS = (
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 every_servo = pytest.mark.parametrize(
     ("kind", "servo_id"),
-    # Every place in the plainest group read and in that which proves itself; elsewhere the first, a middle, the last.
+    # Every position is tested in the simplest group read and in that with proof; otherwise first, middle and last.
     [
         pytest.param(kind, servo_id, id=f"{kind.name}-{servo_id}")
         for kind in KINDS
@@ -136,7 +136,7 @@ class Line:
         for servo_id in IDS if kind.mapped else ():
             self.bus.identify(servo_id, kind.models[servo_id])
         if kind.with_goals:
-            self.goals = dict.fromkeys(IDS, ServoGoal(kind.table.middle))  # limp servos do not follow
+            self.goals = dict.fromkeys(IDS, ServoGoal(kind.table.middle))  # servos without torque do not move
             self.states(self.clock.now() + 0.1)
 
     def account(self, servo_id: int) -> ServoCounters:

@@ -11,13 +11,13 @@ from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
 
 TOO_LOW = 50
-"""As max_voltage: 5 V, less than any line here has."""
+"""Value of max_voltage: 5 V, which is less than the supply of any servo here."""
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
     ("kind", "share"),
-    # The quick way of a line on which all is well is taken only where faults are rare.
+    # The decoder of complete reads is used only if faults are rare.
     [pytest.param(kind, 1.0, id=kind.name) for kind in KINDS]
     + [pytest.param(kind, 0.02, id=f"{kind.name}, rarely") for kind in KINDS if kind.with_goals],
 )
@@ -25,7 +25,7 @@ def test_thousands_of_cycles_with_line_errors(kind: Kind, share: float) -> None:
     """Every value is correct and from this cycle, and the counters match the injected faults."""
     line = Line(kind)
     truth = Truth(line)
-    goals = dict.fromkeys(IDS, ServoGoal(500))  # limp servos do not follow
+    goals = dict.fromkeys(IDS, ServoGoal(500))  # servos without torque do not move
     line.faults.disturbance = done = Disturbance(seed=3, drop=0.05 * share, flip=0.02 * share, noise=0.02 * share)
     states = 0
     for number in range(CYCLES):
@@ -38,10 +38,10 @@ def test_thousands_of_cycles_with_line_errors(kind: Kind, share: float) -> None:
     for servo_id in IDS:
         account = line.account(servo_id)
         dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
-        # Where four in a row were lost, the next answer may be any of theirs: it counts as a late one.
+        # After four consecutive losses, the next reply may answer any of these requests and counts as late.
         doubtful = math.ceil(CYCLES / 2500)
         assert 0 <= account.silent + account.corrupt + account.late - dropped - flipped <= doubtful
-        # Where several answer, garbage may lie beside the wrong one of two that are missing.
+        # In a group read, garbage may be attributed to the wrong one of two missing servos.
         assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05, abs=doubtful)
         assert account.retries > 0 and account.alarms == 0
     noise = sum(count for (what, _), count in done.done.items() if what == "noise")
@@ -116,7 +116,7 @@ def test_a_silent_servo_is_reported_in_every_cycle_and_costs_little_time(kind: K
         costs.append(line.clock.now() - begin_s - whole_s)
         assert {i: r.kind for i, r in readings.items() if isinstance(r, ServoFault)} == {servo_id: "silent"}
         line.clock.sleep_until(begin_s + period_s)
-    assert sorted(costs)[296] < 0.0031  # of 300; the first cycles ask again
+    assert sorted(costs)[296] < 0.0031  # of 300; the first cycles repeat requests
     assert max(costs) < 0.0125
     account = line.account(servo_id)
     assert account.silent + account.skipped == 300 + account.retries
@@ -183,7 +183,7 @@ def test_no_goal_is_sent_while_a_reply_is_on_the_wire(kind: Kind) -> None:
 
     line.port.write = watched  # type: ignore[method-assign]
     for number in range(1500):
-        if number % 100 == 0:  # one that comes back is heard behind all others
+        if number % 100 == 0:  # a returning servo replies after all others
             line.faults.silence(4)
         elif number % 100 == 50:
             line.faults.restore(4)

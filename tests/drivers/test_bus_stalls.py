@@ -16,7 +16,7 @@ from tests.drivers.ports import WatchedPort
 PERIODS_S = (0.005, 0.01, 0.02, 0.05)
 HOLDS_S = (0.02, 0.045, 0.11, 0.3, 1.0)
 BEFORE = 5
-"""Cycles in which all is well."""
+"""Number of cycles without faults."""
 
 
 class Stalling:
@@ -27,9 +27,9 @@ class Stalling:
         self.period_s = period_s
         self.truth = Truth(self.line)
         self.answers: dict[int, int] = {}
-        """The question that each servo has answered last, as far as the wire between servos and adapter goes."""
+        """Number of the last request that each servo has answered on the wire to the adapter."""
         self.cycles = self.told = 0
-        """Cycles so far, and in how many a servo said in time whether it has torque."""
+        """Number of cycles, and number of torque states received in time."""
         self._switch = series_of(kind.model).torque_enable
         receive = self.line.servos.receive
 
@@ -37,7 +37,7 @@ class Stalling:
             self.truth.number += 1
             self._publish()
             replies = receive(data, now_s, baud)
-            if data[:4] != wire.HEADER or data[7] not in (wire.READ, wire.WRITE):  # to one servo, for its map
+            if data[:4] != wire.HEADER or data[7] not in (wire.READ, wire.WRITE):  # a single request for the map
                 self._note([reply.data for reply in replies])
             return replies
 

@@ -32,7 +32,7 @@ def test_late_replies_among_other_faults(kind: Kind) -> None:
     assert sum(a.late for a in accounts) > 80
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
     faults = sum(a.silent + a.corrupt + a.late for a in accounts)
-    assert faults == pytest.approx(lost + 0.95 * 167, abs=10)  # a late reply can be dropped or flipped itself
+    assert faults == pytest.approx(lost + 0.95 * 167, abs=10)  # a late reply may also be dropped or flipped
     assert all(a.silent >= 0 for a in accounts)
 
 
@@ -129,7 +129,7 @@ def test_reads_of_several_buses_overlap(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("alive", "dead"),
     [
-        # Each kind beside one other in every run, beside all of them in the long one.
+        # Every run tests each kind with one other kind, and the long run tests all pairs.
         pytest.param(
             alive,
             dead,
@@ -152,7 +152,7 @@ def test_a_silent_bus_does_not_affect_another_bus(alive: Kind, dead: Kind, perio
         deadline_s = begin_s + period_s / 2.0
         for which in order:
             lines[which].bus.request(IDS, deadline_s)
-        # As hal/servos/joint_buses.py has them: those first that are asked one by one, a line that is dead last.
+        # The order of hal/servos/joint_buses.py: buses whose servos are asked one by one first, silent buses last.
         in_turn = sorted(order, key=lambda which: (which == "dead", lines[which].bus.read_together))
         of = {which: lines[which].bus.receive() for which in in_turn}
         assert all(isinstance(reading, ServoState) for reading in of["alive"].values()), number

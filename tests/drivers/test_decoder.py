@@ -18,10 +18,10 @@ SIZE = 6
 class Dialect:
     decoder: Callable[..., Any]
     reply: Callable[[int, bytes, int], bytes]
-    """From servo ID, data and error byte."""
+    """Encodes a reply from servo ID, data and error byte."""
     header: bytes
     false_header: bytes
-    """Promises a reply of the right size, and then nothing of it comes."""
+    """Start of a reply of the right size whose remaining bytes never arrive."""
 
 
 DIALECTS = {

@@ -74,7 +74,7 @@ def test_all_states_are_read_in_one_exchange() -> None:
     assert [s.position_counts for s in states.values() if isinstance(s, ServoState)] == [1000, 2000, 3000]
     assert states[1] == ServoState(1000, 0, 0.0, 12.0, 27.0)
     asked = bytes((124, 0, 23, 0, 1, 2, 7))
-    # The second, once a bus, only finds out whether they can be read fast.
+    # The second request only tests once whether fast reads are supported.
     assert [(i.code, i.parameters) for i in line.sent] == [(Code.SYNC_READ, asked), (Code.FAST_SYNC_READ, asked)]
 
 
@@ -181,7 +181,7 @@ def test_the_alert_bit_is_an_alarm_and_not_an_error() -> None:
     assert line.bus.read(2, x.goal_position) == 2000
     line.bus.write(2, x.led, 1)
     account = line.bus.counters.of(2)
-    assert (account.alarms, account.replies) == (3, 4)  # the reply with the names is no alarm more
+    assert (account.alarms, account.replies) == (3, 4)  # the reply with the names is not counted as another alarm
 
 
 def test_an_alarm_is_reported_even_if_its_name_cannot_be_read() -> None:
@@ -270,7 +270,7 @@ def test_the_torque_limit_is_a_share_and_stays_below_the_persistent_limit() -> N
     assert [line.held(i, x.goal_pwm) for i in IDS] == [442, 399, 885]
 
 
-# The hardware component over it
+# The hardware component above the bus
 
 LIMITS = JointLimits(-2.5, 2.5, 4.0, 12.0, 120.0)
 JOINTS = tuple(Joint(f"joint{i}", i, model, LIMITS) for i, model in MODELS.items())

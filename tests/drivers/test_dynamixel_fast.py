@@ -193,7 +193,7 @@ def test_every_flipped_bit_is_detected_and_every_request_counted_once() -> None:
         line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
         assert right(line.cycle())
         assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
-        assert line.bus.counters.noise == 1  # nobody knows whose fault it was
+        assert line.bus.counters.noise == 1  # the fault cannot be attributed to a servo
         for servo_id, account in line.bus.counters.servos.items():
             assert account.replies == before[servo_id] + 1
             assert account.silent == account.corrupt == account.late == account.retries == 0
@@ -207,7 +207,7 @@ def test_noise_causes_a_plain_read(noise: bytes) -> None:
     assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
     line.spoil = lambda packet: packet
     assert right(line.cycle())
-    assert line.codes() == [Code.SYNC_READ]  # a broken one may still go on
+    assert line.codes() == [Code.SYNC_READ]  # a failed reply may still continue
     line.clock.sleep_until(line.clock.now() + OPEN_S)
     assert right(line.cycle())
     assert line.codes() == [Code.FAST_SYNC_READ]
@@ -228,7 +228,7 @@ def test_a_late_packet_is_never_a_reply_to_the_next_request() -> None:
     assert right(line.cycle())
     first, *others = line.codes()
     assert first == Code.FAST_SYNC_READ
-    assert set(others) == {Code.SYNC_READ}  # in which a packet of all is nobody's reply
+    assert set(others) == {Code.SYNC_READ}  # in which a common packet is not a reply of one servo
     assert line.bus.counters.noise > 0
 
 
@@ -237,7 +237,7 @@ def test_too_many_consecutive_failures_end_fast_reads(caplog: pytest.LogCaptureF
     line.spoil = lambda packet: packet[:-1] + bytes((packet[-1] ^ 1,))
     for _ in range(FAST_TRIES + 3):
         assert right(line.cycle())
-        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # no question is open any more
+        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # no request is open
     assert line.codes().count(Code.FAST_SYNC_READ) == FAST_TRIES
     assert [
         record.levelname for record in caplog.records if "consecutive fast sync reads failed" in record.message

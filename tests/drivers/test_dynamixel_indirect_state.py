@@ -47,7 +47,7 @@ def mixed() -> TrueLine:
     return TrueLine(MIXED, OLD_AND_NEW).identified()
 
 
-# One read
+# Single reads
 
 
 def test_one_read_per_cycle_has_the_names_of_all_alarms() -> None:
@@ -405,7 +405,7 @@ def test_an_alarm_without_a_name_is_reported_without_a_second_read() -> None:
     assert [i.code for i in line.taken()] == [Code.FAST_SYNC_READ]
 
 
-# A bad line
+# Line errors
 
 
 @pytest.mark.parametrize("servo_id", SEVEN)
@@ -452,9 +452,9 @@ def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: An
     assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
     line.clock.sleep_until(line.clock.now() + OPEN_S)
-    line.cycle()  # the last reset may be seen only now
+    line.cycle()  # the last reset may be detected only now
     for servo_id in line.ids:
-        with contextlib.suppress(ServoRefused):  # with an overload there is no torque
+        with contextlib.suppress(ServoRefused):  # an overload disables torque
             line.bus.torque_on(servo_id)
     assert line.mapped() == set(line.ids)
 

@@ -181,7 +181,7 @@ def test_xl320_servos_are_read_by_plain_sync_reads(place: int) -> None:
     port = Tables({1: xl320.XL320, 2: xl320.XL320})
     bus = Bus(port, port.clock, {1: xl320.XL320, 2: xl320.XL320})
     place_xl320(port, 2)
-    for _ in range(place):  # who owes an answer is asked for another block
+    for _ in range(place):  # a servo with an open request is asked for a different block
         port.silent = {1, 2}
         bus.read_states((1, 2), port.clock.now() + 0.005)
     port.silent, port.sent = set(), []
@@ -207,7 +207,7 @@ def test_settings_goal_limit_and_torque_of_an_xl320() -> None:
     with pytest.raises(ValueError, match="goal_position must be 0 to 1023"):
         bus.write_goals({3: ServoGoal(1024)})
     bus.limit_torque(3, 1.0)
-    assert port.held(3, xl320.torque_limit) == 599  # a reset one has 600
+    assert port.held(3, xl320.torque_limit) == 599  # a reset servo has 600
     bus.torque_on(3)
     assert bus.torque_is_on(3)
     assert port.held(3, xl320.p_gain) == 40
@@ -227,7 +227,7 @@ def mixed() -> tuple[Tables, Bus]:
     place_xl320(port, 2)
     for servo_id in (1, 5, 9):
         port.put(servo_id, x_series.present_position, 100 * servo_id)
-        port.put(servo_id, x_series.present_current, -50)  # only the last one's is none of its load
+        port.put(servo_id, x_series.present_current, -50)  # a current only for the last servo, a load for the others
         port.put(servo_id, x_series.present_voltage, 120)
     return port, Bus(port, port.clock, MIXED)
 

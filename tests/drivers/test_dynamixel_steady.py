@@ -52,7 +52,7 @@ def steady_line(kind: Kind, *, fast: bool = True) -> tuple[Line, WatchedPort]:
     line = Line(kind, WatchedPort)
     assert isinstance(line.port, WatchedPort)
     if fast:
-        line.bus.read_states(IDS)  # finds out that they answer fast reads
+        line.bus.read_states(IDS)  # detects support for fast reads
     for _ in range(2):
         assert line.missing() == {}
     line.port.sent = ()
@@ -100,7 +100,7 @@ def test_a_fault_switches_to_separate_decoding_and_goals_are_sent_once(
     assert wrong <= (set(IDS) if "all" in fault else {3, 7})
     for servo_id in IDS:
         line.faults.restore(servo_id)
-    if fault != "all silent":  # who is silent is deaf
+    if fault != "all silent":  # a silent servo receives nothing
         assert line.held(5, x.goal_position) == 2005
     for _ in range(120):
         line.cycle()

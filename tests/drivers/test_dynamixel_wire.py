@@ -72,7 +72,7 @@ def test_the_checksum_equals_that_of_the_sdk(data: bytes) -> None:
 @given(ids, addresses, st.integers(1, 0xFFFF))
 def test_sync_reads_equal_those_of_the_sdk(servo_ids: list[int], address: int, size: int) -> None:
     ours = wire.sync_read(servo_ids, address, size)
-    if PATTERN not in ours[3:]:  # the SDK computes the stuffing and then sends the packet without it
+    if PATTERN not in ours[3:]:  # the SDK computes the stuffing but sends the packet without it
         assert ours == sdk_sync_read(servo_ids, address, size)
 
 

@@ -23,13 +23,13 @@ every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda m: m.
 
 
 _SHORT_BY = {"xl320": 13}
-"""Its identified friction, over a P gain that makes so little drive."""
+"""Position error from the identified friction at a P gain that produces little drive."""
 
 
 class Bench:
     def __init__(self, model: ServoModel) -> None:
         self.clock = SimulatedClock(10.0)
-        # In proportion, as the largest has fifty times the torque of the smallest.
+        # The value is proportional, because the largest model has fifty times the torque of the smallest.
         share = model.stall_torque_nm / sts.STS3215.stall_torque_nm
         plant = BenchPlant(IDS, inertia_kg_m2=share * 0.024, friction_nm=share * 0.06)
         models = dict.fromkeys(IDS, model)
@@ -44,7 +44,7 @@ class Bench:
 
 
 _KEPT_BESIDES = (3 + 1, *range(50, 55), 78, 79)
-"""What an STS keeps though its memory table does not name it or calls it read only: it refuses 0 to 3, 56 to 77."""
+"""Bytes that an STS keeps although its table omits them or calls them read-only. It refuses 0 to 3 and 56 to 77."""
 
 
 def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
@@ -68,7 +68,7 @@ def test_the_virtual_servo_has_the_table_and_group_read_of_its_series(model: Ser
     kept = []
     for place in (place for place in range(128) if listed.get(place) not in (dxl.lock, dxl.servo_id)):
         if not servo.memory.read(place, 1):
-            break  # an STS has a table that ends
+            break  # the table of an STS ends
         before = servo.memory.read(place, 1)[0]
         servo.memory.write(place, bytes((before ^ 2,)))
         if servo.memory.read(place, 1)[0] != before:

@@ -44,7 +44,7 @@ def test_both_decoders_agree_and_detect_every_flipped_bit() -> None:
     assert counts == {True: len(spoiled) * 8}
 
 
-# Both signs of everything, and what looks like a sign of something else.
+# Both signs of all fields, and values that look like the sign of another field.
 signed_words = st.one_of(st.integers(-0x7FFF, 0x7FFF), st.sampled_from((-0x7FFF, -1, 0, 1, 0x400, 0x7FFF)))
 some_ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=12, unique=True).map(tuple)
 

@@ -20,7 +20,7 @@ sdk: Any = importlib.import_module("scservo_sdk")
 
 ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
 positions = st.integers(0, 4095) | st.integers(-32767, 32767)
-"""Within a turn, or of several turns, which has negative ones too."""
+"""Positions within a turn, or in several turns, which may be negative."""
 
 
 def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:

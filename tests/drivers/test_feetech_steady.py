@@ -72,7 +72,7 @@ def test_alarms_are_counted_in_every_cycle() -> None:
     line, _ = steady_line()
     line.bus.write(3, sts.max_voltage, 50)
     line.clock.sleep_until(line.clock.now() + 0.1)
-    for cycles in (1, 2, 3):  # the first is still careful: a single servo was spoken to
+    for cycles in (1, 2, 3):  # the first cycle discards input, because a single request preceded it
         reading = line.cycle()[3]
         assert isinstance(reading, ServoState) and reading.alarms == ("voltage",)
         assert (line.account(3).alarms, line.account(4).alarms) == (cycles, 0)
@@ -90,7 +90,7 @@ def test_an_old_reply_of_a_single_servo_is_not_accepted() -> None:
     for _ in range(2):
         assert truth.holds(1, state())
     line.faults.delay_next(1)
-    assert truth.holds(1, state())  # it was asked again
+    assert truth.holds(1, state())  # the request was repeated
     port.give(take_held())
     truth.number += 1
     assert truth.holds(1, state())

@@ -33,7 +33,7 @@ def test_names_and_addresses_are_unique_and_nothing_overlaps(series: Series) -> 
 def test_a_register_fits_the_table(series: Series, register: Register) -> None:
     assert register.size in (1, 2)
     assert 0 <= register.address < 87
-    # The last of the STS are factory values that its firmware takes and keeps.
+    # The last registers of an STS are factory values that its firmware accepts and keeps.
     factory_value = series == models.STS and register.address >= 78
     assert register.persistent == (register.address < 40 or factory_value)
     assert register.sign_bit is None or register.sign_bit < register.size * 8
@@ -99,11 +99,10 @@ def test_a_potentiometer_covers_less_than_a_turn() -> None:
         assert model.positions == scs.POSITIONS < model.counts_per_turn
 
 
-# rustypot has tables of its own. Its registers have other names; where they stand is asked of the
-# bytes that it sends.
+# rustypot has its own tables with different register names. The bytes that it sends show their addresses.
 
 UNCOMPARED = {
-    # 24 is one word of two bytes there, as in older editions of the memory table.
+    # In rustypot, 24 is a word of two bytes, as in older editions of the memory table.
     "sts": ["endianness", "minimum_startup_force", "integral_limit", "async_write_flag", "present_target"],
     "scs": list[str](),
 }
@@ -132,7 +131,7 @@ THEIR_NAMES = {
     "max_acceleration": "maximum_acceleration",
     "pwm_max_step": "pwm_maximum_step",
 }
-"""Where ours differ."""
+"""Names of registers in rustypot, if they differ."""
 
 
 @contextmanager

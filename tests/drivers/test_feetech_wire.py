@@ -27,7 +27,7 @@ def replies_in(stream: bytes) -> list[Reply]:
     while at + FRAME_SIZE <= len(stream):
         part = stream[at : at + FRAME_SIZE]
         data = part[5:-1]
-        whole = b"\xff\xff" not in part[2:]  # else another one begins within it
+        whole = b"\xff\xff" not in part[2:]  # otherwise another frame begins within it
         if whole and part[2] <= 0xFD and part == frame(part[2], data, part[4]):
             found.append(Reply(part[2], part[4], data))
             at += FRAME_SIZE
@@ -48,7 +48,7 @@ def split(stream: bytes, cuts: list[int]) -> list[bytes]:
 
 servo_ids = st.integers(0, 0xFD)
 payloads = st.binary(min_size=DATA_SIZE, max_size=DATA_SIZE)
-# Bytes that look like parts of a frame are what trips a decoder.
+# Bytes that look like parts of a frame are the hardest for a decoder.
 tricky = st.sampled_from((0xFF, 0xFF, 0xFF, DATA_SIZE + 2, 1, 0, 0xFE))
 tricky_bytes = st.lists(st.one_of(tricky, st.integers(0, 255)), max_size=40).map(bytes)
 good_frames = st.builds(frame, servo_ids, st.one_of(payloads, st.just(b"\xff" * DATA_SIZE)), st.integers(0, 127))

@@ -10,11 +10,11 @@ from tests.drivers.fault_lines import IDS, KINDS, READ_EACH, Kind, Line
 
 FLOOD_S = 1.0
 BYTE_S = 1e-6
-"""Ten times as fast as a line of 1 Mbit/s: an adapter that has gone mad, or a pseudo-terminal."""
+"""Rate of a faulty adapter or a pseudo-terminal, ten times that of a serial line at 1 Mbit/s."""
 COPIED_S = 2e-9
-"""Time in which the kernel hands over a byte that it has."""
+"""Time in which the kernel returns a received byte."""
 LEFT_BYTES = 300_000
-"""What the kernel and the adapter still have when the flood ends; a flush throws away a part of it."""
+"""Bytes in the buffers of the kernel and the adapter when the flood ends. A flush discards only part of them."""
 FLUSHED_BYTES = 70_000
 
 
@@ -31,7 +31,7 @@ class FloodedPort(VirtualPort):
         if not count:
             return super().read(size, deadline_s)
         if flooded:
-            super().discard_input()  # the reply drowns
+            super().discard_input()  # the reply is lost in the noise
             self._clock.sleep_until(self._clock.now() + count * BYTE_S)
         else:
             self.left -= count

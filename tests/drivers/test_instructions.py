@@ -8,9 +8,9 @@ from drivers.servos.catalog import series_of
 from tests.drivers.test_single_calls import Bench, Case, every_case
 
 HALF = 500
-"""Of full drive, of which all are another number of steps."""
+"""Share of full torque, which is a different number of steps in every series."""
 DEAF_S = 1.0
-"""No servo reboots for longer."""
+"""Maximum time of a reboot, in seconds."""
 
 
 @every_case

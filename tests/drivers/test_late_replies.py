@@ -18,7 +18,7 @@ class OneServo:
         self.late = LateReplies()
         self.asked: list[int] = []
         self.held: deque[int] = deque()
-        """The questions whose replies are in the adapter."""
+        """Requests whose replies are held by the adapter."""
 
     def ask(self, *, lost: bool = False, comes: int = 100) -> int | None:
         """Send a request, after which at most ``comes`` replies arrive. Return the request whose reply was accepted."""
@@ -45,7 +45,7 @@ def test_only_the_current_reply_is_accepted_and_soon_again(cycles: list[tuple[bo
     for lost, comes in cycles:
         question = len(servo.asked)
         assert servo.ask(lost=lost, comes=comes) in (None, question)
-    servo.ask(lost=True)  # whatever is in the adapter comes
+    servo.ask(lost=True)  # all replies held by the adapter arrive
     beginning = len(servo.asked)
     believed = servo.ask(), servo.ask()
     assert believed[0] in (None, beginning)

@@ -243,7 +243,7 @@ def test_goals_arrive_with_their_velocity(kind: Kind) -> None:
     line.bus.write_goals({1: ServoGoal(600, 300), 2: ServoGoal(700)})
     assert (line.bus.goal(1), line.bus.goal(2)) == (600, 700)
     assert line.held(2, sts.goal_velocity) == 0
-    # Never slower than asked, and not by a whole unit faster.
+    # Never slower than requested, and less than one unit faster.
     unit = 1.0 if kind.order == "big" else dxl.SPEED_UNIT_COUNTS_S[kind.models[1].name]
     assert 300 <= line.held(1, sts.goal_velocity) + 0.5 < 301 + unit
     line.bus.write_goals({1: ServoGoal(600, 10**6)})
@@ -317,7 +317,7 @@ def test_the_torque_limit_of_a_dynamixel_stays_below_the_persistent_limit() -> N
     assert line.held(1, dxl.torque_limit) == 512
     line.bus.write(1, dxl.max_torque, 300)
     line.bus.limit_torque(1, 1.0)
-    assert line.held(1, dxl.torque_limit) == 299  # one less than what a servo has that was reset
+    assert line.held(1, dxl.torque_limit) == 299  # one less than the limit of a servo that was reset
 
 
 def test_torque_states_are_returned_as_far_as_time_allows() -> None:

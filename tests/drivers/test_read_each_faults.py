@@ -28,6 +28,6 @@ def test_reply_lengths_differ_in_more_than_one_bit(series: Series) -> None:
     lengths = [size + 2 for size in sizes]
     assert all((a ^ b).bit_count() >= 2 for a in lengths for b in lengths if a != b)
     tables = [scs.REGISTERS] if series is SCS else [dxl.registers(m) for m in series.models]
-    # Two bytes beyond the memory table stand in Feetech's header of the SCS series.
+    # Feetech's header file of the SCS series has two bytes more than the memory table.
     ends = [max(r.address + r.size for r in table) for table in tables]
     assert series.blocks[0].address + max(sizes) <= min(ends)

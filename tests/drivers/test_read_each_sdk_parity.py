@@ -59,7 +59,7 @@ def test_scs_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None
     feetech.SCS_SETEND(0)
     bus, tape = bus_of(dict.fromkeys(goals, model))
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
-    assert feetech.SCS_GETEND() == 0  # ours leaves it alone
+    assert feetech.SCS_GETEND() == 0  # the bus does not change it
     feetech.SCS_SETEND(1)
     low, high = feetech.SCS_LOBYTE, feetech.SCS_HIBYTE
     data = {i: bytes((low(p), high(p), 0, 0, low(v), high(v))) for i, (p, v) in goals.items()}
@@ -97,7 +97,7 @@ def test_bulk_read(servo_ids: list[int], address: int, size: int) -> None:
     tape = Tape()
     handler = dynamixel.Protocol1PacketHandler()
     parameters = [number for servo_id in servo_ids for number in (size, servo_id, address)]
-    # Not GroupBulkRead: it passes an argument that this handler does not take.
+    # GroupBulkRead passes an argument that this handler does not accept.
     assert handler.bulkReadTx(tape, parameters, len(parameters)) == dynamixel.COMM_SUCCESS
     assert tape.sent == bulk_read(dict.fromkeys(servo_ids, (address, size)))
 

@@ -90,7 +90,7 @@ def test_a_reply_after_a_late_refusal_is_never_an_old_state(kind: Kind, last: bo
             line.faults.delay_next(4)
         end = refuse(line, 4, 0x10 if kind in (AX, MX) else RESULT_FAIL) if number == 3 and last else None
         begin_s = line.clock.now()
-        # No time to ask again.
+        # There is no time to repeat a request.
         budget_s = 0.0005 * len(asked) + 0.0035 if number in (3, 4) else kind.table.budget_s
         for servo_id, reading in line.bus.read_states(asked, begin_s + budget_s).items():
             assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), number
@@ -178,7 +178,7 @@ def test_a_refused_fast_read_costs_no_other_state() -> None:
     end = refuse(line, 4, RESULT_FAIL)
     for _ in range(3 * FAST_TRIES):
         assert {i: kind for i, kind in line.missing().items() if i != 4} == {}
-        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # so that every cycle may be asked fast
+        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # so that every cycle can use a fast read
     end()
     assert line.missing() == {}
 

@@ -174,7 +174,7 @@ sys.stdin.read()
         server.communicate()
 
 
-# In use by us
+# In use by this program
 
 TIOCGEXCL = 0x80045440
 NOBODY = 65534
@@ -215,7 +215,7 @@ def opened_by_nobody(device: str) -> str:
         "except OSError as error: print(error.strerror)\n"
         "else: print('open')"
     )
-    # The machine's own Python: the environment's may lie where nobody may look.
+    # The system's Python, because an ordinary user may have no access to the environment's.
     command = ["/usr/bin/python3", "-c", program, device]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, user=NOBODY, group=NOBODY, cwd="/")
@@ -255,7 +255,7 @@ def test_a_killed_program_does_not_block_the_emulators_port(terminal: Terminal) 
     SerialPort(terminal.device).close()
 
 
-# Not allowed, not fit
+# Denied or unsuitable
 
 
 def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
@@ -400,7 +400,7 @@ def test_a_device_that_accepts_no_more_bytes_is_lost_after_a_wait(
     monkeypatch.setattr(serial_port, "STALLED_S", 0.05)
     port = SerialPort(terminal.device)
     with pytest.raises(PortLost, match=r"accepts no more bytes.*check the cable"):
-        for _ in range(1_000_000):  # nobody reads at the other end
+        for _ in range(1_000_000):  # the far end does not read
             port.write(bytes(100))
     port.close()
 
@@ -480,7 +480,7 @@ def test_a_second_burst_of_the_same_size(terminal: Terminal, size: int) -> None:
     for _ in range(3):
         os.write(terminal.master, burst)
         assert port.read(size, now() + 20.0) == burst
-    assert port.read(size, now() - 1.0) == b""  # no time, and nothing there
+    assert port.read(size, now() - 1.0) == b""  # no time, and no input
     os.write(terminal.master, burst[:35])
     assert port.read(size, now() + 0.02) == burst[:35]
     port.close()

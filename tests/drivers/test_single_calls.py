@@ -19,7 +19,7 @@ from sim_backend.wire.dynamixel_bus import VirtualDynamixelBus
 from tests.drivers.ports import WatchedPort
 
 LATE_S = 0.045
-"""Beyond what an SDK waits."""
+"""Delay beyond the timeout of an SDK, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def test_a_reply_after_an_interrupt_is_discarded(case: Case, monkeypatch: pytest
         patch.setattr(bench.port, "read", interrupted)
         with pytest.raises(KeyboardInterrupt):
             bench.bus.read(1, case.temperature)
-    # No discarding helps where it is still on its way.
+    # Discarding input does not help while the reply is still on its way.
     assert bench.bus.read(1, case.torque) == 0
 
 
@@ -140,7 +140,7 @@ def test_noise_before_an_echo_does_not_turn_the_request_into_a_reply(case: Case,
     bench.port.noise = noise
     try:
         assert bench.bus.read(1, case.position) == bench.held(case.position)
-    except ServoCorrupt:  # where nobody knows of the echo yet
+    except ServoCorrupt:  # the echo is not known yet
         assert not learnt
     assert bench.bus.read(1, case.position) == bench.held(case.position)
     bench.servos.faults.silence(1)
@@ -169,7 +169,9 @@ def test_a_reply_may_end_like_the_start_of_a_request(case: Case, known: bool) ->
 def test_a_cycle_does_not_wait_for_a_late_reply(case: Case) -> None:
     bench = Bench(case)
     bench.late(case.temperature)
-    for _ in range(60):  # at 200 Hz: where a question's time is spent on waiting, the servo owes an answer for ever
+    for _ in range(
+        60
+    ):  # at 200 Hz: if waiting used up the time of the request, a late reply would always remain possible
         begin_s = bench.clock.now()
         try:
             assert bench.bus.torque_states((1,), begin_s + 0.0025) == {1: False}
@@ -230,4 +232,4 @@ def test_the_wait_for_a_late_reply_does_not_lengthen_timeouts(case: Case) -> Non
     begin_s = bench.clock.now()
     bench.servos.faults.silence(1)
     bench.bus.read_states((1,), begin_s + 0.1)
-    assert bench.clock.now() - begin_s < 0.015  # in which the adapter of a slow line would not have answered once
+    assert bench.clock.now() - begin_s < 0.015  # shorter than one reply of a slow adapter

@@ -25,7 +25,7 @@ feetech: Any = importlib.import_module("scservo_sdk")
 dynamixel: Any = importlib.import_module("dynamixel_sdk")
 
 HANDLERS: dict[str, Callable[[], Any]] = {
-    # These set the order of words for the whole process.
+    # These functions set the byte order for the whole process.
     "Feetech STS": lambda: feetech.PacketHandler(0),
     "Feetech SCS": lambda: feetech.PacketHandler(1),
     "Dynamixel protocol 1.0": dynamixel.Protocol1PacketHandler,
@@ -35,7 +35,7 @@ BROADCAST = 0xFE
 ids = st.integers(0, wire.LARGEST_ID)
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 some = settings(max_examples=CYCLES // 40)
-"""There are more models than reasons for one of them to be sent anything else."""
+"""Few examples for each model, because all models of a protocol share the code under test."""
 
 
 @pytest.fixture(autouse=True, scope="module")
