@@ -48,7 +48,7 @@ def actual_of(reading: int, offset: int, turn: int = TURN) -> int:
 def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
     """Return the offset with which the servo reports ``wanted`` when its encoder is at ``actual``.
 
-    The offset always fits the register. If it had to be half a turn, which does not fit, the servo reports
+    The offset always fits the register. An offset of exactly half a turn would not fit; the servo then reports
     ``wanted - 1``.
     """
     half = turn // 2
@@ -56,7 +56,7 @@ def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
 
 
 def new_offset(reading: int, offset: int, wanted: int, turn: int = TURN) -> int:
-    """Return the offset with which a servo reports ``wanted`` that reports ``reading`` with its present ``offset``."""
+    """Return the offset with which a servo reports ``wanted`` if it reports ``reading`` with the present ``offset``."""
     return offset_for(actual_of(reading, offset, turn), wanted, turn)
 
 
@@ -88,7 +88,9 @@ def offset_for_travel(travel: Travel, offset: int, turn: int = TURN) -> int:
     """
     # One count is spare, because the exact offset may not fit the register.
     if travel.span > turn - 2:
-        raise ValueError(f"the travel of {travel.span} counts fills the turn of {turn}: the wrap cannot be outside it")
+        raise ValueError(
+            f"the travel of {travel.span} counts fills the turn of {turn}, so the wrap cannot be outside it"
+        )
     return new_offset((travel.lower + travel.upper) // 2, offset, turn // 2, turn)
 
 

@@ -22,7 +22,7 @@ LARGEST_ID = 253
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
 """Settings that cannot be read back because the servo can no longer be reached on this bus."""
 ANSWERS_NO_READ = {"status_return_level": 0}
-"""Values at which a Dynamixel servo answers only pings, so that the value cannot be read back or reset."""
+"""Values at which a Dynamixel servo answers only pings, so the value cannot be read back or reset."""
 TRIES = 3
 """Number of attempts to write or close the lock and to find a servo with a new ID. These attempts do not wear out the
 EEPROM.

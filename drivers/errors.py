@@ -17,7 +17,7 @@ class PortMissing(PortError):
 
 
 class PortNotSerial(PortError):
-    """The path does not lead to a serial device."""
+    """The path is not a serial device."""
 
 
 class PortBusy(PortError):

@@ -1,7 +1,7 @@
 """Decide when to ask silent servos again.
 
-Each request to a silent servo costs a timeout. A silent servo is therefore asked last and at growing intervals,
-but often enough to be found within a second after it returns.
+Each request to a silent servo waits until its timeout. A silent servo is therefore asked last and at growing
+intervals, but often enough to be found within a second after it returns.
 """
 
 from collections.abc import Mapping

@@ -57,7 +57,7 @@ class Bus:
             clock: Clock of all deadlines.
             models: Model of each servo, by ID; STS servos by default.
             position_p: Position P gains of Dynamixel servos, by ID, written to RAM each time torque is enabled.
-            lent: Whether the port belongs to another bus, so that ``close`` leaves it open.
+            lent: Whether the port belongs to another bus; ``close`` then leaves it open.
 
         Raises:
             ValueError: The models cannot share a bus.
@@ -78,7 +78,7 @@ class Bus:
         self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
         self._single = single = SingleServo(line, protocol, self.counters, late)
         self._maps = IndirectMaps(servos, single, port.name) if protocol.packets is v2 else None
-        # These calls to single servos pass to the SDK without retries.
+        # These requests to single servos are passed to the SDK without retries.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
         self.reboot, self.factory_reset, self.forget_turns = single.reboot, single.factory_reset, single.forget_turns
@@ -99,7 +99,7 @@ class Bus:
         return self._servos.read_together
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
-        """Request servo states without waiting. Several buses that are requested first then work in parallel.
+        """Request servo states without waiting. Request all buses before you receive the first, so that they overlap.
 
         A previous request that was not received is abandoned.
 
@@ -164,7 +164,12 @@ class Bus:
         return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        """Check that the servo answers, is of this model and has usable settings. Raise ServoError otherwise."""
+        """Check that a servo answers, is of this model and has usable settings.
+
+        Raises:
+            ServoSilent: The servo does not answer.
+            ServoRefused: The servo is of a different model, or must not be used with its settings.
+        """
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
         extended = self._is_extended(servo_id, model)
@@ -186,7 +191,7 @@ class Bus:
             LOG.warning("%s: servo %d: %s", self.name, servo_id, warning)
 
     def goal(self, servo_id: int) -> int:
-        """Return the goal position that the servo holds, in counts."""
+        """Return the goal position of a servo, in counts."""
         held = self._read_with_retries(servo_id, self._servos.series(servo_id).goal_position)
         return self._turns.goal(servo_id, held) if self._turns else held
 
@@ -216,7 +221,7 @@ class Bus:
         return {i: series[i].drives(value, self._limits.get(i)) for i, value in held.items()}
 
     def torque_on(self, servo_id: int) -> None:
-        """Enable torque. Write the goal first.
+        """Enable torque. The goal must be written before this call.
 
         The write is not repeated: a servo that does not acknowledge it may have been reset and have lost its goal.
         """
@@ -231,7 +236,7 @@ class Bus:
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         """Disable torque of all these servos and return the errors of those that failed."""
-        # One packet to all first, so that no servo waits for another's timeout; then one acknowledged write to each.
+        # A packet to all servos comes first, so that no servo waits for another's timeout. Acknowledged writes follow.
         if servo_ids:
             self._line.send(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
@@ -246,7 +251,11 @@ class Bus:
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        """Limit the torque to a share (0 to 1) of the full torque until power-off."""
+        """Limit the torque of a servo to a share (0 to 1) of its full torque until power-off.
+
+        Raises:
+            ServoRefused: The servo would have no torque, or it has no torque limit in RAM.
+        """
         series = self._servos.series(servo_id)
         wanted, persistent, volatile = round(share * series.full_torque), series.max_torque, series.torque_limit
         held, where = self._read_with_retries(servo_id, persistent), f"{persistent.name} (register {persistent.address}"

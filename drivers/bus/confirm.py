@@ -8,7 +8,7 @@ from drivers.bus.types import Reading, ServoFault, ServoState
 READINGS: Final = 8
 """Maximum number of readings."""
 AGREE_COUNTS: Final = 16
-"""Largest difference of readings that agree, in counts. Servos at rest or turned slowly by hand stay below it."""
+"""Largest difference between readings that agree, in counts. Servos at rest or turned slowly by hand stay below it."""
 
 
 def confirmed_states(

@@ -34,7 +34,7 @@ class ServoCounters:
         setattr(self, kind, getattr(self, kind) + 1)
 
     def count_late(self, counted_as: str) -> None:
-        """Count a late reply instead of the fault for which its request was counted."""
+        """Count a late reply instead of the fault that was counted for its request."""
         setattr(self, counted_as, getattr(self, counted_as) - 1)
         self.late += 1
 

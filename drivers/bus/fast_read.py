@@ -27,7 +27,6 @@ FAST_TRIAL_S: Final = 0.005
 
 
 def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan:
-    """Return the plan of a fast sync read of this block."""
     servo_ids = tuple(scales)
     return ReadPlan(
         servo_ids,
@@ -76,8 +75,8 @@ class FastReads:
     def trial(self, plan: ReadPlan) -> None:
         """Try a fast sync read of servos that have just answered, and record whether it succeeds.
 
-        Call this outside a control cycle, because a servo that does not know the instruction costs a timeout. Faults
-        are not counted. The trial fails on a slow adapter: there a silent first servo would cost too long a timeout.
+        Call this outside a control cycle, because a servo that does not know the instruction causes a timeout. Faults
+        are not counted. The trial fails on a slow adapter, on which a silent first servo would delay cycles too long.
         """
         line = self._line
         self.tried = True

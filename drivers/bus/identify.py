@@ -38,7 +38,7 @@ def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
     try:
         return retry(partial(single.read, servo_id, series.model_number))
     except ServoSilent:
-        # A servo that does not answer a ping either is silent, and this raises.
+        # This raises if the servo does not answer a ping either.
         single.ping(servo_id)
     try:
         return retry(partial(single.read, servo_id, series.model_number))

@@ -50,7 +50,7 @@ class IndirectMaps:
             )  # fmt: skip
 
     def _map(self, servo_id: int, block: StateBlock) -> str:
-        """Write the map, read it back and check the cells. Return the error as a predicate, or an empty string."""
+        """Write the map, read it back and check the cells. Return the problem, worded to follow "it", if any."""
         retry(partial(self._single.write, servo_id, MAP_REGISTER, _MAP))
         if retry(partial(self._single.read, servo_id, MAP_REGISTER)) != _MAP:
             return "did not keep the map"

@@ -42,7 +42,6 @@ class KnownServos:
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet can request the states of all servos."""
         if self.protocol.group_read == "bulk":
             models = self.models.values()
             return bool(models) and all(model in series_of(model).bulk_models for model in models)

@@ -22,7 +22,7 @@ HELD_S: Final = 0.25
 """Usual maximum delay of bytes, in seconds. Set-up can wait for this time."""
 
 Missed = Literal["silent", "corrupt", "late", "refused", "no_time"]
-"""The fault as which a missing reply was counted."""
+"""Kind of fault that was counted for a missing reply."""
 
 
 @dataclass(slots=True)
@@ -30,11 +30,11 @@ class _OpenRequests:
     """Open requests to one servo for replies of one size."""
 
     given_up: deque[tuple[float, Missed]]
-    """Time at which each request was given up, and the fault as which it was counted, oldest first."""
+    """Time at which each request was given up, and the kind of fault that was counted, oldest first."""
     until_s: float
-    """Time until which a reply to the last of them is possible."""
+    """Latest possible time of a reply to the last request."""
     overtaken: bool = False
-    """Whether the servo has answered a later request, so that no reply to these is expected."""
+    """Whether the servo has answered a later request, after which no reply to these is expected."""
 
 
 class LateReplies:
@@ -85,7 +85,7 @@ class LateReplies:
         return counted
 
     def answered(self, servo_id: int, now_s: float) -> None:
-        """Record that a servo has certainly answered the last request, so that earlier replies are unlikely."""
+        """Record that a servo has certainly answered the last request. Earlier replies are then unlikely."""
         self._single_until_s.pop(servo_id, None)
         for one in self.open.get(servo_id, {}).values():
             if not one.overtaken:
@@ -102,7 +102,6 @@ class LateReplies:
         return frozenset(self.open).union(single)
 
     def sizes(self) -> frozenset[int]:
-        """Return the sizes of all late replies that may still arrive."""
         return frozenset(size for of_servo in self.open.values() for size in of_servo)
 
     def forget(self, now_s: float) -> None:

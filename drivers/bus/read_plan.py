@@ -51,7 +51,6 @@ class ReadPlan:
 def state_plan(
     protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]
 ) -> ReadPlan:
-    """Return the plan that reads a state block of each servo."""
     is_v1 = protocol.packets is v1
     decode_all = _decoder_v1(protocol, blocks, scales) if is_v1 else _decoder_v2(blocks, scales)
 
@@ -63,7 +62,6 @@ def state_plan(
 
 
 def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> ReadPlan:
-    """Return the plan that reads one register of each servo."""
 
     def result(reply: Reply) -> ReadResult:
         if refused := _refusal(protocol, reply):

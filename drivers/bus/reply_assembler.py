@@ -15,7 +15,7 @@ class ReplyAssembler:
     """Number of bytes of a reply in addition to its data."""
     decoder: Decoder
     ambiguous: frozenset[int] = frozenset()
-    """Servos whose refusal may belong to an earlier request, so that a reply may still arrive."""
+    """Servos whose refusal may belong to an earlier request, so a reply may still arrive."""
     replies: list[Reply] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
 
@@ -37,7 +37,7 @@ class ReplyAssembler:
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
 
     def bytes_missing(self, servo_ids: tuple[int, ...]) -> int:
-        """Return the number of bytes to wait for: 0 after the last of these servos has answered."""
+        """Return the number of bytes to wait for, which is 0 after the last of these servos has answered."""
         if not servo_ids or servo_ids[-1] in self.answered:
             return 0
         missing = sum(self.sizes[i] + self.overhead for i in servo_ids if i not in self.answered)

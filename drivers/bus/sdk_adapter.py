@@ -15,7 +15,7 @@ CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """Result codes of both SDKs for a corrupt reply. Their other codes are the same, or mean that there was no reply."""
 _GRACE_S = 0.034
 """Reply timeout of the SDK without the transmission time, in seconds: two USB latency timers of 16 ms and 2 ms."""
-_FLOOD_S = 0.1  # after the deadline, by when all bytes that arrived before it have been read
+_FLOOD_S = 0.1  # time after the deadline in which all bytes that arrived before it are read
 
 
 class SdkAdapter:
@@ -55,7 +55,7 @@ class SdkAdapter:
 
     def readPort(self, length: int) -> bytes:
         # For a frame with an impossibly small length, the SDKs request a negative number of bytes. They do not check
-        # the time while bytes arrive, which never ends on a flooded bus.
+        # the time while bytes arrive, so a read would never end on a flooded bus.
         if length <= 0 or self._line.now() >= self._deadline_s + _FLOOD_S:
             return b""
         data = self._held_back + self._port.read(length, self._deadline_s)

@@ -1,4 +1,4 @@
-"""Requests to a single servo outside the control cycle, by the manufacturer's SDK."""
+"""Send requests to a single servo outside the control cycle, through the manufacturer's SDK."""
 
 from typing import Final
 
@@ -18,7 +18,7 @@ _MANY: Final = 4096  # more bytes than can arrive during the wait for a late rep
 
 
 class SingleServo:
-    """Requests to a single servo. All raise ServoError, and PortLost after the port has disappeared."""
+    """Requests to a single servo. They raise ServoError for its faults, and PortLost after the port has disappeared."""
 
     def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplies) -> None:
         self._line = line

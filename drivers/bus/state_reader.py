@@ -22,7 +22,7 @@ from drivers.servos.register import Register
 LOG = logging.getLogger("servoloop.drivers")
 
 Batch = tuple[tuple[int, ...], int]
-"""Servos that are asked together, and the number of servos at its start that are expected to answer."""
+"""Servos that are asked together, and the number of leading servos that are expected to answer."""
 
 
 class StateReader:
@@ -71,7 +71,7 @@ class StateReader:
     def _batches_of(self, asked: tuple[int, ...], now_s: float) -> list[Batch]:
         responsive, probed = self._backoff.split(asked, now_s)
         if self._sync:
-            # If all servos are silent, the adapter may be slow, so that they get the timeout of responsive servos.
+            # If all servos are silent, the adapter may be slow, so they get the long timeout of responsive servos.
             both = responsive + probed
             return [(both, len(responsive) or len(both))] if both else []
         if self._servos.read_together and responsive:

@@ -54,7 +54,6 @@ class Turns:
         self._unconfirmed.pop(servo_id, None)
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> Mapping[int, ServoGoal]:
-        """Return the goals with the whole turns of the servos added."""
         changed = {
             i: goals[i]._replace(position_counts=goals[i].position_counts + whole_turns)
             for i, whole_turns in self._whole_turns.items()

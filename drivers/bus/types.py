@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple
 
 FaultKind = Literal["silent", "corrupt", "late", "refused", "reset", "no_time"]
 """``silent``: there was no reply. ``corrupt``: the reply is invalid. ``late``: the reply belongs to an earlier request.
-``refused``: the servo refuses the request. ``reset``: the servo was reset, so that it has lost its torque and its goal.
+``refused``: the servo refuses the request. ``reset``: the servo was reset and has lost its torque and its goal.
 ``no_time``: the cycle ended before a reply was possible, which is not the servo's fault."""
 
 TEXTS: dict[FaultKind, str] = {

@@ -24,7 +24,7 @@ class Port(Protocol):
         ...
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        """Wait for bytes without busy-waiting.
+        """Read bytes until a deadline, without busy-waiting.
 
         Args:
             size: Number of bytes to wait for.

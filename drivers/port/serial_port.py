@@ -23,7 +23,7 @@ _BURST = 32
 """Minimum number of expected bytes for which the kernel is asked for a single wake-up."""
 LARGEST_VMIN = 255
 STALLED_S = 1.0
-"""Maximum time an adapter may accept no bytes, in seconds. It sends the kernel's 4 KB in half of it at 115200 baud."""
+"""Maximum time without an accepted byte, in seconds. Sending the kernel's 4 KB takes half of it at 115200 baud."""
 TOLERATED_RATE = 0.02
 """Maximum relative error of the baud rate. A receiver samples ten bits after one edge."""
 _UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
@@ -32,7 +32,7 @@ _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
 
 
 class SerialPort:
-    """A serial device, opened exclusively. Reads wait without busy-waiting.
+    """A serial device, opened exclusively. Reads do not busy-wait.
 
     Args:
         device: Path of the device.
@@ -40,7 +40,7 @@ class SerialPort:
         clock: Clock of the read deadlines; the monotonic clock by default.
 
     Raises:
-        PortMissing, PortNotSerial, PortBusy, PortDenied: The message names the remedy.
+        PortError: The device is missing, not serial, in use or not permitted. The message names the remedy.
     """
 
     def __init__(self, device: str, baud: int = 1_000_000, clock: Clock | None = None) -> None:

@@ -57,7 +57,6 @@ def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
 
 
 def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
-    """Encode a sync read of ``size`` bytes at ``address`` of each servo."""
     return packet(BROADCAST_ID, SYNC_READ, bytes((address, size, *servo_ids)))
 
 

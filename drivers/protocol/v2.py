@@ -61,7 +61,7 @@ _HEAD = 7
 
 
 def error_text(number: int) -> str:
-    """Return the meaning of an error number as a predicate that follows the servo's name."""
+    """Return the meaning of an error number, worded to follow the servo's name."""
     return _ERRORS.get(number, f"reported error {number}")
 
 
@@ -91,7 +91,6 @@ def place(address: int) -> bytes:
 
 
 def sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
-    """Encode a sync read of ``size`` bytes at ``address`` of each servo."""
     return packet(BROADCAST_ID, SYNC_READ, span(address, size) + bytes(servo_ids))
 
 

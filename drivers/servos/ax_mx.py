@@ -94,7 +94,7 @@ RPM: Final = 2.0 * math.pi / 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model(ServoModel):
-    """A servo model. ``own`` holds its registers beyond ``COMMON``. Its stall current applies to the rated voltage."""
+    """A servo model. ``own`` holds its registers beyond ``COMMON``. The stall current is that at rated voltage."""
 
     own: tuple[Register, ...]
     speed_unit_counts_s: float
@@ -135,7 +135,6 @@ SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in
 
 
 def registers(model: Model) -> tuple[Register, ...]:
-    """Return the control table of a model, sorted by address."""
     return by_address(COMMON + model.own)
 
 

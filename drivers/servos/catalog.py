@@ -23,7 +23,7 @@ def series_of(model: ServoModel) -> Series:
 
 
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
-    """Return the wire protocol of these servos, by default that of STS. Raise ValueError if they cannot share a bus."""
+    """Return the wire protocol of these servos (STS if there are none). Raise ValueError if they cannot share a bus."""
     spoken: dict[WireProtocol, list[str]] = {}
     for servo_id, model in models.items():
         spoken.setdefault(series_of(model).protocol, []).append(f"{servo_id} ({model.name})")

@@ -14,7 +14,7 @@ from drivers.servos.register import ServoModel, bit_names
 from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_to_end
 
 ALARMED: Final = ("hardware error",)
-"""Alarm for the alert bit of a reply. Only a register that some blocks do not contain shows which error it is."""
+"""Alarm reported by the alert bit of a reply. The kind of error is in a register that not every block contains."""
 
 PROTOCOL_2: Final = WireProtocol(
     name="Dynamixel protocol 2.0",

@@ -6,10 +6,10 @@ addresses agree with the model files of ROBOTIS' SDK (``xl330_m288.model``, ``..
 - XL330 and XC330 "prior to V53" have 20 cells from 208 on for bytes 64 to 227. Later firmware has 28 cells from 224
   on for bytes 64 to 251. The other models have 28 cells from 224 on (and more elsewhere) for bytes 64 to 661.
 - Indirect registers are in RAM. After power-off or a reboot, each cell is an ordinary byte with the value 0. Torque
-  locks only the EEPROM (text of Torque Enable), so that they can be written while torque is enabled.
+  locks only the EEPROM (page text of Torque Enable), so they can be written while torque is enabled.
 
 Cells without a map must never be taken for a state. The first and the last cell therefore show a byte of the map
-itself: the low bytes of their own indirect addresses. They are 0 without a map, so that every reply proves its map.
+itself: the low bytes of their own indirect addresses. They are 0 without a map, so every reply proves its map.
 If you change the block, change its size as well. Otherwise the last proof stays the same.
 """
 

@@ -32,7 +32,7 @@ class WireProtocol:
     refusals: int = 0
     """Bits of a reply's error byte that refuse an instruction. The other bits are alarms and part of the state."""
     refusal: Callable[[int], str] = "refused the instruction (error {})".format
-    """Describes the refusal bits as a predicate that follows the servo's name."""
+    """Describes the refusal bits, worded to follow the servo's name."""
     arrived_corrupt: Callable[[int], bool] = lambda refused: False
     """Whether the refusal bits report a corrupt instruction packet, so that the request can be repeated."""
     factory_reset: bytes = b""
@@ -90,7 +90,7 @@ class Series:
     goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
     """Returns the function that encodes a goal of this model. It raises ValueError if the goal does not fit."""
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
-    """Returns the model's unit of speed or current, in addition to the control table."""
+    """Returns the unit of speed or current of a model, if the models of the series differ in it."""
     servo_id: Register
     model_number: Register
     status_level: Register

@@ -25,11 +25,11 @@ class VoltageFault(NamedTuple):
 
     kind: Literal["over-voltage", "under-voltage", "high supply", "low supply"]
     text: str
-    """Message as a predicate that follows the servo's name."""
+    """Message, worded to follow the servo's name."""
 
     @property
     def outside(self) -> bool:
-        """Whether the voltage is outside the rated range, so that torque must not be enabled."""
+        """Whether the voltage is outside the rated range, in which case torque must not be enabled."""
         return self.kind in ("over-voltage", "under-voltage")
 
 
