@@ -369,8 +369,8 @@ def test_repeated_interrupts_leave_the_lock_closed_or_add_a_note(begun: int, tim
     line.port.before_write = stumble
     with pytest.raises(Stumble) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
-    said = "".join(getattr(caught.value, "__notes__", []))
-    assert line.held(LOCK) == 1 or (times > TRIES and "the EEPROM may be left unlocked" in said)
+    notes = "".join(getattr(caught.value, "__notes__", []))
+    assert line.held(LOCK) == 1 or (times > TRIES and "the EEPROM may be left unlocked" in notes)
 
 
 @pytest.mark.soak

@@ -98,18 +98,21 @@ def run(package: Path, *arguments: str) -> str:
 
 @pytest.mark.slow
 def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(package: Path) -> None:
-    said = run(package, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", *TABLE_TESTS)
+    output = run(package, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", *TABLE_TESTS)
     for name in ADDED:
-        for test in ("it_is_known_by_its_number", "it_is_at_rest_and_well_and_then_where_it_was_told_to_go"):
-            assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in said
+        for test in (
+            "the_model_is_found_by_its_number",
+            "the_servo_is_at_rest_without_alarms_and_then_reaches_its_goal",
+        ):
+            assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in output
 
 
 @pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 8")
 def test_the_example_on_the_page_runs_after_the_addition(package: Path) -> None:
     *_, trial = RUNNABLE
-    said = run(package, "-c", trial)
-    assert re.match(r"ServoState\(position_counts=102[345], ", said), said
+    output = run(package, "-c", trial)
+    assert re.match(r"ServoState\(position_counts=102[345], ", output), output
 
 
 @pytest.mark.runs(*(f"{PAGE} python {number}" for number in range(2, 8)))

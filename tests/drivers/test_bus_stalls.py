@@ -28,7 +28,7 @@ class Stalling:
         self.truth = Truth(self.line)
         self.answers: dict[int, int] = {}
         """Number of the last request that each servo has answered on the wire to the adapter."""
-        self.cycles = self.told = 0
+        self.cycles = self.torque_replies = 0
         """Number of cycles, and number of torque states received in time."""
         self._switch = series_of(kind.model).torque_enable
         receive = self.line.servos.receive
@@ -73,9 +73,9 @@ class Stalling:
         """Read the torque state and check that it answers this request. The torque switch changes before each read."""
         on = self.cycles % 2
         self.line.servos.servo(servo_id).memory.put(self._switch, on)
-        told = self.line.bus.torque_states((servo_id,), self.line.clock.now() + self.period_s)
-        assert told in ({servo_id: bool(on)}, {})
-        self.told += len(told)
+        states = self.line.bus.torque_states((servo_id,), self.line.clock.now() + self.period_s)
+        assert states in ({servo_id: bool(on)}, {})
+        self.torque_replies += len(states)
 
     def stall(self, hold_s: float, cycles: int) -> None:
         """Run ``cycles`` cycles whose replies are delayed by ``hold_s``, and cycles until all of them have arrived."""
@@ -104,10 +104,10 @@ class Stalling:
         while missing and self.line.clock.now() < end_s:
             missing -= self.cycle()
         assert not missing
-        told = self.told
+        before = self.torque_replies
         for _ in range(BEFORE + round(HELD_S / self.period_s)):
             self.cycle()
-        assert self.told > told
+        assert self.torque_replies > before
 
 
 @pytest.mark.parametrize(

@@ -332,9 +332,9 @@ def test_a_servo_without_a_map_is_read_directly_and_logged_once(
         line.errors[5] = OVERLOAD
         for _ in range(50):
             assert line.faults() == {}
-    (said,) = [r.message for r in caplog.records if "direct block" in r.message]
-    assert "servo 5" in said
-    assert says in said
+    (message,) = [r.message for r in caplog.records if "direct block" in r.message]
+    assert "servo 5" in message
+    assert says in message
     assert line.mapped() == set(line.ids) - {5}
     reading = line.cycle()[5]
     assert isinstance(reading, ServoState)

@@ -58,8 +58,8 @@ def test_every_address_and_size_agrees_with_the_sdk(model: ServoModel) -> None:
     assert (str(model.number), name) in numbers
     table = sdk_table(f"{name}.model")
     for register in registers_of(model):
-        said = table.get(register.name) or table[NAMES[register.name]]
-        assert (register.address, register.size) == said, register.name
+        expected = table.get(register.name) or table[NAMES[register.name]]
+        assert (register.address, register.size) == expected, register.name
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)

@@ -473,18 +473,18 @@ def test_torque_off_continues_after_a_corrupt_acknowledgment() -> None:
 def test_torque_off_is_repeated_and_a_silent_servo_does_not_delay_others() -> None:
     line = Line()
     line.servos.faults.silence(2)
-    told: list[int] = []
+    written_ids: list[int] = []
 
     def reaches(servo_id: int) -> bool:
-        told.append(servo_id)
-        return told.count(servo_id) > ATTEMPTS  # the packet to all, and all attempts but the last
+        written_ids.append(servo_id)
+        return written_ids.count(servo_id) > ATTEMPTS  # the packet to all, and all attempts but the last
 
     for servo_id in (1, 3):
         line.bus.torque_on(servo_id)
     line.servos.faults.on_instruction.append(reaches)
     assert [error.servo_id for error in line.bus.torque_off((1, 2, 3))] == [2]
     assert not line.held(1, sts.torque_enable) and not line.held(3, sts.torque_enable)
-    assert told[: len(IDS) + 3] == [*IDS, 1, 2, 3]
+    assert written_ids[: len(IDS) + 3] == [*IDS, 1, 2, 3]
 
 
 def test_a_limit_without_any_torque_is_refused_with_the_register() -> None:

@@ -53,23 +53,23 @@ some_ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=12, unique=True).
 def test_replies_decoded_together_and_separately_agree(servo_ids: tuple[int, ...], draw: st.DataObject) -> None:
     blocks = {i: draw.draw(st.tuples(st.integers(0, 255), st.binary(min_size=8, max_size=8))) for i in servo_ids}
     data = b"".join(wire.packet(servo_id, status, block) for servo_id, (status, block) in blocks.items())
-    said = {servo_id: state(servo_id, status, block) for servo_id, (status, block) in blocks.items()}
-    assert KnownServos({}).plan(servo_ids).decode_all(data) == said
-    assert [bool(one.alarms) for one in said.values()] == [status != 0 for status, _ in blocks.values()]
+    expected = {servo_id: state(servo_id, status, block) for servo_id, (status, block) in blocks.items()}
+    assert KnownServos({}).plan(servo_ids).decode_all(data) == expected
+    assert [bool(one.alarms) for one in expected.values()] == [status != 0 for status, _ in blocks.values()]
 
 
 @given(st.dictionaries(st.integers(0, 0xFD), st.tuples(signed_words, st.integers(0, 0x7FFF)), min_size=1, max_size=12))
 def test_goals_are_encoded_as_their_registers_define(numbers: dict[int, tuple[int, int]]) -> None:
-    said = {}
+    expected = {}
     for servo_id, (position, velocity) in numbers.items():
         values = {
             sts.acceleration: sts.GOAL_ACCELERATION,
             sts.goal_position: position,
             sts.goal_velocity: velocity,
         }
-        said[servo_id] = b"".join(register.encode(values.get(register, 0), "little") for register in sts.GOAL_BLOCK)
+        expected[servo_id] = b"".join(register.encode(values.get(register, 0), "little") for register in sts.GOAL_BLOCK)
     packet = KnownServos({}).goals({i: ServoGoal(*both) for i, both in numbers.items()})
-    entries = b"".join(bytes((servo_id,)) + data for servo_id, data in said.items())
+    entries = b"".join(bytes((servo_id,)) + data for servo_id, data in expected.items())
     assert packet == wire.sync_write(sts.acceleration.address, 7, entries)
 
 

@@ -49,8 +49,8 @@ def test_errors_of_commands_are_sanitized(capsys: pytest.CaptureFixture[str], mo
     app = typer.Typer()
     app.command()(fail)
     monkeypatch.setattr(cli, "app", app)
-    said = complaint(capsys, monkeypatch)
-    assert "\x1b[2J" not in said and "\\x1b[2J" in said
+    output = complaint(capsys, monkeypatch)
+    assert "\x1b[2J" not in output and "\\x1b[2J" in output
 
 
 def test_nouns_agree_with_their_numbers() -> None:

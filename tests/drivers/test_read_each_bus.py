@@ -367,9 +367,9 @@ def test_the_longer_cycle_is_logged_once(caplog: pytest.LogCaptureFixture) -> No
     line.cycle()
     with line.bus.at_baud(500_000):
         pass
-    (said,) = caplog.messages
-    assert "do not support a group read" in said and "the 7 servos are read one by one" in said
-    assert "1.54 ms of every cycle at 1000000 baud" in said
+    (message,) = caplog.messages
+    assert "do not support a group read" in message and "the 7 servos are read one by one" in message
+    assert "1.54 ms of every cycle at 1000000 baud" in message
     caplog.clear()
     Line(KINDS[3])
     assert caplog.messages == []

@@ -518,13 +518,13 @@ def test_a_port_lost_within_a_reply_raises_port_lost(terminal: Terminal, size: i
     port.close()
 
 
-@pytest.mark.parametrize(("make", "said"), [(Path.mkdir, "a folder"), (Path.touch, "a file")])
+@pytest.mark.parametrize(("make", "kind"), [(Path.mkdir, "a folder"), (Path.touch, "a file")])
 def test_a_path_that_is_not_a_serial_device_is_named_with_its_kind(
-    tmp_path: Path, make: Callable[[Path], None], said: str
+    tmp_path: Path, make: Callable[[Path], None], kind: str
 ) -> None:
     path = tmp_path / "port"
     make(path)
-    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {said}: choose the adapter's port"):
+    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {kind}: choose the adapter's port"):
         SerialPort(str(path))
 
 
