@@ -22,7 +22,7 @@ TURNAROUND_S: Final = 0.0005
 DRAIN_S: Final = 0.002
 """Maximum time for discarding input after the bus was flooded with bytes, in seconds."""
 _MANY: Final = 4096
-"""Number of bytes that exceeds every input buffer."""
+"""Maximum number of bytes per read, which is more than any input buffer holds."""
 
 
 class GroupRead:
@@ -52,8 +52,8 @@ class GroupRead:
     def _drain_input(self) -> None:
         """Discard the input since the last request. Late replies in the input close their requests.
 
-        After a stall the input holds a reply to each open request. After a flood a flush discards only part of the
-        input, and the next replies would follow the rest.
+        After a stall, the input holds a reply to each open request. After a flood, a flush discards only part of the
+        input, and the next replies would come after the rest.
         """
         port, end_s = self._line.port, self._line.now() + DRAIN_S
         if self._late.open:

@@ -55,7 +55,7 @@ def voltage_fault(model: ServoModel, voltage_v: float) -> VoltageFault | None:
     if voltage_v > highest:
         return VoltageFault("over-voltage", f"{made}: switch the supply off now, and connect {other}")
     if voltage_v < lowest:
-        return VoltageFault("under-voltage", f"{made}: check the supply and its cables, connect {other}")
+        return VoltageFault("under-voltage", f"{made}: check the supply and its cables, and connect {other}")
     if voltage_v > high:
         return VoltageFault("high supply", f"{made}: check the supply")
     return VoltageFault("low supply", f"{made}: it has less torque and speed than its datasheet states")

@@ -1,4 +1,4 @@
-"""A servo that refuses a read is present: it is reported with its reason, not as silent, and never has a value."""
+"""A servo that refuses a read is reported with its reason. It does not count as silent and never has a value."""
 
 from collections.abc import Callable
 from typing import Any
