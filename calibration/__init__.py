@@ -1,1 +1,1 @@
-"""Calibration scripts' tools for single servos, above the bus: no cycle of an arm passes here."""
+"""Tools for calibrating single servos. The control cycle does not use them."""

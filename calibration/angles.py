@@ -1,9 +1,9 @@
-"""Counts at the seams: the wrap at 0/4095, turns, the homing offset, a range that crosses the seam.
+"""Calculate positions, homing offsets and ranges across the wrap from 4095 to 0 counts.
 
-Pure functions. A servo with a magnetic encoder reads ``(actual - offset) mod turn`` in single-turn
-feedback. The offset is a sign-magnitude number of eleven bits, so it reaches from -2047 to 2047: one
-count less than half a turn, and a sum or difference of counts must be brought back into a turn before
-it becomes an offset ("Magnitude 2114 exceeds 2047" is what forgetting that looks like).
+In position mode, a servo with a magnetic encoder reports ``(actual - offset) mod turn``. The offset is a
+sign-magnitude number of eleven bits, -2047 to 2047, which is one count less than half a turn. Reduce sums and
+differences of counts to one turn before you use them as an offset. Otherwise the write fails with an error such as
+"Magnitude 2114 exceeds 2047".
 """
 
 from collections.abc import Iterable
@@ -15,20 +15,20 @@ LARGEST_OFFSET: Final = 2047
 
 
 def shortest(start: int, end: int, turn: int = TURN) -> int:
-    """The shorter way from one reading to another, counts, ``-turn/2`` up to but not ``turn/2``."""
+    """Return the shortest distance between two readings, in counts, in the range [-turn/2, turn/2)."""
     return (end - start + turn // 2) % turn - turn // 2
 
 
 def unwrap(before: int, reading: int, turn: int = TURN) -> int:
-    """The continuous count that says ``reading`` and is nearest to the continuous count ``before``.
+    """Return the continuous count for ``reading`` that is nearest to the continuous count ``before``.
 
-    True as long as the shaft moves less than half a turn between two readings.
+    The result is correct if the shaft moves less than half a turn between the readings.
     """
     return before + shortest(before, reading, turn)
 
 
 def unwrapped(readings: Iterable[int], turn: int = TURN) -> list[int]:
-    """A stream of readings as one continuous count, beginning with the first reading as it is."""
+    """Convert readings to continuous counts that start at the first reading."""
     counts: list[int] = []
     for reading in readings:
         counts.append(unwrap(counts[-1], reading, turn) if counts else reading)
@@ -36,44 +36,45 @@ def unwrapped(readings: Iterable[int], turn: int = TURN) -> list[int]:
 
 
 def reading_of(actual: int, offset: int, turn: int = TURN) -> int:
-    """What the servo says with its encoder at ``actual``."""
+    """Return the position that the servo reports when its encoder is at ``actual``."""
     return (actual - offset) % turn
 
 
 def actual_of(reading: int, offset: int, turn: int = TURN) -> int:
-    """Where the encoder is, 0 to ``turn - 1``, when the servo says ``reading`` (of any number of turns)."""
+    """Return the encoder position, 0 to ``turn - 1``, when the servo reports ``reading`` (of any number of turns)."""
     return (reading + offset) % turn
 
 
 def offset_for(actual: int, wanted: int, turn: int = TURN) -> int:
-    """The offset with which an encoder at ``actual`` says ``wanted``; always one that the register can hold.
+    """Return the offset with which the servo reports ``wanted`` when its encoder is at ``actual``.
 
-    Exactly half a turn is out of reach by one count: then the servo says ``wanted - 1``.
+    The offset always fits the register. An offset of exactly half a turn would not fit; the servo then reports
+    ``wanted - 1``.
     """
     half = turn // 2
     return max(shortest(wanted, actual, turn), 1 - half)
 
 
 def new_offset(reading: int, offset: int, wanted: int, turn: int = TURN) -> int:
-    """The offset to write so that a servo that says ``reading`` with ``offset`` says ``wanted`` instead."""
+    """Return the offset with which a servo reports ``wanted`` if it reports ``reading`` with the present ``offset``."""
     return offset_for(actual_of(reading, offset, turn), wanted, turn)
 
 
 @dataclass(frozen=True, slots=True)
 class Travel:
-    """A swept range in continuous counts: ``upper`` may lie beyond the turn that ``lower`` is in."""
+    """A range of motion in continuous counts. It may extend beyond a turn boundary."""
 
     lower: int
     upper: int
 
     @property
     def span(self) -> int:
-        """Counts from end to end."""
+        """Length of the range, in counts."""
         return self.upper - self.lower
 
 
 def travel_of(readings: Iterable[int], turn: int = TURN) -> Travel:
-    """The range that a sweep covered, right also where it crosses the seam; ValueError without readings."""
+    """Return the range that a sweep covered, even across the wrap. Raise ValueError without readings."""
     counts = unwrapped(readings, turn)
     if not counts:
         raise ValueError("a sweep needs at least one reading")
@@ -81,17 +82,19 @@ def travel_of(readings: Iterable[int], turn: int = TURN) -> Travel:
 
 
 def offset_for_travel(travel: Travel, offset: int, turn: int = TURN) -> int:
-    """The offset that puts the travel's middle at half a turn and so the seam outside the travel.
+    """Return the offset that puts the middle of the travel at half a turn, so that the wrap is outside the travel.
 
-    ``travel`` was read with ``offset``. ValueError if the travel leaves no room for the seam.
+    ``travel`` was measured with ``offset``. Raise ValueError if the travel is too long.
     """
-    # A count to spare: the offset may be out of reach by one.
+    # One count is spare, because the exact offset may not fit the register.
     if travel.span > turn - 2:
-        raise ValueError(f"the travel of {travel.span} counts fills the turn of {turn}: it cannot be kept off the seam")
+        raise ValueError(
+            f"the travel of {travel.span} counts fills the turn of {turn}, so the wrap cannot be outside it"
+        )
     return new_offset((travel.lower + travel.upper) // 2, offset, turn // 2, turn)
 
 
 def moved(travel: Travel, old: int, new: int, turn: int = TURN) -> Travel:
-    """The same travel as it reads with the offset ``new`` instead of ``old``."""
+    """Convert a travel measured with the offset ``old`` to the offset ``new``."""
     lower = reading_of(actual_of(travel.lower, old, turn), new, turn)
     return Travel(lower, lower + travel.span)

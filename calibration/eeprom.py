@@ -1,11 +1,10 @@
-"""Settings that outlive power-off: written only where they differ, read back, and locked again.
+"""Write settings to a servo's EEPROM only if they differ, read them back, and lock the EEPROM again.
 
     with eeprom(bus, 3, sts.lock) as memory:
         memory.write(sts.max_torque, 800)
 
-Within the scope the lock is opened before the first write that is needed, and not at all if none is.
-However the scope ends, the lock is closed on the way out. Whether a write or the lock took is decided
-by reading, never by the reply to the write: a reply that was lost costs no second write of the EEPROM.
+The lock is opened before the first necessary write, and it is closed when the ``with`` block ends for any reason.
+Every write is verified by a read and not by its reply, so that a lost reply does not cause a second EEPROM write.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,26 +18,26 @@ from drivers.errors import DriverError, PortLost, ServoError, ServoSilent
 from drivers.servos.register import Access, Register
 
 LARGEST_ID = 253
-"""Of Feetech; Dynamixel allows one less. 254 calls everybody."""
+"""Largest ID of Feetech servos. For Dynamixel servos it is 252. 254 is the broadcast ID."""
 LEAVES_THE_LINE = frozenset({"baud_rate", "protocol_type"})
-"""Settings after which the servo could neither be read back nor locked."""
+"""Settings that cannot be read back because the servo can no longer be reached on this bus."""
 ANSWERS_NO_READ = {"status_return_level": 0}
-"""At this value a Dynamixel answers a ping and nothing else: it could not be read back either, nor set back."""
+"""Values at which a Dynamixel servo answers only pings, so the value cannot be read back or reset."""
 TRIES = 3
-"""How often the lock is written (RAM), or closed after interrupts, and a servo with a new ID is looked for: none of it
-wears.
+"""Number of attempts to write or close the lock and to find a servo with a new ID. These attempts do not wear out the
+EEPROM.
 """
-HOLDS = "the servo holds torque, switch it off first; support the arm, because what it holds falls"
-"""Why no setting is written."""
+HOLDS = "the servo holds torque. Support the arm, then disable torque"
+"""Reason why a setting is not written."""
 OPEN, CLOSED = 0, 1
-"""What the lock holds."""
+"""Values of the lock register."""
 SILENCES = 8
-"""So many questions to an ID must stay unanswered before it counts as free. On a line that loses 9 % each way one in
-six stays so by chance, and all of them once in a million."""
+"""Number of consecutive requests without a reply after which an ID counts as free. On a bus that loses 9 % of the
+packets in each direction, one request in six fails by chance, and all of them fail once in a million."""
 
 
 class EepromError(ServoError):
-    """A setting that could not be written; ``register`` tells which."""
+    """Error of the setting ``register``, which could not be written."""
 
     def __init__(self, servo_id: int, register: Register, text: str) -> None:
         super().__init__(servo_id, f"{register.name} (register {register.address}) {text}")
@@ -47,7 +46,7 @@ class EepromError(ServoError):
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One setting that was written."""
+    """A setting that was written."""
 
     register: Register
     old: int
@@ -59,7 +58,7 @@ class Change:
 
 @dataclass(slots=True)
 class Eeprom:
-    """One servo's settings within the scope. ``servo_id`` follows when the ID itself is written."""
+    """Settings of one servo. When the ID setting is written, ``servo_id`` changes as well."""
 
     bus: Bus
     servo_id: int
@@ -67,14 +66,14 @@ class Eeprom:
     changes: list[Change] = field(default_factory=list)
     _touched: bool = False
     _becoming: tuple[Register, int] | None = None
-    """The ID that is being written: whoever is interrupted meanwhile finds the servo by the one or the other."""
+    """ID register and new ID while the ID is written. After an interrupt, the servo may have the old or the new ID."""
 
     def read(self, register: Register) -> int:
-        """What the servo holds."""
+        """Read a setting."""
         return self._ask(partial(self.bus.read, self.servo_id, register), register, "cannot be read")
 
     def write(self, register: Register, value: int) -> None:
-        """Make the servo hold ``value``; nothing is sent but reads if it does already."""
+        """Write a setting, unless the servo already holds this value."""
         _check(register, value)
         old = self.read(register)
         if old == value:
@@ -85,24 +84,26 @@ class Eeprom:
         try:
             self._put(register, value)
         except PortLost as error:
-            error.add_note(str(EepromError(self.servo_id, register, f"has perhaps become {value}")))
+            error.add_note(str(EepromError(self.servo_id, register, f"may have changed to {value}")))
             raise
         self.changes.append(Change(register, old, value))
 
     def write_unread(self, register: Register, value: int) -> None:
-        """Unlock and write, once, what takes the servo off this line. The caller finds it and sets ``bus``."""
+        """Write a setting after which the servo leaves this bus. The caller must find the servo and set ``bus``."""
         register.check(value)
         self._unlock(register)
         self._try_write(register, value)
 
     def _put(self, register: Register, value: int) -> None:
-        """Write it once, and look. Once more only where the servo was reset meanwhile: that closes the lock."""
+        """Write a setting and verify it. Repeat the write only if a reset of the servo has closed the lock."""
         for _ in range(TRIES):
             self._put_once(register, value)
             if self.lock is None or self._is_open(self.lock, register):
                 return
             self._turn(self.lock, OPEN)
-        raise EepromError(self.servo_id, register, "is perhaps not saved: the servo loses its power again and again")
+        raise EepromError(
+            self.servo_id, register, "may not have been saved: the servo was reset repeatedly. Check its power"
+        )
 
     def _put_once(self, register: Register, value: int) -> None:
         self._becoming = (register, value) if register.name == "id" else None
@@ -112,26 +113,26 @@ class Eeprom:
             self._becoming = None
         else:
             read = partial(self.bus.read, self.servo_id, register)
-            held = self._ask(read, register, f"has perhaps become {value}: it cannot be read back")
+            held = self._ask(read, register, f"may have changed to {value}, but cannot be read back")
         if held != value:
             raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
 
     def _is_open(self, lock: Register, register: Register) -> bool:
-        """Whether what has just been written was written with the lock open: only that outlives power-off."""
+        """Whether the lock is still open after a write. Otherwise the value is lost at power-off."""
         read = partial(self.bus.read, self.servo_id, lock)
-        return self._ask(read, register, "was written, and is perhaps not saved") == OPEN
+        return self._ask(read, register, "was written, but may not have been saved") == OPEN
 
     def _ask(self, question: Callable[[], int], register: Register, failed: str) -> int:
-        """The answer; EepromError of ``register`` that tells what ``failed``. One lost packet is not the end."""
+        """Return the result of a request with retries. Raise EepromError with the text ``failed``."""
         try:
             return retry(question)
         except ServoError as error:
             raise EepromError(self.servo_id, register, f"{failed}: {_why(error)}") from error
 
     def _refuse_taken(self, register: Register, new_id: int) -> None:
-        """Two servos with one ID can neither be told apart nor be parted again over the wire."""
+        """Raise EepromError if another servo has the new ID. Servos with the same ID cannot be separated on a bus."""
         if any(self._stirs(new_id, register) for _ in range(SILENCES)):
-            raise EepromError(self.servo_id, register, f"must not become {new_id}: another servo answers to that")
+            raise EepromError(self.servo_id, register, f"cannot be changed to {new_id}: another servo has this ID")
 
     def _stirs(self, servo_id: int, register: Register) -> bool:
         try:
@@ -139,11 +140,11 @@ class Eeprom:
         except ServoSilent:
             return False
         except ServoError:
-            pass  # somebody is there, and perhaps two already
+            pass  # at least one servo answers
         return True
 
     def _follow(self, register: Register, new_id: int) -> int:
-        """The ID that the servo answers to after its ID was written, the new one or still the old one."""
+        """Find the servo after a write of its ID and return the ID that it holds, either the new or the old ID."""
         for candidate in (new_id, self.servo_id) * TRIES:
             try:
                 held = self.bus.read(candidate, register)
@@ -151,21 +152,25 @@ class Eeprom:
                 continue
             self.servo_id = candidate
             return held
-        raise EepromError(self.servo_id, register, f"was to become {new_id}: now it answers to neither")
+        raise EepromError(
+            self.servo_id,
+            register,
+            f"was changed to {new_id}, but the servo answers to neither its new nor its old ID: check its power",
+        )
 
     def _unlock(self, register: Register) -> None:
-        """Open the lock, once, for ``register`` is to be written."""
+        """Open the lock before the first write. Raise EepromError if torque is enabled."""
         if self._touched:
             return
         torque_is_on = partial(self.bus.torque_is_on, self.servo_id)
-        if self._ask(torque_is_on, register, "is not written, for the servo's torque cannot be read"):
-            raise EepromError(self.servo_id, register, f"is not written: {HOLDS}")
-        self._touched = True  # before it is: the reply to the write may be what gets lost
+        if self._ask(torque_is_on, register, "was not written because the servo's torque state cannot be read"):
+            raise EepromError(self.servo_id, register, f"was not written: {HOLDS}")
+        self._touched = True  # set before the write, because the reply to the write may get lost
         if self.lock is not None:
             self._turn(self.lock, OPEN)
 
     def close(self) -> None:
-        """Close the lock if it is open. One that somebody else left open is closed too, if it can be read."""
+        """Close the lock if it is open, even if another program has left it open."""
         if self.lock is None:
             return
         if self._becoming is not None:
@@ -182,7 +187,7 @@ class Eeprom:
             if self._stands(lock, position):
                 return
         state = "closed" if position == CLOSED else "open"
-        raise EepromError(self.servo_id, lock, f"does not become {state}: {_why(failure)}") from failure
+        raise EepromError(self.servo_id, lock, f"cannot be set to {state}: {_why(failure)}") from failure
 
     def _stands(self, lock: Register, position: int) -> bool:
         try:
@@ -200,10 +205,14 @@ class Eeprom:
 
 @contextmanager
 def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
-    """The scope. Raises EepromError with servo and register, PortLost once the line is gone.
+    """Return a context manager for writing the settings of one servo.
 
-    If it ends by an exception and the lock cannot be closed either, the exception carries a note of that. An interrupt
-    while it is being closed, a second Ctrl-C, does not leave it open: it is closed from the beginning, a few times.
+    If the block raises and the lock cannot be closed either, a note is added to the exception. If an interrupt such as
+    a second Ctrl-C arrives while the lock is being closed, closing it is repeated a few times.
+
+    Raises:
+        EepromError: A setting cannot be read or written. The message names the servo and the register.
+        PortLost: The port has disappeared.
     """
     memory = Eeprom(bus, servo_id, lock)
     try:
@@ -215,14 +224,14 @@ def eeprom(bus: Bus, servo_id: int, lock: Register | None) -> Iterator[Eeprom]:
         memory.close()
     except DriverError:
         raise
-    except BaseException as error:  # an interrupt, while it was being closed
+    except BaseException as error:  # an interrupt while the lock was being closed
         _close_after(memory, error)
         raise
 
 
 def _close_after(memory: Eeprom, error: BaseException) -> None:
     interrupt: BaseException | None = None
-    why = f"closing it was interrupted again and again (servo {memory.servo_id})"
+    why = f"closing its lock was interrupted repeatedly (servo {memory.servo_id})"
     for _ in range(TRIES):
         try:
             memory.close()
@@ -235,14 +244,14 @@ def _close_after(memory: Eeprom, error: BaseException) -> None:
             interrupt = again
     if why:
         error.add_note(f"the EEPROM may be left unlocked: {why}")
-    if interrupt is not None and isinstance(error, Exception):  # which somebody may catch, and go on
+    if interrupt is not None and isinstance(error, Exception):  # the caller may catch an Exception and continue
         raise interrupt
 
 
 def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Register, int]) -> tuple[Change, ...]:
-    """Make the servo hold all ``values``; what had to be changed. The ID comes last, so that none is left behind.
+    """Write all settings that differ from ``values`` and return the changes. The ID is written last.
 
-    An exception carries a note of what had been changed before it.
+    If an exception is raised, a note for each earlier change is added to it.
     """
     for register, value in values.items():
         _check(register, value)
@@ -259,25 +268,25 @@ def update(bus: Bus, servo_id: int, lock: Register | None, values: Mapping[Regis
 
 
 def add_notes(error: BaseException, changes: Iterable[Change]) -> None:
-    """Have an exception carry what had been written before it."""
+    """Add a note to an exception for each change that was written before it."""
     for change in changes:
-        error.add_note(f"written before that: {change}")
+        error.add_note(f"written before this error: {change}")
 
 
 def _check(register: Register, value: int) -> None:
-    """ValueError, before anything is sent, for what can never work."""
+    """Raise ValueError if the register or the value can never be written."""
     if register.access is Access.READ or not register.persistent:
-        raise ValueError(f"{register.name} is not a setting that can be saved: nothing written")
+        raise ValueError(f"{register.name} is not a writable EEPROM setting: nothing was written")
     if register.name in LEAVES_THE_LINE:
-        raise ValueError(f"{register.name} takes the servo off this line, out of reach of a check: nothing written")
+        raise ValueError(f"{register.name} cannot be verified, because the servo leaves this bus: nothing was written")
     if ANSWERS_NO_READ.get(register.name) == value:
         raise ValueError(
-            f"{register.name} {value} keeps the servo from answering reads, out of reach of a check: nothing written"
+            f"{register.name} {value} cannot be verified, because the servo stops answering reads: nothing was written"
         )
     if register.name == "id" and value > LARGEST_ID:
-        raise ValueError(f"id takes 0 to {LARGEST_ID}, not {value}: nothing written")
+        raise ValueError(f"id must be 0 to {LARGEST_ID}, not {value}: nothing was written")
     register.check(value)
 
 
 def _why(failure: ServoError | None) -> str:
-    return "the servo does not take it" if failure is None else f"it {failure.text}"
+    return "the servo did not accept the value" if failure is None else f"the servo {failure.text}"

@@ -1,1 +1,1 @@
-"""Bytes and registers: the port, the protocols, the servo models, the bus. No radians, no threads, no ROS."""
+"""Servo drivers: ports, protocols, servo models and buses, all in bytes and registers, without threads or ROS."""

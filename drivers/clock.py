@@ -1,4 +1,4 @@
-"""Where time comes from. Nothing else in the core asks for the time or sleeps."""
+"""Clocks. All other code of the core reads the time and sleeps only through a clock."""
 
 import time
 from collections.abc import Callable
@@ -6,10 +6,10 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Source of time. It never goes backwards; its zero has no meaning."""
+    """A clock that never goes backwards. Its zero point has no meaning."""
 
     def now(self) -> float:
-        """Return the current time, in seconds."""
+        """Return the time, in seconds."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
@@ -22,7 +22,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """Monotonic clock of the machine. All processes of a machine share it."""
+    """The monotonic clock of the operating system. All processes on a machine share it."""
 
     now = staticmethod(time.monotonic)
 
@@ -33,7 +33,7 @@ class MonotonicClock:
 
 
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
-    """What to add to ``clock`` for the time of day (s): of five readings of both the one that was held up least."""
+    """Return the offset from ``clock`` to the time of day, in seconds, from the fastest of five readings."""
     readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]
     before_s, wall_s, after_s = min(readings, key=lambda reading: reading[2] - reading[0])
     return wall_s - 0.5 * (before_s + after_s)

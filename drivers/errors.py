@@ -1,19 +1,19 @@
-"""Everything that can go wrong below the joints: the line itself, or one servo, which is named by its ID.
+"""Errors of ports and servos.
 
-Set-up raises these. The cycle does not: there a servo's error is a value beside the others' values.
+Calls for set-up raise these errors. The control cycle returns the fault of a servo as a value instead.
 """
 
 
 class DriverError(Exception):
-    """Base of all errors of this package. The text says what to do."""
+    """Base class of all errors of this package. The message tells the user what to do."""
 
 
 class PortError(DriverError):
-    """The line to the servos."""
+    """Error of a serial port."""
 
 
 class PortMissing(PortError):
-    """There is no such device."""
+    """The device does not exist."""
 
 
 class PortNotSerial(PortError):
@@ -21,19 +21,19 @@ class PortNotSerial(PortError):
 
 
 class PortBusy(PortError):
-    """Another program holds the device, or this one a second time."""
+    """Another program has the device open, or this program has it open already."""
 
 
 class PortDenied(PortError):
-    """The user may not open the device."""
+    """The user has no permission to open the device."""
 
 
 class PortLost(PortError):
-    """The device was open and is gone."""
+    """The device disappeared while it was open."""
 
 
 class ServoError(DriverError):
-    """One servo's trouble; ``servo_id`` tells which."""
+    """Error of the servo with the ID ``servo_id``."""
 
     def __init__(self, servo_id: int, text: str) -> None:
         super().__init__(f"servo {servo_id}: {text}")
@@ -42,12 +42,12 @@ class ServoError(DriverError):
 
 
 class ServoSilent(ServoError):
-    """No reply before the deadline."""
+    """The servo did not reply before the deadline."""
 
 
 class ServoCorrupt(ServoError):
-    """A reply with a wrong checksum or length."""
+    """The reply has a wrong checksum or length."""
 
 
 class ServoRefused(ServoError):
-    """The servo answered, but refused or is not the one that was expected."""
+    """The servo replied, but refused the request or is not the expected servo."""

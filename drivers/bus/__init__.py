@@ -1,1 +1,1 @@
-"""One line of servos: group reads and writes, calls to single servos, late replies, faults, counters."""
+"""Bus of servos: group reads and writes, requests to single servos, late replies, faults and counters."""

@@ -1,47 +1,46 @@
-"""The wait for a reply that may not come is learnt from those that do.
+"""Adapt the reply timeout of single requests to the replies of the bus.
 
-One wait for a whole group can be generous. Where every servo has a wait of its own, a USB adapter with a latency timer
-of 16 ms needs seven of them; a quick one must not be waited for that long.
+A group read needs only one timeout, which can be long. If each servo is asked separately, a long timeout costs too
+much time, but a USB adapter with a latency timer of 16 ms needs it for every servo.
 """
 
 from typing import Final
 
 FIRST_REPLY_S: Final = 0.02
-"""How long a reply may take while nothing is known of the line: a latency timer can be 16 ms."""
+"""Reply timeout before the first reply, in seconds. A latency timer can be 16 ms."""
 RESPONSIVE_S: Final = 0.002
-"""Beyond the slowest reply of late, for a servo that answered the last time."""
+"""Added to the slowest recent reply, for a servo that answered its last request, in seconds."""
 PROBE_S: Final = 0.0015
-"""For one that did not, if the line is quick."""
+"""Minimum timeout for a servo that did not answer its last request, in seconds."""
 SPARE_S: Final = 0.001
+"""Added to the slowest recent reply, for a servo that did not answer its last request, in seconds."""
 FORGET: Final = 0.95
-"""What is left of the slowest after one more reply."""
+"""Factor by which the slowest reply time decays with each reply."""
 
 
 class AdaptiveTimeout:
-    """The waits on one line. Times are seconds beyond the bytes' own time on the wire."""
+    """Reply timeouts of one bus, in seconds. They do not include the transmission time of the bytes."""
 
     def __init__(self) -> None:
         self._slowest_s: float | None = None
-        self._in_vain = False
+        self._missed = False
 
     def begin(self) -> None:
-        """A new round of questions. Each may wait long once in vain, while nothing is known."""
-        self._in_vain = False
+        """Begin a new round of requests. Until the first reply, only one request of a round gets the long timeout."""
+        self._missed = False
 
-    def heard(self, took_s: float) -> None:
-        """A reply came."""
+    def reply_received(self, took_s: float) -> None:
         self._slowest_s = min(max(took_s, (self._slowest_s or 0.0) * FORGET, 0.0), FIRST_REPLY_S)
 
-    def heard_late(self) -> None:
-        """A reply came that was waited for too shortly."""
+    def late_reply_received(self) -> None:
+        """Record a reply that came after its timeout."""
         self._slowest_s = FIRST_REPLY_S
 
-    def in_vain(self) -> None:
-        """No reply came."""
-        self._in_vain = True
+    def no_reply(self) -> None:
+        self._missed = True
 
     def wait_s(self, responsive: bool) -> float:
-        """How long to wait for the next reply."""
+        """Return the timeout of the next reply. ``responsive`` is whether the servo answered its last request."""
         if self._slowest_s is None:
-            return RESPONSIVE_S if self._in_vain else FIRST_REPLY_S
+            return RESPONSIVE_S if self._missed else FIRST_REPLY_S
         return self._slowest_s + RESPONSIVE_S if responsive else max(PROBE_S, self._slowest_s + SPARE_S)

@@ -1,7 +1,7 @@
-"""Which servos have stopped answering, and when each is worth asking again.
+"""Decide when to ask silent servos again.
 
-A silent servo costs a wait. So it is asked last, soon at first and then less and less often, but
-often enough to be found within a second of being back.
+Each request to a silent servo waits until its timeout. A silent servo is therefore asked last and at growing
+intervals, but often enough to be found within a second after it returns.
 """
 
 from collections.abc import Mapping
@@ -11,24 +11,24 @@ from drivers.bus.read_plan import ReadResult
 from drivers.bus.types import ServoFault, ServoState
 
 ASKED_ALWAYS: Final = 2
-"""Up to this many misses in a row a servo is asked in every cycle: lost replies happen."""
+"""Number of consecutive misses up to which a servo is asked in every cycle, because single replies get lost."""
 FIRST_PAUSE_S: Final = 0.02
 LONGEST_PAUSE_S: Final = 0.4
 
 
 class Backoff:
-    """The servos of one line that are missing: their misses in a row, and the order in which to ask them."""
+    """The silent servos of one bus and the order in which to ask them."""
 
     def __init__(self) -> None:
         self.misses: dict[int, int] = {}
-        """Of those only that are missing."""
+        """Number of consecutive misses of each silent servo."""
         self._next_s: dict[int, float] = {}
         self._queue: list[int] = []
 
     def note(self, outcome: Mapping[int, ReadResult], now_s: float) -> list[int]:
-        """Remember which servos answered, whatever they said, and which did not; returns those that gave no state.
+        """Record which servos answered. Return the servos without a state, the first of them last.
 
-        The first of these may hide the others, where each waits for the one before: it goes to the end.
+        In some group reads each servo waits for the previous servo, so the first silent servo may hide the others.
         """
         missing = [i for i, result in outcome.items() if result.__class__ is not ServoState]
         if not missing and not self.misses and not self._queue:
@@ -41,7 +41,7 @@ class Backoff:
                 self.misses.pop(servo_id, None)
             elif result != "no_time":
                 self._missed(servo_id, now_s)
-                if result == "late":  # so it is there, and the next answer may be the one to believe
+                if result == "late":  # the servo is present, and its next reply may be valid
                     self._next_s[servo_id] = now_s
         missing = missing[1:] + missing[:1]
         self._queue = [i for i in self._queue if i not in outcome] + missing
@@ -54,10 +54,10 @@ class Backoff:
         self._next_s[servo_id] = now_s + (min(pause_s, LONGEST_PAUSE_S) if misses > ASKED_ALWAYS else 0.0)
 
     def split(self, servo_ids: tuple[int, ...], now_s: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """The responsive servos, and those to probe behind them; the others are not due."""
+        """Return the responsive servos, and the silent servos that are due to be probed after them."""
         if not self.misses:
             return servo_ids, ()
         responsive = tuple(i for i in servo_ids if i not in self.misses)
-        # Where nobody answers a pause would be for nobody's sake, and after a stall of the line it would outlast that.
+        # If all servos are silent, a pause would save no time and would prolong a stall of the bus.
         due = {i for i in servo_ids if i in self.misses and (not responsive or self._next_s[i] <= now_s)}
         return responsive, tuple(i for i in self._queue if i in due)

@@ -1,4 +1,4 @@
-"""Define the bus, a line of servos with one wire protocol, and all calls that the layer above may make."""
+"""Interface to all servos on one serial bus."""
 
 import logging
 import math
@@ -30,15 +30,15 @@ from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_AT_ONCE: Final = 256  # bytes discarded per read
+_DRAIN_SIZE: Final = 256  # maximum number of bytes that are discarded in one read
 
 
 class Bus:
-    """Servos on one line. Use it from one thread.
+    """All servos on one serial bus. They share one wire protocol. Use a bus from one thread only.
 
-    A control cycle calls ``request``, ``receive`` and ``write_goals``. Calls for a single servo raise ServoError.
-    Every call raises PortLost when the line is gone. These calls retry after a lost packet, because set-up needs them:
-    ``identify``, ``goal``, ``position_limits``, ``torque_is_on``, ``limit_torque`` and ``torque_off``.
+    A control cycle calls ``request``, ``receive`` and ``write_goals``. Calls to a single servo raise ServoError. All
+    calls raise PortLost after the port has disappeared. The calls for set-up repeat lost requests: ``identify``,
+    ``goal``, ``position_limits``, ``torque_is_on``, ``limit_torque`` and ``torque_off``.
     """
 
     def __init__(
@@ -67,19 +67,19 @@ class Bus:
         self._position_p = dict(position_p or {})
         self._limits: dict[int, int] = {}
         self._turns: Turns | None = None
-        """Turns of servos in extended position mode, if there are any."""
+        """Whole turns of the servos in extended position mode. None if there are no such servos."""
         try:
             self._servos = servos = KnownServos(models or {})
         except ValueError as error:
             raise ValueError(f"{port.name}: {error}") from error
         self.counters = BusCounters()
-        """Numbers of faults since the bus was opened, by servo and kind."""
+        """Replies and faults since the bus was opened, by servo and kind."""
         late, protocol = LateReplies(), servos.protocol
         self._line = line = Line(port, clock)
         self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
         self._single = single = SingleServo(line, protocol, self.counters, late)
         self._maps = IndirectMaps(servos, single, port.name) if protocol.packets is v2 else None
-        # Calls for a single servo use the SDK directly, without retries.
+        # These requests to single servos are passed to the SDK without retries.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
         self.reboot, self.factory_reset, self.forget_turns = single.reboot, single.factory_reset, single.forget_turns
@@ -91,12 +91,12 @@ class Bus:
 
     @property
     def baud(self) -> int:
-        """Baud rate of the line, in bits per second."""
+        """Baud rate, in bits per second."""
         return self._port.baud
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet requests the states of all servos. Otherwise each servo is read separately."""
+        """Whether one packet requests the states of all servos. Otherwise each servo gets a request of its own."""
         return self._servos.read_together
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
@@ -121,7 +121,7 @@ class Bus:
             The state of each requested servo, or its fault, by ID.
         """
         readings, deadline_s = self._reader.receive(), self._reader.deadline_s
-        return readings if self._maps is None else self._look_after(readings, deadline_s)
+        return readings if self._maps is None else self._name_alarms(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """Send a goal to each servo, in one packet that is not acknowledged.
@@ -133,7 +133,7 @@ class Bus:
             ValueError: A goal does not fit into its register.
         """
         if goals:
-            self._line.tell(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
+            self._line.send(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """Request and receive the states of servos.
@@ -147,8 +147,8 @@ class Bus:
             The state of each servo, or its fault, by ID.
         """
         if deadline_s is None:
-            readings = self._reader.read_patiently(tuple(servo_ids))
-            return readings if self._maps is None else self._look_after(readings, math.inf)
+            readings = self._reader.read_without_deadline(tuple(servo_ids))
+            return readings if self._maps is None else self._name_alarms(readings, math.inf)
         self.request(servo_ids, deadline_s)
         return self.receive()
 
@@ -164,8 +164,8 @@ class Bus:
         """
         return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
 
-    def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
-        """Name the alarms, if there is time, and record the servos that lost their indirect map."""
+    def _name_alarms(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
+        """Read which hardware errors the servos have, if there is time, and record servos that were reset."""
         readings = self._turns.readings(readings) if self._turns else readings
         alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
@@ -173,12 +173,12 @@ class Bus:
                 if reading.alarms == ALARMED:
                     alarmed[servo_id] = reading
             elif reading.kind == "reset" and self._maps is not None:
-                self._maps.lost(servo_id)
+                self._maps.mark_lost(servo_id)
         if not alarmed:
             return readings
         sources = {i: source for i in alarmed if (source := self._servos.series(i).hardware_error)}
-        said = self._reader.registers({i: register for i, (register, _) in sources.items()}, deadline_s)
-        named = {i: alarmed[i]._replace(alarms=sources[i][1](bits) or ALARMED) for i, bits in said.items()}
+        error_bits = self._reader.registers({i: register for i, (register, _) in sources.items()}, deadline_s)
+        named = {i: alarmed[i]._replace(alarms=sources[i][1](bits) or ALARMED) for i, bits in error_bits.items()}
         return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
@@ -203,10 +203,9 @@ class Bus:
             self._maps.set_up(servo_id, model)
 
     def _is_extended(self, servo_id: int, model: ServoModel) -> bool:
-        """Return whether a servo is a Dynamixel X in extended position mode."""
         if series_of(model) is not X:
             return False
-        return self._read_surely(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
+        return self._read_with_retries(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
         """Check that the settings of a servo allow driving it.
@@ -230,7 +229,7 @@ class Bus:
         Returns:
             The goal position, in counts.
         """
-        held = self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
+        held = self._read_with_retries(servo_id, self._servos.series(servo_id).goal_position)
         return self._turns.goal(servo_id, held) if self._turns else held
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
@@ -246,7 +245,7 @@ class Bus:
         if self._turns and servo_id in self._turns:
             return None
         registers = self._servos.series(servo_id).position_limits
-        lowest, highest = (self._read_surely(servo_id, register) for register in registers)
+        lowest, highest = (self._read_with_retries(servo_id, register) for register in registers)
         return (lowest, highest) if (lowest, highest) != (0, 0) else None
 
     def torque_is_on(self, servo_id: int) -> bool:
@@ -258,7 +257,7 @@ class Bus:
         Returns:
             Whether the servo drives its motor.
         """
-        return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable) == 1
+        return self._read_with_retries(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         """Read whether servos drive their motors with their torque limit. A servo that was reset has another limit.
@@ -289,9 +288,9 @@ class Bus:
             self._maps.restore(servo_id)
         series = self._servos.series(servo_id)
         for register, value in series.before_torque:
-            self._write_surely(servo_id, register, value)
+            self._write_with_retries(servo_id, register, value)
         if servo_id in self._position_p and series.position_p is not None:
-            self._write_surely(servo_id, series.position_p, self._position_p[servo_id])
+            self._write_with_retries(servo_id, series.position_p, self._position_p[servo_id])
         self.write(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
@@ -303,9 +302,9 @@ class Bus:
         Returns:
             The errors of the servos that did not acknowledge.
         """
-        # First broadcast, so that no servo waits for the time-out of a dead one. Then write each until it acknowledges.
+        # A packet to all servos comes first, so that no servo waits for another's timeout. Acknowledged writes follow.
         if servo_ids:
-            self._line.tell(self._servos.torque_off(servo_ids))
+            self._line.send(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
         for _ in range(ATTEMPTS):
             failed = []
@@ -328,26 +327,26 @@ class Bus:
             ServoRefused: The servo would have no torque, or has no torque limit in RAM.
         """
         series = self._servos.series(servo_id)
-        wanted, lasting, passing = round(share * series.full_torque), series.max_torque, series.torque_limit
-        held, where = self._read_surely(servo_id, lasting), f"{lasting.name} (register {lasting.address}"
-        # The EEPROM limit is the upper bound and the limit of a reset servo. One less distinguishes the two.
-        limit = min(wanted, held - 1 if passing else held)
+        wanted, persistent, volatile = round(share * series.full_torque), series.max_torque, series.torque_limit
+        held, where = self._read_with_retries(servo_id, persistent), f"{persistent.name} (register {persistent.address}"
+        # The persistent limit is the upper bound and returns after a reset. One less shows whether the servo was reset.
+        limit = min(wanted, held - 1 if volatile else held)
         if limit <= 0:
             raise ServoRefused(
-                servo_id, f"would have no torque: {where}) is {held}, torque_limit {share:g}: raise what is too low"
+                servo_id,
+                f"would have no torque: {where}) is {held}, torque_limit is {share:g}: increase one of them",
             )
-        if passing is not None:
+        if volatile is not None:
             self._limits[servo_id] = limit
-            self._write_surely(servo_id, passing, limit)
+            self._write_with_retries(servo_id, volatile, limit)
         elif share < 1.0:
             what = f"write {wanted} to {where}, EEPROM) and set torque_limit: 1.0 in the robot file"
-            raise ServoRefused(servo_id, f"has no torque limit that ends with the power: {what}")
+            raise ServoRefused(servo_id, f"has no torque limit in RAM: {what}")
 
-    def _read_surely(self, servo_id: int, register: Register) -> int:
+    def _read_with_retries(self, servo_id: int, register: Register) -> int:
         return retry(partial(self.read, servo_id, register))
 
-    def _write_surely(self, servo_id: int, register: Register, value: int) -> None:
-        """Write a register of RAM, with retries. Writing it twice has no other effect than writing it once."""
+    def _write_with_retries(self, servo_id: int, register: Register, value: int) -> None:
         retry(partial(self.write, servo_id, register, value))
 
     @contextmanager
@@ -368,18 +367,18 @@ class Bus:
         self._port.set_baud(baud)
         try:
             yield Bus(self._port, self._clock, models or self._servos.models, lent=True)
-            self._let_pass()
+            self._drain()
         finally:
             self._port.set_baud(former)
             self._line.clean = False
 
-    def _let_pass(self) -> None:
-        """Discard received bytes until the line is silent, for a limited time."""
+    def _drain(self) -> None:
+        """Discard replies that are still arriving, for a limited time."""
         end_s = self._line.now() + 4.0 * HELD_S
-        while self._port.read(_AT_ONCE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
+        while self._port.read(_DRAIN_SIZE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
             pass
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port, unless it belongs to another bus."""
         if not self._lent:
             self._port.close()

@@ -1,4 +1,4 @@
-"""Confirmed positions: two readings in a row that agree, because false data can have a right checksum."""
+"""Confirm positions by two consecutive readings that agree, because corrupt data can have a correct checksum."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -6,22 +6,22 @@ from typing import Final
 from drivers.bus.types import Reading, ServoFault, ServoState
 
 READINGS: Final = 8
-"""Number of readings among which two in a row must agree."""
+"""Maximum number of readings."""
 AGREE_COUNTS: Final = 16
-"""Largest difference at which two readings agree: a servo that is at rest, or turned slowly by hand."""
+"""Largest difference between readings that agree, in counts. Servos at rest or turned slowly by hand stay below it."""
 
 
 def confirmed_states(
     read: Callable[[Sequence[int]], Mapping[int, Reading]], servo_ids: Sequence[int]
 ) -> dict[int, Reading]:
-    """Read states until two in a row agree on the position.
+    """Read states until two consecutive readings of each servo agree on its position.
 
     Args:
-        read: Reads the states of servos by ID, such as ``Bus.read_states``.
+        read: Function that returns the states of servos by ID, such as ``Bus.read_states``.
         servo_ids: The servos.
 
     Returns:
-        For each servo its newest state, or the fault of one that gave none or whose readings never agreed.
+        The newest state of each servo, or a fault if it did not answer or its readings never agreed.
     """
     last: dict[int, Reading] = dict(read(servo_ids))
     found: dict[int, Reading] = {}
@@ -42,5 +42,5 @@ def _agree(one: Reading, other: Reading) -> bool:
 
 def _unconfirmed(servo_id: int, reading: Reading) -> Reading:
     if isinstance(reading, ServoState):
-        return ServoFault("corrupt", f"servo {servo_id} reports positions that differ from one reading to the next")
+        return ServoFault("corrupt", f"servo {servo_id} reports a different position in every reading")
     return reading

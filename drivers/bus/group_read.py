@@ -1,4 +1,4 @@
-"""A group read asks several servos by one packet, waits for all their replies together and judges what came."""
+"""Read several servos with one request packet, and find the fault of each servo without a valid reply."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -15,18 +15,18 @@ from drivers.protocol.decoder import Reply
 from drivers.servos.series import WireProtocol
 
 GROUP_WAIT_S: Final = 0.002
-"""How long after its time a group's answer may still come. Not less than a tick of most kernels: each piece of an
-answer wakes us, and to sleep on until before the next tick costs two settings of the clock's timer."""
+"""Timeout of a group's replies beyond the transmission time, in seconds. It is at least one tick of most kernels: a
+wait that ends before the next tick would cost two timer settings for each piece of a reply."""
 TURNAROUND_S: Final = 0.0005
-"""A servo whose answer was due so shortly before the cycle's end, or later, had no time to give it."""
+"""Time a servo needs to reply, in seconds. If less is left in the cycle, a missing reply is not the servo's fault."""
 DRAIN_S: Final = 0.002
-"""Time for which the rest of a flood is read and thrown away."""
+"""Maximum time for discarding input after the bus was flooded with bytes, in seconds."""
 _MANY: Final = 4096
-"""More bytes than a line holds back."""
+"""Maximum number of bytes per read, which is more than any input buffer holds."""
 
 
 class GroupRead:
-    """The group reads on one line. Counts what goes wrong; raises only PortLost."""
+    """Group reads of one bus. Faults are counted and returned. The only exception is PortLost."""
 
     def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplies) -> None:
         self._line = line
@@ -34,27 +34,26 @@ class GroupRead:
         self._counters = counters
         self._late = late
         self._adaptive = protocol.group_read != "sync"
-        """Whether servos are asked by themselves: then each has a wait of its own, learnt from the replies."""
-        self._accounts: dict[tuple[int, ...], list[ServoCounters]] = {}
+        """Whether servos may be asked separately, with an adaptive timeout for each."""
+        self._counters_of: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._sent_s = 0.0
         self._flooded = False
-        """Whether bytes came without end when an answer was waited for."""
+        """Whether bytes kept arriving until the end of the last wait."""
         self.timeout = AdaptiveTimeout()
         self.fast = FastReads(line)
-        self.whole = False
-        """Whether the last answer came as a whole, a state of each."""
+        self.complete = False
+        """Whether the last read returned a state of every servo."""
 
-    def ask(self, plan: ReadPlan) -> None:
-        """Send the question."""
+    def send(self, plan: ReadPlan) -> None:
         if not self._line.clean:
-            self._take_what_waits()
-        self._sent_s = self._line.ask(plan.request)
+            self._drain_input()
+        self._sent_s = self._line.send_request(plan.request)
 
-    def _take_what_waits(self) -> None:
-        """Discard the bytes that came since the last question; late replies among them close their questions.
+    def _drain_input(self) -> None:
+        """Discard the input since the last request. Late replies in the input close their requests.
 
-        After a stall there is one reply to each of them: without a look, all would stay open. After a flood a port has
-        more than a flush throws away, and the answer would be behind that.
+        After a stall, the input holds a reply to each open request. After a flood, a flush discards only part of the
+        input, and the next replies would come after the rest.
         """
         port, end_s = self._line.port, self._line.now() + DRAIN_S
         if self._late.open:
@@ -67,82 +66,82 @@ class GroupRead:
             self._flooded = bool(port.read(_MANY, self._line.now()))
 
     def _close_late(self, reply: Reply, asked: bool = False) -> bool:
-        """Whether the reply may be one to an earlier question; then it is counted as late."""
-        counted_as = self._late.take(reply.servo_id, len(reply.data), asked)
+        """Count the reply as late if it may belong to an earlier request. Return whether it may."""
+        counted_as = self._late.match(reply.servo_id, len(reply.data), asked)
         if counted_as is None:
             return False
-        self._counters.of(reply.servo_id).came_late(counted_as)
-        self.timeout.heard_late()
+        self._counters.of(reply.servo_id).count_late(counted_as)
+        self.timeout.late_reply_received()
         return True
 
     def collect(self, plan: ReadPlan, responsive: int, deadline_s: float) -> Mapping[int, ReadResult]:
-        """The state of each servo that was asked, or what kind of fault there was.
+        """Receive the replies and return the state or the kind of fault of each servo.
 
-        The first ``responsive`` servos of the plan are expected to answer; the others are waited for shortly. Nothing,
-        not even a count, where the answer to a fast read came broken.
+        The first ``responsive`` servos of the plan are expected to answer. The others get a short timeout. If a fast
+        read fails, the result is empty and no fault is counted for a servo.
         """
-        line, expected, self.whole = self._line, plan.reply_size, False
+        line, expected, self.complete = self._line, plan.reply_size, False
         if 0 < responsive < len(plan.servo_ids):
             expected = sum(plan.sizes[i] + plan.overhead for i in plan.servo_ids[:responsive])
         due_s = self._sent_s + expected * line.byte_s
-        if self._adaptive:  # another line may have been waited for until now
+        if self._adaptive:  # the time until now may have been spent on another bus
             due_s = max(due_s, line.now())
             wait_s = self.timeout.wait_s(responsive > 0)
         else:
             wait_s = GROUP_WAIT_S if responsive else GAP_S
         until_s = due_s + wait_s
-        data = line.hear(plan.request, expected, until_s if until_s < deadline_s else deadline_s)
-        if not self._late.open or not self._late.doubtful(plan.sizes):
-            states = plan.whole(data)
+        data = line.receive(plan.request, expected, until_s if until_s < deadline_s else deadline_s)
+        if not self._late.open or not self._late.ambiguous(plan.sizes):
+            states = plan.decode_all(data)
             if states is not None:
-                return self._all_well(plan, states, due_s)
+                return self._count_all(plan, states, due_s)
         if plan.fast:
             self._counters.noise += bool(data)
-            self.fast.came_broken()
+            self.fast.failed()
             return {}
         if not data and responsive and not self._adaptive:
-            data = self._after_silence(expected, deadline_s)
-        return self._piecewise(plan, responsive, data, wait_s, due_s, deadline_s)
+            data = self._wait_for_slow_adapter(expected, deadline_s)
+        return self._decode_separately(plan, responsive, data, wait_s, due_s, deadline_s)
 
     def abandon(self, plan: ReadPlan) -> None:
-        """Nobody will wait for the answers to the last question, which are still on their way."""
+        """Give up the last request, whose replies may still arrive."""
         if plan.fast:
-            self.fast.came_broken()
-        self._counted(plan, dict.fromkeys(plan.servo_ids, "no_time"))
+            self.fast.failed()
+        self._count(plan, dict.fromkeys(plan.servo_ids, "no_time"))
 
-    def _after_silence(self, expected: int, deadline_s: float) -> bytes:
-        """Nobody has answered: the adapter may be a slow one."""
+    def _wait_for_slow_adapter(self, expected: int, deadline_s: float) -> bytes:
+        """Wait longer when no servo has answered, because the adapter may be slow."""
         line = self._line
         data = line.port.read(1, min(self._sent_s + FIRST_REPLY_S, deadline_s))
         if not data:
             return data
         return data + line.port.read(expected - 1, min(line.now() + expected * line.byte_s + GAP_S, deadline_s))
 
-    def _all_well(self, plan: ReadPlan, states: Mapping[int, ServoState], due_s: float) -> Mapping[int, ServoState]:
+    def _count_all(self, plan: ReadPlan, states: Mapping[int, ServoState], due_s: float) -> Mapping[int, ServoState]:
         line = self._line
-        line.clean = self.whole = True
+        line.clean = self.complete = True
         if line.echoes is None:
             line.echoes = False
         if self._late.open:
             for servo_id in plan.servo_ids:
                 self._late.answered(servo_id, line.now())
         if self._adaptive:
-            self.timeout.heard(line.now() - due_s)
+            self.timeout.reply_received(line.now() - due_s)
         if plan.fast:
-            self.fast.came_whole()
-        accounts = self._accounts.get(plan.servo_ids)
+            self.fast.succeeded()
+        accounts = self._counters_of.get(plan.servo_ids)
         if accounts is None:
-            accounts = self._accounts[plan.servo_ids] = [self._counters.of(servo_id) for servo_id in plan.servo_ids]
+            accounts = self._counters_of[plan.servo_ids] = [self._counters.of(servo_id) for servo_id in plan.servo_ids]
         for account, state in zip(accounts, states.values(), strict=True):
             account.replies += 1
             if state.alarms:
                 account.alarms += 1
         return states
 
-    def _piecewise(
+    def _decode_separately(
         self, plan: ReadPlan, responsive: int, data: bytes, wait_s: float, due_s: float, deadline_s: float
     ) -> Mapping[int, ReadResult]:
-        """Something is missing or there is garbage: piece by piece until the line falls silent."""
+        """Decode replies one by one, because some are missing or there is garbage, until no more bytes arrive."""
         size = min(plan.sizes.values())
         others = self._late.sizes().union(plan.sizes.values()) - {size}
         decoder = self._protocol.packets.ReplyDecoder(size, others, self._protocol.refusals)
@@ -154,33 +153,33 @@ class GroupRead:
             self._wait_for(assembler, plan.servo_ids[responsive:], GAP_S, deadline_s)
         assembler.finish()
         if self._adaptive and assembler.answered:
-            self.timeout.heard(self._line.now() - due_s)
+            self.timeout.reply_received(self._line.now() - due_s)
         elif self._adaptive:
-            self.timeout.in_vain()
+            self.timeout.no_reply()
         results, noise = self._judge(plan, assembler, "silent" if deadline_s >= due_s + TURNAROUND_S else "no_time")
         self._line.clean = len(assembler.answered) == len(plan.servo_ids) and not noise
-        return self._counted(plan, results, noise)
+        return self._count(plan, results, noise)
 
     def _wait_for(
         self, assembler: ReplyAssembler, servo_ids: tuple[int, ...], wait_s: float, deadline_s: float
     ) -> None:
         line = self._line
-        # However much noise there is.
+        # This end also applies if noise keeps arriving.
         end_s = min(line.now() + FIRST_REPLY_S + GAP_S * len(servo_ids), deadline_s)
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s
             until_s = line.now() + missing * line.byte_s + gap_s
             only_late = assembler.replies and not assembler.answered
-            if only_late and wait_s > GAP_S and not self._adaptive:  # the adapter may be a slow one
+            if only_late and wait_s > GAP_S and not self._adaptive:  # the adapter may be slow
                 until_s = max(until_s, self._sent_s + FIRST_REPLY_S)
             data = line.port.read(missing, min(until_s, end_s))
             assembler.feed(data)
-            self._flooded = bool(data) and line.now() >= end_s  # there is always some, whatever the deadline
+            self._flooded = bool(data) and line.now() >= end_s  # bytes keep arriving
             if not data or self._flooded:
                 return
 
     def _judge(self, plan: ReadPlan, assembler: ReplyAssembler, nothing: Missed) -> tuple[dict[int, ReadResult], int]:
-        """A value or a fault for every servo that was asked, and the pieces of noise."""
+        """Return a value or a fault for every requested servo, and the number of runs of noise."""
         results: dict[int, ReadResult] = {}
         late: set[int] = set()
         for reply in assembler.replies:
@@ -191,7 +190,7 @@ class GroupRead:
             self._counters.strange += result is None or reply.servo_id in results
             if result is not None:
                 results[reply.servo_id] = result
-                if not isinstance(result, ServoFault):  # a refusal may be that of an earlier question
+                if not isinstance(result, ServoFault):  # a refusal may belong to an earlier request
                     self._late.answered(reply.servo_id, self._line.now())
         corrupt, noise = assembler.corrupted()
         for servo_id in plan.servo_ids:
@@ -199,8 +198,8 @@ class GroupRead:
                 results[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else nothing
         return results, noise
 
-    def _counted(self, plan: ReadPlan, results: dict[int, ReadResult], noise: int = 0) -> Mapping[int, ReadResult]:
-        """Count each question once; whoever gave no value may still answer."""
+    def _count(self, plan: ReadPlan, results: dict[int, ReadResult], noise: int = 0) -> Mapping[int, ReadResult]:
+        """Count the result of each request. Requests without a value stay open for late replies."""
         now_s = self._line.now()
         self._counters.noise += noise
         for servo_id, result in results.items():
@@ -209,7 +208,7 @@ class GroupRead:
                 account.refused += 1
                 if servo_id in self._late.servos(now_s):
                     self._leave_open(plan, servo_id, now_s, "refused")
-            elif result == "reset":  # the servo has answered
+            elif result == "reset":  # the servo has answered, so the request is closed
                 account.reset += 1
             elif isinstance(result, str):
                 missed: Missed = "silent" if result == "late" else result
@@ -221,8 +220,8 @@ class GroupRead:
         return results
 
     def _leave_open(self, plan: ReadPlan, servo_id: int, now_s: float, counted: Missed) -> None:
-        if plan.fast:  # no reply of its own is on its way
+        if plan.fast:  # the servos send no separate replies
             return
         self._late.add(servo_id, plan.sizes[servo_id], now_s, counted)
-        if not plan.blocks:  # a register, of a size that a servo may be asked for by itself too
+        if not plan.blocks:  # a register, whose size a single request may have too
             self._late.add_single(servo_id, now_s)

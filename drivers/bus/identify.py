@@ -1,4 +1,4 @@
-"""Whether a servo is what the robot file says, and set up so that we can drive it."""
+"""Check the model and the settings of a servo."""
 
 from functools import partial
 
@@ -11,24 +11,24 @@ from drivers.servos.series import Series
 
 
 def check_model_number(single: SingleServo, servo_id: int, model: ServoModel) -> None:
-    """Raise ServoSilent or ServoRefused with a text that says what to do."""
+    """Raise ServoError unless the servo answers and reports the model number of this model."""
     series = series_of(model)
     number = _model_number(single, servo_id, series)
     if number != model.number:
         raise ServoRefused(
             servo_id,
             f"is model {number} ({known_as(number, series)}), not {model.number} ({model.name}): "
-            "write its real model into the robot file, or swap the servo. docs/add-a-servo.md shows how to add a model "
-            "that servoloop does not know",
+            "correct the model in the robot file or replace the servo. To add a model that servoloop does not know, "
+            "see docs/add-a-servo.md",
         )
 
 
 def check_settings(single: SingleServo, servo_id: int, model: ServoModel) -> str | None:
-    """Raise ServoRefused where goals are no goals, or writes are not acknowledged; returns what is odd beside that."""
+    """Raise ServoRefused if the servo does not acknowledge writes or cannot be driven. Return a warning or None."""
     series = series_of(model)
     level = retry(partial(single.read, servo_id, series.status_level))
     if level < series.answers_all and not _acknowledges(single, servo_id, series):
-        raise ServoRefused(servo_id, f"acknowledges no writes: {_set_level(series)}")
+        raise ServoRefused(servo_id, f"does not acknowledge writes: {_set_level(series)}")
     if wrong := series.config_error(model, lambda register: retry(partial(single.read, servo_id, register))):
         raise ServoRefused(servo_id, wrong)
     return series.config_warning(lambda register: retry(partial(single.read, servo_id, register)))
@@ -38,16 +38,16 @@ def _model_number(single: SingleServo, servo_id: int, series: Series) -> int:
     try:
         return retry(partial(single.read, servo_id, series.model_number))
     except ServoSilent:
-        # Of one that does not even answer a ping there is no more to learn.
+        # This raises if the servo does not answer a ping either.
         single.ping(servo_id)
     try:
         return retry(partial(single.read, servo_id, series.model_number))
     except ServoSilent as error:
-        raise ServoRefused(servo_id, f"answers a ping but no read: {_set_level(series)}") from error
+        raise ServoRefused(servo_id, f"answers pings but not reads: {_set_level(series)}") from error
 
 
 def _acknowledges(single: SingleServo, servo_id: int, series: Series) -> bool:
-    """Whether it answers a write, by one that changes nothing: a simulator with an empty table may."""
+    """Whether the servo answers a write that changes nothing. A simulator with an empty table may answer it."""
     if series.harmless is None:
         return False
     held = retry(partial(single.read, servo_id, series.harmless))

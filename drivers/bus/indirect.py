@@ -1,7 +1,7 @@
-"""The servos' indirect registers are mapped when they are identified, and a map that was lost with the next torque-on.
+"""Map the indirect registers of servos when they are identified, and restore lost maps before torque is enabled.
 
-Every reply proves its map (drivers/servos/indirect.py). A servo that does not prove it was reset: it has no torque, and
-is asked for the direct block until it is given torque again.
+Every reply proves that its map is intact (drivers/servos/indirect.py). A reply without proof shows that the servo was
+reset and has no torque. Its state is then read from the direct block until torque is enabled again.
 """
 
 import logging
@@ -23,61 +23,58 @@ _MAP: Final = int.from_bytes(MAP, "little")
 
 
 class IndirectMaps:
-    """The maps of the servos on the line of this name."""
+    """Indirect register maps of the servos on one bus."""
 
     def __init__(self, servos: KnownServos, single: SingleServo, name: str) -> None:
         self._servos = servos
         self._single = single
         self._name = name
         self._lost: set[int] = set()
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
 
     def set_up(self, servo_id: int, model: ServoModel) -> None:
-        """Map a servo that has just been identified; whose registers do not take it stays on the direct block.
-
-        Raises only PortLost.
-        """
+        """Map the indirect registers of an identified servo. If a ServoError occurs, the direct block stays in use."""
         self._servos.unmap(servo_id)
         try:
-            # Where the cells lie depends on the firmware in some models only.
+            # Only in these models does the address of the cells depend on the firmware.
             read_version = partial(self._single.read, servo_id, x.firmware_version)
             block = block_for(model, retry(read_version) if model in x.X330 else 0)
             why = self._map(servo_id, block) if block else ""
         except ServoError as error:
             why = error.text
-        if why and servo_id not in self._told:
-            self._told.add(servo_id)
+        if why and servo_id not in self._reported:
+            self._reported.add(servo_id)
             LOG.info(
-                "%s: servo %d is read by the direct block: the map of its indirect registers was tried, and it %s",
+                "%s: servo %d is read from the direct block: after its indirect registers were mapped, it %s",
                 self._name, servo_id, why,
             )  # fmt: skip
 
     def _map(self, servo_id: int, block: StateBlock) -> str:
-        """Write the map, read it back, and look whether the cells show it; what is wrong, if so."""
+        """Write the map, read it back and check the cells. Return the problem, worded to follow "it", if any."""
         retry(partial(self._single.write, servo_id, MAP_REGISTER, _MAP))
         if retry(partial(self._single.read, servo_id, MAP_REGISTER)) != _MAP:
-            return "does not keep it"
-        # One byte more than a group read asks for, so that a late answer is none to that.
+            return "did not keep the map"
+        # One byte more than a group read, so that a late reply cannot be mistaken for a reply to a group read.
         cells = Register("indirect data", block.address, block.size + 1)
         data = retry(partial(self._single.read, servo_id, cells)).to_bytes(cells.size, "little")
         if block.decode(None, 0, data[: block.size]) is None:
-            return "does not show what it is to show"
+            return "did not return the mapped registers"
         self._servos.map(servo_id, block)
         self._lost.discard(servo_id)
         return ""
 
-    def lost(self, servo_id: int) -> None:
-        """The servo has answered without proof of its map."""
+    def mark_lost(self, servo_id: int) -> None:
+        """Record that the servo has answered without proof of its map."""
         if servo_id in self._servos.mapped:
             LOG.warning(
-                "%s: servo %d has lost the map of its indirect registers, so its memory: it was reset (by a dip of "
-                "its supply?), and its torque went off. It is read by the direct block until it has torque again",
+                "%s: servo %d has lost the map of its indirect registers: it was reset, perhaps by a voltage drop, and "
+                "its torque is off. It is read from the direct block until its torque is enabled again",
                 self._name, servo_id,
             )  # fmt: skip
             self._lost.add(servo_id)
             self._servos.unmap(servo_id)
 
     def restore(self, servo_id: int) -> None:
-        """Map a servo that has lost its map; raises only PortLost."""
+        """Map the indirect registers again if the servo has lost its map."""
         if servo_id in self._lost:
             self.set_up(servo_id, self._servos.model(servo_id))

@@ -1,4 +1,4 @@
-"""The known servos of one line: the series and model of each, and how states are asked for and goals are told."""
+"""The servos of one bus with their models, and the packets that read their states and write their goals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from struct import Struct
@@ -14,63 +14,60 @@ from drivers.servos.register import ServoModel
 from drivers.servos.series import Series, StateBlock
 
 GoalWrite = Callable[[Mapping[int, ServoGoal]], bytes]
-"""A goal for each of its servos as a sync write."""
+"""Encodes the goals of its servos as a sync write."""
 
 
 class KnownServos:
-    """The servos of one line, by ID. A servo that is not known is taken to be of the line's first series."""
+    """The servos of one bus, by ID. An unknown servo is assumed to belong to the series of the first known servo."""
 
     def __init__(self, models: Mapping[int, ServoModel]) -> None:
-        """ValueError for servos that cannot share a line."""
+        """Raise ValueError if the servos cannot share a bus."""
         self.protocol = wire_protocol(models)
         self.models = dict(models)
-        """Those that are known."""
+        """Models of the known servos, by ID."""
         self._usual = next(iter(map(series_of, models.values())), STS if self.protocol is STS_PROTOCOL else X)
         self.mapped: dict[int, tuple[StateBlock, ...]] = {}
-        """The blocks of those whose states are asked for through indirect registers."""
+        """State blocks of the servos whose states are read through indirect registers, by ID."""
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
 
     def series(self, servo_id: int) -> Series:
-        """The servo's series."""
         model = self.models.get(servo_id)
         return series_of(model) if model else self._usual
 
     def model(self, servo_id: int) -> ServoModel:
-        """The servo's model, or one of its series where it is not known yet."""
+        """Return the model of a servo, or any model of its series if the servo is unknown."""
         return self.models.get(servo_id) or self._usual.models[0]
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet asks several of them for their states."""
         if self.protocol.group_read == "bulk":
             models = self.models.values()
             return bool(models) and all(model in series_of(model).bulk_models for model in models)
         return self.protocol.group_read == "sync"
 
     def identified(self, servo_id: int, model: ServoModel) -> None:
-        """Remember the model that the servo has shown."""
         if self.models.get(servo_id) != model:
             self.models[servo_id] = model
             self._forget_plans()
 
     def blocks(self, servo_id: int) -> tuple[StateBlock, ...]:
-        """The blocks that the servo may be asked for, the first if nothing speaks against it."""
+        """Return the state blocks that can be read from a servo, the preferred block first."""
         return self.mapped.get(servo_id) or self.series(servo_id).blocks
 
     def map(self, servo_id: int, block: StateBlock) -> None:
-        """The servo's indirect registers show this block. A direct one is asked for only while a reply may be late."""
+        """Prefer this block of indirect registers. Direct blocks are read only while late replies are possible."""
         self.mapped[servo_id] = (block, *self.series(servo_id).blocks[1:])
         self._forget_plans()
 
     def unmap(self, servo_id: int) -> None:
-        """The servo's indirect registers do not show its block, or may not: the direct ones."""
+        """Use the direct blocks, because the map of the servo's indirect registers is lost or unknown."""
         if self.mapped.pop(servo_id, None):
             self._forget_plans()
 
     def plan(self, servo_ids: tuple[int, ...], place: int = 0) -> ReadPlan:
-        """The read plan for these servos' block number ``place``."""
+        """Return the read plan for block number ``place`` of each servo."""
         plan = self._plans.get((servo_ids, place))
         if plan is None:
             blocks = {i: self.blocks(i)[place] for i in servo_ids}
@@ -78,7 +75,7 @@ class KnownServos:
         return plan
 
     def fast_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan | None:
-        """The plan of a fast sync read; None where they are not to be asked alike, or may not know it."""
+        """Return the plan of a fast sync read, or None if the servos have different blocks or do not support it."""
         if servo_ids not in self._fast:
             block, *others = {self.blocks(i)[0] for i in servo_ids}
             alike = block.fast and not others
@@ -86,7 +83,7 @@ class KnownServos:
         return self._fast[servo_ids]
 
     def _scales(self, servo_ids: tuple[int, ...]) -> dict[int, float | None]:
-        """Of a Dynamixel X that has not been identified nobody knows the unit of its current."""
+        """Return the scale of each servo. The current unit of a Dynamixel X is unknown until it is identified."""
         v1_line = self.protocol.packets is v1
         return {i: self.series(i).scale_of(self.model(i)) if v1_line or i in self.models else None for i in servo_ids}
 
@@ -95,7 +92,7 @@ class KnownServos:
             kept.clear()
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
-        """A sync write for each series. ValueError, and nothing is sent, where a goal does not fit."""
+        """Encode one sync write of goals for each series. Raise ValueError if a goal does not fit."""
         servo_ids = tuple(goals)
         writes = self._writes.get(servo_ids)
         if writes is None:
@@ -119,7 +116,7 @@ class KnownServos:
         return write
 
     def torque_off(self, servo_ids: Sequence[int]) -> bytes:
-        """A sync write for each series that lets go of these servos."""
+        """Encode one sync write for each series that disables the torque of these servos."""
         packets, order = self.protocol.packets, self.protocol.byte_order
         return b"".join(
             packets.sync_write(off.address, off.size, b"".join(bytes((i,)) + off.encode(0, order) for i in ids))

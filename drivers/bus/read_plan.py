@@ -1,4 +1,4 @@
-"""A read plan is one question to several servos, and how their replies lie one behind the other."""
+"""Plan one request to several servos and the layout of their replies."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,55 +16,52 @@ from drivers.servos.register import Register
 from drivers.servos.series import StateBlock, WireProtocol
 
 ReadResult = ServoState | int | FaultKind | ServoFault
-"""What became of one question to one servo: its state, or the register that was asked for, or why there is neither.
-A fault in words of its own is a refusal: the servo says why."""
+"""Result of one request to one servo: its state, a register value, or a fault. A ``ServoFault`` is a refusal with its
+reason."""
 
-Whole = Callable[[bytes], Mapping[int, ServoState] | None]
-"""All states where the bytes are exactly the replies of all servos in their order, and all is well; else None."""
+Decode = Callable[[bytes], Mapping[int, ServoState] | None]
+"""Returns all states if the bytes are exactly the valid replies of all servos in their order, or else None."""
 
 _GOOD_SUM_V1 = (1 + sum(v1.HEADER) + 0xFF) & 0xFF
-"""Of a whole reply by Adler-32, which is 1 more than the sum: its checksum makes the sum after the header 255."""
+"""Low byte of Adler-32 over a valid reply. Its checksum makes the sum after the header 255; Adler-32 adds 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReadPlan:
-    """One question. ``sizes`` are the data of each servo's reply, in the order of the question."""
+    """One request to several servos. ``sizes`` holds the data size of each reply, in the order of the request."""
 
     servo_ids: tuple[int, ...]
     sizes: Mapping[int, int]
     request: bytes
     reply_size: int
-    """Bytes of all replies, where nothing is stuffed."""
+    """Number of bytes of all replies without byte stuffing."""
     overhead: int
-    whole: Whole
+    decode_all: Decode
     result: Callable[[Reply], ReadResult]
-    """What one reply says by itself."""
+    """Decodes a single reply."""
     blocks: Mapping[int, StateBlock]
     fast: bool = False
-    """Whether all answer with one packet, which is believed as a whole or not at all."""
+    """Whether all servos reply with one common packet, which is valid only as a whole."""
 
     @property
     def exchange_size(self) -> int:
-        """Bytes of the question and of all replies."""
         return len(self.request) + self.reply_size
 
 
 def state_plan(
     protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]
 ) -> ReadPlan:
-    """Ask each servo for its block."""
     is_v1 = protocol.packets is v1
-    whole = _whole_v1(protocol, blocks, scales) if is_v1 else _whole_v2(blocks, scales)
+    decode_all = _decoder_v1(protocol, blocks, scales) if is_v1 else _decoder_v2(blocks, scales)
 
     def result(reply: Reply) -> ReadResult:
         return _state_result(protocol, blocks[reply.servo_id], scales[reply.servo_id], reply)
 
     spans = {i: (block.address, block.size) for i, block in blocks.items()}
-    return _plan(protocol, spans, whole, result, blocks)
+    return _plan(protocol, spans, decode_all, result, blocks)
 
 
 def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> ReadPlan:
-    """Ask each servo for one register."""
 
     def result(reply: Reply) -> ReadResult:
         if refused := _refusal(protocol, reply):
@@ -78,18 +75,18 @@ def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> 
 def _plan(
     protocol: WireProtocol,
     spans: Mapping[int, tuple[int, int]],
-    whole: Whole,
+    decode_all: Decode,
     result: Callable[[Reply], ReadResult],
     blocks: Mapping[int, StateBlock],
 ) -> ReadPlan:
     overhead: int = protocol.packets.OVERHEAD
     sizes = {i: size for i, (_, size) in spans.items()}
     reply_size = sum(sizes.values()) + overhead * len(sizes)
-    return ReadPlan(tuple(spans), sizes, _request(protocol, spans), reply_size, overhead, whole, result, blocks)
+    return ReadPlan(tuple(spans), sizes, _request(protocol, spans), reply_size, overhead, decode_all, result, blocks)
 
 
 def _request(protocol: WireProtocol, spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """A sync read where the protocol has one and what is asked for lies alike in all servos, else a bulk read."""
+    """Encode a sync read if the protocol has it and all spans are equal, or else a bulk read."""
     packets, places = protocol.packets, set(spans.values())
     if protocol.group_read == "sync" and len(places) == 1:
         request: bytes = packets.sync_read(tuple(spans), *places.pop())
@@ -101,7 +98,6 @@ def _request(protocol: WireProtocol, spans: Mapping[int, tuple[int, int]]) -> by
 
 
 def _refusal(protocol: WireProtocol, reply: Reply) -> ServoFault | None:
-    """What a reply that says that there is no answer says of the reason."""
     if number := reply.error & protocol.refusals:
         return fault(reply.servo_id, "refused", f"it {protocol.refusal(number)}")
     return None
@@ -109,7 +105,7 @@ def _refusal(protocol: WireProtocol, reply: Reply) -> ServoFault | None:
 
 def _state_result(protocol: WireProtocol, block: StateBlock, scale: float | None, reply: Reply) -> ReadResult:
     if refused := _refusal(protocol, reply):
-        # Nothing where the map's cells should be: it is another servo than the one that was mapped.
+        # The mapped cells do not exist, so this is not the servo that was mapped.
         no_map = block.proof and reply.error & protocol.refusals == v2.NO_ACCESS
         return "reset" if no_map else refused
     return block.decode(scale, reply.error, reply.data) or "reset"
@@ -117,16 +113,15 @@ def _state_result(protocol: WireProtocol, block: StateBlock, scale: float | None
 
 @cache
 def _unpack(layout: str) -> Callable[[bytes], tuple[Any, ...]]:
-    """One function for all servos whose replies are alike: there is less to fetch into the processor's caches."""
+    """Return one shared function for each layout, which saves space in the processor's caches."""
     return Struct(layout).unpack
 
 
-def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Whole:
-    """Each reply is unpacked by itself: a whole burst in one piece would be slower.
+def _decoder_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Decode:
+    """Return a decoder that unpacks each reply separately, which is faster than unpacking all replies together.
 
-    This is the greater part of a cycle's Python. What it looks at has been forgotten by the processor since the last
-    cycle, so few different steps done seven times are better than many done once. Every state of these protocols is
-    five numbers.
+    A control cycle spends most of its Python time here, with cold processor caches. A few steps repeated for seven
+    servos are therefore faster than many steps executed once. A state in these protocols consists of five numbers.
     """
     replies = []
     begin = 0
@@ -139,7 +134,7 @@ def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: 
         begin = end
     size, refusals = begin, protocol.refusals
 
-    def whole(data: bytes) -> Mapping[int, ServoState] | None:
+    def decode_all(data: bytes) -> Mapping[int, ServoState] | None:
         if len(data) != size:
             return None
         states: dict[int, ServoState] = {}
@@ -151,14 +146,14 @@ def _whole_v1(protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: 
             states[servo_id] = state(scale, status, position, velocity, load, voltage, temperature)
         return states
 
-    return whole
+    return decode_all
 
 
-def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Whole:
+def _decoder_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]) -> Decode:
     replies = []
     begin = 0
     for servo_id, block in blocks.items():
-        # The head as one number, error byte, state (at the block's end), checksum.
+        # The layout is: head as one number, error byte, state (at the end of the block), checksum.
         unpack = _unpack(f"<QB{block.at}x{block.fields.format[1:]}H")
         head = v2.HEADER + bytes((servo_id,)) + (block.size + 4).to_bytes(2, "little") + bytes((v2.STATUS,))
         end = begin + block.size + v2.OVERHEAD
@@ -167,8 +162,8 @@ def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | Non
         begin = end
     size = begin
 
-    def whole(data: bytes) -> Mapping[int, ServoState] | None:
-        if len(data) != size or data.count(v2.PATTERN) != len(replies):  # another length, or stuffed
+    def decode_all(data: bytes) -> Mapping[int, ServoState] | None:
+        if len(data) != size or data.count(v2.PATTERN) != len(replies):  # wrong length, or stuffed bytes
             return None
         states: dict[int, ServoState] = {}
         for servo_id, where, covered, unpack, right_head, scale, block in replies:
@@ -178,4 +173,4 @@ def _whole_v2(blocks: Mapping[int, StateBlock], scales: Mapping[int, float | Non
             states[servo_id] = block.state(scale, error, *numbers)
         return states
 
-    return whole
+    return decode_all

@@ -1,4 +1,4 @@
-"""The replies to one question that did not come as a whole: which servos answered, in whose place is garbage. Pure."""
+"""Collect separate replies to one request, and attribute garbage to the servos whose replies it may contain."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,48 +8,46 @@ from drivers.protocol.decoder import Decoder, Reply
 
 @dataclass(slots=True)
 class ReplyAssembler:
-    """Collects the replies of some servos. ``sizes``: the data that each was asked for, in the question's order."""
+    """Collector of replies. ``sizes`` holds the requested data size of each servo, in the order of the request."""
 
     sizes: Mapping[int, int]
     overhead: int
-    """Bytes of a reply beside its data."""
+    """Number of bytes of a reply in addition to its data."""
     decoder: Decoder
-    doubted: frozenset[int] = frozenset()
-    """Servos whose refusal ends nothing: it may be that of an earlier question, and this one's answer on its way."""
+    ambiguous: frozenset[int] = frozenset()
+    """Servos whose refusal may belong to an earlier request, so a reply may still arrive."""
     replies: list[Reply] = field(default_factory=list)
     answered: set[int] = field(default_factory=set)
 
     def feed(self, data: bytes) -> None:
-        """Take more bytes."""
-        self._take(self.decoder.feed(data))
+        self._add(self.decoder.feed(data))
 
     def finish(self) -> None:
-        """Take what waited for its end: nothing more comes."""
-        self._take(self.decoder.finish())
+        self._add(self.decoder.finish())
 
-    def _take(self, replies: Sequence[Reply]) -> None:
+    def _add(self, replies: Sequence[Reply]) -> None:
         self.replies += replies
         for reply in replies:
-            if self.fits(reply) and not (reply.servo_id in self.doubted and self.decoder.refuses(reply)):
+            if self.fits(reply) and not (reply.servo_id in self.ambiguous and self.decoder.refuses(reply)):
                 self.answered.add(reply.servo_id)
 
     def fits(self, reply: Reply) -> bool:
-        """Whether the reply is one to this question, by its size; one that refuses it may be of any."""
+        """Whether the reply may answer this request. Its size must match, unless it is a refusal."""
         size = self.sizes.get(reply.servo_id)
         return size is not None and (len(reply.data) == size or self.decoder.refuses(reply))
 
     def bytes_missing(self, servo_ids: tuple[int, ...]) -> int:
-        """Bytes to wait for; 0 when the last of them has answered."""
+        """Return the number of bytes to wait for, which is 0 after the last of these servos has answered."""
         if not servo_ids or servo_ids[-1] in self.answered:
             return 0
         missing = sum(self.sizes[i] + self.overhead for i in servo_ids if i not in self.answered)
         return max(1, missing - self.decoder.waiting)
 
     def corrupted(self) -> tuple[set[int], int]:
-        """The servos whose reply lies in the garbage, and how many pieces of it are too short or too long for that.
+        """Return the servos whose corrupt replies explain the garbage, and the number of remaining runs of noise.
 
-        Replies come in turn, so the gap says who is missing in it: as many as fit, those first whose ID
-        can still be read.
+        Servos reply in order. The garbage between two replies is attributed to the missing servos between them, as
+        many as fit into it. Servos whose ID is still readable come first.
         """
         corrupt: set[int] = set()
         noise = 0
@@ -66,7 +64,7 @@ class ReplyAssembler:
         return corrupt, noise
 
     def _gaps(self) -> list[tuple[int, list[int]]]:
-        """Garbage and missing servos before each reply that was asked for, and after the last."""
+        """Return the garbage size and the missing servos before each expected reply and after the last reply."""
         asked = tuple(self.sizes)
         gaps = []
         turn, garbage = 0, 0

@@ -1,4 +1,4 @@
-"""A question is asked again, for one lost packet must not fail a whole set-up, and a cycle has time for some."""
+"""Repeat requests, so that one lost packet does not make set-up fail."""
 
 from collections.abc import Callable
 from typing import Final, TypeVar
@@ -6,16 +6,16 @@ from typing import Final, TypeVar
 from drivers.errors import ServoCorrupt, ServoSilent
 
 ATTEMPTS: Final = 4
-"""On a line that loses 9 % of all answers, one question in 15000 stays open by chance; a set-up has about a hundred."""
+"""Number of attempts. If a bus loses 9 % of all replies, 1 request in 15,000 fails; set-up needs about 100 requests."""
 
 CYCLE_RETRIES: Final = 2
-"""How often a servo is asked again within one cycle, if there is time."""
+"""Maximum number of repeated requests to a servo in one control cycle."""
 
 Result = TypeVar("Result")
 
 
 def retry(question: Callable[[], Result]) -> Result:
-    """The answer to the question, or what the last attempt raised."""
+    """Return the result of a request, repeated if the servo is silent or its reply is corrupt."""
     for _ in range(ATTEMPTS - 1):
         try:
             return question()

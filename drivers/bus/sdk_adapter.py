@@ -1,7 +1,7 @@
-"""The adapter that puts the makers' packet handlers over our Port.
+"""Connect the manufacturers' packet handlers to a Port.
 
-Their own PortHandlers spin at 100 % CPU while they wait, and Feetech's flushes output where it should drop stale
-input; this one waits on the port and drops the input.
+The PortHandlers of the SDKs wait at 100 % CPU load. Feetech's PortHandler flushes output instead of discarding old
+input. This adapter waits without CPU load and discards the input.
 """
 
 from typing import Final
@@ -12,31 +12,31 @@ import scservo_sdk
 from drivers.port.line import BITS_PER_BYTE, Line
 
 CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
-"""The other numbers are the same in both, or mean no answer."""
+"""Result codes of both SDKs for a corrupt reply. Their other codes are the same, or mean that there was no reply."""
 _GRACE_S = 0.034
-"""What the SDK grants a reply beside its time on the wire (two 16 ms USB latency timers and 2 ms)."""
-_NEVER_SILENT_S = 0.1  # behind the deadline: in less, all that had come by then is read
+"""Reply timeout of the SDK without the transmission time, in seconds: two USB latency timers of 16 ms and 2 ms."""
+_FLOOD_S = 0.1  # time after the deadline in which all bytes that arrived before it are read
 
 
 class SdkAdapter:
-    """The PortHandler that scservo_sdk and dynamixel_sdk expect. The method names are theirs."""
+    """PortHandler for scservo_sdk and dynamixel_sdk, which prescribe the method names."""
 
     def __init__(self, line: Line) -> None:
         self._line = line
         self._port = line.port
         self._sent = b""
-        self._doubtful, self._given, self._mixed = b"", b"", False
+        self._held_back, self._delivered, self._echo_delivered = b"", b"", False
         self._deadline_s = 0.0
 
-    def judged(self, result: int) -> int:
-        """An SDK's result code, with what it does not know of echoes."""
-        if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # perhaps there is no echo any more
+    def corrected_result(self, result: int) -> int:
+        """Return the result code of an SDK, corrected for echoes."""
+        if result != dynamixel_sdk.COMM_SUCCESS and self._sent:  # the adapter may no longer echo
             self._line.echoes = self._line.echoes and None
-        return dynamixel_sdk.COMM_RX_CORRUPT if self._mixed else result
+        return dynamixel_sdk.COMM_RX_CORRUPT if self._echo_delivered else result
 
     @property
     def is_using(self) -> bool:
-        """The SDK's lock. One thread owns the port, and an exception would leave the lock shut for good."""
+        """The SDK's lock, always free. One thread owns the port, and an exception would leave the lock closed."""
         return False
 
     @is_using.setter
@@ -49,39 +49,39 @@ class SdkAdapter:
         self._port.discard_input()
 
     def writePort(self, packet: list[int]) -> int:
-        self._sent, self._doubtful, self._given, self._mixed = bytes(packet), b"", b"", False
+        self._sent, self._held_back, self._delivered, self._echo_delivered = bytes(packet), b"", b"", False
         self._port.write(self._sent)
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
-        # Of a frame that claims to be shorter than any, the SDKs ask for less than nothing. While bytes come they never
-        # look at the time, and a line that is never silent has always some.
-        if length <= 0 or self._line.now() >= self._deadline_s + _NEVER_SILENT_S:
+        # For a frame with an impossibly small length, the SDKs request a negative number of bytes. They do not check
+        # the time while bytes arrive, so a read would never end on a flooded bus.
+        if length <= 0 or self._line.now() >= self._deadline_s + _FLOOD_S:
             return b""
-        data = self._doubtful + self._port.read(length, self._deadline_s)
+        data = self._held_back + self._port.read(length, self._deadline_s)
         if self._line.echoes is False or not self._sent:
             return data
         return self._without_echo(data)
 
     def _without_echo(self, data: bytes) -> bytes:
-        """The SDK would take our own request for an answer. Held back until it is told apart.
+        """Remove the echo of the request, which the SDK would take for a reply.
 
-        Where there surely is an echo, nothing before it is an answer. Where there may be none, only what begins like
-        it is held back: the SDK may get a piece of it behind noise, and then whatever it makes of that is ``_mixed``.
+        If the adapter is known to echo, all bytes before the echo are discarded. Otherwise bytes that may start an echo
+        are held back. If noise precedes an echo, the SDK may receive the echo, and its result is marked as corrupt.
         """
         at = data.find(self._sent)
         if at >= 0:
             data = data[at + len(self._sent) :]
-        elif self._line.echoes or (not self._given and self._sent.startswith(data)):
-            self._doubtful = data
+        elif self._line.echoes or (not self._delivered and self._sent.startswith(data)):
+            self._held_back = data
             return b""
         else:
-            self._given += data
-            self._mixed = self._sent in self._given
-            self._doubtful = b""
-        if at >= 0 or self._mixed:
+            self._delivered += data
+            self._echo_delivered = self._sent in self._delivered
+            self._held_back = b""
+        if at >= 0 or self._echo_delivered:
             self._line.echoes = True
-            self._sent, self._doubtful = b"", b""
+            self._sent, self._held_back = b"", b""
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:

@@ -1,5 +1,6 @@
-"""The state reader decides which servos are asked when: all in one question where they can be asked together, those
-that are missing again, and those that are silent last."""
+"""Decide when to request the state of each servo.
+
+All servos are read together if possible. Missing states are requested again, and silent servos are asked last."""
 
 import logging
 import math
@@ -20,12 +21,12 @@ from drivers.servos.register import Register
 
 LOG = logging.getLogger("servoloop.drivers")
 
-Turn = tuple[tuple[int, ...], int]
-"""Servos that are asked together, and how many of them, the first, are expected to answer."""
+Batch = tuple[tuple[int, ...], int]
+"""Servos that are asked together, and the number of leading servos that are expected to answer."""
 
 
 class StateReader:
-    """The state reads of one line. Raises only PortLost."""
+    """State reads of one bus. The only exception is PortLost."""
 
     def __init__(
         self, line: Line, group: GroupRead, servos: KnownServos, counters: BusCounters, late: LateReplies
@@ -38,39 +39,39 @@ class StateReader:
         self._sync = servos.protocol.group_read == "sync"
         self._backoff = Backoff()
         self._asked: tuple[int, ...] = ()
-        self._turns: list[Turn] = []
+        self._batches: list[Batch] = []
         self._plan: ReadPlan | None = None
-        """The question that is under way."""
+        """Plan of the request whose replies have not been received yet."""
         self._responsive = 0
         self._no_time: frozenset[int] = frozenset()
-        """Servos that the last cycle had no time for: the next begins with them."""
+        """Servos for which the last cycle had no time. The next cycle asks them first."""
         self.deadline_s = math.inf
-        self._told = servos.read_together
+        self._reported = servos.read_together
 
     def request(self, asked: tuple[int, ...], deadline_s: float) -> None:
-        """Send the first question."""
+        """Send the first request of a cycle."""
         if self._plan is not None:
             self._group.abandon(self._plan)
             self._plan = None
-        if not self._told:
-            self._told = True
-            self._say_that_it_takes_longer(asked)
-        self._asked, self.deadline_s, self._turns = asked, deadline_s, []
+        if not self._reported:
+            self._reported = True
+            self._log_separate_reads(asked)
+        self._asked, self.deadline_s, self._batches = asked, deadline_s, []
         now_s = self._line.now()
         if now_s >= deadline_s or not asked:
             return
         if self._sync and not self._backoff.misses:
-            self._ask(asked, len(asked), deadline_s)
+            self._send(asked, len(asked), deadline_s)
             return
         self._group.timeout.begin()
-        self._turns = self._turns_of(asked, now_s)
-        if self._turns:
-            self._ask(*self._turns.pop(0), deadline_s)
+        self._batches = self._batches_of(asked, now_s)
+        if self._batches:
+            self._send(*self._batches.pop(0), deadline_s)
 
-    def _turns_of(self, asked: tuple[int, ...], now_s: float) -> list[Turn]:
+    def _batches_of(self, asked: tuple[int, ...], now_s: float) -> list[Batch]:
         responsive, probed = self._backoff.split(asked, now_s)
         if self._sync:
-            # Where nobody is expected to answer, the adapter may be the slow one: the whole first wait.
+            # If all servos are silent, the adapter may be slow, so they get the long timeout of responsive servos.
             both = responsive + probed
             return [(both, len(responsive) or len(both))] if both else []
         if self._servos.read_together and responsive:
@@ -78,34 +79,34 @@ class StateReader:
         responsive = tuple(sorted(responsive, key=lambda i: i not in self._no_time))
         return [*(((i,), 1) for i in responsive), *(((i,), 0) for i in probed)]
 
-    def _ask(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
+    def _send(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
         fast = self._group.fast
-        may = fast.known and responsive == len(servo_ids) and fast.may_be_asked()
+        may = fast.known and responsive == len(servo_ids) and fast.allowed()
         plan = self._fast_or_none(servo_ids, deadline_s) if may else None
         if plan is None:
             plan = self._servos.plan(servo_ids, self._place(servo_ids) if self._late.open else 0)
         self._plan = plan
         self._responsive = responsive
-        self._group.ask(plan)
+        self._group.send(plan)
 
     def _place(self, servo_ids: tuple[int, ...]) -> int:
-        """Which of its blocks to ask each servo for, so that no late reply can be taken for the answer."""
+        """Return the index of the block to request, so that a late reply cannot be taken for the reply to it."""
         self._late.forget(self._line.now())
         return self._late.place({i: [block.size for block in self._servos.blocks(i)] for i in servo_ids})
 
     def receive(self) -> Mapping[int, Reading]:
-        """What has become of the questions of this cycle; what is missing is asked for again while there is time."""
+        """Return the states or faults of this cycle. Missing states are requested again while there is time."""
         plan, asked = self._plan, self._asked
         results = self._collect(self._until_s(plan.servo_ids) if plan and not self._sync else self.deadline_s)
-        while self._turns:
-            turn = self._turns.pop(0)
-            if self._has_time(turn[0], self.deadline_s):
-                self._ask(*turn, self.deadline_s)
-                results = {**results, **self._collect(self._until_s(turn[0]))}
-        if plan is not None and plan.servo_ids == asked and self._group.whole and not self._backoff.misses:
+        while self._batches:
+            batch = self._batches.pop(0)
+            if self._has_time(batch[0], self.deadline_s):
+                self._send(*batch, self.deadline_s)
+                results = {**results, **self._collect(self._until_s(batch[0]))}
+        if plan is not None and plan.servo_ids == asked and self._group.complete and not self._backoff.misses:
             self._no_time = frozenset()
             return cast(Mapping[int, Reading], results)
-        return self._made_up(dict(results))
+        return self._complete(dict(results))
 
     def _collect(self, deadline_s: float) -> Mapping[int, ReadResult]:
         plan = self._plan
@@ -117,21 +118,21 @@ class StateReader:
         except BaseException:
             self._group.abandon(plan)
             raise
-        return results if results or not plan.fast else self._plainly(plan.servo_ids, deadline_s)
+        return results if results or not plan.fast else self._read_separately(plan.servo_ids, deadline_s)
 
-    def _plainly(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
-        """Ask those whose fast read was broken, each for a reply of its own: that alone shows whose fault it was."""
+    def _read_separately(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
+        """Read servos again with separate replies after a failed fast read, to find which of them failed."""
         if not self._has_time(servo_ids, deadline_s):
             return {}
-        self._ask(servo_ids, len(servo_ids), deadline_s)
+        self._send(servo_ids, len(servo_ids), deadline_s)
         return self._collect(deadline_s)
 
-    def _made_up(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
-        """Count whom nobody asked, and ask again whoever was expected to answer and did not."""
+    def _complete(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
+        """Count servos that were not asked, and repeat the requests to servos that were expected to answer."""
         expected = [i for i in results if i not in self._backoff.misses]
         self._count_unasked(results)
         missing = self._backoff.note(results, self._line.now())
-        self._ask_again([i for i in missing if i in expected], results)
+        self._repeat_requests([i for i in missing if i in expected], results)
         return self._readings(results)
 
     def _count_unasked(self, results: Mapping[int, ReadResult]) -> None:
@@ -144,24 +145,22 @@ class StateReader:
             account.no_time += servo_id not in silent
 
     def _readings(self, results: Mapping[int, ReadResult]) -> dict[int, Reading]:
-        """In the order of the question."""
         readings: dict[int, Reading] = {}
         for servo_id in self._asked:
             result = results.get(servo_id, "no_time" if servo_id in self._no_time else "silent")
             readings[servo_id] = fault(servo_id, result) if isinstance(result, str) else cast(Reading, result)
         return readings
 
-    def _ask_again(self, missing: Sequence[int], results: dict[int, ReadResult]) -> None:
-        """Only what is missing, and only while there is time."""
+    def _repeat_requests(self, missing: Sequence[int], results: dict[int, ReadResult]) -> None:
         for _ in range(CYCLE_RETRIES):
-            # Not a servo that has lost its map: it would answer the same again.
-            worth_it = [i for i in missing if results[i] != "reset"]
+            # A servo that has lost its map would send the same reply again.
+            repeatable = [i for i in missing if results[i] != "reset"]
             again: dict[int, ReadResult] = {}
-            for servo_ids in self.groups(worth_it):
+            for servo_ids in self.groups(repeatable):
                 if self._has_time(servo_ids, self.deadline_s, GAP_S):
                     for servo_id in servo_ids:
                         self._counters.of(servo_id).retries += 1
-                    self._ask(servo_ids, 0, self.deadline_s)
+                    self._send(servo_ids, 0, self.deadline_s)
                     again |= self._collect(self._until_s(servo_ids))
             if not again:
                 return
@@ -169,14 +168,14 @@ class StateReader:
             missing = self._backoff.note(again, self._line.now())
 
     def groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
-        """Those that are asked together where some may be silent: in a bulk read one would hide those behind it."""
+        """Group servos of which some may be silent. In a bulk read, a silent servo would hide the servos after it."""
         if self._sync:
             return [tuple(servo_ids)] if servo_ids else []
         return [(servo_id,) for servo_id in servo_ids]
 
-    def read_patiently(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
-        """Ask without a deadline, waiting for everybody."""
-        # Those that were missing are asked last, and whoever may have waited in vain is asked once more.
+    def read_without_deadline(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
+        """Read the states of all servos without a deadline."""
+        # Silent servos are asked last. Servos that may have waited for a silent servo are asked once more.
         self._asked, self._no_time = asked, frozenset()
         self._group.timeout.begin()
         responsive, probed = self._backoff.split(asked, math.inf)
@@ -195,20 +194,20 @@ class StateReader:
     def _read_all(self, servo_ids: tuple[int, ...]) -> dict[int, ReadResult]:
         results: dict[int, ReadResult] = {}
         for together in self.groups(servo_ids):
-            self._ask(together, len(together), -math.inf)
+            self._send(together, len(together), -math.inf)
             results |= self._collect(math.inf)
         return results
 
     def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
-        """One register of each servo, as far as they answer by the deadline: one attempt."""
-        # The answer may have the size of a late one, also to a question that a servo was asked by itself.
+        """Read one register of each servo once. Servos that do not reply before the deadline are left out."""
+        # Servos are left out if a late reply, also to a single request, may have the size of this reply.
         now_s, late = self._line.now(), self._late
-        asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.doubtful({i: r.size})]
+        asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
         found: dict[int, int] = {}
         for together in self.groups(asked):
             plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})
             if self._fits(plan.exchange_size, deadline_s, GAP_S):
-                self._group.ask(plan)
+                self._group.send(plan)
                 results = self._group.collect(plan, len(together), deadline_s)
                 found |= {i: result for i, result in results.items() if isinstance(result, int)}
         return found
@@ -216,7 +215,7 @@ class StateReader:
     # Fast sync reads.
 
     def _try_fast_once(self, servo_ids: tuple[int, ...]) -> None:
-        """Once a bus, when all have just answered, and outside of a cycle: can they be read fast?"""
+        """Try fast sync reads once for each bus, outside a control cycle and after all servos have answered."""
         if self._group.fast.tried or not servo_ids or self._backoff.misses or not self._line.clean:
             return
         plan = self._servos.fast_plan(servo_ids)
@@ -224,9 +223,9 @@ class StateReader:
             self._group.fast.trial(plan)
 
     def _fast_or_none(self, servo_ids: tuple[int, ...], deadline_s: float) -> ReadPlan | None:
-        """A fast sync read, where one who is silent silences others too: if there is time to ask all once more.
+        """Return the plan of a fast sync read, or None if there would be no time to read all servos again after it.
 
-        Not while a reply may still come late: only separate replies can be told apart.
+        Fast reads are not used while late replies are possible, because only separate replies can be distinguished.
         """
         if self._late.open:
             self._late.forget(self._line.now())
@@ -239,40 +238,37 @@ class StateReader:
     # Time.
 
     def exchange_size(self, asked: tuple[int, ...]) -> int:
-        """Bytes on the wire for the states of all, where nothing goes wrong."""
         fast = self._servos.fast_plan(asked) if self._group.fast.known else None
         groups = [asked] if self._servos.read_together else self.groups(asked)
         plans = [fast] if fast else [self._servos.plan(servo_ids) for servo_ids in groups]
         return sum(plan.exchange_size for plan in plans)
 
     def _fits(self, size: int, deadline_s: float, gap_s: float = 0.0) -> bool:
-        """Whether so many bytes go over the wire before the deadline."""
         begin_s = max(self._line.now(), self._line.busy_until_s)
         return begin_s + size * self._line.byte_s + gap_s < deadline_s
 
     def _size_of(self, servo_ids: tuple[int, ...]) -> int:
-        """Bytes of a question and its answers."""
         return self._servos.plan(servo_ids, self._place(servo_ids) if self._late.open else 0).exchange_size
 
     def _has_time(self, servo_ids: tuple[int, ...], deadline_s: float, gap_s: float = 0.0) -> bool:
         return self._fits(self._size_of(servo_ids), deadline_s, gap_s)
 
     def _until_s(self, servo_ids: tuple[int, ...]) -> float:
-        """Until when to wait for these, so that a silent one does not take the time of those that are still to come."""
+        """Return the deadline for these servos, so that a silent servo does not use up the time of later servos."""
         if self._sync:
             return self.deadline_s
         byte_s = self._line.byte_s
-        # Whoever is hidden by a silent one in a bulk read is asked again, alone.
-        later = [ids for ids, _ in self._turns] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
+        # Servos hidden by a silent servo in a bulk read are asked again separately.
+        later = [ids for ids, _ in self._batches] + ([(i,) for i in servo_ids] if len(servo_ids) > 1 else [])
         needed_s = sum(self._size_of(ids) * byte_s + RESPONSIVE_S for ids in later)
         at_least_s = self._line.now() + self._size_of(servo_ids) * byte_s + SPARE_S
         return min(max(self.deadline_s - needed_s, at_least_s), self.deadline_s)
 
-    def _say_that_it_takes_longer(self, servo_ids: tuple[int, ...]) -> None:
+    def _log_separate_reads(self, servo_ids: tuple[int, ...]) -> None:
         count, port = len(servo_ids), self._line.port
         LOG.info(
-            "%s: these %s servos have no group read, so the %d of them are asked one by one: %.2f ms of every cycle "
-            "at %d baud, and the adapter's delay %d times instead of once",
+            "%s: these %s servos do not support a group read, so the %d servos are read one by one: this takes %.2f ms "
+            "of every cycle at %d baud, and %d times the adapter's delay",
             port.name, self._servos.protocol.name, count, 1e3 * self.exchange_size(servo_ids) * self._line.byte_s,
             port.baud, count,
         )  # fmt: skip

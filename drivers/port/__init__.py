@@ -1,17 +1,17 @@
-"""Define the port, the seam through which bytes leave. A serial device and the virtual bus are ports."""
+"""The interface of ports. Serial devices and the virtual bus implement it."""
 
 from typing import Protocol
 
 
 class Port(Protocol):
-    """Half-duplex serial line with one owner.
+    """A half-duplex serial port with one owner.
 
-    Every method raises PortLost when the line is gone (unplugged adapter, ended emulator).
+    All methods raise ``PortLost`` after the device has disappeared, such as an unplugged adapter.
     """
 
     @property
     def name(self) -> str:
-        """Name of the line in messages, such as ``/dev/ttyACM0``."""
+        """Name of the port for messages, such as ``/dev/ttyACM0``."""
         ...
 
     @property
@@ -55,5 +55,5 @@ class Port(Protocol):
         ...
 
     def close(self) -> None:
-        """Close the line. Closing it again has no effect."""
+        """Close the port. Closing it again has no effect."""
         ...

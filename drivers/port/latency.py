@@ -1,18 +1,18 @@
-"""USB adapters that hold bytes back: FTDI's gather them for 16 ms unless told otherwise."""
+"""Check the latency timer of USB adapters. FTDI adapters delay received bytes by up to 16 ms by default."""
 
 from pathlib import Path
 from typing import Final
 
 GOOD_MS: Final = 2
 HELD_BACK: Final = (
-    "the adapter or a hub holds the replies back: set its latency timer to 1 ms and plug it straight into the computer"
+    "the adapter or a hub delays replies: set its latency timer to 1 ms and plug the adapter directly into the computer"
 )
-"""Advice where nothing is known of the adapter's timer."""
+"""Advice for an adapter whose latency timer cannot be read."""
 _SYS: Final = Path("/sys/class/tty")
 
 
 def latency_advice(device: str, sys_tty: Path = _SYS) -> str | None:
-    """What to do about the adapter's latency timer, if it has one and it is too slow."""
+    """Return how to shorten the adapter's latency timer, or None if it is short enough or does not exist."""
     timer = sys_tty / Path(device).resolve().name / "device" / "latency_timer"
     try:
         latency_ms = int(timer.read_text())
@@ -21,6 +21,6 @@ def latency_advice(device: str, sys_tty: Path = _SYS) -> str | None:
     if latency_ms <= GOOD_MS:
         return None
     return (
-        f"the adapter {device} holds every reply back for up to {latency_ms} ms: "
-        f"run 'echo 1 | sudo tee {timer}' (until it is unplugged) for a fast bus"
+        f"adapter {device} delays every reply by up to {latency_ms} ms: "
+        f"run 'echo 1 | sudo tee {timer}' to set the delay to 1 ms until the adapter is unplugged"
     )

@@ -1,4 +1,4 @@
-"""A line is a port and what is known of its wire: until when it is busy, what is left on it, whether it echoes."""
+"""A serial line: a port together with the state of its wire."""
 
 from typing import Final
 
@@ -7,46 +7,46 @@ from drivers.port import Port
 
 BITS_PER_BYTE: Final = 10.0
 GAP_S: Final = 0.0015
-"""How long the next piece of an answer may take once some have come."""
+"""Maximum gap between two parts of a reply, in seconds."""
 
 
 class Line:
-    """The line that all parts of one bus share."""
+    """The serial line that all parts of one bus share."""
 
     def __init__(self, port: Port, clock: Clock) -> None:
         self.port = port
         self.now = clock.now
         self.byte_s = BITS_PER_BYTE / port.baud
         self.busy_until_s = 0.0
-        """Until when what was sent is on the wire."""
+        """Clock time at which the last byte sent leaves the wire, in seconds."""
         self.clean = False
-        """Whether nothing can be left of the last answer to throw away."""
+        """Whether the last replies were read completely, so that no input has to be discarded."""
         self.echoes: bool | None = None
-        """Half-duplex adapters that join the two wires give back what we send. None until an answer has shown it."""
+        """Whether the adapter echoes sent bytes, as some half-duplex adapters do. None until a reply shows it."""
 
-    def tell(self, packet: bytes) -> None:
-        """Send a packet that nobody answers. Its echo, if there is one, is taken off the line at once."""
+    def send(self, packet: bytes) -> None:
+        """Send a packet that has no reply, and read its echo if the adapter echoes."""
         self.port.write(packet)
         now_s, on_wire_s = self.now(), len(packet) * self.byte_s
         self.busy_until_s = (self.busy_until_s if self.busy_until_s > now_s else now_s) + on_wire_s
         if self.echoes:
             self.port.read(len(packet), self.busy_until_s + on_wire_s + GAP_S)
 
-    def ask(self, request: bytes) -> float:
-        """Send a question; returns when its last byte is on the wire."""
+    def send_request(self, request: bytes) -> float:
+        """Send a request. Return the clock time at which its last byte leaves the wire."""
         now_s = self.now()
         self.clean = False
         self.port.write(request)
         return (self.busy_until_s if self.busy_until_s > now_s else now_s) + len(request) * self.byte_s
 
-    def hear(self, request: bytes, size: int, until_s: float) -> bytes:
-        """The answer's ``size`` bytes if they come in time, or else what there is of them, without the echo."""
+    def receive(self, request: bytes, size: int, until_s: float) -> bytes:
+        """Receive up to ``size`` bytes of replies until ``until_s`` and return them without the echo of the request."""
         if self.echoes is False:
             return self.port.read(size, until_s)
         echoed = len(request) if self.echoes else 0
         data = self.port.read(echoed + size, until_s + echoed * self.byte_s)
         if self.echoes is None and data and request.startswith(data):
-            # Nobody knew of an echo, and it is so long that there is nothing else yet.
+            # The bytes so far may be an echo that was not expected, so the replies are still to come.
             data += self.port.read(len(request) - len(data) + size, until_s)
         at = data.find(request)
         self.echoes = True if at >= 0 else None

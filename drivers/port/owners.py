@@ -1,4 +1,4 @@
-"""Who holds a serial device: a program that does not lock it is seen only in the process table."""
+"""Find the processes that have a serial device open. Only the process table shows programs that do not lock it."""
 
 import os
 from collections.abc import Iterator
@@ -8,32 +8,31 @@ PSEUDO_TERMINALS = Path("/dev/pts")
 
 
 def port_owners(path: Path) -> Iterator[str]:
-    """Names of the other processes that hold the device open, as far as we may look."""
+    """Yield the names of other processes that have the device open, as far as permissions allow."""
     device = path.resolve()
     for process in sorted(Path("/proc").glob("[0-9]*"), key=lambda p: int(p.name)):
-        if int(process.name) != os.getpid() and _holds(process, device) and not _serves(process, device):
+        if int(process.name) != os.getpid() and _has_open(process, device) and not _serves(process, device):
             yield f"{_command(process)} (process {process.name})"
 
 
 def held_by_us(path: Path) -> bool:
-    """Whether this process has the device open."""
-    return _holds(Path("/proc/self"), path.resolve())
+    return _has_open(Path("/proc/self"), path.resolve())
 
 
 def is_pseudo_terminal(path: Path) -> bool:
-    """Whether a program is at the far end, and no adapter."""
+    """Whether the device is a pseudo-terminal, which a program serves instead of an adapter."""
     return path.resolve().parent == PSEUDO_TERMINALS
 
 
-def _holds(process: Path, device: Path) -> bool:
+def _has_open(process: Path, device: Path) -> bool:
     try:
         return any(Path(os.readlink(fd)) == device for fd in (process / "fd").iterdir())
-    except OSError:  # ended meanwhile, or another user's
+    except OSError:  # the process has ended, or belongs to another user
         return False
 
 
 def _serves(process: Path, device: Path) -> bool:
-    """Whether the process is the far end of this pseudo-terminal: an emulator keeps both ends open."""
+    """Whether the process serves this pseudo-terminal. An emulator keeps both ends open."""
     if not is_pseudo_terminal(device):
         return False
     try:
@@ -52,7 +51,7 @@ def _command(process: Path) -> str:
 
 
 def line_advice(device: str, plugs: str = "the cable's plugs") -> str:
-    """Return the parts of a line to check: the plugs, or on a pseudo-terminal the program that serves it."""
+    """Return the parts of a bus to check: the plugs or, for a pseudo-terminal, the program that serves it."""
     if is_pseudo_terminal(Path(device)):
-        return "the program that serves this virtual line, the faults set in it and the load of this machine"
+        return "the program that serves this virtual bus, its injected faults and the load of this machine"
     return plugs

@@ -1,4 +1,4 @@
-"""Open a serial device or a pseudo-terminal as a port."""
+"""Port for a serial device or a pseudo-terminal."""
 
 import contextlib
 import errno
@@ -20,15 +20,15 @@ from drivers.port.owners import held_by_us, is_pseudo_terminal, port_owners
 LOG = logging.getLogger("servoloop.drivers")
 
 _BURST = 32
-"""From this many expected bytes on, one wake-up for all is worth telling the kernel."""
+"""Minimum number of expected bytes for which the kernel is asked for a single wake-up."""
 LARGEST_VMIN = 255
 STALLED_S = 1.0
-"""How long an adapter may take nothing; the kernel's 4 KB are sent within half of it at 115200 baud."""
+"""Maximum time without an accepted byte, in seconds. Sending the kernel's 4 KB takes half of it at 115200 baud."""
 TOLERATED_RATE = 0.02
-"""How far the real rate may be from the wanted one: a receiver samples ten bits from one edge."""
+"""Maximum relative error of the baud rate. A receiver samples ten bits after one edge."""
 _UDEV_RULE = 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"'
 _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
-"""The kernel's own question for the rate as a number (asm-generic/termbits.h); the C library has but names."""
+"""Kernel call that returns the baud rate as a number (asm-generic/termbits.h). The C library only has named rates."""
 
 
 class SerialPort:
@@ -54,7 +54,7 @@ class SerialPort:
         self._serial = _open(device, baud)
         self._fd: int = self._serial.fileno()
         try:
-            _shut_out_others(Path(device), self._fd)
+            _exclude_others(Path(device), self._fd)
             _check_rate(device, self._fd, baud)
         except PortError:
             self.close()
@@ -75,7 +75,7 @@ class SerialPort:
             pass
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
-        self._wait_for_room()  # the kernel's buffer is full: rare, a request is short
+        self._wait_for_room()  # rare, because requests are shorter than the kernel's buffer
         self.write(data[sent:])
 
     def _wait_for_room(self) -> None:
@@ -84,17 +84,16 @@ class SerialPort:
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
         if not room:
-            raise PortLost(f"{self.name} takes no more bytes: check the cable and the adapter, then start again")
+            raise PortLost(f"{self.name} accepts no more bytes: check the cable and the adapter, then start again")
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        # What a cycle reads needs no more than this, for between two cycles the processor forgets every step that is
-        # taken here.
+        # This fast path is short because the processor's caches are cold at the start of every cycle.
         received = b""
         try:
             wait_s = deadline_s - self._clock.now()
             if size == self._wake_size and wait_s > 0.0 and self._poll.poll(int(wait_s * 1000.0)):
                 received = piece = os.read(self._fd, size)
-                while piece and len(received) < size:  # the kernel may hand it over in pieces of 64 bytes
+                while piece and len(received) < size:  # the kernel may return pieces of 64 bytes
                     piece = os.read(self._fd, size - len(received))
                     received += piece
                 if len(received) == size:
@@ -106,7 +105,7 @@ class SerialPort:
         return self._read_on(received, size, deadline_s)
 
     def _read_on(self, received: bytes, size: int, deadline_s: float) -> bytes:
-        """Piece by piece, until all is there or the time is up."""
+        """Read until ``size`` bytes are received or the deadline has passed."""
         ready = True
         while ready and (missing := size - len(received)):
             wake_size = 1 if missing < _BURST else min(missing, LARGEST_VMIN)
@@ -114,11 +113,11 @@ class SerialPort:
                 self._wake_at(wake_size)
             wait_s = deadline_s - self._clock.now()
             try:
-                # poll counts in milliseconds, select does the rest.
-                ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._rest(wait_s)
+                # poll waits for whole milliseconds, and select for the rest.
+                ready = bool(self._poll.poll(int(wait_s * 1000.0) if wait_s > 0.0 else 0)) or self._wait_rest(wait_s)
                 while len(received) < size:
                     data = os.read(self._fd, size - len(received))
-                    if not data:  # readable, yet nothing to read: the other end hung up
+                    if not data:  # the other end has closed the line
                         raise self._lost(None)
                     received += data
             except BlockingIOError:
@@ -127,8 +126,7 @@ class SerialPort:
                 raise self._lost(error) from error
         return received
 
-    def _rest(self, wait_s: float) -> bool:
-        """What is left of a wait behind its whole milliseconds."""
+    def _wait_rest(self, wait_s: float) -> bool:
         rest_s = wait_s % 0.001 if wait_s > 0.0 else 0.0
         return rest_s > 0.0 and bool(select.select([self._fd], [], [], rest_s)[0])
 
@@ -145,7 +143,7 @@ class SerialPort:
                 self._serial.baudrate = baud
                 _check_rate(self.name, self._fd, baud)
             except (PortError, ValueError, OverflowError, OSError, termios.error) as error:
-                self._serial.baudrate = former  # which a port that is gone refuses too
+                self._serial.baudrate = former  # raises as well if the device has disappeared
                 raise _baud_error(self.name, baud, error) from error
             finally:
                 self._settings, self._wake_size = termios.tcgetattr(self._fd), 0
@@ -154,17 +152,16 @@ class SerialPort:
         self.baud = baud
 
     def close(self) -> None:
-        # A child of this program may hold the device still: the kernel would go on refusing it to all others.
-        with contextlib.suppress(OSError, ValueError):  # gone, or closed before
+        # Without this, a child process that still has the device open would keep it locked for all other programs.
+        with contextlib.suppress(OSError, ValueError):  # the device has disappeared or is closed already
             fcntl.ioctl(self._fd, termios.TIOCNXCL)
         self._serial.close()
         self._fd = -1
 
     def _wake_at(self, size: int) -> None:
-        """Ask the kernel to wake us when a whole burst is there, not at each of its pieces.
+        """Ask the kernel for one wake-up per burst of replies instead of one per piece.
 
-        On Linux a poll of a raw terminal waits for VMIN bytes; what knows no VMIN only wakes us more
-        often. Short replies are not worth the call.
+        On Linux, a poll of a raw terminal waits for VMIN bytes. A device without VMIN only causes more wake-ups.
         """
         self._settings[6][termios.VMIN] = size
         try:
@@ -175,7 +172,7 @@ class SerialPort:
 
     def _lost(self, error: Exception | None) -> PortLost:
         reason = f" ({error})" if error else ""
-        return PortLost(f"{self.name} is gone{reason}: check the cable and the servos' power, then start again")
+        return PortLost(f"{self.name} has disappeared{reason}: check the cable and the servos' power, then start again")
 
 
 def _open(device: str, baud: int) -> serial.Serial:
@@ -184,7 +181,7 @@ def _open(device: str, baud: int) -> serial.Serial:
         raise PortMissing(_missing_text(device))
     if not _may_be_serial(path):
         raise PortNotSerial(not_serial_text(device))
-    # A program that does not lock the device (the SDKs do not) is seen only in the process table.
+    # Only the process table shows programs that do not lock the device, such as those that use the SDKs.
     owners = list(port_owners(path))
     if owners:
         raise PortBusy(f"{device} is in use by {', '.join(owners)}: end that program first")
@@ -196,33 +193,33 @@ def _open(device: str, baud: int) -> serial.Serial:
         raise _baud_error(device, baud, error) from error
 
 
-def _shut_out_others(path: Path, fd: int) -> None:
-    """The lock stops only programs that lock too (the SDKs do not); from here on the kernel stops all but root's.
+def _exclude_others(path: Path, fd: int) -> None:
+    """Have the kernel keep out all other programs except root's, because the SDKs ignore the lock.
 
-    Not of a pseudo-terminal: the kernel forgets this with the last close, and an emulator never closes its end. After
-    a program that was killed nobody could open it again.
+    A pseudo-terminal is left out. The kernel lifts this ban at the last close, but an emulator never closes its end.
+    If this program were killed, no program could open the pseudo-terminal again.
     """
     if not is_pseudo_terminal(path):
-        with contextlib.suppress(OSError):  # gone already: whoever uses it is told
+        with contextlib.suppress(OSError):  # if the device has disappeared, its next use raises PortLost
             fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
 def _baud_error(device: str, baud: int, error: Exception) -> PortError:
-    text = f"{device} does not take {baud} baud or is no serial port: {error}"
+    text = f"{device} does not support {baud} baud or is not a serial port: {error}"
     return error if isinstance(error, PortError) else PortError(text)
 
 
 def _check_rate(device: str, fd: int, baud: int) -> None:
-    """An adapter that cannot make the rate takes the nearest it can, and says so only if asked."""
+    """Raise PortError if the adapter has silently chosen a different baud rate."""
     try:
         answer = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2_SIZE))
-    except OSError:  # not a terminal of this kind
+    except OSError:  # not a terminal with this call
         return
     actual = int.from_bytes(answer[_OSPEED_AT : _OSPEED_AT + 4], "little")
     if actual and abs(actual - baud) > TOLERATED_RATE * baud:
         raise PortError(
-            f"{device} runs at {actual} baud when told {baud}: its adapter does not know that rate. "
-            "Set the servos and the robot file to one that it knows"
+            f"{device} runs at {actual} baud instead of {baud}, which its adapter does not support: "
+            "set the servos and the robot file to a rate that it supports"
         )
 
 
@@ -232,7 +229,7 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
     if error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error):
         owners = ", ".join(port_owners(path))
         if not owners and held_by_us(path):
-            return PortBusy(f"{path} is in use by this very program: close it first")
+            return PortBusy(f"{path} is already open in this program: close it first")
         owners = owners or "a program of another user"
         return PortBusy(f"{path} is in use by {owners}: end that program first")
     if error.errno in (errno.ENOTTY, errno.EINVAL) or isinstance(error.__context__, termios.error):
@@ -243,25 +240,24 @@ def _open_error(path: Path, error: serial.SerialException) -> PortError:
 
 
 def _may_be_serial(path: Path) -> bool:
-    """Whether a path is a terminal, as far as the kernel tells without opening it."""
+    """Whether a path may be a terminal, as far as this is known without opening it."""
     if not path.is_char_device():
         return False
     number = path.stat().st_rdev
-    subsystem = Path(f"/sys/dev/char/{os.major(number)}:{os.minor(number)}/subsystem")  # pseudo-terminals have none
+    subsystem = Path(f"/sys/dev/char/{os.major(number)}:{os.minor(number)}/subsystem")  # missing for pseudo-terminals
     return not subsystem.exists() or subsystem.resolve().name == "tty"
 
 
 def _missing_text(device: str) -> str:
-    return f"there is no {device}: plug in the adapter or name another port (there is {_there()})"
+    return f"{device} does not exist: plug in the adapter or choose another port (found: {_ports_found()})"
 
 
 def not_serial_text(device: str) -> str:
-    """The message about a path that is not a serial device."""
     what = "a folder" if Path(device).is_dir() else "a file" if Path(device).is_file() else "another kind of device"
-    return f"{device} is not a serial device but {what}: name the adapter's port (there is {_there()})"
+    return f"{device} is not a serial device but {what}: choose the adapter's port (found: {_ports_found()})"
 
 
-def _there() -> str:
+def _ports_found() -> str:
     found = sorted(str(p) for pattern in ("ttyACM*", "ttyUSB*") for p in Path("/dev").glob(pattern))
     return ", ".join(found) or "none"
 
@@ -273,10 +269,10 @@ def _denied_text(path: Path) -> str:
     except KeyError:
         group = str(group_id)
     owned = f"it belongs to the group '{group}'. "
-    if group == "root":  # whoever joins it may far more than open ports
+    if group == "root":  # this group grants far more than access to ports
         group = "dialout"
         owned = (
-            f"it belongs to root alone. Give it to the group '{group}' by the line '{_UDEV_RULE}' in "
-            "/etc/udev/rules.d/99-servos.rules, and plug the adapter in again. "
+            f"only root can open it. To give it to the group '{group}', add the line '{_UDEV_RULE}' to "
+            "/etc/udev/rules.d/99-servos.rules and plug the adapter in again. "
         )
-    return f"no permission to open {path}: {owned}Run 'sudo usermod -aG {group} $USER', log out and in again"
+    return f"no permission to open {path}: {owned}Run 'sudo usermod -aG {group} $USER', then log out and in again"

@@ -1,1 +1,1 @@
-"""The bytes of the servo protocols: packets from values and back, without I/O."""
+"""Packets of the servo protocols: encoding and decoding without I/O."""

@@ -1,4 +1,4 @@
-"""Decoders find replies in a stream of any pieces and any garbage, whatever the packets."""
+"""Find reply packets in a byte stream that may be fragmented and contain garbage."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -7,24 +7,24 @@ from typing import ClassVar
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A status packet whose checksum is right."""
+    """A status packet with a correct checksum."""
 
     servo_id: int
     error: int
-    """The byte in which the servo complains: of itself, or of what it was asked."""
+    """Error byte of the reply. It reports alarms of the servo or errors in the request."""
     data: bytes
     garbage: int = field(default=0, compare=False)
-    """Bytes before it that belong to no reply."""
+    """Number of bytes between the previous reply and this reply that belong to neither."""
 
 
 @dataclass(slots=True)
 class Decoder(ABC):
-    """A decoder finds replies with ``data_size`` bytes of data.
+    """Decoder for replies with ``data_size`` bytes of data.
 
-    The size is known from the request; a frame of another size is passed over, so that noise that looks like a long
-    frame cannot swallow the replies behind it. Only sizes in ``other_sizes`` (those of earlier requests) are found too,
-    and those without data that refuse the request, by the bits ``refusals`` of the error byte. ``corrupt_ids`` lists
-    the id fields of frames whose checksum was wrong; ``garbage`` counts the bytes since the last reply.
+    The request determines this size. The decoder skips frames of any other size, so that noise that looks like a long
+    frame cannot hide the replies after it. It also accepts the sizes of earlier requests (``other_sizes``) and replies
+    without data that refuse the request (a bit of ``refusals`` is set in their error byte). ``corrupt_ids`` lists the
+    IDs in frames with a wrong checksum. ``garbage`` is the number of unused bytes since the last reply.
     """
 
     HEADER: ClassVar[bytes]
@@ -38,22 +38,22 @@ class Decoder(ABC):
 
     @property
     def waiting(self) -> int:
-        """Bytes of a reply whose end has not come."""
+        """Number of bytes received of a reply that is not complete yet."""
         return len(self._pending)
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Return the replies that end in ``data``."""
+        """Add received bytes and return the replies that they complete."""
         header = self.HEADER
         pending = self._pending + data
         replies: list[Reply] = []
         at = 0
         while (start := pending.find(header, at)) >= 0:
             self.garbage += start - at
-            taken = self._take(pending, start, replies)
-            if taken is None:
+            consumed = self._decode(pending, start, replies)
+            if consumed is None:
                 self._pending = pending[start:]
                 return replies
-            at = start + taken
+            at = start + consumed
         size = len(header) - 1
         while not pending.endswith(header[:size], at):
             size -= 1
@@ -62,7 +62,7 @@ class Decoder(ABC):
         return replies
 
     def finish(self) -> list[Reply]:
-        """Return the replies behind a false header that waited for its end: nothing more comes."""
+        """Return the replies after a false header, when no more bytes are expected."""
         replies: list[Reply] = []
         while self._pending:
             rest, self._pending = self._pending[1:], b""
@@ -71,26 +71,24 @@ class Decoder(ABC):
         return replies
 
     def refuses(self, reply: Reply) -> bool:
-        """Whether the reply says that there is no answer."""
         return bool(reply.error & self.refusals)
 
-    def _may_have(self, data_size: int) -> bool:
-        """Whether a reply with so many bytes of data may be one to find."""
+    def _accepts(self, data_size: int) -> bool:
         return data_size == self.data_size or data_size in self.other_sizes or (data_size == 0 and self.refusals > 0)
 
-    def _found(self, reply: Reply, frame_size: int, replies: list[Reply]) -> int:
-        """Take a packet that holds together and may be one to find; returns how many bytes it took."""
-        if not (reply.data or self.refuses(reply)):  # an acknowledgement, of no question of ours
-            return self._pass()
+    def _accept(self, reply: Reply, frame_size: int, replies: list[Reply]) -> int:
+        """Add a valid reply to ``replies``. Return the number of bytes consumed."""
+        if not (reply.data or self.refuses(reply)):  # an acknowledgment, which no group read expects
+            return self._skip()
         replies.append(reply)
         self.garbage = 0
         return frame_size
 
     @abstractmethod
-    def _take(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
-        """Judge what begins with the header at ``at``; how many bytes are done with, None if more are needed."""
+    def _decode(self, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+        """Decode the frame whose header is at ``at``. Return the number of bytes consumed; None if more are needed."""
 
-    def _pass(self, size: int = 1) -> int:
-        """Count bytes that belong to no reply. After one, because a true frame may begin inside a false one."""
+    def _skip(self, size: int = 1) -> int:
+        """Count garbage bytes. By default this is one byte, because a valid frame may begin inside a false frame."""
         self.garbage += size
         return size

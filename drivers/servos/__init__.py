@@ -1,1 +1,1 @@
-"""Servo models as data: control tables, models and series."""
+"""Control tables, models and series of servos."""

@@ -1,8 +1,8 @@
-"""Control tables of the Dynamixels of protocol 1.0, AX-12A and MX-28, and their models.
+"""Control tables and models of Dynamixel servos with protocol 1.0: AX-12A and MX-28.
 
-Source: ROBOTIS e-manual, the pages AX-12A and MX-28 (the MX-28 with protocol 2.0 firmware has another
-table and another number); docs/servos.md says what each line was compared with. Words are little
-endian. Speeds and loads have their direction in bit 10: set is clockwise, towards smaller positions.
+Source: ROBOTIS e-manual, pages AX-12A and MX-28. An MX-28 with protocol 2.0 firmware has a different table and model
+number. docs/servos.md lists the sources against which each line was checked. Words are little endian. Bit 10 of a
+speed or load is its direction: 1 is clockwise, toward smaller positions.
 """
 
 import math
@@ -17,7 +17,7 @@ READ: Final = Access.READ
 model_number = Register("model_number", 0, 2, READ, persistent=True)
 firmware_version = Register("firmware_version", 2, 1, READ, persistent=True)
 servo_id = Register("id", 3, 1, persistent=True)
-baud_rate = Register("baud_rate", 4, 1, persistent=True)  # 2 Mbit/s divided by one more than this
+baud_rate = Register("baud_rate", 4, 1, persistent=True)  # 2 Mbit/s divided by (value + 1)
 return_delay = Register("return_delay", 5, 1, persistent=True)  # 2 us
 cw_angle_limit = Register("cw_angle_limit", 6, 2, persistent=True)  # counts
 ccw_angle_limit = Register("ccw_angle_limit", 8, 2, persistent=True)  # counts; both 0: wheel mode
@@ -25,18 +25,18 @@ temperature_limit = Register("temperature_limit", 11, 1, persistent=True)  # deg
 min_voltage_limit = Register("min_voltage_limit", 12, 1, persistent=True)  # 0.1 V
 max_voltage_limit = Register("max_voltage_limit", 13, 1, persistent=True)  # 0.1 V
 max_torque = Register("max_torque", 14, 2, persistent=True)  # 1/1023
-status_return_level = Register("status_return_level", 16, 1, persistent=True)  # 0: ping, 1: and read, 2: all
+status_return_level = Register("status_return_level", 16, 1, persistent=True)  # 0: ping, 1: ping and read, 2: all
 alarm_led = Register("alarm_led", 17, 1, persistent=True)  # error bits
 shutdown = Register("shutdown", 18, 1, persistent=True)  # error bits
 
-# RAM: the switches and the goals.
+# RAM: switches and goals.
 torque_enable = Register("torque_enable", 24, 1)  # 0 off, 1 on
 led = Register("led", 25, 1)
 goal_position = Register("goal_position", 30, 2)  # counts
-moving_speed = Register("moving_speed", 32, 2)  # the model's unit of speed; 0: as fast as it can
+moving_speed = Register("moving_speed", 32, 2)  # the model's unit of speed; 0: maximum speed
 torque_limit = Register("torque_limit", 34, 2)  # 1/1023; max_torque after power-on, 0 after a shutdown
 
-# RAM: the state. The first five are one block of eight bytes.
+# RAM: state. The first five registers are one block of eight bytes.
 present_position = Register("present_position", 36, 2, READ)  # counts
 present_speed = Register("present_speed", 38, 2, READ, sign_bit=10)  # the model's unit of speed
 present_load = Register("present_load", 40, 2, READ, sign_bit=10)  # 1/1023 of full drive, estimated
@@ -48,9 +48,9 @@ lock = Register("lock", 47, 1)  # 1: EEPROM is locked until power-off
 punch = Register("punch", 48, 2)
 
 COMMON: Final = by_address(globals().values())
-"""What all models have."""
+"""Registers of all models."""
 
-# Where they differ: an AX has a compliance where an MX has gains.
+# The models differ here: an AX has compliance settings, and an MX has gains.
 cw_compliance_margin = Register("cw_compliance_margin", 26, 1)  # counts
 ccw_compliance_margin = Register("ccw_compliance_margin", 27, 1)  # counts
 cw_compliance_slope = Register("cw_compliance_slope", 28, 1)
@@ -62,7 +62,7 @@ resolution_divider = Register("resolution_divider", 22, 1, persistent=True)  # m
 d_gain = Register("d_gain", 26, 1)
 i_gain = Register("i_gain", 27, 1)
 p_gain = Register("p_gain", 28, 1)
-realtime_tick = Register("realtime_tick", 50, 2, READ)  # ms; from firmware 40 on
+realtime_tick = Register("realtime_tick", 50, 2, READ)  # ms; firmware 40 or later
 goal_acceleration = Register("goal_acceleration", 73, 1)  # 8.583 deg/s^2; 0: no ramp
 _MX_ONLY: Final = (multi_turn_offset, resolution_divider, d_gain, i_gain, p_gain, realtime_tick, goal_acceleration)
 
@@ -72,10 +72,10 @@ GOAL_BLOCK: Final = (goal_position, moving_speed)
 ERROR_BITS: Final = dict(
     enumerate(("voltage", "angle limit", "temperature", "range", "checksum", "overload", "instruction"))
 )
-"""Meaning of the bits of a reply's error byte. Those of ``REFUSALS`` speak of the instruction, not of the servo."""
+"""Meaning of the bits of a reply's error byte. The bits of ``REFUSALS`` report errors of the instruction."""
 REFUSALS: Final = 1 << 3 | 1 << 4 | 1 << 6
-CAME_BROKEN: Final = 1 << 4
-"""That of them which is the line's fault."""
+CORRUPT_PACKET: Final = 1 << 4
+"""Bit of ``REFUSALS`` that reports a corrupt instruction packet."""
 
 ANSWERS_ALL: Final = 2
 """Value of ``status_return_level`` at which writes are acknowledged."""
@@ -83,31 +83,31 @@ FULL_TORQUE: Final = 1023
 LARGEST_SPEED: Final = 1023
 VOLTAGE_UNIT_V: Final = 0.1
 MULTI_TURN_LIMIT: Final = 4095
-"""Value of both angle limits that puts an MX into multi-turn mode."""
+"""Value of both angle limits that selects multi-turn mode on an MX."""
 AX_POSITIONS: Final = 1024
-"""Readings of an AX are below this; they span 300 degrees."""
+"""Number of positions of an AX. They span 300 degrees."""
 ACCELERATION_UNIT_COUNTS_S2: Final = 8.583 * 4096 / 360.0
-"""Of an MX."""
+"""Unit of the goal acceleration of an MX."""
 RPM: Final = 2.0 * math.pi / 60.0
-"""rad/s in a turn a minute."""
+"""Factor from rpm to rad/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model(ServoModel):
-    """``own``: what its table has beyond ``COMMON``. ``stall_current_a`` at the rated voltage, as the torque."""
+    """A servo model. ``own`` holds its registers beyond ``COMMON``. The stall current is that at rated voltage."""
 
     own: tuple[Register, ...]
     speed_unit_counts_s: float
-    """One unit of ``moving_speed`` and ``present_speed``."""
+    """Unit of ``moving_speed`` and ``present_speed``."""
     bulk_read: bool
-    """Whether it answers one."""
+    """Whether the model supports bulk reads."""
     stall_current_a: float
 
 
 def _ax(
     name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float, *own: Register
 ) -> Model:
-    """A potentiometer and a compliance. ``own``: what an AX-12A does not have."""
+    """Create a model with a potentiometer and compliance. ``own`` holds registers that an AX-12A does not have."""
     turn = round(AX_POSITIONS * 360.0 / 300.0)
     return Model(
         name, number, "little", turn, volts, stall_nm, no_load_rpm * RPM, AX_POSITIONS,
@@ -118,7 +118,7 @@ def _ax(
 def _mx(
     name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float, *own: Register
 ) -> Model:
-    """A magnetic encoder and gains. ``own``: what an MX-28 does not have."""
+    """Create a model with a magnetic encoder and gains. ``own`` holds registers that an MX-28 does not have."""
     return Model(
         name, number, "little", 4096, volts, stall_nm, no_load_rpm * RPM,
         own=_MX_ONLY + own, speed_unit_counts_s=0.114 * 4096 / 60.0, bulk_read=True, stall_current_a=stall_a,
@@ -131,14 +131,12 @@ MX_28 = _mx("mx-28", 29, 12.0, 2.5, 1.4, 55.0)  # protocol 1.0 firmware
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
 
 SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in MODELS.items()}
-"""By model."""
+"""Unit of speed of each model."""
 
 
 def registers(model: Model) -> tuple[Register, ...]:
-    """The whole table of a model, by address."""
     return by_address(COMMON + model.own)
 
 
 def alarms(error: int) -> tuple[str, ...]:
-    """Names of the bits that are set in an error byte."""
     return bit_names(error, ERROR_BITS)

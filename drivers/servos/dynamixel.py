@@ -1,4 +1,4 @@
-"""The Dynamixel series of protocol 2.0: how their lines speak, what their states and goals are in bytes."""
+"""The Dynamixel series with protocol 2.0: the wire protocol, and the encoding of states and goals."""
 
 import math
 from functools import partial
@@ -14,7 +14,7 @@ from drivers.servos.register import ServoModel, bit_names
 from drivers.servos.series import Read, Series, WireProtocol, bit_10_goal_of, bit_10_state, blocks_to_end
 
 ALARMED: Final = ("hardware error",)
-"""What the alert bit says by itself. Which error it is stands in a register that not every block has."""
+"""Alarm reported by the alert bit of a reply. The kind of error is in a register that not every block contains."""
 
 PROTOCOL_2: Final = WireProtocol(
     name="Dynamixel protocol 2.0",
@@ -22,10 +22,10 @@ PROTOCOL_2: Final = WireProtocol(
     byte_order="little",
     sdk=Protocol2PacketHandler,
     group_read="sync",
-    waits_for_silent=True,  # the manual does not say
+    waits_for_silent=True,  # not documented in the manual
     refusals=0xFF & ~v2.ALERT,
     refusal=v2.error_text,
-    came_broken=lambda number: number == v2.CAME_BROKEN,
+    arrived_corrupt=lambda number: number == v2.CORRUPT_PACKET,
     reboot="acknowledged",
     factory_reset=bytes((v2.KEEP_ID_AND_BAUD,)),
     broadcast_ping=True,
@@ -35,7 +35,6 @@ _new: Final = tuple.__new__
 
 
 def alarmed(error: int) -> tuple[str, ...]:
-    """What the reply's error byte by itself says of alarms."""
     return ALARMED if error & v2.ALERT else ()
 
 
@@ -48,7 +47,7 @@ def x_state(
     unit_a: float | None, alarms: tuple[str, ...],
     pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
 ) -> ServoState:  # fmt: skip
-    """The numbers of an X series servo's registers in our units; ``alarms`` have their names already."""
+    """Convert the register values of an X series servo to a state. ``unit_a`` is the unit of its current."""
     fields = (
         position,
         round(velocity * x.VELOCITY_UNIT_COUNTS_S),
@@ -69,14 +68,14 @@ def _x_direct(
 
 
 def profile_units(velocity_counts_s: int) -> int:
-    """A speed as profile_velocity, rounded up: the servo is never slower than asked. 0 stays 0."""
+    """Convert a velocity to profile_velocity, rounded up so that the servo is not slower than requested. 0 stays 0."""
     return min(math.ceil(velocity_counts_s / x.VELOCITY_UNIT_COUNTS_S), LARGEST_PROFILE)
 
 
 def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
     position, velocity = wanted
     x.goal_position.check(position)
-    x.profile_velocity.check(velocity)  # a small negative one would be 0 in its units, which is as fast as it can
+    x.profile_velocity.check(velocity)  # a small negative velocity would become 0, which means maximum velocity
     return profile_units(velocity), position
 
 
@@ -86,9 +85,9 @@ def _x_config_error(model: ServoModel, read: Read) -> str | None:
         return f"is in operating mode {mode}: set it to {x.POSITION_MODE} (position)"
     drive = read(x.drive_mode)
     if drive & x.TIME_BASED_PROFILE:
-        return "has a time-based profile: clear bit 2 of its drive mode"
+        return "has a time-based profile: clear bit 2 of its drive_mode"
     if drive & x.TORQUE_ON_BY_GOAL:
-        return "switches its torque on by itself: clear bit 3 of its drive mode"
+        return "enables its torque at every goal: clear bit 3 of its drive_mode"
     return None
 
 
@@ -102,8 +101,8 @@ X: Final = Series(
     blocks=blocks_to_end(
         (x.present_pwm, x.moving, x.realtime_tick, x.goal_position),
         x.STATE_BLOCK_END,
-        # PWM, current (or load, as the model is), velocity, position, voltage, temperature; between them the
-        # trajectory.
+        # The fields are PWM, current or load, velocity, position, voltage and temperature. The 8 skipped bytes are
+        # the trajectory.
         Struct("<hhii8xHB"),
         _x_direct,
         fast=True,
@@ -122,10 +121,10 @@ X: Final = Series(
     torque_limit=x.goal_pwm,
     full_torque=x.FULL_PWM,
     config_error=_x_config_error,
-    # No ramp of the servo's own: the trajectory above is smooth already, and a ramp would stop the servo
-    # at every goal.
+    # The servo's own ramp is switched off, because it would stop the servo at every goal. The trajectories are
+    # smooth already.
     before_torque=((x.profile_acceleration, 0),),
-    torque_by_goal=False,  # _x_config_error refuses a servo where it does
+    torque_by_goal=False,  # _x_config_error refuses servos with this setting
     position_p=x.position_p_gain,
     hardware_error=(x.hardware_error_status, x.alarms),
 )

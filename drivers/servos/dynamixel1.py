@@ -1,4 +1,4 @@
-"""The Dynamixels of protocol 1.0, AX and MX: how their lines speak, what their states and goals are in bytes."""
+"""The Dynamixel series AX and MX with protocol 1.0: the wire protocol, and the encoding of states and goals."""
 
 from struct import Struct
 from typing import Final
@@ -19,7 +19,7 @@ PROTOCOL_1: Final = WireProtocol(
     group_read="bulk",
     refusals=ax_mx.REFUSALS,
     refusal=lambda bits: f"refused the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
-    came_broken=lambda bits: bool(bits & ax_mx.CAME_BROKEN),
+    arrived_corrupt=lambda bits: bool(bits & ax_mx.CORRUPT_PACKET),
     reboot="none",
 )
 _ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))
@@ -32,7 +32,7 @@ def _ax_mx_state(unit_counts_s: float, error: int, *numbers: int) -> ServoState:
 def _ax_mx_config_error(model: ServoModel, read: Read) -> str | None:
     limits = {read(ax_mx.cw_angle_limit), read(ax_mx.ccw_angle_limit)}
     if limits == {0}:
-        return "is in wheel mode: set its angle limits (registers 6 and 8) to the range it may move in"
+        return "is in wheel mode: set its angle limits (registers 6 and 8) to its range of motion"
     if limits == {ax_mx.MULTI_TURN_LIMIT}:
         return "is in multi-turn mode: set its angle limits (registers 6 and 8) to 0 and 4095"
     return None
@@ -45,7 +45,7 @@ AX_MX: Final = Series(
     models=tuple(ax_mx.MODELS.values()),
     registers=ax_mx.COMMON,
     goal_block=ax_mx.GOAL_BLOCK,
-    # An AX's table ends at 49.
+    # The table of an AX ends at address 49.
     blocks=blocks_from_start(ax_mx.STATE_BLOCK, (8, 10, 13, 14), Struct("<HHHBB"), _ax_mx_state),
     goal_fields="HH",
     goal_of=lambda model: bit_10_goal_of(model.last_count, ax_mx.SPEED_UNIT_COUNTS_S[model.name]),

@@ -1,7 +1,7 @@
-"""The Feetech series STS and SCS: how their lines speak, what their states and goals are in bytes.
+"""The Feetech series STS and SCS: the wire protocols, and the encoding of states and goals.
 
-The packets of both are those of Dynamixel protocol 1.0. An STS has low bytes first (protocol 0 of Feetech's SDK) and
-answers sync reads; an SCS has high bytes first (protocol 1) and each must be asked by itself.
+Both series use the packets of Dynamixel protocol 1.0. STS servos are little endian (protocol 0 of Feetech's SDK) and
+support sync reads. SCS servos are big endian (protocol 1) and must be read one by one.
 """
 
 from collections.abc import Callable
@@ -30,16 +30,16 @@ SCS_PROTOCOL: Final = WireProtocol(
     name="Feetech SCS",
     packets=v1,
     byte_order="big",
-    # Not the SDK's PacketHandler(1): that turns the words of every other user in this process round.
+    # The SDK's PacketHandler(1) would change the byte order for all users of the SDK in this process.
     sdk=protocol_packet_handler,
     group_read="none",
     reboot="unanswered",
 )
 
-# Every answer that a narrow register can give, looked up instead of calculated.
+# Lookup tables for all values of narrow registers, which are faster than calculations.
 _ALARMS: Final = tuple(sts.alarms(status) for status in range(256))
 _LOADS: Final = tuple(signed(raw, 1 << 10) * sts.TORQUE_UNIT for raw in range(1 << 11))
-_STS_LOADS: Final = tuple(0.0 - load for load in _LOADS)  # what it shows is positive towards smaller counts
+_STS_LOADS: Final = tuple(0.0 - load for load in _LOADS)  # an STS reports positive load toward smaller counts
 _VOLTAGES_V: Final = tuple(raw * sts.VOLTAGE_UNIT_V for raw in range(256))
 _TEMPERATURES_C: Final = tuple(float(raw) for raw in range(256))
 _SIGN: Final = 1 << 15
@@ -51,7 +51,7 @@ assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_p
 def _state(
     loads: tuple[float, ...], _: None, status: int, position: int, velocity: int, load: int, volts: int, celsius: int
 ) -> ServoState:
-    """A cycle calls this for each servo: a tuple is made of what was looked up."""
+    """Convert register values to a state. A control cycle calls this function for each servo."""
     if position & _SIGN:
         position = _SIGN - position
     if velocity & _SIGN:
@@ -64,11 +64,11 @@ def _state(
 
 
 def _sts_goal(wanted: ServoGoal) -> tuple[int, ...]:
-    """The servo's own ramp has a known acceleration, so that it is known how far the servo follows behind its goals."""
+    """Encode a goal with a fixed acceleration of the servo's own ramp, so that its following error is predictable."""
     position, velocity = wanted
-    if (position | velocity) & ~_MAGNITUDE:  # a sign, or what does not fit
-        if velocity < 0:  # the register has a sign, which means nothing in position mode
-            raise ValueError(f"a goal's velocity is 0 or more, not {velocity}: nothing written")
+    if (position | velocity) & ~_MAGNITUDE:  # negative or too large
+        if velocity < 0:  # the register has a sign bit, which has no meaning in position mode
+            raise ValueError(f"goal velocity must be 0 or more, not {velocity}: nothing was written")
         sts.goal_velocity.check(velocity)
         position = int.from_bytes(sts.goal_position.encode(position, "little"), "little")
     return sts.GOAL_ACCELERATION, position, 0, velocity
@@ -78,19 +78,19 @@ def _sts_config_error(model: ServoModel, read: Read) -> str | None:
     mode, factor = sts.operating_mode, sts.angular_resolution
     if read(mode):
         return f"is not in position mode: set {mode.name} ({mode.address}) to 0"
-    if (times := read(factor)) > 1:  # the firmware takes 0 for 1
+    if (times := read(factor)) > 1:  # the firmware treats 0 as 1
         return f"multiplies every goal by {times}: set {factor.name} ({factor.address}) to 1"
     return None
 
 
 def _sts_config_warning(read: Read) -> str | None:
-    """A simulator may have an empty table and be right all the same: no reason to refuse."""
+    """Return a warning instead of an error, because a simulator with an empty table works nevertheless."""
     phase = read(sts.phase)
     if phase & sts.COUNTS_PER_S_PHASE:
         return None
     return (
-        f"phase (register {sts.phase.address}) is {phase}: by Feetech's table its unit of speed is then 50 counts/s. "
-        f"Every speed is taken and given for 1 count/s: set it to {phase | sts.COUNTS_PER_S_PHASE}"
+        f"phase (register {sts.phase.address}) is {phase}: according to Feetech, its unit of speed is 50 counts/s. "
+        f"servoloop needs a unit of 1 count/s: set phase to {phase | sts.COUNTS_PER_S_PHASE}"
     )
 
 
@@ -101,8 +101,8 @@ STS: Final = Series(
     models=tuple(sts.MODELS.values()),
     registers=sts.REGISTERS,
     goal_block=sts.GOAL_BLOCK,
-    # All end within the table. Their length bytes differ in two bits at least: no single flipped bit turns one into
-    # another.
+    # All blocks end within the table. Their length bytes differ in at least two bits, so that a single flipped bit
+    # cannot turn one length into another.
     blocks=blocks_from_start(sts.STATE_BLOCK, (8, 10, 13, 15), Struct("<HHHBB"), partial(_state, _STS_LOADS)),
     goal_fields="BHHH",
     goal_of=lambda model: _sts_goal,
@@ -133,7 +133,7 @@ def _scs_goal_of(model: ServoModel) -> Callable[[ServoGoal], tuple[int, ...]]:
 
 def _scs_config_error(model: ServoModel, read: Read) -> str | None:
     if read(scs.min_position) == read(scs.max_position) == 0:
-        return "is in motor mode, where a goal is no position: set its position limits (registers 9 and 11)"
+        return "is in motor mode, in which it has no goal position: set its position limits (registers 9 and 11)"
     return None
 
 
@@ -144,7 +144,7 @@ SCS: Final = Series(
     models=tuple(scs.MODELS.values()),
     registers=scs.REGISTERS,
     goal_block=scs.GOAL_BLOCK,
-    # The memory table ends at 66, Feetech's header of the series at 70.
+    # The memory table ends at address 66, and Feetech's header file for the series at 70.
     blocks=blocks_from_start(scs.STATE_BLOCK, (8, 10, 13, 15), Struct(">HHHBB"), partial(_state, _LOADS)),
     goal_fields="HHH",
     goal_of=_scs_goal_of,

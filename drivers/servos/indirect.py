@@ -1,16 +1,16 @@
-"""The whole state of an X series servo in one piece, hardware error and current included: through indirect registers.
+"""Read the whole state of an X series servo, including hardware error and current, through indirect registers.
 
-Indirect address n (two bytes each, from 168 on) says which byte of the RAM the data cell n shows. Cells side
-by side are then one block. Source: ROBOTIS e-manual, "Indirect Address, Indirect Data" of the models' pages;
-the places of the cells agree with the model files of ROBOTIS' SDK (``xl330_m288.model``, ``..._fw52.model``):
-- XL330 and XC330 "prior to V53" have 20 cells from 208 on and may show 64 to 227, later firmware 28 from 224 on
-  and 64 to 251; the others have 28 cells from 224 on (and more elsewhere) and may show 64 to 661;
-- they are RAM: power-off and reboot forget them, and each cell is then its own byte again, 0. Torque locks
-  the EEPROM only (page text of Torque Enable), so they can be written while the motor holds.
+Indirect address n (two bytes each, from 168 on) selects the byte of RAM that data cell n contains. Adjacent cells
+form one block. Source: ROBOTIS e-manual, "Indirect Address, Indirect Data" on the pages of the models. The
+addresses agree with the model files of ROBOTIS' SDK (``xl330_m288.model``, ``..._fw52.model``):
+- XL330 and XC330 "prior to V53" have 20 cells from 208 on for bytes 64 to 227. Later firmware has 28 cells from 224
+  on for bytes 64 to 251. The other models have 28 cells from 224 on (and more elsewhere) for bytes 64 to 661.
+- Indirect registers are in RAM. After power-off or a reboot, each cell is an ordinary byte with the value 0. Torque
+  locks only the EEPROM (page text of Torque Enable), so they can be written while torque is enabled.
 
-A map that is forgotten must never be taken for a state. So the first and the last cell show a byte that
-only the written map holds: the low bytes of their own indirect addresses. The map is thereby in every reply.
-Forgotten, both are 0. Whoever changes the block must change its size, or else the last proof does not move.
+Cells without a map must never be taken for a state. The first and the last cell therefore show a byte of the map
+itself: the low bytes of their own indirect addresses. They are 0 without a map, so every reply proves its map.
+If you change the block, change its size as well. Otherwise the last proof stays the same.
 """
 
 from itertools import chain
@@ -24,14 +24,14 @@ from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import StateBlock
 
 POINTERS: Final = 168
-"""Where indirect address 1 stands."""
+"""Address of indirect address 1."""
 LAST_OLD_X330: Final = 52
-"""The last firmware version of XL330 and XC330 with their cells at 208."""
+"""Last firmware version of XL330 and XC330 that has the cells at 208."""
 
 _SHOWN: Final = (
     x.hardware_error_status,
     x.present_pwm,
-    x.present_current,  # or load, as the model is; ServoState's load is the PWM in all models
+    x.present_current,  # or load, depending on the model; the load of ServoState is the PWM for all models
     x.present_velocity,
     x.present_position,
     x.present_voltage,
@@ -44,9 +44,9 @@ _LAST_PROOF: Final = POINTERS + 2 * (_SIZE - 1)
 _PLACES: Final = (_FIRST_PROOF, *chain.from_iterable(range(r.address, r.address + r.size) for r in _SHOWN), _LAST_PROOF)
 
 MAP: Final = pack(f"<{_SIZE}H", *_PLACES)
-"""The indirect addresses 1 to 18."""
+"""Values of the indirect addresses 1 to 18."""
 MAP_REGISTER: Final = Register("indirect addresses", POINTERS, len(MAP))
-"""All of them as one number: they are written and read back in one piece."""
+"""All indirect addresses as one register, which is written and read back in one piece."""
 
 _ALARMS: Final = tuple(map(x.alarms, range(256)))
 
@@ -69,7 +69,7 @@ AT_224: Final = _block(224)
 
 
 def block_for(model: ServoModel, firmware: int) -> StateBlock | None:
-    """Where a servo with this firmware version has the cells; None for a model without indirect registers."""
+    """Return the block of cells for a model and firmware version, or None without indirect registers."""
     if model not in x.MODELS.values():
         return None
     return AT_208 if model in x.X330 and firmware <= LAST_OLD_X330 else AT_224

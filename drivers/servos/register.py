@@ -1,4 +1,4 @@
-"""Define registers and servo models. Both are data: a servo model is a table of registers."""
+"""Registers and servo models."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ ByteOrder = Literal["little", "big"]
 
 
 class Access(Enum):
-    """Access to a register."""
+    """Access rights of a register."""
 
     READ = "read"
     READ_WRITE = "read_write"
@@ -17,33 +17,35 @@ class Access(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """Register of a control table."""
+    """One register of a control table.
+
+    Attributes:
+        name: Name of the register.
+        address: Address of its first byte.
+        size: Size, in bytes.
+        access: Whether the register can be written.
+        persistent: Whether it is in EEPROM, which keeps its value without power and wears out when written.
+        sign_bit: Sign bit of a sign-magnitude number (Feetech); None if there is none.
+        signed: Whether it holds a two's complement number (Dynamixel).
+    """
 
     name: str
-    """Name in the control table, such as ``present_position``."""
     address: int
-    """Address of the first byte."""
     size: int
-    """Size in bytes."""
     access: Access = Access.READ_WRITE
-    """Whether the register can be written."""
     persistent: bool = False
-    """Whether the register is in EEPROM. It then survives a power-off, and wears out when it is written."""
     sign_bit: int | None = None
-    """Bit with the sign of a sign-magnitude number, as Feetech writes negative values; None if there is no sign bit."""
     signed: bool = False
-    """Whether the value is in two's complement, as Dynamixel writes negative values. Otherwise, without
-    ``sign_bit``, it is unsigned."""
 
     @property
     def largest(self) -> int:
-        """Largest value that the register can hold."""
+        """Largest value of the register."""
         bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
         return (1 << bits) - 1
 
     @property
     def smallest(self) -> int:
-        """Smallest value that the register can hold."""
+        """Smallest value of the register."""
         if self.signed:
             return -self.largest - 1
         return 0 if self.sign_bit is None else -self.largest
@@ -58,7 +60,7 @@ class Register:
             ValueError: The value is out of range.
         """
         if not self.smallest <= value <= self.largest:
-            raise ValueError(f"{self.name} takes {self.smallest} to {self.largest}, not {value}: nothing written")
+            raise ValueError(f"{self.name} must be {self.smallest} to {self.largest}, not {value}: nothing was written")
 
     def encode(self, value: int, order: ByteOrder) -> bytes:
         """Convert a value to the bytes that are sent.
@@ -94,42 +96,45 @@ class Register:
 
 
 def signed(raw: int, sign: int) -> int:
-    """A sign-magnitude number whose sign is the bit ``sign``."""
+    """Return the value of a sign-magnitude number. ``sign`` is the mask of its sign bit."""
     return -(raw & sign - 1) if raw & sign else raw & sign - 1
 
 
 def by_address(values: Iterable[object]) -> tuple[Register, ...]:
-    """The registers among these values, by address: a control table."""
+    """Return the registers among these values, sorted by address."""
     return tuple(sorted((v for v in values if isinstance(v, Register)), key=lambda register: register.address))
 
 
 def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
-    """The bits of one byte that are set, by name; one that the manuals do not name by its number."""
+    """Return the names of the bits that are set in a byte. A bit without a name is described by its number."""
     return tuple(names.get(bit, f"unknown (bit {bit})") for bit in range(8) if bits >> bit & 1)
 
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """Properties of a servo model."""
+    """Data of a servo model. Stall torque and no-load speed are datasheet values at the rated voltage.
+
+    Attributes:
+        name: Name in robot files.
+        number: Model number that the servo reports.
+        byte_order: Byte order of its registers.
+        counts_per_turn: Position counts of a full turn.
+        rated_voltage_v: Rated voltage, in V.
+        stall_torque_nm: Stall torque, in N m.
+        no_load_speed_rad_s: Speed without load, in rad/s.
+        positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
+    """
 
     name: str
-    """Name in robot files, such as ``sts3215``."""
     number: int
-    """Model number that the servo reports."""
     byte_order: ByteOrder
-    """Byte order of words."""
     counts_per_turn: int
-    """Counts in a full turn of the shaft."""
     rated_voltage_v: float
-    """Rated voltage, in V."""
     stall_torque_nm: float
-    """Stall torque at the rated voltage, from the data sheet, in N m."""
     no_load_speed_rad_s: float
-    """Speed without load at the rated voltage, from the data sheet, in rad/s."""
     positions: int | None = None
-    """Number of positions, if the sensor covers less than a turn; None for a whole turn."""
 
     @property
     def last_count(self) -> int:
-        """Largest position, in counts, that the servo can reach and report."""
+        """Largest position that the servo can measure within one turn, in counts."""
         return (self.positions or self.counts_per_turn) - 1

@@ -1,8 +1,9 @@
-"""Control table of the Feetech SCS series (potentiometer), and its models.
+"""Control table and models of the Feetech SCS series (potentiometer).
 
-Source: Feetech's "SCSCL memory table" and its SDK's SCSCL header; docs/servos.md says how each line was checked. Words
-are big endian and there is no sync read. Negative numbers are sign-magnitude. Positions are 0 to 1023 over the sensor's
-angle, which is less than a turn. There is no homing offset, operating mode, current and torque limit in RAM.
+Sources: Feetech's "SCSCL memory table" and the SCSCL header of its SDK. docs/servos.md describes how each line was
+checked. Words are big endian, and negative numbers are sign-magnitude. The series does not support sync reads.
+Positions are 0 to 1023 over the angle of the sensor, which is less than a turn. The table has no homing offset, no
+operating mode, no current and no torque limit in RAM.
 """
 
 from typing import Final
@@ -12,7 +13,7 @@ from drivers.servos.sts import KG_CM, RPM
 
 READ: Final = Access.READ
 
-# EEPROM: kept over power-off only if written with the lock open.
+# EEPROM: values written while the lock is closed are lost at power-off.
 firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
 firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
 model_number = Register("model_number", 3, 2, READ, persistent=True)
@@ -39,15 +40,15 @@ protective_torque = Register("protective_torque", 37, 1, persistent=True)  # %
 protection_time = Register("protection_time", 38, 1, persistent=True)  # 40 ms
 overload_torque = Register("overload_torque", 39, 1, persistent=True)  # %
 
-# RAM: the goals.
+# RAM: goals.
 torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on, 2 damping
-acceleration = Register("acceleration", 41, 1)  # not in Feetech's SDK: not every servo has it
+acceleration = Register("acceleration", 41, 1)  # not in Feetech's SDK, because not every servo has it
 goal_position = Register("goal_position", 42, 2)  # counts
-goal_time = Register("goal_time", 44, 2, sign_bit=15)  # ms; in motor mode the drive, sign in bit 10
-goal_velocity = Register("goal_velocity", 46, 2)  # counts/s; 0: as fast as it can
+goal_time = Register("goal_time", 44, 2, sign_bit=15)  # ms; in motor mode the drive, with the sign in bit 10
+goal_velocity = Register("goal_velocity", 46, 2)  # counts/s; 0: maximum speed
 lock = Register("lock", 48, 1)  # 1: EEPROM locked
 
-# RAM: the state. The first five are one block of eight bytes.
+# RAM: state. The first five registers are one block of eight bytes.
 present_position = Register("present_position", 56, 2, READ)  # counts
 present_velocity = Register("present_velocity", 58, 2, READ, sign_bit=15)  # counts/s
 present_load = Register("present_load", 60, 2, READ, sign_bit=10)  # 0.1 % of full drive
@@ -70,16 +71,16 @@ STATE_BLOCK: Final = (present_position, present_velocity, present_load, present_
 GOAL_BLOCK: Final = (goal_position, goal_time, goal_velocity)
 
 POSITIONS: Final = 1024
-"""Readings are below this, whatever angle they span."""
+"""Number of positions, regardless of the angle that they span."""
 
 
 def counts_per_turn(span_deg: float) -> int:
-    """Counts in a whole turn, of which the sensor sees ``span_deg``. Rounding costs less than half a count."""
+    """Return the counts of a full turn if the sensor covers ``span_deg``. Rounding costs less than half a count."""
     return round(POSITIONS * 360.0 / span_deg)
 
 
-# Name, number (the bytes as they come), byte order, counts a turn; at this voltage torque at stall (N m) and speed
-# without load (rad/s).
+# Arguments: name, number (bytes in wire order), byte order, counts per turn, rated voltage (V), stall torque (N m),
+# no-load speed (rad/s), positions.
 SCS15 = ServoModel("scs15", 0x050F, "big", counts_per_turn(215.0), 7.4, 16.5 * KG_CM, 65.0 * RPM, POSITIONS)
 SCS0009 = ServoModel("scs0009", 0x0504, "big", counts_per_turn(300.0), 6.0, 2.3 * KG_CM, 100.0 * RPM, POSITIONS)
 

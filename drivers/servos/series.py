@@ -1,4 +1,4 @@
-"""A series is what the bus must know of servos with one control table; a wire protocol is how a line of them speaks."""
+"""Descriptions of servo series and wire protocols."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,43 +11,42 @@ from drivers.bus.types import ServoGoal, ServoState
 from drivers.servos.register import ByteOrder, Register, ServoModel, signed
 
 Read = Callable[[Register], int]
-"""Reads a register of the servo that is looked at."""
+"""Reads a register of the servo that is being checked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WireProtocol:
-    """Servos of one wire protocol can share a line."""
+    """A wire protocol. Only servos with the same wire protocol can share a bus."""
 
     name: str
     packets: ModuleType
     """``drivers.protocol.v1`` or ``v2``."""
     byte_order: ByteOrder
     sdk: Callable[[], Any]
-    """The maker's packet handler, for calls to one servo."""
+    """Creates the manufacturer's packet handler, for requests to a single servo."""
     group_read: Literal["sync", "bulk", "none"]
-    """How several servos are asked by one packet. ``sync``: all of them; ``bulk``: only models that know it."""
+    """How one packet requests several servos: ``sync`` for all models, ``bulk`` only for models that support it."""
     reboot: Literal["acknowledged", "unanswered", "none"]
     waits_for_silent: bool = False
-    """Whether a servo may wait in vain for one before it in a group read that is silent."""
+    """Whether a servo in a group read may fail to reply if the servo before it is silent."""
     refusals: int = 0
-    """Those bits of a reply's error byte that refuse an instruction. The others are alarms, which are states."""
+    """Bits of a reply's error byte that refuse an instruction. The other bits are alarms and part of the state."""
     refusal: Callable[[int], str] = "refused the instruction (error {})".format
-    """What they say, behind "it" or the servo's name."""
-    came_broken: Callable[[int], bool] = lambda refused: False
-    """Whether they say that the instruction came broken: that is the line's fault, and it may be given again."""
+    """Describes the refusal bits, worded to follow the servo's name."""
+    arrived_corrupt: Callable[[int], bool] = lambda refused: False
+    """Whether the refusal bits report a corrupt instruction packet, so that the request can be repeated."""
     factory_reset: bytes = b""
-    """The option of the instruction."""
+    """Option byte of the factory reset instruction."""
     broadcast_ping: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateBlock:
-    """A state block is ``size`` bytes from ``address`` that hold the whole state of a servo.
+    """A block of ``size`` bytes at ``address`` that holds the whole state of a servo.
 
-    ``fields`` are the state's numbers, ``at`` so many bytes from the block's beginning. ``state`` makes values of the
-    model's own scale (see ``Series.scale_of``), of the reply's error byte and of these numbers.
-    ``proof``: the first and the last number as long as the block is what it is taken for; otherwise the numbers
-    mean nothing.
+    ``fields`` is the layout of the state's numbers, which start at offset ``at``. ``state`` converts the scale of the
+    model (``Series.scale_of``), the error byte of the reply and these numbers to a state. ``proof`` holds the first
+    and the last number of an intact block. If they differ, the numbers have no meaning.
     """
 
     address: int
@@ -56,26 +55,26 @@ class StateBlock:
     at: int
     state: Callable[..., ServoState]
     fast: bool = False
-    """Whether some firmware answers a fast sync read of it."""
+    """Whether some firmware supports fast sync reads of this block."""
     proof: tuple[int, int] | None = None
 
     def proved(self, numbers: Sequence[int]) -> bool:
-        """Whether the numbers are what they are taken for."""
+        """Whether the first and the last number prove that the block is intact."""
         return self.proof is None or (numbers[0], numbers[-1]) == self.proof
 
     def decode(self, scale: float | None, error: int, data: bytes) -> ServoState | None:
-        """The state in one reply's data; None without proof."""
+        """Return the state in the data of a reply, or None if it lacks the proof."""
         numbers = self.fields.unpack_from(data, self.at)
         return self.state(scale, error, *numbers) if self.proved(numbers) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Series:
-    """Servos with one control table.
+    """Servos with the same control table.
 
-    ``blocks``: what may be asked for, all of one state but of different sizes, the preferred first: a servo that may
-    still answer an earlier question is asked for another (drivers/bus/late_replies.py). ``config_error`` reads the
-    settings: why the servo must not be driven like this, if so.
+    ``blocks`` holds state blocks of different sizes, the preferred block first. If a late reply to a request is
+    possible, a block of another size is read next (drivers/bus/late_replies.py). ``config_error`` reads the settings
+    and returns the reason why the servo must not be used with them, or None.
     """
 
     name: str
@@ -83,15 +82,15 @@ class Series:
     protocol: WireProtocol
     models: tuple[ServoModel, ...]
     registers: tuple[Register, ...]
-    """What all models have, by address."""
+    """Registers of all models, sorted by address."""
     goal_block: tuple[Register, ...]
     blocks: tuple[StateBlock, ...]
     goal_fields: str
-    """The numbers of the goal block, as ``struct`` calls them."""
+    """Layout of the goal block in the notation of ``struct``."""
     goal_of: Callable[[ServoModel], Callable[[ServoGoal], tuple[int, ...]]]
-    """Of a model: makes these numbers of a goal. ValueError for a goal that does not fit."""
+    """Returns the function that encodes a goal of this model. It raises ValueError if the goal does not fit."""
     scale_of: Callable[[ServoModel], float | None] = lambda model: None
-    """What the model needs beside the table to make values of its numbers."""
+    """Returns the unit of speed or current of a model, if the models of the series differ in it."""
     servo_id: Register
     model_number: Register
     status_level: Register
@@ -100,64 +99,62 @@ class Series:
     torque_enable: Register
     goal_position: Register
     position_limits: tuple[Register, Register]
-    """The lowest and the highest goal."""
+    """Registers of the lowest and the highest goal."""
     max_torque: Register
-    """What lasts over power-off, and ``torque_limit`` must not exceed."""
+    """Persistent torque limit, which ``torque_limit`` must not exceed."""
     torque_limit: Register | None
-    """None where the table has no limit that ends with the power."""
+    """Torque limit in RAM. None if the table has none."""
     full_torque: int
-    """Full drive, in the units of both."""
+    """Full torque, in the unit of both limits."""
     config_error: Callable[[ServoModel, Read], str | None]
     config_warning: Callable[[Read], str | None] = lambda read: None
-    """What is odd about the settings, and no reason to refuse the servo."""
+    """Returns a warning about unusual settings that do not prevent use of the servo, or None."""
     harmless: Register | None = None
-    """A register of RAM that may be written with what it holds, to see whether writes are acknowledged."""
+    """RAM register that can be rewritten with its own value to test whether writes are acknowledged."""
     before_torque: tuple[tuple[Register, int], ...] = ()
-    """What to write before the torque goes on."""
+    """Registers and the values to write before torque is enabled."""
     torque_by_goal: bool = True
-    """Whether a goal may switch the torque on, also of a servo that was reset: only its limit tells that one."""
+    """Whether a goal may enable torque. Only the torque limit then shows whether the servo was reset."""
     position_p: Register | None = None
-    """The position P gain, where it lives in RAM."""
+    """Position P gain, if it is in RAM."""
     hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None
-    """Where the names of alarms stand, where a reply only says that there are any."""
+    """Register that names the alarms, and its decoder, if replies only report that there are alarms."""
     bulk_models: tuple[ServoModel, ...] = ()
-    """Those that answer a bulk read, where not all do."""
+    """Models that support bulk reads, for protocols in which not all models do."""
     lock: Register | None = None
-    """What guards the EEPROM: 1 closes it, 0 opens it. Dynamixel has none: torque off is its key."""
+    """EEPROM lock: 1 locks, 0 unlocks. None for Dynamixel servos, whose EEPROM is unlocked while torque is disabled."""
 
     @property
     def torque_state(self) -> Register:
-        """The torque switch and, where a goal may move it, all up to the torque limit: one question."""
+        """Register for reading the torque switch and, if a goal may enable torque, the torque limit in one read."""
         last = (self.torque_by_goal and self.torque_limit) or self.torque_enable
         return replace(self.torque_enable, size=last.address + last.size - self.torque_enable.address)
 
     def drives(self, state: int, limit: int | None) -> bool:
-        """Whether a servo with this torque state drives its motor, with this limit (None: any)."""
-        behind = self.torque_state.size - 2  # the limit's two bytes, the highest ones
+        """Whether a servo with this torque state has torque enabled with this torque limit (None: any limit)."""
+        behind = self.torque_state.size - 2  # offset of the two bytes of the limit, which come last
         return state & 0xFF == 1 and (behind < 0 or limit is None or state >> 8 * behind == limit)
 
     @property
     def goal_address(self) -> int:
-        """Where the goal block begins."""
         return self.goal_block[0].address
 
     @property
     def goal_size(self) -> int:
-        """Bytes of the goal block."""
         return sum(register.size for register in self.goal_block)
 
 
 def blocks_from_start(
     registers: tuple[Register, ...], sizes: tuple[int, ...], fields: Struct, state: Callable[..., ServoState]
 ) -> tuple[StateBlock, ...]:
-    """Blocks of these sizes that all begin with the state, which ``registers`` are."""
+    """Return blocks of these sizes that all begin with the state in ``registers``."""
     return tuple(StateBlock(registers[0].address, size, fields, 0, state) for size in sizes)
 
 
 def blocks_to_end(
     starts: tuple[Register, ...], end: int, fields: Struct, state: Callable[..., ServoState], *, fast: bool
 ) -> tuple[StateBlock, ...]:
-    """Blocks that begin with these registers, all with one end, where the state is."""
+    """Return blocks that begin with these registers. All end at ``end``, and the state is at the end."""
     sizes = {first.address: end - first.address for first in starts}
     return tuple(StateBlock(at, size, fields, size - fields.size, state, fast) for at, size in sizes.items())
 
@@ -165,7 +162,7 @@ def blocks_to_end(
 def bit_10_state(
     unit_counts_s: float, alarms: tuple[str, ...], position: int, speed: int, load: int, voltage: int, temperature: int
 ) -> ServoState:
-    """The state of the Dynamixels whose speeds and loads have their direction in bit 10; 1023 is full drive."""
+    """Convert register values to a state for servos whose speed and load have their direction in bit 10."""
     velocity_counts_s = round(signed(speed, 1 << 10) * unit_counts_s)
     return ServoState(
         position, velocity_counts_s, signed(load, 1 << 10) / 1023, voltage * 0.1, float(temperature), alarms
@@ -173,20 +170,20 @@ def bit_10_state(
 
 
 def bit_10_goal_of(last: int, unit_counts_s: float) -> Callable[[ServoGoal], tuple[int, ...]]:
-    """Position and speed of theirs, of which 1023 is the largest."""
+    """Return the function that encodes goals of these servos, whose largest speed is 1023."""
 
     def goal(wanted: ServoGoal) -> tuple[int, ...]:
         check_goal(last, wanted)
-        # Rounded up: the servo is never slower than asked, and 0 alone stays 0, as fast as it can.
+        # Rounded up, so that the servo is not slower than requested and only 0 stays 0 (maximum speed).
         return wanted.position_counts, min(math.ceil(wanted.velocity_counts_s / unit_counts_s), 1023)
 
     return goal
 
 
 def check_goal(last: int, goal: ServoGoal) -> None:
-    """ValueError where a servo with positions 0 to ``last`` has no such position, or nobody such a velocity."""
-    # Before it is in the servo's units: there a small negative one may be 0, which is as fast as the servo can.
+    """Raise ValueError if the position is not 0 to ``last`` or the velocity is negative."""
+    # The check precedes the conversion, which may turn a small negative velocity into 0 (maximum velocity).
     if not 0 <= goal.position_counts <= last:
-        raise ValueError(f"goal_position takes 0 to {last}, not {goal.position_counts}: nothing written")
+        raise ValueError(f"goal_position must be 0 to {last}, not {goal.position_counts}: nothing was written")
     if goal.velocity_counts_s < 0:
-        raise ValueError(f"a goal's velocity is 0 or more, not {goal.velocity_counts_s}: nothing written")
+        raise ValueError(f"goal velocity must be 0 or more, not {goal.velocity_counts_s}: nothing was written")

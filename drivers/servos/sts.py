@@ -1,8 +1,8 @@
-"""Control table of the Feetech STS series, and its models.
+"""Control table and models of the Feetech STS series.
 
-Source: Feetech's "SMS/STS memory table" (magnetic encoder), in its newer edition where editions differ, and the data
-sheets that stand beside the models. docs/servos.md says how each was checked. Words are little endian. Negative numbers
-are sign-magnitude, the sign in bit 15 unless a line says otherwise.
+Sources: Feetech's "SMS/STS memory table" (magnetic encoder), the newer edition if editions differ, and the datasheets
+named next to the models. docs/servos.md describes how each line was checked. Words are little endian. Negative numbers
+are sign-magnitude, with the sign in bit 15 unless noted otherwise.
 """
 
 import math
@@ -12,11 +12,11 @@ from drivers.servos.register import Access, Register, ServoModel, bit_names, by_
 
 READ: Final = Access.READ
 
-# EEPROM: written only with the lock open.
+# EEPROM: writable only while the lock is open.
 firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
 firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
 endianness = Register("endianness", 2, 1, READ, persistent=True)  # 0: low byte first
-model_number = Register("model_number", 3, 2, READ, persistent=True)  # so in every Feetech table
+model_number = Register("model_number", 3, 2, READ, persistent=True)  # the same in every Feetech table
 servo_id = Register("id", 5, 1, persistent=True)
 baud_rate = Register("baud_rate", 6, 1, persistent=True)  # index into BAUD_RATES
 return_delay = Register("return_delay", 7, 1, persistent=True)  # 2 us; 1 to 49 count as 50
@@ -33,14 +33,14 @@ led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True)  #
 position_p = Register("position_p", 21, 1, persistent=True)
 position_d = Register("position_d", 22, 1, persistent=True)
 position_i = Register("position_i", 23, 1, persistent=True)
-# Older editions make 24 one word of two bytes. Up to 254 both readings agree; 25 is safe to write
-# only where the firmware is known to have the limit.
+# In older editions, 24 is a word of two bytes. Both readings agree up to 254. Write 25 only if the firmware is known
+# to have the limit.
 minimum_startup_force = Register("minimum_startup_force", 24, 1, persistent=True)  # 0.1 %
 integral_limit = Register("integral_limit", 25, 1, persistent=True)  # 4 units of I; 0: none
 cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True)  # counts
 ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True)  # counts
 protection_current = Register("protection_current", 28, 2, persistent=True)  # 6.5 mA
-angular_resolution = Register("angular_resolution", 30, 1, persistent=True)  # times every goal; 0 counts as 1
+angular_resolution = Register("angular_resolution", 30, 1, persistent=True)  # factor of every goal; 0 counts as 1
 homing_offset = Register("homing_offset", 31, 2, persistent=True, sign_bit=11)  # counts
 operating_mode = Register("operating_mode", 33, 1, persistent=True)  # 0 position, 1 speed, 2 PWM, 3 step
 protective_torque = Register("protective_torque", 34, 1, persistent=True)  # %
@@ -50,18 +50,17 @@ velocity_p = Register("velocity_p", 37, 1, persistent=True)
 overcurrent_time = Register("overcurrent_time", 38, 1, persistent=True)  # 10 ms
 velocity_i = Register("velocity_i", 39, 1, persistent=True)
 
-# RAM: the goals.
-torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on, 2 damping, 128: here is the middle
+# RAM: goals.
+torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on, 2 damping, 128: make this the middle position
 acceleration = Register("acceleration", 41, 1)  # 100 counts/s^2; 0: no limit
 goal_position = Register("goal_position", 42, 2, sign_bit=15)  # counts
-# The name is that of the SCS table, where it is a time. An STS takes its PWM goal from here in mode 2
-# and ignores it in position mode.
+# The name is from the SCS table. In an STS, the value is the PWM goal in mode 2, and is ignored in position mode.
 goal_time = Register("goal_time", 44, 2, sign_bit=10)  # 0.1 % of full drive
-goal_velocity = Register("goal_velocity", 46, 2, sign_bit=15)  # counts/s; 0: as fast as it can
+goal_velocity = Register("goal_velocity", 46, 2, sign_bit=15)  # counts/s; 0: maximum speed
 torque_limit = Register("torque_limit", 48, 2)  # 0.1 %
 lock = Register("lock", 55, 1)  # 1: EEPROM locked
 
-# RAM: the state. The first five are one block of eight bytes.
+# RAM: state. The first five registers are one block of eight bytes.
 present_position = Register("present_position", 56, 2, READ, sign_bit=15)  # counts
 present_velocity = Register("present_velocity", 58, 2, READ, sign_bit=15)  # counts/s
 present_load = Register("present_load", 60, 2, READ, sign_bit=10)  # 0.1 % of full drive
@@ -73,14 +72,14 @@ moving = Register("moving", 66, 1, READ)
 present_target = Register("present_target", 67, 2, READ, sign_bit=15)  # counts; newer firmware
 present_current = Register("present_current", 69, 2, READ, sign_bit=15)  # 6.5 mA
 
-# Factory values. Feetech calls them read-only; the firmware takes and keeps what is written, and LeRobot writes 85.
+# Factory values. Feetech calls them read-only, but the firmware accepts and keeps new values. LeRobot writes 85.
 moving_threshold = Register("moving_threshold", 80, 1, persistent=True)
 dts = Register("dts", 81, 1, persistent=True)  # ms
 velocity_unit = Register("velocity_unit", 82, 1, persistent=True)
 hts = Register("hts", 83, 1, persistent=True)  # 20.83 ns
-max_velocity = Register("max_velocity", 84, 1, persistent=True)  # 0.732 turns a minute
+max_velocity = Register("max_velocity", 84, 1, persistent=True)  # 0.732 rpm
 max_acceleration = Register("max_acceleration", 85, 1, persistent=True)  # 100 counts/s^2
-acceleration_multiplier = Register("acceleration_multiplier", 86, 1, persistent=True)  # where acceleration is 0
+acceleration_multiplier = Register("acceleration_multiplier", 86, 1, persistent=True)  # used if acceleration is 0
 
 REGISTERS: Final = by_address(globals().values())
 
@@ -88,7 +87,7 @@ STATE_BLOCK: Final = (present_position, present_velocity, present_load, present_
 GOAL_BLOCK: Final = (acceleration, goal_position, goal_time, goal_velocity)
 
 COUNTS_PER_S_PHASE: Final = 1 << 2
-"""Bit of phase: speeds are in counts/s; without it, in 50 counts/s."""
+"""Bit of phase that selects counts/s as the unit of speed instead of 50 counts/s."""
 POSITION_LIMITS: Final = (min_position, max_position)
 
 BAUD_RATES: Final = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
@@ -99,17 +98,19 @@ STATUS_BITS: Final = {0: "voltage", 1: "angle sensor", 2: "temperature", 3: "cur
 VOLTAGE_UNIT_V: Final = 0.1
 TORQUE_UNIT: Final = 0.001
 ACCELERATION_UNIT_COUNTS_S2: Final = 100
-GOAL_ACCELERATION: Final = 100  # of every goal: zero would mean the product of 85 and 86, in each servo another one
+GOAL_ACCELERATION: Final = (
+    100  # for every goal; 0 means the product of registers 85 and 86, which differs between servos
+)
 CURRENT_UNIT_A: Final = 0.0065
 
-KG_CM: Final = 0.0980665  # newton metres in the kg cm of the data sheets
-RPM: Final = 2.0 * math.pi / 60.0  # rad/s in a turn a minute
+KG_CM: Final = 0.0980665  # factor from kg cm, the unit in the datasheets, to N m
+RPM: Final = 2.0 * math.pi / 60.0  # factor from rpm to rad/s
 DEG: Final = math.pi / 180.0
 
-# Name, number, byte order, counts a turn; at this voltage torque at stall (N m) and speed without load (rad/s).
+# Arguments: name, number, byte order, counts per turn, rated voltage (V), stall torque (N m), no-load speed (rad/s).
 STS3215 = ServoModel("sts3215", 777, "little", 4096, 12.0, 2.94, 45.0 * RPM)  # C018, gear 1:345; 30 kg cm
 STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM, 52.0 * RPM)  # gear 1:345
-# Shops disagree about these: the same motor by the ratio of the gears.
+# Vendors disagree about these models. The values are those of the same motor, converted by the gear ratio.
 STS3215_C044 = ServoModel("sts3215_c044", 777, "little", 4096, 7.4, 19.5 * KG_CM * 191 / 345, 52.0 * RPM * 345 / 191)
 STS3215_C046 = ServoModel("sts3215_c046", 777, "little", 4096, 7.4, 19.5 * KG_CM * 147 / 345, 52.0 * RPM * 345 / 147)
 STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)  # C001
@@ -119,5 +120,4 @@ MODELS: Final = {model.name: model for model in list(globals().values()) if isin
 
 
 def alarms(status: int) -> tuple[str, ...]:
-    """Names of the bits that are set in a status byte."""
     return bit_names(status, STATUS_BITS)

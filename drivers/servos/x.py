@@ -1,9 +1,9 @@
-"""Control table of the Dynamixel X series and the MX-28, protocol 2.0, and the models that have it.
+"""Control table and models of the Dynamixel X series, and of the MX-28 with protocol 2.0 firmware.
 
-Source: ROBOTIS e-manual, the models' pages. Numbers, addresses and sizes agree with the models' files in
-the official SDK (dynamixel_easy_sdk 4.1, control_table); docs/servos.md says what each line was compared
-with. It is one table with differences at 38, 40, 62, 102 and 126 (see below), and in where the indirect
-registers lie. Numbers are little endian, negative ones two's complement.
+Source: ROBOTIS e-manual, pages of the models. Numbers, addresses and sizes agree with the model files in the official
+SDK (dynamixel_easy_sdk 4.1, control_table). docs/servos.md lists the sources against which each line was checked. The
+tables of the models differ only at 38, 40, 62, 102 and 126 (see below) and in the addresses of the indirect registers.
+Numbers are little endian, and negative numbers are two's complement.
 """
 
 import math
@@ -14,7 +14,7 @@ from drivers.servos.register import Access, Register, ServoModel, bit_names, by_
 
 READ: Final = Access.READ
 
-# EEPROM: written only while the torque is off.
+# EEPROM: writable only while torque is disabled.
 model_number = Register("model_number", 0, 2, READ, persistent=True)
 model_information = Register("model_information", 2, 4, READ, persistent=True)
 firmware_version = Register("firmware_version", 6, 1, READ, persistent=True)
@@ -36,10 +36,10 @@ max_position_limit = Register("max_position_limit", 48, 4, persistent=True)  # c
 min_position_limit = Register("min_position_limit", 52, 4, persistent=True)  # counts
 shutdown = Register("shutdown", 63, 1, persistent=True)  # hardware error bits
 
-# RAM: the switches, the gains, the goals.
+# RAM: switches, gains and goals.
 torque_enable = Register("torque_enable", 64, 1)  # 0 off, 1 on
 led = Register("led", 65, 1)
-status_return_level = Register("status_return_level", 68, 1)  # 0: ping, 1: and read, 2: all
+status_return_level = Register("status_return_level", 68, 1)  # 0: ping, 1: ping and read, 2: all
 registered_instruction = Register("registered_instruction", 69, 1, READ)
 hardware_error_status = Register("hardware_error_status", 70, 1, READ)  # hardware error bits
 velocity_i_gain = Register("velocity_i_gain", 76, 2)
@@ -50,13 +50,13 @@ position_p_gain = Register("position_p_gain", 84, 2)  # 1/128
 feedforward_2nd_gain = Register("feedforward_2nd_gain", 88, 2)  # 1/4
 feedforward_1st_gain = Register("feedforward_1st_gain", 90, 2)  # 1/4
 bus_watchdog = Register("bus_watchdog", 98, 1)  # 20 ms
-goal_pwm = Register("goal_pwm", 100, 2, signed=True)  # 1/885; in position mode the limit of the drive
+goal_pwm = Register("goal_pwm", 100, 2, signed=True)  # 1/885; in position mode the PWM limit
 goal_velocity = Register("goal_velocity", 104, 4, signed=True)  # 0.229 rpm
 profile_acceleration = Register("profile_acceleration", 108, 4)  # 214.577 rev/min^2; 0: no ramp
-profile_velocity = Register("profile_velocity", 112, 4)  # 0.229 rpm; 0: as fast as it can
+profile_velocity = Register("profile_velocity", 112, 4)  # 0.229 rpm; 0: maximum speed
 goal_position = Register("goal_position", 116, 4, signed=True)  # counts
 
-# RAM: the state.
+# RAM: state.
 realtime_tick = Register("realtime_tick", 120, 2, READ)  # ms
 moving = Register("moving", 122, 1, READ)
 moving_status = Register("moving_status", 123, 1, READ)
@@ -69,9 +69,9 @@ present_voltage = Register("present_voltage", 144, 2, READ)  # 0.1 V
 present_temperature = Register("present_temperature", 146, 1, READ)  # deg C
 
 REGISTERS: Final = by_address(globals().values())
-"""What all models have."""
+"""Registers of all models."""
 
-# Not in all of them: some estimate their load, the others measure the current.
+# These registers are not in all models. Some models estimate their load, and the others measure their current.
 present_load = Register("present_load", 126, 2, READ, signed=True)  # 0.1 %
 present_current = Register("present_current", 126, 2, READ, signed=True)  # the model's unit
 current_limit = Register("current_limit", 38, 2, persistent=True)  # the model's unit
@@ -80,23 +80,23 @@ pwm_slope = Register("pwm_slope", 62, 1, persistent=True)  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True)  # MX-28; 214.577 rev/min^2
 
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
-"""All of the state in one piece, alike in all models: the drive is present_pwm, because what stands at 126 differs."""
+"""End of the state block, which is the same in all models. The load is present_pwm, because register 126 differs."""
 GOAL_BLOCK: Final = (profile_velocity, goal_position)
 
 BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-"""By the value of ``baud_rate``; XL330 and XC330 lack the last."""
+"""Baud rates by the value of ``baud_rate``. XL330 and XC330 do not support the last one."""
 
 POSITION_MODE: Final = 3
 EXTENDED_POSITION_MODE: Final = 4
-"""Goals and positions go on over turns; the position limits are not looked at."""
+"""Mode in which goals and positions count several turns and position limits are ignored."""
 LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
-"""In position mode a larger homing offset is ignored altogether."""
+"""Largest homing offset in position mode. A larger offset is ignored completely."""
 LARGEST_HOMING_OFFSET: Final = 1_044_479
 LARGEST_EXTENDED_POSITION: Final = 1_048_575
 TIME_BASED_PROFILE: Final = 1 << 2
-"""Bit of drive_mode: profile_velocity is a time in ms."""
+"""Bit of drive_mode that makes profile_velocity a time in ms."""
 TORQUE_ON_BY_GOAL: Final = 1 << 3
-"""Bit of drive_mode: a goal switches the torque on."""
+"""Bit of drive_mode that makes every goal enable torque."""
 
 HARDWARE_ERROR_BITS: Final = {0: "voltage", 2: "temperature", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
@@ -108,11 +108,11 @@ VOLTAGE_UNIT_V: Final = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model(ServoModel):
-    """``own``: what its table has beyond ``REGISTERS``. ``stall_current_a`` at the rated voltage, as the torque."""
+    """A servo model. ``own`` holds its registers beyond ``REGISTERS``. The stall current is that at rated voltage."""
 
     own: tuple[Register, ...]
     current_unit_a: float | None
-    """What one unit of ``present_current`` is; None where it has ``present_load`` instead."""
+    """Unit of ``present_current``, in A. None if the model has ``present_load`` instead."""
     stall_current_a: float
 
 
@@ -120,7 +120,7 @@ def _model(
     name: str, number: int, volts: float, stall_nm: float, stall_a: float, rpm: float, unit_a: float | None,
     *own: Register,
 ) -> Model:  # fmt: skip
-    """``own``: what not all have, other than what stands at 38, 102 and 126."""
+    """Create a model. ``own`` holds registers that not all models have, except those at 38, 102 and 126."""
     own += (present_load,) if unit_a is None else (current_limit, goal_current, present_current)
     return Model(
         name, number, "little", 4096, volts, stall_nm, rpm * 2.0 * math.pi / 60.0,
@@ -140,21 +140,20 @@ XC430_W240 = _model("xc430-w240", 1080, 12.0, 1.9, 1.4, 70.0, None)
 XM430_W210 = _model("xm430-w210", 1030, 12.0, 3.0, 2.3, 77.0, 0.00269)
 XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 2.3, 46.0, 0.00269)
 MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 1.4, 55.0, None, acceleration_limit)
-"""An MX-28 with protocol 2.0 firmware, which has this table; with protocol 1.0 firmware it is model 29."""
+"""MX-28 with protocol 2.0 firmware. With protocol 1.0 firmware, its model number is 29 (``ax_mx``)."""
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
 
 X330: Final = tuple(model for model in MODELS.values() if pwm_slope in model.own)
-"""Their indirect registers are fewer, and lie elsewhere in old firmware."""
+"""Models with fewer indirect registers, whose addresses differ in old firmware."""
 CURRENT_UNIT_A: Final = {name: unit_a for name, model in MODELS.items() if (unit_a := model.current_unit_a) is not None}
-"""Models that measure their current, and in which unit."""
+"""Unit of ``present_current`` of each model that measures its current, in A."""
 
 
 def registers(model: Model) -> tuple[Register, ...]:
-    """The whole table of a model, by address; the indirect registers left out."""
+    """Return the control table of a model without indirect registers, sorted by address."""
     return by_address(REGISTERS + model.own)
 
 
 def alarms(hardware_error: int) -> tuple[str, ...]:
-    """Names of the bits that are set in ``hardware_error_status``."""
     return bit_names(hardware_error, HARDWARE_ERROR_BITS)

@@ -1,8 +1,8 @@
-"""Control table of the Dynamixel XL-320: protocol 2.0, but a table of its own.
+"""Control table of the Dynamixel XL-320. It uses protocol 2.0, but its table differs from the X series.
 
-Source: ROBOTIS e-manual, page XL-320; every address and size agrees with xl320.model of the official
-SDK (dynamixel_easy_sdk 4.1). Numbers are little endian. Speeds and loads have their direction in bit
-10: set is clockwise, towards smaller positions.
+Source: ROBOTIS e-manual, page XL-320. All addresses and sizes agree with xl320.model of the official SDK
+(dynamixel_easy_sdk 4.1). Numbers are little endian. Bit 10 of a speed or load is its direction: 1 is clockwise,
+toward smaller positions.
 """
 
 import math
@@ -25,20 +25,20 @@ temperature_limit = Register("temperature_limit", 12, 1, persistent=True)  # deg
 min_voltage_limit = Register("min_voltage_limit", 13, 1, persistent=True)  # 0.1 V
 max_voltage_limit = Register("max_voltage_limit", 14, 1, persistent=True)  # 0.1 V
 max_torque = Register("max_torque", 15, 2, persistent=True)  # 1/1023
-status_return_level = Register("status_return_level", 17, 1, persistent=True)  # 0: ping, 1: and read, 2: all
+status_return_level = Register("status_return_level", 17, 1, persistent=True)  # 0: ping, 1: ping and read, 2: all
 shutdown = Register("shutdown", 18, 1, persistent=True)  # hardware error bits
 
-# RAM: the switches, the gains, the goals.
+# RAM: switches, gains and goals.
 torque_enable = Register("torque_enable", 24, 1)  # 0 off, 1 on
 led = Register("led", 25, 1)
 d_gain = Register("d_gain", 27, 1)
 i_gain = Register("i_gain", 28, 1)
 p_gain = Register("p_gain", 29, 1)
 goal_position = Register("goal_position", 30, 2)  # counts
-moving_speed = Register("moving_speed", 32, 2)  # 0.111 rpm; 0: as fast as it can
+moving_speed = Register("moving_speed", 32, 2)  # 0.111 rpm; 0: maximum speed
 torque_limit = Register("torque_limit", 35, 2)  # 1/1023; 0 after a shutdown
 
-# RAM: the state.
+# RAM: state.
 present_position = Register("present_position", 37, 2, READ)  # counts
 present_speed = Register("present_speed", 39, 2, READ, sign_bit=10)  # 0.111 rpm
 present_load = Register("present_load", 41, 2, READ, sign_bit=10)  # 1/1023 of full drive, estimated
@@ -52,18 +52,18 @@ punch = Register("punch", 51, 2)
 REGISTERS: Final = by_address(globals().values())
 
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
-"""All of the state in one piece; the two bytes at 43 have no name."""
+"""End of the state block. The two bytes at 43 are not documented."""
 GOAL_BLOCK: Final = (goal_position, moving_speed)
 
 BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000)
-"""By the value of ``baud_rate``."""
+"""Baud rates by the value of ``baud_rate``."""
 
 JOINT_MODE: Final = 2
 HARDWARE_ERROR_BITS: Final = {0: "overload", 1: "temperature", 2: "voltage"}
-"""The e-manual gives these for ``shutdown``, and for ``hardware_error_status`` none: taken to be the same."""
+"""The e-manual defines these bits for ``shutdown`` only. ``hardware_error_status`` is assumed to use the same bits."""
 
 POSITIONS: Final = 1024
-"""Readings are below this; they span 300 degrees."""
+"""Number of positions. They span 300 degrees."""
 LARGEST_SPEED: Final = 1023
 FULL_TORQUE: Final = 1023
 COUNTS_PER_TURN: Final = round(POSITIONS * 360.0 / 300.0)

@@ -102,7 +102,10 @@ def test_another_table_than_is_there_is_refused(device: str, model: str) -> None
 
 
 def test_more_servos_than_a_packet_holds_are_refused_before_the_run() -> None:
-    with simulator("1-32") as device, pytest.raises(DriverError, match="a packet holds 31 goals, not 32"):
+    with (
+        simulator("1-32") as device,
+        pytest.raises(DriverError, match="32 goals do not fit into a packet of at most 31"),
+    ):
         bench_bus(device, range(1, 33), "sts3215", 1_000_000, 10, hold=True)
 
 

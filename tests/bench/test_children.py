@@ -83,7 +83,9 @@ def open_files(process_id: int) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "takes no more bytes")])
+@pytest.mark.parametrize(
+    ("number", "says"), [(signal.SIGKILL, "has disappeared"), (signal.SIGSTOP, "accepts no more bytes")]
+)
 def test_measuring_a_line_ends_when_its_servos_are_gone(tmp_path: Path, number: int, says: str) -> None:
     with child("-m", "benchmarks.simulator", str(tmp_path / "bus")) as simulator:
         command = ["servoloop", "bench", "bus", "--port", str(tmp_path / "bus"), "--cycles", "10000000"]

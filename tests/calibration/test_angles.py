@@ -1,4 +1,4 @@
-"""Counts at every seam: properties over all counts, offsets and turns, and against the virtual servo."""
+"""Properties of the position calculations over all counts, offsets and turns, also compared with the virtual servo."""
 
 from math import pi
 
@@ -24,7 +24,7 @@ signed = st.sampled_from([r for r in sts.REGISTERS if r.sign_bit is not None])
 
 
 @given(signed, st.sampled_from(("little", "big")), st.data())
-def test_a_sign_is_one_bit_up_to_both_limits(register: object, order: ByteOrder, data: st.DataObject) -> None:
+def test_the_sign_is_one_bit_up_to_both_limits(register: object, order: ByteOrder, data: st.DataObject) -> None:
     assert isinstance(register, type(sts.homing_offset)) and register.sign_bit is not None
     limit = (1 << register.sign_bit) - 1
     value = data.draw(st.one_of(st.integers(-limit, limit), st.sampled_from((-limit, -1, 0, 1, limit))))
@@ -32,28 +32,28 @@ def test_a_sign_is_one_bit_up_to_both_limits(register: object, order: ByteOrder,
     assert raw & limit == abs(value)
     assert raw >> register.sign_bit == (value < 0)
     assert register.decode(register.encode(value, order), order) == value
-    with pytest.raises(ValueError, match="nothing written"):
+    with pytest.raises(ValueError, match="nothing was written"):
         register.encode(limit + 1 if value >= 0 else -limit - 1, order)
 
 
 @given(turns, turns)
-def test_the_shortest_way_arrives_and_is_at_most_half_a_turn(start: int, end: int) -> None:
+def test_the_shortest_distance_reaches_the_end_within_half_a_turn(start: int, end: int) -> None:
     way = angles.shortest(start, end)
     assert (start + way - end) % TURN == 0
     assert -TURN // 2 <= way < TURN // 2
 
 
 @given(turns, st.lists(st.integers(-TURN // 2, TURN // 2 - 1), max_size=50))
-def test_a_stream_of_readings_becomes_the_way_that_was_gone(start: int, steps: list[int]) -> None:
+def test_unwrapped_readings_follow_the_motion(start: int, steps: list[int]) -> None:
     way = [start]
     for step in steps:
         way.append(way[-1] + step)
-    whole_turns = start - start % TURN  # which turn it began in, no reading can tell
+    whole_turns = start - start % TURN  # a reading does not show the turn in which the sweep began
     assert angles.unwrapped(count % TURN for count in way) == [count - whole_turns for count in way]
 
 
 @given(turns, turns, turns)
-def test_the_offset_always_fits_the_register_and_gives_the_wanted_reading(actual: int, wanted: int, old: int) -> None:
+def test_the_offset_fits_the_register_and_gives_the_wanted_reading(actual: int, wanted: int, old: int) -> None:
     offset = angles.offset_for(actual, wanted)
     sts.homing_offset.encode(offset, "little")
     missed = angles.shortest(wanted, angles.reading_of(actual, offset))
@@ -62,13 +62,13 @@ def test_the_offset_always_fits_the_register_and_gives_the_wanted_reading(actual
 
 
 @given(turns, offsets)
-def test_reading_and_actual_position_are_each_other_s_inverse(actual: int, offset: int) -> None:
+def test_reading_and_actual_position_are_inverse_functions(actual: int, offset: int) -> None:
     assert angles.actual_of(angles.reading_of(actual, offset), offset) == actual % TURN
 
 
 @st.composite
 def sweeps(draw: st.DrawFn) -> tuple[int, int, int, list[int]]:
-    """An offset, the ends of a travel in actual counts, and readings of a sweep over all of it."""
+    """Generate an offset, the ends of a travel in actual counts, and the readings of a sweep over the travel."""
     lower, span, offset = draw(counts), draw(st.integers(0, TURN - 2) | st.just(TURN - 2)), draw(offsets)
     start = draw(st.integers(0, span))
     step = draw(st.integers(1, TURN // 2 - 1))
@@ -81,7 +81,7 @@ def sweeps(draw: st.DrawFn) -> tuple[int, int, int, list[int]]:
 
 
 @given(sweeps())
-def test_a_sweep_gives_its_true_range_wherever_the_seam_is(sweep: tuple[int, int, int, list[int]]) -> None:
+def test_a_sweep_gives_its_range_wherever_the_wrap_is(sweep: tuple[int, int, int, list[int]]) -> None:
     offset, lower, upper, readings = sweep
     travel = angles.travel_of(readings)
     assert travel.span == upper - lower
@@ -89,7 +89,7 @@ def test_a_sweep_gives_its_true_range_wherever_the_seam_is(sweep: tuple[int, int
 
 
 @given(sweeps())
-def test_the_new_offset_keeps_the_seam_out_of_the_travel(sweep: tuple[int, int, int, list[int]]) -> None:
+def test_the_new_offset_keeps_the_wrap_outside_the_travel(sweep: tuple[int, int, int, list[int]]) -> None:
     offset, lower, upper, readings = sweep
     travel = angles.travel_of(readings)
     new = angles.offset_for_travel(travel, offset)
@@ -103,7 +103,7 @@ def test_the_new_offset_keeps_the_seam_out_of_the_travel(sweep: tuple[int, int, 
 
 @given(turns, st.integers(TURN - 1, 3 * TURN), offsets)
 def test_a_travel_that_fills_the_turn_is_refused(lower: int, span: int, offset: int) -> None:
-    with pytest.raises(ValueError, match="cannot be kept off the seam"):
+    with pytest.raises(ValueError, match="the wrap cannot be outside it"):
         angles.offset_for_travel(Travel(lower, lower + span), offset)
 
 
@@ -114,8 +114,8 @@ def test_a_sweep_without_readings_is_refused() -> None:
 
 @settings(max_examples=40)
 @given(counts, offsets, counts)
-def test_the_servo_agrees(actual: int, old: int, wanted: int) -> None:
-    """Write an offset, read the position; then re-home from the reading alone, and read again."""
+def test_the_virtual_servo_agrees(actual: int, old: int, wanted: int) -> None:
+    """Write an offset and read the position, then calculate a new offset from the reading and read again."""
     plant = BenchPlant((1,))
     plant.place([(actual + 0.5) * 2.0 * pi / TURN])
     clock = SimulatedClock(0.0)

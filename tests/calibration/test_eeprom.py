@@ -1,4 +1,4 @@
-"""The EEPROM scope over the real bus and a virtual servo: what is written, what is not, and the lock at the end."""
+"""EEPROM writes over the real bus to virtual servos: which settings are written, and whether the lock is closed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ EEPROM_END = sts.torque_enable.address
 
 
 class RecordingPort(VirtualPort):
-    """Notes every write instruction; ``before_write`` may meddle with each packet's fate first."""
+    """A port that records all write instructions. ``before_write`` can inject a fault before each packet."""
 
     def __init__(self, servos: VirtualBus, clock: SimulatedClock) -> None:
         super().__init__(servos, clock)
@@ -47,18 +47,18 @@ class RecordingPort(VirtualPort):
 
     @property
     def written(self) -> list[int]:
-        """The addresses of all write instructions, in order."""
+        """Return the addresses of all write instructions, in order."""
         return [packet[5] for packet in self.packets if packet[4] == WRITE]
 
     @property
     def wear(self) -> list[int]:
-        """Those that wear the EEPROM out."""
+        """Return the addresses of all writes that wear out the EEPROM."""
         return [address for address in self.written if address < EEPROM_END]
 
 
 @dataclass
 class Line:
-    """Two virtual servos with the IDs 1 and 2."""
+    """A bus with two virtual servos, IDs 1 and 2."""
 
     clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(10.0))
     servos: VirtualBus = field(default_factory=lambda: VirtualBus.of(BenchPlant((1, 2))))
@@ -92,7 +92,7 @@ def test_only_what_differs_is_written_and_it_outlives_power_off_locked() -> None
     assert update(line.bus, 1, LOCK, values) == ()
 
 
-def test_the_scope_can_be_used_step_by_step() -> None:
+def test_settings_can_be_written_one_by_one() -> None:
     line = Line()
     with eeprom(line.bus, 1, LOCK) as memory:
         memory.write(sts.max_torque, memory.read(sts.max_torque) // 2)
@@ -100,7 +100,7 @@ def test_the_scope_can_be_used_step_by_step() -> None:
     assert (line.held(sts.max_torque), line.held(sts.lock)) == (500, 1)
 
 
-def test_a_lock_that_somebody_left_open_is_closed() -> None:
+def test_a_lock_left_open_is_closed() -> None:
     line = Line()
     line.first.memory.put(sts.lock, 0)
     assert update(line.bus, 1, LOCK, {sts.position_p: 32}) == ()
@@ -110,53 +110,61 @@ def test_a_lock_that_somebody_left_open_is_closed() -> None:
 @pytest.mark.parametrize(
     ("register", "value", "text"),
     [
-        (sts.homing_offset, 2114, "homing_offset takes -2047 to 2047, not 2114"),
-        (sts.model_number, 1, "model_number is not a setting"),
-        (sts.goal_position, 1, "goal_position is not a setting"),
-        (sts.servo_id, 254, "id takes 0 to 253"),
-        (sts.baud_rate, 1, "baud_rate takes the servo off this line"),
-        (dxl.status_return_level, 0, "status_return_level 0 keeps the servo from answering reads"),
-        (xl320.status_return_level, 0, "status_return_level 0 keeps the servo from answering reads"),
+        (sts.homing_offset, 2114, "homing_offset must be -2047 to 2047, not 2114"),
+        (sts.model_number, 1, "model_number is not a writable EEPROM setting"),
+        (sts.goal_position, 1, "goal_position is not a writable EEPROM setting"),
+        (sts.servo_id, 254, "id must be 0 to 253"),
+        (sts.baud_rate, 1, "baud_rate cannot be verified, because the servo leaves this bus"),
+        (
+            dxl.status_return_level,
+            0,
+            "status_return_level 0 cannot be verified, because the servo stops answering reads",
+        ),
+        (
+            xl320.status_return_level,
+            0,
+            "status_return_level 0 cannot be verified, because the servo stops answering reads",
+        ),
     ],
 )
-def test_what_can_not_work_is_refused_before_anything_is_sent(register: Register, value: int, text: str) -> None:
+def test_an_impossible_write_is_refused_before_sending(register: Register, value: int, text: str) -> None:
     line = Line()
-    with pytest.raises(ValueError, match=f"{text}.*nothing written"):
+    with pytest.raises(ValueError, match=f"{text}.*nothing was written"):
         update(line.bus, 1, LOCK, {sts.position_p: 16, register: value})
     assert line.port.packets == []
 
 
 @pytest.mark.parametrize("model", [dxl.AX_12A, dxl.MX_28], ids=lambda model: model.name)
-def test_a_servo_may_be_told_to_acknowledge_no_writes_and_then_to_do_so_again(model: dxl.Model) -> None:
+def test_acknowledgments_can_be_switched_off_and_on(model: dxl.Model) -> None:
     clock = SimulatedClock(10.0)
     servos = VirtualBus.of(BenchPlant((1, 2)), model)
     bus = Bus(VirtualPort(servos, clock), clock, dict.fromkeys((1, 2), model))
     level = dxl.status_return_level
-    with pytest.raises(ValueError, match="nothing written"), eeprom(bus, 1, None) as memory:
+    with pytest.raises(ValueError, match="nothing was written"), eeprom(bus, 1, None) as memory:
         memory.write(level, 0)
     assert update(bus, 1, None, {level: 1}) == (Change(level, 2, 1),)
     assert update(bus, 1, None, {level: 2}) == (Change(level, 1, 2),)
     assert servos.servo(1).memory.get(level) == 2
 
 
-def test_a_servo_under_torque_is_left_alone() -> None:
+def test_nothing_is_written_while_torque_is_enabled() -> None:
     line = Line()
     line.bus.torque_on(1)
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) is not written: the servo holds torque"
+        EepromError, match=r"servo 1: position_p \(register 21\) was not written: the servo holds torque"
     ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.port.wear == []
     assert line.held(sts.lock) == 1
 
 
-def test_without_a_lock_register_only_torque_matters() -> None:
+def test_without_a_lock_register_only_torque_prevents_writes() -> None:
     line = Line()
     assert update(line.bus, 1, None, {sts.position_p: 16}) == (Change(sts.position_p, 32, 16),)
     assert line.port.written == [21]
 
 
-def test_a_value_that_does_not_stick_is_reported() -> None:
+def test_a_value_that_the_servo_does_not_keep_is_reported() -> None:
     line = Line()
     memory = line.first.memory
     line.port.before_write = lambda number: memory.put(sts.position_p, 32)
@@ -166,7 +174,7 @@ def test_a_value_that_does_not_stick_is_reported() -> None:
     assert line.held(sts.lock) == 1
 
 
-def test_a_lost_reply_costs_no_second_write() -> None:
+def test_a_lost_reply_does_not_cause_a_second_write() -> None:
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.corrupt_next(1) if number == 4 else None
     assert update(line.bus, 1, LOCK, {sts.position_p: 16}) == (Change(sts.position_p, 32, 16),)
@@ -175,50 +183,52 @@ def test_a_lost_reply_costs_no_second_write() -> None:
     assert line.held(sts.lock) == 1
 
 
-def test_the_id_comes_last_and_the_lock_is_closed_under_the_new_one() -> None:
+def test_the_id_is_written_last_and_the_lock_is_closed_with_the_new_id() -> None:
     line = Line()
     changes = update(line.bus, 1, LOCK, {sts.servo_id: 9, sts.position_p: 16})
     assert [change.register for change in changes] == [sts.position_p, sts.servo_id]
     assert (line.first.servo_id, line.held(sts.lock)) == (9, 1)
 
 
-def test_an_id_that_is_taken_is_refused() -> None:
+def test_an_id_in_use_is_refused() -> None:
     line = Line()
-    with pytest.raises(EepromError, match=r"servo 1: id \(register 5\) must not become 2: another servo answers"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: id \(register 5\) cannot be changed to 2: another servo has this ID"
+    ):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
     assert line.port.wear == []
 
 
 @pytest.mark.parametrize("heard", range(SILENCES))
-def test_an_id_is_taken_even_if_only_one_of_all_answers_comes(heard: int) -> None:
-    """Two servos with one ID cannot be parted over the wire; the first packet reads the old ID."""
+def test_an_id_is_in_use_if_any_reply_arrives(heard: int) -> None:
+    """Two servos with one ID cannot be separated over the bus. The first packet reads the old ID."""
     line = Line()
 
     def meddle(number: int) -> None:
         line.port.losing = 0 < number <= SILENCES and number != 1 + heard
 
     line.port.before_write = meddle
-    with pytest.raises(EepromError, match="must not become 2: another servo answers"):
+    with pytest.raises(EepromError, match="cannot be changed to 2: another servo has this ID"):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
     assert [servo.servo_id for servo in line.servos.servos] == [1, 2]
 
 
-def test_an_id_at_which_something_stirs_is_taken() -> None:
+def test_an_id_is_in_use_if_a_corrupt_reply_arrives() -> None:
     line = Line()
 
     def meddle(number: int) -> None:
         line.port.losing, line.port.garbling = 0 < number < SILENCES, number == SILENCES
 
     line.port.before_write = meddle
-    with pytest.raises(EepromError, match="must not become 2: another servo answers"):
+    with pytest.raises(EepromError, match="cannot be changed to 2: another servo has this ID"):
         update(line.bus, 1, LOCK, {sts.servo_id: 2})
 
 
 @pytest.mark.parametrize("fault", ["lost", "garbled"])
 @pytest.mark.parametrize("length", range(1, TRIES))
 @pytest.mark.parametrize("at", range(10))
-def test_what_is_only_read_is_read_again(at: int, length: int, fault: str) -> None:
-    """The setting, the torque, the lock: ``length`` answers in a row do not come, and the setting is written once."""
+def test_reads_are_repeated(at: int, length: int, fault: str) -> None:
+    """``length`` consecutive replies about the setting, torque or lock are lost. The setting is written once."""
     line = Line()
 
     def meddle(number: int) -> None:
@@ -231,11 +241,11 @@ def test_what_is_only_read_is_read_again(at: int, length: int, fault: str) -> No
     assert line.held(sts.lock) == 1
 
 
-def test_torque_that_cannot_be_read_names_the_setting_that_was_to_be_written() -> None:
+def test_an_unreadable_torque_state_names_the_setting() -> None:
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 1 else None
     with pytest.raises(
-        EepromError, match=r"servo 1: position_p \(register 21\) is not written.* torque .*not answer"
+        EepromError, match=r"servo 1: position_p \(register 21\) was not written.* torque .*not answer"
     ) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert (caught.value.servo_id, caught.value.register) == (1, sts.position_p)
@@ -243,26 +253,28 @@ def test_torque_that_cannot_be_read_names_the_setting_that_was_to_be_written() -
     assert line.port.written == []
 
 
-def test_a_setting_that_cannot_be_read_back_is_said_to_be_written_perhaps() -> None:
+def test_a_setting_that_cannot_be_read_back_may_have_changed() -> None:
     line = Line()
     line.port.before_write = lambda number: line.servos.faults.silence(1) if number == 5 else None
-    with pytest.raises(EepromError, match=r"servo 1: position_p \(register 21\) has perhaps become 16: .*not answer"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p \(register 21\) may have changed to 16, but .*not answer"
+    ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.held(sts.position_p) == 16
 
 
-def test_a_line_that_is_lost_before_the_setting_is_read_back_leaves_word_of_it() -> None:
+def test_a_port_lost_before_the_read_back_adds_a_note() -> None:
     line = Line()
     line.port.before_write = lambda number: line.port.unplug() if number == 5 else None
     with pytest.raises(PortLost) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
-    assert "servo 1: position_p (register 21) has perhaps become 16" in caught.value.__notes__
+    assert "servo 1: position_p (register 21) may have changed to 16" in caught.value.__notes__
     assert line.held(sts.position_p) == 16
 
 
 @pytest.mark.parametrize("second", [sts.homing_offset, sts.lock])
-def test_a_failure_tells_what_was_written_before_it(second: Register) -> None:
-    """Of two settings the second is not taken; or of one the lock is not closed again."""
+def test_a_failure_lists_earlier_changes(second: Register) -> None:
+    """Either the second of two settings is not accepted, or the lock is not closed after the only setting."""
     line = Line()
     begun = 1 if second is sts.lock else 2
 
@@ -273,23 +285,23 @@ def test_a_failure_tells_what_was_written_before_it(second: Register) -> None:
     line.port.before_write = meddle
     with pytest.raises(EepromError, match=second.name) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16} | ({second: 5} if begun == 2 else {}))
-    assert "written before that: position_p 32 to 16" in caught.value.__notes__
+    assert "written before this error: position_p 32 to 16" in caught.value.__notes__
 
 
 @pytest.mark.parametrize("number", range(8))
-def test_a_servo_that_goes_silent_for_good_is_named(number: int) -> None:
+def test_a_servo_that_becomes_silent_is_named(number: int) -> None:
     line = Line()
     line.port.before_write = lambda n: line.servos.faults.silence(1) if n == number else None
     with pytest.raises(ServoError, match="servo 1: ") as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert caught.value.servo_id == 1
     opened = line.held(sts.lock) == 0
-    # Whoever is told only of the first failure is told of the lock too.
+    # A caller that only sees the first error also learns about the lock.
     assert not opened or "lock (register 55)" in str(caught.value) + "".join(getattr(caught.value, "__notes__", []))
 
 
 @pytest.mark.parametrize("number", range(9))
-def test_a_lost_port_is_reported_as_such(number: int) -> None:
+def test_a_lost_port_raises_port_lost(number: int) -> None:
     line = Line()
     line.port.before_write = lambda n: line.port.unplug() if n == number else None
     with pytest.raises(PortLost):
@@ -297,8 +309,8 @@ def test_a_lost_port_is_reported_as_such(number: int) -> None:
 
 
 @pytest.mark.parametrize("number", range(24))
-def test_a_servo_that_is_reset_in_between_keeps_what_was_written(number: int) -> None:
-    """A reset closes the lock: what is written then acts, reads back as it should, and is gone after power-off."""
+def test_settings_survive_a_reset_between_writes(number: int) -> None:
+    """A reset closes the lock. A value written afterwards can be read back, but is lost at power-off."""
     line = Line()
     line.port.before_write = lambda n: line.first.power_cycle() if n == number else None
     values = {sts.position_p: 16, sts.position_d: 20, sts.homing_offset: -85}
@@ -308,8 +320,8 @@ def test_a_servo_that_is_reset_in_between_keeps_what_was_written(number: int) ->
     assert {register: line.held(register) for register in values} == values
 
 
-def test_a_servo_that_is_reset_again_and_again_is_named() -> None:
-    """Each time when its lock has just been seen open."""
+def test_a_servo_that_is_reset_repeatedly_is_named() -> None:
+    """Each reset happens just after the lock was read as open."""
     line = Line()
 
     def meddle(number: int) -> None:
@@ -317,16 +329,18 @@ def test_a_servo_that_is_reset_again_and_again_is_named() -> None:
             line.first.memory.put(LOCK, 1)
 
     line.port.before_write = meddle
-    with pytest.raises(EepromError, match=r"servo 1: position_p .* is perhaps not saved: the servo loses its power"):
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p .* may not have been saved: the servo was reset repeatedly"
+    ):
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert line.held(LOCK) == 1
 
 
 class Stumble(BaseException):
-    """Not an Exception: as Ctrl-C is none."""
+    """An interrupt that is not an Exception, like Ctrl-C."""
 
 
-def test_an_interrupt_while_the_lock_is_closed_behind_an_error_is_not_lost() -> None:
+def test_an_interrupt_while_the_lock_is_closed_after_an_error_is_raised() -> None:
     line = Line()
 
     def stumble(number: int) -> None:
@@ -342,10 +356,8 @@ def test_an_interrupt_while_the_lock_is_closed_behind_an_error_is_not_lost() -> 
 
 @pytest.mark.parametrize("begun", range(1, 9))
 @pytest.mark.parametrize("times", range(1, TRIES + 2))
-def test_who_is_interrupted_again_while_the_lock_is_closed_closes_it_nevertheless_or_says_so(
-    begun: int, times: int
-) -> None:
-    """Ctrl-C before packet ``begun``, and before each of the next ones."""
+def test_repeated_interrupts_leave_the_lock_closed_or_add_a_note(begun: int, times: int) -> None:
+    """Ctrl-C arrives before packet ``begun`` and before each of the following packets."""
     line = Line()
 
     def stumble(number: int) -> None:
@@ -357,8 +369,8 @@ def test_who_is_interrupted_again_while_the_lock_is_closed_closes_it_nevertheles
     line.port.before_write = stumble
     with pytest.raises(Stumble) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
-    said = "".join(getattr(caught.value, "__notes__", []))
-    assert line.held(LOCK) == 1 or (times > TRIES and "the EEPROM may be left unlocked" in said)
+    notes = "".join(getattr(caught.value, "__notes__", []))
+    assert line.held(LOCK) == 1 or (times > TRIES and "the EEPROM may be left unlocked" in notes)
 
 
 @pytest.mark.soak
@@ -369,8 +381,8 @@ def test_who_is_interrupted_again_while_the_lock_is_closed_closes_it_nevertheles
     st.sampled_from(("not heard", "reply lost", "reply corrupt")),
     st.none() | st.integers(0, 4),
 )
-def test_the_lock_is_closed_however_the_scope_ends(at: int, length: int, fault: str, stumble: int | None) -> None:
-    """From packet ``at`` on, ``length`` exchanges fail; after ``stumble`` writes the caller breaks off."""
+def test_the_lock_is_closed_however_the_block_ends(at: int, length: int, fault: str, stumble: int | None) -> None:
+    """From packet ``at`` on, ``length`` exchanges fail. The caller raises an error after ``stumble`` writes."""
     line = Line()
 
     def meddle(number: int) -> None:
@@ -402,7 +414,7 @@ def test_the_lock_is_closed_however_the_scope_ends(at: int, length: int, fault: 
 
 @pytest.mark.parametrize("number", range(14))
 def test_an_interrupt_at_any_packet_leaves_the_lock_closed(number: int) -> None:
-    """Also at the packet that was to close it."""
+    """This includes the packet that closes the lock."""
     line = Line()
 
     def interrupt(n: int) -> None:
@@ -416,7 +428,7 @@ def test_an_interrupt_at_any_packet_leaves_the_lock_closed(number: int) -> None:
     assert line.held(sts.lock) == 1
 
 
-def test_an_error_of_the_caller_passes_through_and_the_lock_is_closed() -> None:
+def test_an_error_of_the_caller_is_raised_and_the_lock_is_closed() -> None:
     line = Line()
     with pytest.raises(KeyError, match="mine"), eeprom(line.bus, 1, LOCK) as memory:
         memory.write(sts.position_p, 16)
@@ -424,10 +436,12 @@ def test_an_error_of_the_caller_passes_through_and_the_lock_is_closed() -> None:
     assert line.held(sts.lock) == 1
 
 
-def test_a_silent_servo_is_said_to_be_silent_and_costs_little() -> None:
+def test_a_silent_servo_is_reported_quickly() -> None:
     line = Line()
     line.servos.faults.silence(1)
-    with pytest.raises(EepromError, match=r"servo 1: position_p .* cannot be read: it does not answer") as caught:
+    with pytest.raises(
+        EepromError, match=r"servo 1: position_p .* cannot be read: the servo does not answer"
+    ) as caught:
         update(line.bus, 1, LOCK, {sts.position_p: 16})
     assert isinstance(caught.value.__cause__, ServoSilent)
     assert len(line.port.packets) <= ATTEMPTS + 2

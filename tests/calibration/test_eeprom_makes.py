@@ -1,4 +1,4 @@
-"""The EEPROM scope over the buses of Dynamixels, which have no lock register: torque off is the key."""
+"""EEPROM writes to Dynamixel servos, which have no lock register and only need torque to be disabled."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ WRITE = 0x03
 
 @dataclass(frozen=True)
 class Case:
-    """A model, settings that its servo does not have, the first of them by address first, and one that it has."""
+    """A model, its new settings (lowest address first), a setting that keeps its value, and the ID register."""
 
     model: ServoModel
     new: Mapping[Register, int]
@@ -40,7 +40,7 @@ every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.model.
 
 
 class Bench:
-    """Two servos with the IDs 1 and 2."""
+    """Two servos, IDs 1 and 2."""
 
     def __init__(self, case: Case) -> None:
         clock = SimulatedClock(10.0)
@@ -57,7 +57,7 @@ class Bench:
 
     @property
     def written(self) -> list[int]:
-        """The addresses of all write instructions, in order."""
+        """Return the addresses of all write instructions, in order."""
         if self.protocol2:
             return [int.from_bytes(p[8:10], "little") for p in self.port.sent if p[7] == WRITE]
         return [p[5] for p in self.port.sent if p[4] == WRITE]
@@ -78,20 +78,20 @@ def test_only_what_differs_is_written_and_it_outlives_power_off(case: Case) -> N
 
 
 @every_case
-def test_a_servo_under_torque_is_left_alone(case: Case) -> None:
+def test_nothing_is_written_while_torque_is_enabled(case: Case) -> None:
     bench = Bench(case)
     bench.bus.torque_on(1)
     bench.port.sent = ()
     register = next(iter(case.new))
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} is not written: the servo holds torque, switch it off first"):
+    with pytest.raises(EepromError, match=f"{place} was not written: the servo holds torque. Support the arm"):
         update(bench.bus, 1, None, case.new)
     assert bench.written == []
 
 
 @every_case
 @pytest.mark.parametrize("number", [0, 1])
-def test_a_value_that_does_not_stick_is_reported_with_what_was_written_before(
+def test_a_value_that_the_servo_does_not_keep_is_reported_with_earlier_changes(
     case: Case, number: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench(case)
@@ -104,7 +104,9 @@ def test_a_value_that_does_not_stick_is_reported_with_what_was_written_before(
 
     monkeypatch.setattr(bench.port, "write", forgetting)
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} stays {old}, not {value}: the servo does not take it") as caught:
+    with pytest.raises(
+        EepromError, match=f"{place} stays {old}, not {value}: the servo did not accept the value"
+    ) as caught:
         update(bench.bus, 1, None, case.new)
     assert (caught.value.servo_id, caught.value.register) == (1, register)
     assert any(first.name in note for note in getattr(caught.value, "__notes__", [])) is (number == 1)
@@ -116,16 +118,16 @@ def test_a_silent_servo_is_named_with_the_setting(case: Case) -> None:
     bench.servos.faults.silence(1)
     register = next(iter(case.new))
     place = rf"servo 1: {register.name} \(register {register.address}\)"
-    with pytest.raises(EepromError, match=f"{place} cannot be read: it does not answer") as caught:
+    with pytest.raises(EepromError, match=f"{place} cannot be read: the servo does not answer") as caught:
         update(bench.bus, 1, None, case.new)
     assert isinstance(caught.value.__cause__, ServoSilent)
 
 
 @every_case
-def test_the_id_comes_last_and_one_that_is_taken_is_refused(case: Case) -> None:
+def test_the_id_is_written_last_and_an_id_in_use_is_refused(case: Case) -> None:
     bench = Bench(case)
     register, value = next(iter(case.new.items()))
-    with pytest.raises(EepromError, match=rf"servo 1: id \(register {case.servo_id.address}\) must not become 2"):
+    with pytest.raises(EepromError, match=rf"servo 1: id \(register {case.servo_id.address}\) cannot be changed to 2"):
         update(bench.bus, 1, None, {case.servo_id: 2})
     assert bench.written == []
     changes = update(bench.bus, 1, None, {case.servo_id: 9, register: value})

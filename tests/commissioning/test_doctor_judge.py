@@ -64,7 +64,7 @@ def test_a_single_mishap_is_no_finding(figure: str) -> None:
 
 
 def test_an_adapter_that_cannot_make_the_rate() -> None:
-    text = "/dev/ttyUSB0 runs at 923076 baud when told 1000000: its adapter does not know that rate"
+    text = "/dev/ttyUSB0 runs at 923076 baud instead of 1000000, which its adapter does not support"
     (finding,) = judge(Snapshot((BusSnapshot("", "/dev/ttyUSB0", 1_000_000, problem="unsuitable", problem_text=text),)))
     assert (finding.id, finding.severity, finding.cause) == ("port_unsuitable", "fault", text)
 

@@ -163,7 +163,7 @@ def test_a_servo_that_does_not_come_back_from_its_restart_is_said_to_have_been_w
     )
     with pytest.raises(DriverError, match="servo 2") as failed:
         restore(line.bus, line.clock, plan)
-    assert "written before that: position_p 32 to 18" in failed.value.__notes__
+    assert "written before this error: position_p 32 to 18" in failed.value.__notes__
 
 
 def test_a_single_servo_is_restored_whatever_the_others_are() -> None:

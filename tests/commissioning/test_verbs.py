@@ -262,9 +262,9 @@ def test_a_mistake_is_said_with_the_servo_and_what_to_do(
     for arguments, says in (
         (("register", "write", *port, "--id", "3", "goal_position", "0"), "servo 3: goal_position is an order to move"),
         (("register", "read", *port, "--id", "3", "volts"), "sts3215 has no register volts"),
-        (("set-id", "3", "4", *port), "servo 3: id (register 5) must not become 4: another servo answers to that"),
+        (("set-id", "3", "4", *port), "servo 3: id (register 5) cannot be changed to 4: another servo has this ID"),
         (("register", "read", *port, "--baud", "500000", "--id", "3", "id"), "servo 3: nobody answers at 500000 baud"),
-        (("reboot", "3", "--port", "/dev/ttyACM77"), "there is no /dev/ttyACM77"),
+        (("reboot", "3", "--port", "/dev/ttyACM77"), "/dev/ttyACM77 does not exist"),
     ):
         assert run(monkeypatch, *arguments) == 1
         assert says in " ".join(capsys.readouterr().err.split())

@@ -1,4 +1,4 @@
-"""A cycle as the control loop runs it."""
+"""One cycle as the control loop runs it."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,7 +9,7 @@ from drivers.bus.types import Reading, ServoGoal
 def exchange(
     bus: Bus, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int], deadline_s: float
 ) -> Mapping[int, Reading]:
-    """States in, then goals out."""
+    """Read the states, then write the goals."""
     bus.request(servo_ids, deadline_s)
     readings = bus.receive()
     bus.write_goals(goals)

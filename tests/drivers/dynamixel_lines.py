@@ -1,4 +1,4 @@
-"""A line of virtual X series servos. Their registers say the servo and the cycle: a wrong or an old value shows."""
+"""A bus of virtual X series servos whose registers encode the servo and the cycle, so that wrong or old values show."""
 
 from collections.abc import Mapping
 
@@ -23,7 +23,7 @@ GROUP_READS = {Code.SYNC_READ, Code.FAST_SYNC_READ, Code.BULK_READ}
 
 
 class TapedPort(VirtualPort):
-    """Keeps what is sent."""
+    """A port that records the packets sent."""
 
     def __init__(self, bus: VirtualDynamixelBus, clock: SimulatedClock) -> None:
         super().__init__(bus, clock)
@@ -36,7 +36,7 @@ class TapedPort(VirtualPort):
 
 
 class TrueLine:
-    """``errors``: hardware errors by ID."""
+    """A bus whose values are known. ``errors`` holds hardware errors by ID."""
 
     def __init__(self, models: Mapping[int, ServoModel], firmware: Mapping[int, int] | None = None) -> None:
         self.models = dict(models)
@@ -51,7 +51,7 @@ class TrueLine:
             servo.firmware.publish = lambda servo=servo: self._publish(servo)  # type: ignore[method-assign,misc]
 
     def identified(self) -> "TrueLine":
-        """As a program finds it that has just begun."""
+        """Identify all servos, as a program does at its start."""
         for servo_id, model in self.models.items():
             self.bus.identify(servo_id, model)
         self.bus.read_states(self.ids)
@@ -73,7 +73,7 @@ class TrueLine:
             servo.memory.put(register, value)
 
     def holds(self, servo_id: int, reading: ServoState) -> bool:
-        """Whether it is the servo's state in this very cycle; its alarms by name, or at least that there are some."""
+        """Whether a state is that of the servo in this cycle, with the names of its alarms or with an unnamed alarm."""
         names = x.alarms(self.errors[servo_id])
         unit_a = x.CURRENT_UNIT_A.get(self.models[servo_id].name)
         wanted = (
@@ -88,7 +88,7 @@ class TrueLine:
         return reading == wanted and reading.alarms in ((names, ALARMED) if names else ((),))
 
     def cycle(self) -> Mapping[int, Reading]:
-        """One cycle; every value is held against the truth."""
+        """Run one cycle and compare every value with the expected value."""
         self.number += 1
         next_s = self.clock.now() + PERIOD_S
         readings = self.bus.read_states(self.ids, self.clock.now() + BUDGET_S)
@@ -98,17 +98,17 @@ class TrueLine:
         return readings
 
     def faults(self) -> dict[int, str]:
-        """Of one cycle."""
+        """Run one cycle and return its faults."""
         return {i: r.kind for i, r in self.cycle().items() if isinstance(r, ServoFault)}
 
     def taken(self) -> list[Instruction]:
-        """What was sent since the last time."""
+        """Return the packets sent since the last call."""
         sent = self.port.sent[:]
         self.port.sent.clear()
         return sent
 
     def mapped(self) -> set[int]:
-        """Who is asked for the indirect block in this line's next cycle."""
+        """Return the servos that are read from the indirect block in the next cycle."""
         self.port.sent.clear()
         self.cycle()
         (question, *_) = [i for i in self.port.sent if i.code in GROUP_READS]
@@ -119,5 +119,5 @@ class TrueLine:
         return {p[at] for at in range(0, len(p), 5) if number(p[at + 1 : at + 3]) >= 208}
 
     def reset(self, servo_id: int) -> None:
-        """The supply dips: too short to be missed on the wire, long enough for the memory."""
+        """Reset a servo by a voltage drop that is too short to be noticed on the bus."""
         self.servos.servo(servo_id).power_cycle()

@@ -1,4 +1,4 @@
-"""Lines of virtual servos of every make, and registers that say the servo and the cycle: a wrong or old value shows."""
+"""Buses of virtual servos of every make, with registers that encode the servo and the cycle to expose wrong values."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -26,12 +26,12 @@ from tests.drivers.cycles import exchange
 
 IDS = (1, 2, 3, 4, 5, 6, 7)
 CYCLES = int(os.environ.get("SERVOLOOP_FAULT_CYCLES", "1000"))
-"""How many cycles a test on a bad line lasts; ``make soak`` takes 10,000. Tests marked ``soak`` scale with it."""
+"""Number of cycles of a test with line errors (``make soak``: 10,000). Tests marked ``soak`` scale with it."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """What the tests need of a series' table, and how long a cycle of its servos may take."""
+    """Properties of a series' control table that the tests need, and the time for a cycle of its servos."""
 
     period_s: float
     budget_s: float
@@ -39,9 +39,9 @@ class Table:
     position: Register
     max_voltage: Register
     counts_s: Callable[[ServoModel], float]
-    """In one unit of velocity."""
+    """Returns the velocity of one register unit, in counts/s."""
     full_load: int
-    """Negative where the servo shows its drive so."""
+    """Register value of full load, negative if the servo reports its load with the opposite sign."""
     order: ByteOrder = "little"
 
 
@@ -60,16 +60,16 @@ TABLES: dict[str, Table] = {
 
 @dataclass(frozen=True)
 class Kind:
-    """Which servos are on a line."""
+    """The servos on a bus."""
 
     name: str
     models: Mapping[int, ServoModel]
     one_by_one: bool = False
-    """Whether each is asked by itself."""
+    """Whether each servo is asked separately."""
     mapped: bool = False
     """Whether the state is read through indirect registers."""
     with_goals: bool = False
-    """Whether goals go out with every question, the first of which has been answered."""
+    """Whether goals are sent with every request, after the first request was answered."""
 
     @property
     def model(self) -> ServoModel:
@@ -85,7 +85,7 @@ class Kind:
 
 
 def mixed(*models: ServoModel) -> dict[int, ServoModel]:
-    """In turn."""
+    """Assign the models to the IDs in turn."""
     return {i: models[i % len(models)] for i in IDS}
 
 
@@ -96,7 +96,7 @@ READ_EACH = (
     Kind("mx-28", mixed(dxl.MX_28)),
     Kind("ax-12a and mx-28", mixed(dxl.AX_12A, dxl.MX_28), one_by_one=True),
 )
-"""Those without a sync read."""
+"""Kinds of servos without sync reads."""
 KINDS = (
     Kind("sts3215", mixed(sts.STS3215)),
     Kind("xl430 and xm430", mixed(x.XM430_W350, x.XL430_W250)),
@@ -110,7 +110,7 @@ KINDS = (
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 every_servo = pytest.mark.parametrize(
     ("kind", "servo_id"),
-    # Every place in the plainest group read and in that which proves itself; elsewhere the first, a middle, the last.
+    # Every position is tested in the simplest group read and in that with proof; otherwise first, middle and last.
     [
         pytest.param(kind, servo_id, id=f"{kind.name}-{servo_id}")
         for kind in KINDS
@@ -120,7 +120,7 @@ every_servo = pytest.mark.parametrize(
 
 
 class Line:
-    """A bus of virtual servos and everything around it."""
+    """A bus of virtual servos with its port, clock and faults."""
 
     def __init__(self, kind: Kind, port: type[VirtualPort] = VirtualPort, clock: SimulatedClock | None = None) -> None:
         self.kind = kind
@@ -136,27 +136,27 @@ class Line:
         for servo_id in IDS if kind.mapped else ():
             self.bus.identify(servo_id, kind.models[servo_id])
         if kind.with_goals:
-            self.goals = dict.fromkeys(IDS, ServoGoal(kind.table.middle))  # limp servos do not follow
+            self.goals = dict.fromkeys(IDS, ServoGoal(kind.table.middle))  # servos without torque do not move
             self.states(self.clock.now() + 0.1)
 
     def account(self, servo_id: int) -> ServoCounters:
         return self.bus.counters.of(servo_id)
 
     def states(self, deadline_s: float) -> Mapping[int, Reading]:
-        """With ``goals`` beside them if there are any."""
+        """Read the states, and write the goals, if any."""
         if self.goals:
             return exchange(self.bus, self.goals, IDS, deadline_s)
         return self.bus.read_states(IDS, deadline_s)
 
     def cycle(self) -> Mapping[int, Reading]:
-        """``states`` within the budget; then the rest of the period."""
+        """Read the states within the time budget, and advance to the end of the period."""
         next_s = self.clock.now() + self.kind.table.period_s
         readings = self.states(self.clock.now() + self.kind.table.budget_s)
         self.clock.sleep_until(next_s)
         return readings
 
     def missing(self) -> dict[int, str]:
-        """Faults of one cycle."""
+        """Run one cycle and return its faults."""
         return {i: r.kind for i, r in self.cycle().items() if isinstance(r, ServoFault)}
 
     def held(self, servo_id: int, register: Any) -> int:
@@ -164,7 +164,7 @@ class Line:
 
 
 class Truth:
-    """State registers that say the servo and the cycle's ``number``."""
+    """Fills the state registers with values that encode the servo and the ``number`` of the cycle."""
 
     def __init__(self, line: Line) -> None:
         self.kind = line.kind
@@ -180,7 +180,7 @@ class Truth:
         return (self.number * 7 + servo_id * 1000) % 32768
 
     def _read_of(self, servo_id: int, held: Callable[[int, int], bytes]) -> Callable[[int, int], bytes]:
-        """Position, velocity, load, voltage, temperature: every series of the older packets has them side by side."""
+        """Return position, velocity, load, voltage and temperature, which are adjacent in the older protocols."""
         switch = series_of(self.kind.model).torque_enable.address
 
         def read(address: int, size: int) -> bytes:
@@ -207,7 +207,7 @@ class Truth:
         return publish
 
     def _constant_of(self, servo_id: int) -> tuple[Any, ...]:
-        """All but the position, which is the same in every cycle."""
+        """Return all fields but the position, which stay the same in every cycle."""
         table = self.kind.table
         model = self.kind.models[servo_id]
         velocity = round(servo_id * table.counts_s(model))
@@ -217,5 +217,5 @@ class Truth:
         return velocity, load, pytest.approx(12.0), 30.0, (), current
 
     def holds(self, servo_id: int, reading: ServoState) -> bool:
-        """Whether it is the servo's whole state in this very cycle."""
+        """Whether a state is the complete state of the servo in this cycle."""
         return reading == (self.position(servo_id), *self._constant[servo_id])

@@ -1,11 +1,11 @@
-"""Adapters with habits, above the virtual wire."""
+"""Virtual ports that behave like particular adapters."""
 
 from sim_backend.buses.port import VirtualPort
 from sim_backend.line.line import Reply
 
 
 class EchoingPort(VirtualPort):
-    """An adapter that gives back what is sent through it."""
+    """An adapter that echoes all bytes sent."""
 
     _own = b""
 
@@ -23,7 +23,7 @@ class EchoingPort(VirtualPort):
 
 
 class SlowPort(VirtualPort):
-    """An adapter that keeps what it hears for 16 ms."""
+    """An adapter that delays received bytes by 16 ms."""
 
     def write(self, data: bytes) -> None:
         before = len(self._coming)
@@ -33,7 +33,7 @@ class SlowPort(VirtualPort):
 
 
 class WatchedPort(VirtualPort):
-    """Keeps what was sent; an adapter that may hold an answer back, give what nobody sent now, or echo."""
+    """A port that records the packets sent, and can delay replies, insert bytes or echo."""
 
     sent: tuple[bytes, ...] = ()
     hold_s = 0.0

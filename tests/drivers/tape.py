@@ -1,4 +1,4 @@
-"""A port for the makers' SDKs and for us that only listens."""
+"""A port that records requests of the SDKs and of the bus."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,7 @@ from sim_backend.clock import SimulatedClock
 
 
 class Tape:
-    """What the SDK and we take for a port: keeps what is sent, never answers."""
+    """A port for the SDK and the bus that records the packets sent and never receives a reply."""
 
     name = "tape"
     baud = 1_000_000
@@ -32,7 +32,7 @@ class Tape:
 
 
 class SilentTape(Tape):
-    """Where answers are waited for: our wait is over at once, and so is the SDKs'."""
+    """A tape on which waits of the bus and of the SDKs end immediately."""
 
     def __init__(self) -> None:
         super().__init__()

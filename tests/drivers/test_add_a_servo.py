@@ -1,4 +1,4 @@
-"""docs/add-a-servo.md does what it says: its code is put where it says, in a copy of the package."""
+"""Follow docs/add-a-servo.md in a copy of the package and test the result."""
 
 import os
 import re
@@ -37,7 +37,7 @@ TABLE_TESTS = (
 
 
 def placed(block: str, package: Path) -> None:
-    """Write a block of the page where its first line says."""
+    """Insert a code block of the page at the place named in its first line."""
     head, code = block.split("\n", 1)
     file = package / head.removeprefix("# ").partition(",")[0]
     if above := re.fullmatch(r".*, above (\w+)", head):
@@ -49,7 +49,7 @@ def placed(block: str, package: Path) -> None:
 
 
 def in_the_place_of_its_own(code: str, text: str) -> str:
-    """A copy of a table with these registers and models instead."""
+    """Return a copy of a table with these registers and models in place of its own."""
     registers, models = code.split("\n\n", 1)
     for line in registers.splitlines():
         name = line.partition(" ")[0]
@@ -61,7 +61,7 @@ def in_the_place_of_its_own(code: str, text: str) -> str:
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the package in which the page was followed."""
+    """Create a copy of the package in which the page was followed."""
     copy = tmp_path_factory.mktemp("package")
     for folder in ("drivers", "calibration", "sim_backend", "tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
@@ -82,7 +82,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(package: Path, *arguments: str) -> str:
-    """What Python prints there."""
+    """Run code in the copy and return its output."""
     done = subprocess.run(
         (sys.executable, *arguments),
         cwd=package,
@@ -98,22 +98,25 @@ def run(package: Path, *arguments: str) -> str:
 
 @pytest.mark.slow
 def test_every_kind_of_servo_that_the_page_adds_is_identified_read_and_moved(package: Path) -> None:
-    said = run(package, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", *TABLE_TESTS)
+    output = run(package, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", *TABLE_TESTS)
     for name in ADDED:
-        for test in ("it_is_known_by_its_number", "it_is_at_rest_and_well_and_then_where_it_was_told_to_go"):
-            assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in said
+        for test in (
+            "the_model_is_found_by_its_number",
+            "the_servo_is_at_rest_without_alarms_and_then_reaches_its_goal",
+        ):
+            assert f"PASSED tests/drivers/test_every_model.py::test_{test}[{name}]" in output
 
 
 @pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 8")
-def test_the_page_s_trial_runs_once_the_servo_is_added(package: Path) -> None:
+def test_the_example_on_the_page_runs_after_the_addition(package: Path) -> None:
     *_, trial = RUNNABLE
-    said = run(package, "-c", trial)
-    assert re.match(r"ServoState\(position_counts=102[345], ", said), said
+    output = run(package, "-c", trial)
+    assert re.match(r"ServoState\(position_counts=102[345], ", output), output
 
 
 @pytest.mark.runs(*(f"{PAGE} python {number}" for number in range(2, 8)))
-def test_every_addition_is_whole_and_speaks_as_its_series(package: Path) -> None:
+def test_every_added_model_is_complete_and_has_its_series_protocol(package: Path) -> None:
     asked = (
         "from drivers.servos.catalog import MODELS, series_of\n"
         f"for name in {ADDED!r}: print(name, series_of(MODELS[name]).protocol.name, MODELS[name].last_count, sep=': ')"
@@ -128,16 +131,16 @@ def test_every_addition_is_whole_and_speaks_as_its_series(package: Path) -> None
     ]
 
 
-def test_a_model_of_no_series_is_refused_and_not_taken_for_an_sts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_without_a_series_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimulatedClock(0.0)
     port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS15), clock)
     monkeypatch.setattr(catalog, "SERIES", dynamixel.SERIES)
-    with pytest.raises(ValueError, match="scs15 is no servo that is known"):
+    with pytest.raises(ValueError, match="scs15 is not a supported servo model"):
         Bus(port, clock, {1: scs.SCS15})
 
 
 @pytest.mark.runs(f"{PAGE} python 1")
-def test_the_two_bytes_are_the_servo_s_number(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_two_bytes_are_the_model_number(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimulatedClock(0.0)
     port = VirtualPort(VirtualBus.of(BenchPlant((1,)), scs.SCS0009), clock)
     monkeypatch.setattr(drivers.port.serial_port, "SerialPort", lambda device, baud: port)

@@ -1,4 +1,4 @@
-"""What every bus survives, on each of them: thousands of cycles on a bad line, and every single fault by itself."""
+"""Behavior of every bus in thousands of cycles with line errors, and with each single fault."""
 
 import math
 
@@ -11,21 +11,21 @@ from tests.drivers.cycles import exchange
 from tests.drivers.fault_lines import CYCLES, IDS, KINDS, Kind, Line, Truth, every_kind, every_servo
 
 TOO_LOW = 50
-"""As max_voltage: 5 V, less than any line here has."""
+"""Value of max_voltage: 5 V, which is less than the supply of any servo here."""
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
     ("kind", "share"),
-    # The quick way of a line on which all is well is taken only where faults are rare.
+    # The decoder of complete reads is used only if faults are rare.
     [pytest.param(kind, 1.0, id=kind.name) for kind in KINDS]
     + [pytest.param(kind, 0.02, id=f"{kind.name}, rarely") for kind in KINDS if kind.with_goals],
 )
-def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
-    """Every value is the right one of this very cycle, and the counters say what was done to the line."""
+def test_thousands_of_cycles_with_line_errors(kind: Kind, share: float) -> None:
+    """Every value is correct and from this cycle, and the counters match the injected faults."""
     line = Line(kind)
     truth = Truth(line)
-    goals = dict.fromkeys(IDS, ServoGoal(500))  # limp servos do not follow
+    goals = dict.fromkeys(IDS, ServoGoal(500))  # servos without torque do not move
     line.faults.disturbance = done = Disturbance(seed=3, drop=0.05 * share, flip=0.02 * share, noise=0.02 * share)
     states = 0
     for number in range(CYCLES):
@@ -38,10 +38,10 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
     for servo_id in IDS:
         account = line.account(servo_id)
         dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
-        # Where four in a row were lost, the next answer may be any of theirs: it counts as a late one.
+        # After four consecutive losses, the next reply may answer any of these requests and counts as late.
         doubtful = math.ceil(CYCLES / 2500)
         assert 0 <= account.silent + account.corrupt + account.late - dropped - flipped <= doubtful
-        # Where several answer, garbage may lie beside the wrong one of two that are missing.
+        # In a group read, garbage may be attributed to the wrong one of two missing servos.
         assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05, abs=doubtful)
         assert account.retries > 0 and account.alarms == 0
     noise = sum(count for (what, _), count in done.done.items() if what == "noise")
@@ -50,7 +50,7 @@ def test_thousands_of_cycles_on_a_bad_line(kind: Kind, share: float) -> None:
 
 
 @every_kind
-def test_requests_that_do_not_reach_every_servo_make_no_wrong_value(kind: Kind) -> None:
+def test_lost_requests_never_cause_a_wrong_value(kind: Kind) -> None:
     line = Line(kind)
     truth = Truth(line)
     line.faults.disturbance = done = Disturbance(seed=6, flip=0.02, noise=0.02, miss=0.03)
@@ -67,7 +67,7 @@ def test_requests_that_do_not_reach_every_servo_make_no_wrong_value(kind: Kind) 
 
 
 @every_kind
-def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
+def test_a_lost_reply_is_requested_again_in_the_same_cycle(kind: Kind) -> None:
     line = Line(kind)
     account = line.account(3)
     before = account.replies
@@ -77,7 +77,7 @@ def test_a_lost_reply_is_asked_for_again_in_the_same_cycle(kind: Kind) -> None:
 
 
 @every_kind
-def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
+def test_requests_are_not_repeated_without_time(kind: Kind) -> None:
     line = Line(kind)
     line.cycle()
     line.faults.corrupt_next(3)
@@ -89,7 +89,7 @@ def test_without_time_nothing_is_asked_again(kind: Kind) -> None:
 
 
 @every_kind
-def test_the_deadline_ends_the_wait_of_a_dead_line(kind: Kind) -> None:
+def test_the_deadline_ends_the_wait_on_a_silent_bus(kind: Kind) -> None:
     line = Line(kind)
     for servo_id in IDS:
         line.faults.silence(servo_id)
@@ -102,7 +102,7 @@ def test_the_deadline_ends_the_wait_of_a_dead_line(kind: Kind) -> None:
 
 
 @every_servo
-def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Kind, servo_id: int) -> None:
+def test_a_silent_servo_is_reported_in_every_cycle_and_costs_little_time(kind: Kind, servo_id: int) -> None:
     line = Line(kind)
     period_s = kind.table.period_s
     begin_s = line.clock.now()
@@ -116,7 +116,7 @@ def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Ki
         costs.append(line.clock.now() - begin_s - whole_s)
         assert {i: r.kind for i, r in readings.items() if isinstance(r, ServoFault)} == {servo_id: "silent"}
         line.clock.sleep_until(begin_s + period_s)
-    assert sorted(costs)[296] < 0.0031  # of 300; the first cycles ask again
+    assert sorted(costs)[296] < 0.0031  # of 300; the first cycles repeat requests
     assert max(costs) < 0.0125
     account = line.account(servo_id)
     assert account.silent + account.skipped == 300 + account.retries
@@ -124,17 +124,17 @@ def test_a_servo_known_to_be_silent_is_reported_always_and_costs_little(kind: Ki
 
 
 @every_servo
-def test_a_servo_that_is_back_is_read_within_a_second(kind: Kind, servo_id: int) -> None:
+def test_a_servo_that_returns_is_read_within_a_second(kind: Kind, servo_id: int) -> None:
     comes_back(kind, (servo_id,))
 
 
 @every_kind
-def test_the_whole_line_comes_back_too(kind: Kind) -> None:
+def test_a_whole_bus_that_returns_is_read_within_a_second(kind: Kind) -> None:
     comes_back(kind, IDS)
 
 
 def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
-    """After three seconds."""
+    """Silence servos for three seconds and check that they are read again within a second."""
     line = Line(kind)
     for servo_id in silent:
         line.faults.silence(servo_id)
@@ -148,7 +148,7 @@ def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
 
 
 @every_kind
-def test_goals_and_states_go_out_together(kind: Kind) -> None:
+def test_goals_and_states_are_exchanged_in_one_cycle(kind: Kind) -> None:
     line = Line(kind)
     goals = {i: ServoGoal(kind.table.middle + 50 + i, 50) for i in IDS}
     readings = exchange(line.bus, goals, IDS, line.clock.now() + kind.table.budget_s)
@@ -169,8 +169,8 @@ def test_alarms_are_named_and_counted(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.with_goals], ids=lambda kind: kind.name)
-def test_no_goal_goes_out_while_an_answer_is_still_on_the_wire(kind: Kind) -> None:
-    """On one wire for both directions they would collide, and nobody acknowledges a goal."""
+def test_no_goal_is_sent_while_a_reply_is_on_the_wire(kind: Kind) -> None:
+    """They would collide on a half-duplex wire, and goals are not acknowledged."""
     line = Line(kind)
     line.faults.disturbance = Disturbance(seed=5, drop=0.02, flip=0.02, noise=0.05)
     write = line.port.write
@@ -183,7 +183,7 @@ def test_no_goal_goes_out_while_an_answer_is_still_on_the_wire(kind: Kind) -> No
 
     line.port.write = watched  # type: ignore[method-assign]
     for number in range(1500):
-        if number % 100 == 0:  # one that comes back is heard behind all others
+        if number % 100 == 0:  # a returning servo replies after all others
             line.faults.silence(4)
         elif number % 100 == 50:
             line.faults.restore(4)

@@ -1,4 +1,4 @@
-"""What every bus makes of an adapter that stalls: old replies come later, all of them, and before the new ones."""
+"""Behavior of every bus when an adapter stalls and delivers all old replies before the new ones."""
 
 import pytest
 from hypothesis import given, settings
@@ -16,20 +16,20 @@ from tests.drivers.ports import WatchedPort
 PERIODS_S = (0.005, 0.01, 0.02, 0.05)
 HOLDS_S = (0.02, 0.045, 0.11, 0.3, 1.0)
 BEFORE = 5
-"""Cycles in which all is well."""
+"""Number of cycles without faults."""
 
 
 class Stalling:
-    """A line whose adapter can hold replies back, and whose registers say which question they answer."""
+    """A bus whose adapter can delay replies, and whose registers encode the request that they answer."""
 
     def __init__(self, kind: Kind, period_s: float) -> None:
         self.line = Line(kind, WatchedPort)
         self.period_s = period_s
         self.truth = Truth(self.line)
         self.answers: dict[int, int] = {}
-        """The question that each servo has answered last, as far as the wire between servos and adapter goes."""
-        self.cycles = self.told = 0
-        """Cycles so far, and in how many a servo said in time whether it has torque."""
+        """Number of the last request that each servo has answered on the wire to the adapter."""
+        self.cycles = self.torque_replies = 0
+        """Number of cycles, and number of torque states received in time."""
         self._switch = series_of(kind.model).torque_enable
         receive = self.line.servos.receive
 
@@ -37,7 +37,7 @@ class Stalling:
             self.truth.number += 1
             self._publish()
             replies = receive(data, now_s, baud)
-            if data[:4] != wire.HEADER or data[7] not in (wire.READ, wire.WRITE):  # to one servo, for its map
+            if data[:4] != wire.HEADER or data[7] not in (wire.READ, wire.WRITE):  # a single request for the map
                 self._note([reply.data for reply in replies])
             return replies
 
@@ -54,7 +54,7 @@ class Stalling:
             self.answers |= dict.fromkeys((servo_id,) if servo_id in IDS else IDS, self.truth.number)
 
     def cycle(self) -> set[int]:
-        """Whose state came. Each must be the answer to the last question that the servo was asked."""
+        """Return the servos with a state, and check that each state answers the last request to its servo."""
         begin_s = self.line.clock.now()
         seen = set()
         for servo_id, reading in self.line.states(begin_s + 0.8 * self.period_s).items():
@@ -70,15 +70,15 @@ class Stalling:
         return seen
 
     def _ask_for_torque(self, servo_id: int) -> None:
-        """What it says must be the answer to this question: its switch moves before each."""
+        """Read the torque state and check that it answers this request. The torque switch changes before each read."""
         on = self.cycles % 2
         self.line.servos.servo(servo_id).memory.put(self._switch, on)
-        told = self.line.bus.torque_states((servo_id,), self.line.clock.now() + self.period_s)
-        assert told in ({servo_id: bool(on)}, {})
-        self.told += len(told)
+        states = self.line.bus.torque_states((servo_id,), self.line.clock.now() + self.period_s)
+        assert states in ({servo_id: bool(on)}, {})
+        self.torque_replies += len(states)
 
     def stall(self, hold_s: float, cycles: int) -> None:
-        """Replies of so many cycles come so much later, and those behind them wait for them."""
+        """Run ``cycles`` cycles whose replies are delayed by ``hold_s``, and cycles until all of them have arrived."""
         self.line.port.hold_s = hold_s
         for _ in range(cycles):
             self.cycle()
@@ -88,7 +88,7 @@ class Stalling:
             self.cycle()
 
     def outage(self, duration_s: float) -> None:
-        """For so long nothing is answered."""
+        """Run cycles without replies for ``duration_s``."""
         faults, end_s = self.line.faults, self.line.clock.now() + duration_s
         for servo_id in IDS:
             faults.silence(servo_id)
@@ -98,23 +98,23 @@ class Stalling:
             faults.restore(servo_id)
 
     def comes_back(self) -> None:
-        """Within a second everybody is read, and then always."""
+        """Check that all servos are read within a second, and in every cycle after that."""
         end_s = self.line.clock.now() + 1.0
         missing = set(IDS)
         while missing and self.line.clock.now() < end_s:
             missing -= self.cycle()
         assert not missing
-        told = self.told
+        before = self.torque_replies
         for _ in range(BEFORE + round(HELD_S / self.period_s)):
             self.cycle()
-        assert self.told > told
+        assert self.torque_replies > before
 
 
 @pytest.mark.parametrize(
     "period_s", [pytest.param(one, marks=() if one in (0.005, 0.05) else pytest.mark.slow) for one in PERIODS_S]
 )
 @every_kind
-def test_no_old_state_comes_out_of_a_stall_and_the_servos_come_back(kind: Kind, period_s: float) -> None:
+def test_a_stall_never_yields_an_old_state_and_the_servos_return(kind: Kind, period_s: float) -> None:
     for hold_s in HOLDS_S:
         for cycles in (1, 12):
             stalling = Stalling(kind, period_s)
@@ -131,7 +131,7 @@ stalls = st.tuples(durations_s, st.integers(1, 15))
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(KINDS), st.sampled_from(PERIODS_S), st.lists(stalls | durations_s, min_size=1, max_size=3))
-def test_however_often_it_stalls_and_replies_are_lost(
+def test_repeated_stalls_with_lost_replies(
     kind: Kind, period_s: float, troubles: list[tuple[float, int] | float]
 ) -> None:
     stalling = Stalling(kind, period_s)
@@ -146,7 +146,7 @@ def test_however_often_it_stalls_and_replies_are_lost(
 
 
 @every_kind
-def test_a_reply_that_was_lost_casts_no_doubt_once_a_later_one_has_come(kind: Kind) -> None:
+def test_a_lost_reply_has_no_effect_after_a_later_reply(kind: Kind) -> None:
     line = Line(kind)
     line.faults.silence(7)
     for _ in range(20):
@@ -159,8 +159,8 @@ def test_a_reply_that_was_lost_casts_no_doubt_once_a_later_one_has_come(kind: Ki
 
 @every_kind
 @pytest.mark.parametrize("pause_s", [0.0, 0.0003, 0.002], ids=str)
-def test_the_answers_to_a_question_that_was_given_up_are_nobodys(kind: Kind, pause_s: float) -> None:
-    """As where another line is lost while both are read: nobody receives the answers, and the replies still come."""
+def test_replies_to_an_abandoned_request_are_discarded(kind: Kind, pause_s: float) -> None:
+    """If another bus is lost while both are read, the replies of this bus arrive later."""
     stalling = Stalling(kind, 0.02)
     stalling.cycle()
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""What every bus makes of replies that are late, of adapters with habits, and of several lines at once."""
+"""Behavior of every bus with late replies, unusual adapters and several buses at once."""
 
 import math
 
@@ -16,8 +16,8 @@ PLAIN = [kind for kind in KINDS if not kind.with_goals and not kind.mapped]
 
 
 @every_kind
-def test_late_replies_among_everything_else(kind: Kind) -> None:
-    """Every question ends in exactly one of four, also where replies come in the next question's time."""
+def test_late_replies_among_other_faults(kind: Kind) -> None:
+    """Every request is counted exactly once, even if replies arrive during the next request."""
     line = Line(kind)
     truth = Truth(line)
     line.faults.disturbance = done = Disturbance(seed=4, drop=0.03, flip=0.02, noise=0.02)
@@ -32,12 +32,12 @@ def test_late_replies_among_everything_else(kind: Kind) -> None:
     assert sum(a.late for a in accounts) > 80
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
     faults = sum(a.silent + a.corrupt + a.late for a in accounts)
-    assert faults == pytest.approx(lost + 0.95 * 167, abs=10)  # a late reply can be dropped or flipped itself
+    assert faults == pytest.approx(lost + 0.95 * 167, abs=10)  # a late reply may also be dropped or flipped
     assert all(a.silent >= 0 for a in accounts)
 
 
 @every_servo
-def test_a_late_reply_is_never_taken_for_the_present_one(kind: Kind, servo_id: int) -> None:
+def test_a_late_reply_is_never_taken_for_the_current_reply(kind: Kind, servo_id: int) -> None:
     line = Line(kind)
     truth = Truth(line)
     for number in range(60):
@@ -53,7 +53,7 @@ def test_a_late_reply_is_never_taken_for_the_present_one(kind: Kind, servo_id: i
 
 
 @every_kind
-def test_two_late_replies_of_one_servo_that_come_at_once_are_both_counted(kind: Kind) -> None:
+def test_two_late_replies_that_arrive_together_are_both_counted(kind: Kind) -> None:
     line = Line(kind)
     take_held, line.faults.take_held = line.faults.take_held, bytes  # type: ignore[method-assign]
     for _ in range(2):
@@ -67,8 +67,8 @@ def test_two_late_replies_of_one_servo_that_come_at_once_are_both_counted(kind: 
 
 
 @every_kind
-def test_a_slow_adapter_is_waited_for(kind: Kind) -> None:
-    """16 ms a reply, from the first on, also when one of the servos is dead."""
+def test_replies_of_a_slow_adapter_are_received(kind: Kind) -> None:
+    """Every reply takes 16 ms, including the first, even if one servo is silent."""
     line = Line(kind, SlowPort)
     line.faults.silence(1)
     seen: set[int] = set()
@@ -81,7 +81,7 @@ def test_a_slow_adapter_is_waited_for(kind: Kind) -> None:
 
 
 @every_kind
-def test_an_adapter_that_echoes_is_understood(kind: Kind) -> None:
+def test_echoes_are_removed(kind: Kind) -> None:
     line = Line(kind, EchoingPort)
     middle = kind.table.middle
     assert line.bus.read(2, kind.table.position) == line.held(2, kind.table.position) > 0
@@ -98,7 +98,7 @@ def test_an_adapter_that_echoes_is_understood(kind: Kind) -> None:
 
 
 @every_kind
-def test_an_echo_that_is_longer_than_the_answer_is_learnt(kind: Kind) -> None:
+def test_an_echo_longer_than_the_reply_is_detected(kind: Kind) -> None:
     line = Line(kind, EchoingPort)
     for _ in range(5):
         goals = {1: ServoGoal(kind.table.middle)}
@@ -109,8 +109,8 @@ def test_an_echo_that_is_longer_than_the_answer_is_learnt(kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.one_by_one], ids=lambda kind: kind.name)
-def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
-    """Two lines on one clock take hardly longer than one: the bytes of the second gather meanwhile."""
+def test_reads_of_several_buses_overlap(kind: Kind) -> None:
+    """Two buses take hardly longer than one, because the second receives its bytes while the first is read."""
     clock = SimulatedClock(50.0)
     lines = [Line(kind, clock=clock), Line(kind, clock=clock)]
     begin_s = clock.now()
@@ -129,7 +129,7 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("alive", "dead"),
     [
-        # Each kind beside one other in every run, beside all of them in the long one.
+        # Every run tests each kind with one other kind, and the long run tests all pairs.
         pytest.param(
             alive,
             dead,
@@ -140,7 +140,7 @@ def test_transactions_on_several_lines_overlap(kind: Kind) -> None:
         for dead in PLAIN
     ],
 )
-def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: float, dead_first: bool) -> None:
+def test_a_silent_bus_does_not_affect_another_bus(alive: Kind, dead: Kind, period_s: float, dead_first: bool) -> None:
     clock = SimulatedClock(50.0)
     lines = {"dead": Line(dead, clock=clock), "alive": Line(alive, clock=clock)}
     order = sorted(lines, reverse=dead_first)
@@ -152,7 +152,7 @@ def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: f
         deadline_s = begin_s + period_s / 2.0
         for which in order:
             lines[which].bus.request(IDS, deadline_s)
-        # As hal/servos/joint_buses.py has them: those first that are asked one by one, a line that is dead last.
+        # The order of hal/servos/joint_buses.py: buses whose servos are asked one by one first, silent buses last.
         in_turn = sorted(order, key=lambda which: (which == "dead", lines[which].bus.read_together))
         of = {which: lines[which].bus.receive() for which in in_turn}
         assert all(isinstance(reading, ServoState) for reading in of["alive"].values()), number
@@ -161,8 +161,8 @@ def test_a_dead_line_costs_another_no_value(alive: Kind, dead: Kind, period_s: f
 
 
 @every_kind
-def test_the_time_of_another_line_is_not_taken_for_that_of_this_one(kind: Kind) -> None:
-    """A silent servo costs no more beside a line that is read for long before this one is."""
+def test_time_spent_on_another_bus_is_not_counted(kind: Kind) -> None:
+    """A silent servo costs no more time if another bus is read first."""
 
     def cost_s(other_line_s: float) -> float:
         line = Line(kind)

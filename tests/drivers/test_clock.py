@@ -1,4 +1,4 @@
-"""Two clocks can not be read in one instant: what lies between them is asked until nobody was held up."""
+"""Two clocks cannot be read at the same instant, so the fastest of several readings is used."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ OFFSET_S = 1.7e9
 
 
 def wall_of(clock: SimulatedClock, held_up_s: Sequence[tuple[float, float]]) -> Callable[[], float]:
-    """The wall's time; the thread is held up before and after reading it, as often as there are pairs."""
+    """A wall clock. The thread is delayed before and after its reading by these times."""
     pairs = list(held_up_s)
 
     def read() -> float:
@@ -25,12 +25,12 @@ def wall_of(clock: SimulatedClock, held_up_s: Sequence[tuple[float, float]]) -> 
 
 
 @pytest.mark.parametrize("held_up_s", [[], [(0.1, 0.0)], [(0.0, 0.1)], [(0.1, 0.0)] * 4, [(0.1, 0.0), (0.0, 0.02)]])
-def test_a_thread_that_is_held_up_between_the_clocks_asks_again(held_up_s: list[tuple[float, float]]) -> None:
+def test_a_reading_that_was_delayed_is_repeated(held_up_s: list[tuple[float, float]]) -> None:
     clock = SimulatedClock(100.0)
     assert wall_offset_s(clock, wall_of(clock, held_up_s)) == pytest.approx(OFFSET_S, abs=1e-5)
 
 
-def test_where_it_is_held_up_always_the_shortest_time_counts() -> None:
+def test_the_fastest_reading_counts_if_all_are_delayed() -> None:
     clock = SimulatedClock(100.0)
     wall = wall_of(clock, [(0.1, 0.0), (0.004, 0.0), (0.2, 0.0)] + [(0.1, 0.0)] * 100)
     assert wall_offset_s(clock, wall) == pytest.approx(OFFSET_S, abs=0.0021)

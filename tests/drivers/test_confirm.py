@@ -1,4 +1,4 @@
-"""Which states are confirmed: those of which two readings in a row agree on the position."""
+"""States are confirmed if two consecutive readings agree on the position."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -15,7 +15,7 @@ def state(counts: int) -> ServoState:
 
 
 def confirmed(*readings: int | None) -> tuple[Reading, int]:
-    """What becomes of one servo's readings (None: it is silent), and how many were taken."""
+    """Return the result for one servo's readings (None: silent) and the number of readings taken."""
     taken = 0
 
     def answers() -> Iterator[Reading]:
@@ -41,13 +41,13 @@ def confirmed(*readings: int | None) -> tuple[Reading, int]:
         ((2000, None, 2000, 2003), 2003),
     ],
 )
-def test_the_newer_of_two_readings_that_agree_counts(readings: tuple[int | None, ...], counts: int) -> None:
+def test_the_newer_of_two_agreeing_readings_is_returned(readings: tuple[int | None, ...], counts: int) -> None:
     found, taken = confirmed(*readings)
     assert found == state(counts) and taken == len(readings)
 
 
-def test_without_two_that_agree_there_is_a_fault() -> None:
+def test_readings_that_never_agree_are_a_fault() -> None:
     found, taken = confirmed(*([2000, 3000] * READINGS))
-    assert isinstance(found, ServoFault) and "positions that differ" in found.text
+    assert isinstance(found, ServoFault) and "a different position in every reading" in found.text
     assert taken == READINGS
     assert confirmed(*[None] * READINGS)[0] == SILENT

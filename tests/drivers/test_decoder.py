@@ -1,4 +1,4 @@
-"""The decoders of both protocols: what belongs to no reply is counted, and only what may be an answer is one."""
+"""Decoders of both protocols: garbage is counted, and only possible replies are returned."""
 
 import random
 from collections.abc import Callable
@@ -18,10 +18,10 @@ SIZE = 6
 class Dialect:
     decoder: Callable[..., Any]
     reply: Callable[[int, bytes, int], bytes]
-    """From servo ID, data and error byte."""
+    """Encodes a reply from servo ID, data and error byte."""
     header: bytes
     false_header: bytes
-    """Promises a reply of the right size, and then nothing of it comes."""
+    """Start of a reply of the right size whose remaining bytes never arrive."""
 
 
 DIALECTS = {
@@ -41,8 +41,8 @@ def ids(replies: list[Any]) -> list[int]:
 
 
 @both
-def test_each_reply_says_how_many_bytes_before_it_were_nobodys(dialect: Dialect) -> None:
-    """However the bytes come in; what comes behind the last reply is counted by the decoder."""
+def test_each_reply_has_the_number_of_garbage_bytes_before_it(dialect: Dialect) -> None:
+    """The result does not depend on how the bytes are split. The decoder counts bytes after the last reply."""
     chance = random.Random(5)
     for _ in range(200):
         noise = [bytes(chance.choices(range(200), k=chance.randrange(12))) for _ in range(4)]
@@ -58,8 +58,8 @@ def test_each_reply_says_how_many_bytes_before_it_were_nobodys(dialect: Dialect)
         assert decoder.garbage + decoder.waiting == len(noise[3])
 
 
-def test_half_a_reply_and_the_next_ones_beginning_are_no_reply_though_the_checksum_says_so() -> None:
-    """Servo 1 stood at 2048; as one packet these bytes say that it is at -32512. Seen on simulated time."""
+def test_two_partial_replies_with_a_correct_checksum_are_not_a_reply() -> None:
+    """Servo 1 was at 2048. Taken as one packet, these bytes report -32512. This occurred in simulated time."""
     half, whole = bytes.fromhex("ffff010a0000"), bytes.fromhex("ffff020a00e20800000001771b76")
     decoder = v1.ReplyDecoder(8)
     replies = decoder.feed(half + whole) + decoder.finish()
@@ -68,7 +68,7 @@ def test_half_a_reply_and_the_next_ones_beginning_are_no_reply_though_the_checks
 
 
 @both
-def test_a_torn_reply_hides_those_behind_it_only_until_nothing_more_comes(dialect: Dialect) -> None:
+def test_replies_after_a_truncated_reply_are_found_at_the_end(dialect: Dialect) -> None:
     decoder = dialect.decoder(SIZE)
     torn = dialect.reply(9, b"uvwxyz", 0)[:-1]
     assert ids(decoder.feed(torn)) == []
@@ -83,7 +83,7 @@ def test_a_torn_reply_hides_those_behind_it_only_until_nothing_more_comes(dialec
 
 
 @both
-def test_a_reply_that_waits_for_its_end_is_found_behind_a_header_alone(dialect: Dialect) -> None:
+def test_an_incomplete_reply_after_a_bare_header_is_found(dialect: Dialect) -> None:
     decoder = dialect.decoder(SIZE)
     assert ids(decoder.feed(dialect.false_header)) == []
     assert ids(decoder.feed(dialect.reply(4, b"abcdef", 0)) + decoder.finish()) == [4]
@@ -91,7 +91,7 @@ def test_a_reply_that_waits_for_its_end_is_found_behind_a_header_alone(dialect: 
 
 @both
 @pytest.mark.parametrize("data_size", [0, 1, 5, 6, 7, 12])
-def test_only_sizes_that_were_asked_for_are_replies(dialect: Dialect, data_size: int) -> None:
+def test_only_requested_sizes_are_replies(dialect: Dialect, data_size: int) -> None:
     decoder = dialect.decoder(SIZE, other_sizes=frozenset((12,)))
     stream = dialect.reply(1, b"abcdefghijkl"[:data_size], 0) + dialect.reply(2, b"abcdef", 0)
     assert ids(decoder.feed(stream) + decoder.finish()) == ([1, 2] if data_size in (6, 12) else [2])
@@ -99,7 +99,7 @@ def test_only_sizes_that_were_asked_for_are_replies(dialect: Dialect, data_size:
 
 @both
 @pytest.mark.parametrize(("refusals", "error", "found"), [(8, 8, True), (1, 1, True), (8, 1, False), (0, 8, False)])
-def test_a_reply_without_data_is_one_only_where_it_refuses(
+def test_a_reply_without_data_is_accepted_only_as_a_refusal(
     dialect: Dialect, refusals: int, error: int, found: bool
 ) -> None:
     decoder = dialect.decoder(SIZE, refusals=refusals)
@@ -109,15 +109,15 @@ def test_a_reply_without_data_is_one_only_where_it_refuses(
 
 
 @both
-def test_a_frame_of_a_wrong_size_is_not_waited_for(dialect: Dialect) -> None:
-    """Its head is enough: whatever stands behind it is looked at at once."""
+def test_a_frame_of_a_wrong_size_is_skipped_at_once(dialect: Dialect) -> None:
+    """Its head is sufficient, and the bytes after it are decoded immediately."""
     long = dialect.reply(1, bytes(100), 0)
     decoder = dialect.decoder(SIZE)
     assert ids(decoder.feed(long[:12] + dialect.reply(2, b"abcdef", 0))) == [2]
 
 
 @both
-def test_the_largest_id_replies_and_no_larger_one(dialect: Dialect) -> None:
+def test_replies_up_to_the_largest_id_are_accepted(dialect: Dialect) -> None:
     largest = 0xFD if dialect.decoder is v1.ReplyDecoder else v2.LARGEST_ID
     decoder = dialect.decoder(SIZE)
     assert ids(decoder.feed(dialect.reply(largest, b"abcdef", 0))) == [largest]
@@ -127,7 +127,7 @@ def test_the_largest_id_replies_and_no_larger_one(dialect: Dialect) -> None:
 
 
 @both
-def test_replies_behind_one_torn_head_after_the_other_are_all_found_in_the_end(dialect: Dialect) -> None:
+def test_replies_after_several_truncated_heads_are_found_at_the_end(dialect: Dialect) -> None:
     decoder = dialect.decoder(SIZE, other_sizes=frozenset((60,)))
     torn = dialect.reply(9, bytes(60), 0)[:12]
     stream = b"abc" + torn + dialect.reply(1, b"abcdef", 0) + torn + dialect.reply(2, b"abcdef", 0)
@@ -136,7 +136,7 @@ def test_replies_behind_one_torn_head_after_the_other_are_all_found_in_the_end(d
 
 
 @both
-def test_a_reply_with_a_wrong_checksum_is_garbage_as_a_whole(dialect: Dialect) -> None:
+def test_all_bytes_of_a_corrupt_reply_are_garbage(dialect: Dialect) -> None:
     broken = bytearray(dialect.reply(3, b"abcdef", 0))
     broken[-1] ^= 1
     decoder = dialect.decoder(SIZE)
@@ -145,7 +145,7 @@ def test_a_reply_with_a_wrong_checksum_is_garbage_as_a_whole(dialect: Dialect) -
 
 
 @both
-def test_a_checksum_that_looks_like_a_header_belongs_to_its_reply_alone(dialect: Dialect) -> None:
+def test_a_checksum_that_looks_like_a_header_is_not_a_header(dialect: Dialect) -> None:
     replies = (dialect.reply(1, number.to_bytes(SIZE, "big"), 0) for number in range(1 << 16))
     stream = next(reply for reply in replies if reply[-1] == 0xFF)
     decoder = dialect.decoder(SIZE)
@@ -153,14 +153,14 @@ def test_a_checksum_that_looks_like_a_header_belongs_to_its_reply_alone(dialect:
     assert (decoder.waiting, decoder.garbage) == (0, 0)
 
 
-def test_an_error_is_told_in_words_and_one_that_has_no_name_by_its_number() -> None:
-    assert v2.error_text(4) == "was given a value out of range"
-    assert v2.error_text(99) == "answered error 99"
+def test_errors_have_names_or_numbers() -> None:
+    assert v2.error_text(4) == "received a value out of range"
+    assert v2.error_text(99) == "reported error 99"
 
 
 @pytest.mark.parametrize(("size", "longest"), [(12, 16), (13, 17), (14, 19)])
-def test_protocol_2_waits_for_as_much_stuffing_as_there_can_be(size: int, longest: int) -> None:
-    """An FD is stuffed behind each FF FF FD, so data, with the error byte before it, may come in a third more."""
+def test_protocol_2_waits_for_the_maximum_byte_stuffing(size: int, longest: int) -> None:
+    """An FD is stuffed after each FF FF FD, so the data and the error byte may grow by a third."""
     for data, waits in ((longest, True), (longest + 1, False)):
         decoder = v2.ReplyDecoder(size)
         head = v2.HEADER + bytes((3, data + 4, 0, v2.STATUS)) + bytes(2)
@@ -168,7 +168,7 @@ def test_protocol_2_waits_for_as_much_stuffing_as_there_can_be(size: int, longes
         assert decoder.waiting == (len(head) if waits else 0)
 
 
-def test_protocol_2_takes_the_stuffing_out() -> None:
+def test_protocol_2_removes_byte_stuffing() -> None:
     data = b"\xff\xff\xfd" * 4
     packet = status_packet(3, 0, data)
     assert len(packet) == v2.OVERHEAD + 16

@@ -1,4 +1,4 @@
-"""The tables of protocol 1.0: consistent in themselves, and equal to ROBOTIS' own lists."""
+"""Control tables of protocol 1.0: internal consistency, and agreement with the lists of ROBOTIS."""
 
 from itertools import pairwise
 
@@ -16,10 +16,10 @@ ROBOTIS_COMMON = (
 )
 ROBOTIS = {
     "ax-12a": ROBOTIS_COMMON + ", 26 1, 27 1, 28 1, 29 1",
-    # The tick (50) stands in the e-manual alone.
+    # Only the e-manual lists the tick (50).
     "mx-28": ROBOTIS_COMMON + ", 20 2, 22 1, 26 1, 27 1, 28 1, 50 2, 73 1",
 }
-"""Addresses and sizes in dynamixel-workbench, ``dynamixel_item.cpp``: items_AX and items_MX."""
+"""Addresses and sizes according to dynamixel-workbench, ``dynamixel_item.cpp``, items_AX and items_MX."""
 
 
 @every_model
@@ -31,13 +31,13 @@ def test_names_are_unique_and_nothing_overlaps(model: dxl.Model) -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTIS)
-def test_addresses_and_sizes_are_those_of_the_maker_s_own_list(name: str) -> None:
+def test_addresses_and_sizes_agree_with_the_list_of_robotis(name: str) -> None:
     theirs = sorted(tuple(map(int, item.split())) for item in ROBOTIS[name].split(", "))
     assert [(register.address, register.size) for register in dxl.registers(dxl.MODELS[name])] == theirs
 
 
 @every_model
-def test_what_follows_from_being_an_ax_or_an_mx(model: dxl.Model) -> None:
+def test_properties_of_ax_and_mx_models(model: dxl.Model) -> None:
     compliance, gains = dxl.cw_compliance_slope in model.own, dxl.p_gain in model.own
     assert compliance != gains == model.bulk_read == (dxl.goal_acceleration in model.own)
     assert model.positions == (dxl.AX_POSITIONS if compliance else None)
@@ -54,24 +54,24 @@ def test_a_register_fits_the_table(model: dxl.Model) -> None:
         assert (register.access is Access.READ) == state, register.name
 
 
-def test_no_register_of_the_module_is_in_no_table() -> None:
+def test_every_register_of_the_module_is_in_a_table() -> None:
     written = {value for value in vars(dxl).values() if isinstance(value, Register)}
     assert written == {register for model in dxl.MODELS.values() for register in dxl.registers(model)}
 
 
-def test_blocks_have_no_holes() -> None:
+def test_blocks_have_no_gaps() -> None:
     assert [(r.address, r.size) for r in dxl.STATE_BLOCK] == [(36, 2), (38, 2), (40, 2), (42, 1), (43, 1)]
     assert [(r.address, r.size) for r in dxl.GOAL_BLOCK] == [(30, 2), (32, 2)]
 
 
 def test_units() -> None:
-    """e-manual: 300 is 33.3 rpm of an AX-12A and 34.2 rpm of an MX-28; 1024 counts of an AX are 300 degrees."""
+    """E-manual: 300 is 33.3 rpm for an AX-12A and 34.2 rpm for an MX-28. 1024 counts of an AX are 300 degrees."""
     assert 300 * dxl.SPEED_UNIT_COUNTS_S["ax-12a"] * 60.0 / dxl.AX_12A.counts_per_turn == pytest.approx(33.3)
     assert 300 * dxl.SPEED_UNIT_COUNTS_S["mx-28"] * 60.0 / 4096 == pytest.approx(34.2)
     assert 1024 / dxl.AX_12A.counts_per_turn * 360.0 == pytest.approx(300.0, abs=0.1)
 
 
-def test_error_bits_are_the_sdk_s() -> None:
+def test_error_bits_agree_with_the_sdk() -> None:
     import importlib
 
     handler = importlib.import_module("dynamixel_sdk.protocol1_packet_handler")

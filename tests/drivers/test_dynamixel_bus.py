@@ -1,4 +1,4 @@
-"""The Dynamixel bus on virtual servos: what a cycle returns, what set-up refuses, what is never done."""
+"""The Dynamixel bus with virtual servos: results of a cycle, and checks during set-up."""
 
 import math
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ IDS = tuple(MODELS)
 
 
 class Line:
-    """Three servos on a bench, and the bus that talks to them."""
+    """Three virtual servos and their bus."""
 
     def __init__(self, counts: Sequence[int] = (1000, 2000, 3000)) -> None:
         self.clock = SimulatedClock(5.0)
@@ -63,24 +63,24 @@ class Line:
         self.servos.servo(servo_id).firmware.protection.status |= 1 << 5
 
 
-def test_it_is_a_servo_bus() -> None:
+def test_the_bus_has_the_name_of_its_port() -> None:
     bus: Bus = Line().bus
     assert bus.name == "line"
 
 
-def test_the_state_of_all_in_one_exchange() -> None:
+def test_all_states_are_read_in_one_exchange() -> None:
     line = Line()
     states = line.bus.read_states(IDS)
     assert [s.position_counts for s in states.values() if isinstance(s, ServoState)] == [1000, 2000, 3000]
     assert states[1] == ServoState(1000, 0, 0.0, 12.0, 27.0)
     asked = bytes((124, 0, 23, 0, 1, 2, 7))
-    # The second, once a bus, only finds out whether they can be read fast.
+    # The second request only tests once whether fast reads are supported.
     assert [(i.code, i.parameters) for i in line.sent] == [(Code.SYNC_READ, asked), (Code.FAST_SYNC_READ, asked)]
 
 
 @pytest.mark.parametrize("chained", [False, True])
 @pytest.mark.parametrize("silent", IDS)
-def test_a_silent_servo_hides_nobody(silent: int, chained: bool) -> None:
+def test_a_silent_servo_does_not_hide_others(silent: int, chained: bool) -> None:
     line = Line()
     line.servos.chained = chained
     line.servos.faults.silence(silent)
@@ -95,7 +95,7 @@ def test_a_silent_servo_hides_nobody(silent: int, chained: bool) -> None:
 
 
 @pytest.mark.parametrize("silent", IDS)
-def test_in_a_cycle_the_others_are_back_at_once_even_if_they_waited_in_vain(silent: int) -> None:
+def test_servos_hidden_by_a_silent_servo_are_read_in_the_next_cycle(silent: int) -> None:
     line = Line()
     line.servos.chained = True
     line.servos.faults.silence(silent)
@@ -106,7 +106,7 @@ def test_in_a_cycle_the_others_are_back_at_once_even_if_they_waited_in_vain(sile
         assert [i for i in IDS if not isinstance(states[i], ServoState)] == [silent]
 
 
-def test_a_cycle_does_not_wait_for_a_servo_known_to_be_silent_and_finds_it_again() -> None:
+def test_a_silent_servo_costs_no_wait_and_is_found_again() -> None:
     line = Line()
     line.servos.faults.silence(2)
     line.bus.read_states(IDS, line.clock.now() + 0.012)
@@ -121,7 +121,7 @@ def test_a_cycle_does_not_wait_for_a_servo_known_to_be_silent_and_finds_it_again
     assert isinstance(line.bus.read_states(IDS, line.clock.now() + 0.012)[2], ServoState)
 
 
-def test_all_are_asked_again_after_a_stall() -> None:
+def test_all_servos_are_read_again_after_a_stall() -> None:
     line = Line()
     for servo_id in IDS:
         line.servos.faults.silence(servo_id)
@@ -132,7 +132,7 @@ def test_all_are_asked_again_after_a_stall() -> None:
     assert all(isinstance(state, ServoState) for state in states.values())
 
 
-def test_a_late_reply_is_no_answer_to_the_next_request() -> None:
+def test_a_late_reply_is_not_a_reply_to_the_next_request() -> None:
     line = Line()
     held: list[bytes] = []
     read = line.port.read
@@ -150,7 +150,7 @@ def test_a_late_reply_is_no_answer_to_the_next_request() -> None:
     assert not isinstance(state, ServoState) or state.position_counts < 10
 
 
-def test_a_dead_bus_is_told_after_two_waits_at_most() -> None:
+def test_a_silent_bus_costs_at_most_two_waits() -> None:
     line = Line()
     for servo_id in IDS:
         line.servos.faults.silence(servo_id)
@@ -159,7 +159,7 @@ def test_a_dead_bus_is_told_after_two_waits_at_most() -> None:
     assert line.clock.now() - begin_s == pytest.approx(2 * FIRST_REPLY_S, abs=2e-3)
 
 
-def test_a_corrupt_reply_is_named_and_with_time_left_asked_for_again() -> None:
+def test_a_corrupt_reply_is_reported_and_requested_again_if_there_is_time() -> None:
     line = Line()
     line.servos.faults.corrupt_next(1)
     states = line.bus.read_states(IDS)
@@ -171,7 +171,7 @@ def test_a_corrupt_reply_is_named_and_with_time_left_asked_for_again() -> None:
     assert line.bus.counters.of(1).retries == 1
 
 
-def test_the_alert_bit_is_an_alarm_and_no_failure() -> None:
+def test_the_alert_bit_is_an_alarm_and_not_an_error() -> None:
     line = Line()
     line.overload(2)
     states = line.bus.read_states(IDS)
@@ -181,10 +181,10 @@ def test_the_alert_bit_is_an_alarm_and_no_failure() -> None:
     assert line.bus.read(2, x.goal_position) == 2000
     line.bus.write(2, x.led, 1)
     account = line.bus.counters.of(2)
-    assert (account.alarms, account.replies) == (3, 4)  # the reply with the names is no alarm more
+    assert (account.alarms, account.replies) == (3, 4)  # the reply with the names is not counted as another alarm
 
 
-def test_an_alarm_that_cannot_be_asked_for_is_an_alarm() -> None:
+def test_an_alarm_is_reported_even_if_its_name_cannot_be_read() -> None:
     line = Line()
     line.overload(2)
     receive = line.servos.receive
@@ -200,7 +200,7 @@ def test_an_alarm_that_cannot_be_asked_for_is_an_alarm() -> None:
     assert state.alarms == ("hardware error",)
 
 
-def test_identify_tells_absent_wrong_and_wrongly_set_up_apart() -> None:
+def test_identify_distinguishes_silent_wrong_and_misconfigured_servos() -> None:
     line = Line()
     for servo_id, model in MODELS.items():
         line.bus.identify(servo_id, model)
@@ -211,7 +211,7 @@ def test_identify_tells_absent_wrong_and_wrongly_set_up_apart() -> None:
     for register, value, says in (
         (x.operating_mode, 1, "operating mode 1: set it to 3"),
         (x.drive_mode, 4, "time-based profile"),
-        (x.drive_mode, 8, "switches its torque on by itself"),
+        (x.drive_mode, 8, "enables its torque at every goal"),
     ):
         line = Line()
         line.put(1, register, value)
@@ -219,21 +219,21 @@ def test_identify_tells_absent_wrong_and_wrongly_set_up_apart() -> None:
             line.bus.identify(1, x.XL430_W250)
 
 
-def test_what_a_servo_refuses_is_said_in_words() -> None:
+def test_the_reason_of_a_refusal_is_reported() -> None:
     line = Line()
     with pytest.raises(ServoRefused, match="value beyond its limit"):
         line.bus.write(1, x.goal_position, 5000)
-    with pytest.raises(ServoRefused, match="no such register"):
+    with pytest.raises(ServoRefused, match="does not have this register"):
         line.bus.write(1, x.present_position, 0)
     line.bus.torque_on(1)
-    with pytest.raises(ServoRefused, match="locked while the torque is on"):
+    with pytest.raises(ServoRefused, match="locked while torque is enabled"):
         line.bus.write(1, x.drive_mode, 1)
     line.servos.faults.corrupt_next(1)
     with pytest.raises(ServoCorrupt):
         line.bus.read(1, x.goal_position)
 
 
-def test_goals_in_one_packet_with_their_speeds() -> None:
+def test_goals_with_velocities_are_written_in_one_packet() -> None:
     line = Line()
     line.bus.write_goals({1: ServoGoal(1500, 100), 7: ServoGoal(2500)})
     assert [i.code for i in line.sent] == [Code.SYNC_WRITE]
@@ -242,14 +242,14 @@ def test_goals_in_one_packet_with_their_speeds() -> None:
 
 
 @given(st.integers(0, 500_000))
-def test_a_servo_is_never_slower_than_asked(velocity: int) -> None:
+def test_a_servo_is_never_slower_than_requested(velocity: int) -> None:
     units = profile_units(velocity)
     assert units * x.VELOCITY_UNIT_COUNTS_S >= velocity
     assert (units - 1) * x.VELOCITY_UNIT_COUNTS_S < velocity or units == 0
     assert (units == 0) == (velocity == 0)
 
 
-def test_torque_on_with_the_gain_of_the_robot_file_and_off_whatever_fails() -> None:
+def test_torque_on_writes_the_gain_and_torque_off_continues_after_failures() -> None:
     line = Line()
     line.put(1, x.profile_acceleration, 5)
     for servo_id in IDS:
@@ -262,7 +262,7 @@ def test_torque_on_with_the_gain_of_the_robot_file_and_off_whatever_fails() -> N
     assert [line.held(i, x.torque_enable) for i in IDS] == [0, 1, 0]
 
 
-def test_the_torque_limit_is_a_share_of_full_drive_and_never_above_the_servos_own() -> None:
+def test_the_torque_limit_is_a_share_and_stays_below_the_persistent_limit() -> None:
     line = Line()
     line.bus.limit_torque(1, 0.5)
     line.put(2, x.pwm_limit, 400)
@@ -270,7 +270,7 @@ def test_the_torque_limit_is_a_share_of_full_drive_and_never_above_the_servos_ow
     assert [line.held(i, x.goal_pwm) for i in IDS] == [442, 399, 885]
 
 
-# The hardware component over it
+# The hardware component above the bus
 
 LIMITS = JointLimits(-2.5, 2.5, 4.0, 12.0, 120.0)
 JOINTS = tuple(Joint(f"joint{i}", i, model, LIMITS) for i, model in MODELS.items())
@@ -286,7 +286,7 @@ def switches_on(instruction: Instruction) -> bool:
     return instruction.code == Code.WRITE and instruction.parameters == b"\x40\x00\x01"
 
 
-def test_torque_goes_on_only_when_every_goal_is_where_the_servo_stands() -> None:
+def test_torque_is_enabled_only_if_every_goal_is_the_measured_position() -> None:
     line = Line()
     component = hardware(line)
     for servo_id in IDS:
@@ -302,7 +302,7 @@ def test_torque_goes_on_only_when_every_goal_is_where_the_servo_stands() -> None
     assert all(line.held(i, x.torque_enable) for i in IDS)
 
 
-def test_without_one_servo_no_torque_at_all() -> None:
+def test_torque_is_not_enabled_if_one_servo_is_missing() -> None:
     line = Line()
     component = hardware(line)
     line.servos.faults.silence(7)

@@ -1,4 +1,4 @@
-"""Fast sync reads: used where all know them, given up where they do not, and never believed in part without proof."""
+"""Fast sync reads: when they are used and given up, and that partial replies are not accepted."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -31,12 +31,12 @@ Spoil = Callable[[bytes], bytes]
 
 
 def numbers(servo_id: int) -> bytes:
-    """A state that says the servo."""
+    """Return a state that encodes the servo."""
     return BLOCK.fields.pack(servo_id, 2 * servo_id, -servo_id, 1000 * servo_id, 120, 30)
 
 
 def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> bytes:
-    """One packet of all, each piece with the checksum of all before it."""
+    """Encode the common packet of all servos, with the checksums of all parts."""
     packet = wire.fast_head(len(ids), size)
     for servo_id in ids:
         packet += bytes((error, servo_id)) + bytes(size - SIZE) + numbers(servo_id)
@@ -45,12 +45,12 @@ def fast_reply(size: int = SIZE, ids: tuple[int, ...] = IDS, error: int = 0) -> 
 
 
 def whole(data: bytes, ids: tuple[int, ...], block: StateBlock, units_a: Sequence[float | None] = NONE) -> object:
-    """All states, if the packet is whole."""
-    return fast_plan(block, dict(zip(ids, units_a, strict=True))).whole(data)
+    """Decode all states, if the packet is complete."""
+    return fast_plan(block, dict(zip(ids, units_a, strict=True))).decode_all(data)
 
 
 class Line:
-    """A port with servos that answer sync reads, and fast ones as a test says."""
+    """A port with servos that answer sync reads and, if a test enables them, fast sync reads."""
 
     name, baud = "line", 1_000_000
 
@@ -91,13 +91,13 @@ class Line:
                         self.input += wire.packet(servo_id, wire.STATUS, data)
 
     def _fast(self, size: int, ids: tuple[int, ...]) -> bytes:
-        """Whoever comes after a silent servo waits in vain."""
+        """Encode the reply. Servos after a silent servo do not reply."""
         whole = fast_reply(size, ids)
         before = next((n for n, i in enumerate(ids) if i in self.silent), len(ids))
         return whole[: (wire.FAST_HEAD_SIZE if before else 0) + before * (size + wire.FAST_OVERHEAD)]
 
     def codes(self) -> list[int]:
-        """The instructions since the last time."""
+        """Return the instructions sent since the last call."""
         codes, self.sent = [instruction.code for instruction in self.sent], []
         return codes
 
@@ -106,7 +106,7 @@ class Line:
 
 
 def ready() -> Line:
-    """A line that has been found to know fast reads."""
+    """Return a bus that has detected support for fast reads."""
     line = Line()
     assert right(line.bus.read_states(IDS))
     assert line.codes() == [Code.SYNC_READ, Code.FAST_SYNC_READ]
@@ -114,14 +114,14 @@ def ready() -> Line:
 
 
 def right(readings: Mapping[int, Reading], but: frozenset[int] = frozenset()) -> bool:
-    """Whether each has its own state, those in ``but`` a fault."""
+    """Whether each servo has its own state, except for the servos in ``but``, which have a fault."""
     return list(readings) == list(IDS) and all(
         isinstance(r, ServoFault) if i in but else isinstance(r, ServoState) and r.position_counts == 1000 * i
         for i, r in readings.items()
     )
 
 
-def test_a_cycle_is_one_packet_with_the_goals_behind_it() -> None:
+def test_a_cycle_is_one_request_followed_by_the_goals() -> None:
     line = ready()
     assert right(line.cycle())
     assert right(exchange(line.bus, {i: ServoGoal(0) for i in IDS}, IDS, line.clock.now() + 0.02))
@@ -129,14 +129,14 @@ def test_a_cycle_is_one_packet_with_the_goals_behind_it() -> None:
     assert all(account.replies == 3 for account in line.bus.counters.servos.values())
 
 
-def test_the_bytes_of_an_exchange_are_those_of_the_fast_read() -> None:
+def test_the_exchange_size_is_that_of_a_fast_read() -> None:
     line = ready()
     goals = {i: ServoGoal(0) for i in IDS[1:]}
     on_wire = len(wire.sync_write(X.goal_address, X.goal_size, bytes(9) * len(goals)))
     assert line.bus.exchange_size(goals, IDS) == on_wire + len(wire.fast_sync_read(IDS, 124, SIZE)) + len(fast_reply())
 
 
-def test_behind_our_own_echo_too() -> None:
+def test_fast_reads_work_with_an_echo() -> None:
     line = Line()
     line.echo = True
     for _ in range(3):
@@ -147,7 +147,7 @@ def test_behind_our_own_echo_too() -> None:
 
 
 @pytest.mark.parametrize("spoil", [lambda packet: b"", lambda packet: packet[:-1], lambda packet: packet[:40]])
-def test_where_the_firmware_does_not_know_it_plain_reads_are_remembered_and_told_once(
+def test_unsupported_fast_reads_are_logged_once_and_not_repeated(
     spoil: Spoil, caplog: pytest.LogCaptureFixture
 ) -> None:
     line = Line(spoil)
@@ -157,13 +157,13 @@ def test_where_the_firmware_does_not_know_it_plain_reads_are_remembered_and_told
             assert right(line.cycle())
     assert line.codes().count(Code.FAST_SYNC_READ) == 1
     assert [record.message for record in caplog.records] == [
-        "line: not every servo knows fast sync reads: their states by plain ones"
+        "line: not every servo supports fast sync reads: using plain sync reads"
     ]
     assert all((a.replies, a.silent, a.corrupt, a.late) == (6, 0, 0, 0) for a in line.bus.counters.servos.values())
 
 
 @pytest.mark.parametrize("silent", IDS)
-def test_one_silent_servo_hides_nobody(silent: int) -> None:
+def test_a_silent_servo_does_not_hide_others(silent: int) -> None:
     line = ready()
     line.silent = {silent}
     for _ in range(8):
@@ -182,7 +182,7 @@ def test_one_silent_servo_hides_nobody(silent: int) -> None:
     assert line.codes() == [Code.FAST_SYNC_READ]
 
 
-def test_no_flipped_bit_passes_and_every_state_asked_for_ends_in_one_counter() -> None:
+def test_every_flipped_bit_is_detected_and_every_request_counted_once() -> None:
     packet = fast_reply()
     for bit in range(len(packet) * 8):
         spoiled = bytearray(packet)
@@ -193,27 +193,27 @@ def test_no_flipped_bit_passes_and_every_state_asked_for_ends_in_one_counter() -
         line.spoil = lambda packet, spoiled=bytes(spoiled): spoiled  # type: ignore[misc]
         assert right(line.cycle())
         assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
-        assert line.bus.counters.noise == 1  # nobody knows whose fault it was
+        assert line.bus.counters.noise == 1  # the fault cannot be attributed to a servo
         for servo_id, account in line.bus.counters.servos.items():
             assert account.replies == before[servo_id] + 1
             assert account.silent == account.corrupt == account.late == account.retries == 0
 
 
 @pytest.mark.parametrize("noise", [b"\0", b"\xff\xff\xfd", b"\xff\xff\xfd\x00\xfe", bytes(30)])
-def test_behind_noise_they_are_asked_plainly(noise: bytes) -> None:
+def test_noise_causes_a_plain_read(noise: bytes) -> None:
     line = ready()
     line.spoil = lambda packet: noise + packet
     assert right(line.cycle())
     assert line.codes() == [Code.FAST_SYNC_READ, Code.SYNC_READ]
     line.spoil = lambda packet: packet
     assert right(line.cycle())
-    assert line.codes() == [Code.SYNC_READ]  # a broken one may still go on
+    assert line.codes() == [Code.SYNC_READ]  # a failed reply may still continue
     line.clock.sleep_until(line.clock.now() + OPEN_S)
     assert right(line.cycle())
     assert line.codes() == [Code.FAST_SYNC_READ]
 
 
-def test_a_late_packet_is_never_the_answer_to_the_next_question() -> None:
+def test_a_late_packet_is_never_a_reply_to_the_next_request() -> None:
     line = ready()
     held: list[bytes] = []
     line.spoil = lambda packet: held.append(packet) or b""  # type: ignore[func-returns-value]
@@ -228,21 +228,23 @@ def test_a_late_packet_is_never_the_answer_to_the_next_question() -> None:
     assert right(line.cycle())
     first, *others = line.codes()
     assert first == Code.FAST_SYNC_READ
-    assert set(others) == {Code.SYNC_READ}  # in which a packet of all is nobody's reply
+    assert set(others) == {Code.SYNC_READ}  # in which a common packet is not a reply of one servo
     assert line.bus.counters.noise > 0
 
 
-def test_too_many_broken_packets_in_a_row_end_it_for_good(caplog: pytest.LogCaptureFixture) -> None:
+def test_too_many_consecutive_failures_end_fast_reads(caplog: pytest.LogCaptureFixture) -> None:
     line = ready()
     line.spoil = lambda packet: packet[:-1] + bytes((packet[-1] ^ 1,))
     for _ in range(FAST_TRIES + 3):
         assert right(line.cycle())
-        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # no question is open any more
+        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # no request is open
     assert line.codes().count(Code.FAST_SYNC_READ) == FAST_TRIES
-    assert [record.levelname for record in caplog.records if "broken in a row" in record.message] == ["WARNING"]
+    assert [
+        record.levelname for record in caplog.records if "consecutive fast sync reads failed" in record.message
+    ] == ["WARNING"]
 
 
-def test_the_whole_packet_has_every_servo_s_state_and_alarm_and_a_refusal_none() -> None:
+def test_a_packet_has_all_states_and_alarms_and_a_refusal_has_none() -> None:
     for block in X.blocks:
         packet = fast_reply(block.size, error=wire.ALERT)
         units_a = (None, 0.001, None, 0.00269)
@@ -254,13 +256,13 @@ def test_the_whole_packet_has_every_servo_s_state_and_alarm_and_a_refusal_none()
         assert whole(fast_reply(block.size, error=2), IDS, block) is None
 
 
-def test_the_example_of_the_manual_has_the_length_that_is_expected() -> None:
+def test_the_example_of_the_manual_has_the_expected_length() -> None:
     assert wire.fast_head(3, 4) == bytes.fromhex("fffffd00 fe 1900 55")
     assert x.present_pwm.address == 124
 
 
-def test_thousands_of_fast_cycles_on_a_bad_line() -> None:
-    """Each value the right one, and what a fast read has lost the plain one behind it brings."""
+def test_thousands_of_fast_cycles_with_line_errors() -> None:
+    """Every value is correct, and a plain read recovers the states that a fast read has lost."""
     ids = (1, 2, 3, 4, 5, 6, 7)
     clock = SimulatedClock(5.0)
     servos = VirtualDynamixelBus.of(BenchPlant(ids), dict.fromkeys(ids, x.XL430_W250))

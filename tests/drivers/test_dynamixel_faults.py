@@ -1,4 +1,4 @@
-"""What is the Dynamixel bus's own against faults: alarms that cost a transaction, checksums, stuffing."""
+"""Faults specific to the Dynamixel bus: alarms that need a second read, checksums and byte stuffing."""
 
 from collections import Counter
 
@@ -14,7 +14,7 @@ from tests.drivers.fault_lines import IDS, KINDS, Line
 BLOCK = X.blocks[0]
 
 
-def test_an_alarm_that_is_not_explained_in_time_does_not_cost_the_deadline() -> None:
+def test_reading_the_name_of_an_alarm_keeps_the_deadline() -> None:
     line = Line(KINDS[1])
     budget_s = KINDS[1].table.budget_s
     line.servos.servo(3).firmware.protection.status |= 1 << 5
@@ -31,10 +31,10 @@ def test_an_alarm_that_is_not_explained_in_time_does_not_cost_the_deadline() -> 
     assert line.clock.now() <= begin_s + budget_s + 1e-4
 
 
-def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> None:
+def test_both_decoders_agree_and_detect_every_flipped_bit() -> None:
     blocks = [bytes((i * 37 + n * 11) & 0x7F for n in range(BLOCK.size)) for i in IDS]
     data = b"".join(status_packet(i, 0x80 * (i == 3), block) for i, block in zip(IDS, blocks, strict=True))
-    whole = state_plan(PROTOCOL_2, dict.fromkeys(IDS, BLOCK), dict.fromkeys(IDS)).whole
+    whole = state_plan(PROTOCOL_2, dict.fromkeys(IDS, BLOCK), dict.fromkeys(IDS)).decode_all
     fast = whole(data)
     replies = wire.ReplyDecoder(BLOCK.size).feed(data)
     assert fast == {r.servo_id: BLOCK.decode(None, r.error, r.data) for r in replies}
@@ -47,10 +47,10 @@ def test_fast_and_slow_ways_give_the_same_states_and_no_flipped_bit_passes() -> 
     assert counts == {True: len(spoiled) * 8}
 
 
-def test_a_stuffed_reply_and_a_longer_block_are_understood() -> None:
+def test_a_stuffed_reply_and_a_longer_block_are_decoded() -> None:
     longer = X.blocks[2]
     content = b"\xff\xff\xfd" + bytes(longer.size - 3)
     data = status_packet(1, 0, content)
-    assert state_plan(PROTOCOL_2, {1: longer}, {1: None}).whole(data) is None
+    assert state_plan(PROTOCOL_2, {1: longer}, {1: None}).decode_all(data) is None
     (reply,) = wire.ReplyDecoder(longer.size).feed(data)
     assert longer.decode(None, reply.error, reply.data) == (0, 0, 0.0, 0.0, 0.0, (), None)

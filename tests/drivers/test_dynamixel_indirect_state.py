@@ -1,4 +1,4 @@
-"""The whole state in one read, through indirect registers: its bytes, its proof, and what happens without one."""
+"""Reading the whole state through indirect registers: packets, proof of the map, and behavior without proof."""
 
 import contextlib
 import importlib
@@ -47,10 +47,10 @@ def mixed() -> TrueLine:
     return TrueLine(MIXED, OLD_AND_NEW).identified()
 
 
-# One read
+# Single reads
 
 
-def test_one_transaction_a_cycle_with_the_names_of_all_alarms() -> None:
+def test_one_read_per_cycle_has_the_names_of_all_alarms() -> None:
     line = seven()
     line.errors.update({2: OVERLOAD, 5: 1 << 0 | 1 << 2})
     readings = line.cycle()
@@ -62,7 +62,7 @@ def test_one_transaction_a_cycle_with_the_names_of_all_alarms() -> None:
     assert question.parameters == bytes((224, 0, 18, 0, *line.ids))
 
 
-def test_by_plain_sync_reads_where_the_firmware_knows_no_other() -> None:
+def test_firmware_without_fast_reads_uses_plain_sync_reads() -> None:
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, 44)).identified()
     line.errors[3] = OVERLOAD
     reading = line.cycle()[3]
@@ -71,7 +71,7 @@ def test_by_plain_sync_reads_where_the_firmware_knows_no_other() -> None:
     assert [i.code for i in line.taken()] == [Code.SYNC_READ]
 
 
-def test_a_line_whose_cells_lie_apart_by_one_bulk_read() -> None:
+def test_servos_with_different_cell_addresses_are_read_by_a_bulk_read() -> None:
     line = mixed()
     line.errors[3] = OVERLOAD
     reading = line.cycle()[3]
@@ -84,7 +84,7 @@ def test_a_line_whose_cells_lie_apart_by_one_bulk_read() -> None:
 
 @pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
 @pytest.mark.parametrize("firmware", [46, 53])
-def test_every_model_shows_what_its_registers_hold(model: Any, firmware: int) -> None:
+def test_the_state_of_every_model_matches_its_registers(model: Any, firmware: int) -> None:
     line = TrueLine({1: model}, {1: firmware}).identified()
     block = block_for(model, firmware)
     assert block is not None
@@ -108,7 +108,7 @@ AMPERES = {"xl330": 0.001, "xc330": 0.001, "xm430": 0.00269}
 
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
-def test_the_current_is_in_amperes_where_the_model_measures_it(model: Any, mapped: bool) -> None:
+def test_the_current_is_in_amperes_if_the_model_measures_it(model: Any, mapped: bool) -> None:
     unit_a = AMPERES.get(model.name[:5])
     line = TrueLine({1: model}).identified() if mapped else TrueLine({1: model})
     for number in (7, 49):
@@ -127,8 +127,8 @@ def test_models_with_and_without_a_current_share_one_fast_read() -> None:
     assert [r.current_a is None for r in readings.values() if isinstance(r, ServoState)] == [True, False, False]
 
 
-def test_another_model_in_its_place_has_its_own_current() -> None:
-    """As a program finds it that was told of no model before."""
+def test_a_replaced_servo_has_the_current_unit_of_its_model() -> None:
+    """The program knew no model before."""
     line = TrueLine({1: x.XM430_W350})
     line.bus = Bus(line.port, line.clock, {1: x.XM430_W210})
     for model, current in ((x.XM430_W350, 2 * 0.00269), (x.XL330_M288, 0.002), (x.XL430_W250, None)):
@@ -140,7 +140,7 @@ def test_another_model_in_its_place_has_its_own_current() -> None:
         assert reading.current_a == current
 
 
-def test_a_servo_that_is_not_identified_is_read_directly() -> None:
+def test_a_servo_that_is_not_identified_is_read_from_the_direct_block() -> None:
     line = TrueLine(SEVEN)
     line.cycle()
     assert [i.parameters[:4] for i in line.taken()] == [bytes((124, 0, 23, 0))]
@@ -151,7 +151,7 @@ def test_a_servo_that_is_not_identified_is_read_directly() -> None:
 
 
 @pytest.mark.parametrize(("block", "models"), [(AT_224, SEVEN), (AT_208, {1: x.XL330_M288, 2: x.XC330_M181})])
-def test_the_questions_are_the_sdks_bytes(block: Any, models: Any) -> None:
+def test_requests_equal_those_of_the_sdk(block: Any, models: Any) -> None:
     for fast, firmware in ((True, 46), (False, 40)):
         line = TrueLine(models, dict.fromkeys(models, firmware)).identified()
         tape, ours = Tape(), Tape()
@@ -163,7 +163,7 @@ def test_the_questions_are_the_sdks_bytes(block: Any, models: Any) -> None:
         assert ours.sent.startswith(tape.sent)
 
 
-def test_a_bulk_question_is_the_sdks_bytes() -> None:
+def test_a_bulk_request_equals_that_of_the_sdk() -> None:
     line = mixed()
     tape, ours = Tape(), Tape()
     group = sdk.GroupBulkRead(tape, sdk.PacketHandler(2.0))
@@ -178,15 +178,15 @@ def test_a_bulk_question_is_the_sdks_bytes() -> None:
 @pytest.mark.parametrize(
     ("firmware", "identified", "size"), [(46, False, 218), (46, True, 183), (40, False, 259), (40, True, 224)]
 )
-def test_what_a_read_of_seven_puts_on_the_wire(firmware: int, identified: bool, size: int) -> None:
-    """Request and replies; an alarm costs the direct block 26 bytes more, and an adapter's delay."""
+def test_the_bytes_of_a_read_of_seven_servos(firmware: int, identified: bool, size: int) -> None:
+    """Requests and replies. With the direct block, an alarm costs 26 bytes more and the delay of the adapter."""
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware))
     line = line.identified() if identified else line
     line.bus.read_states(line.ids)
     assert line.bus.exchange_size({}, line.ids) == size
 
 
-def test_the_map_names_the_registers_and_its_own_ends() -> None:
+def test_the_map_contains_the_registers_and_its_own_ends() -> None:
     places = [int.from_bytes(MAP[i : i + 2], "little") for i in range(0, len(MAP), 2)]
     assert places == [168, 70, *range(124, 136), *range(144, 147)[:0], *places[14:]]
     assert places[14:] == [144, 145, 146, 202]
@@ -196,18 +196,18 @@ def test_the_map_names_the_registers_and_its_own_ends() -> None:
 # Proof
 
 
-def test_cells_that_were_reset_are_no_state() -> None:
+def test_cells_after_a_reset_are_not_a_state() -> None:
     for block in (AT_208, AT_224):
         assert block.decode(None, 0, bytes(18)) is None
 
 
 @given(st.binary(min_size=18, max_size=18))
-def test_nothing_is_a_state_without_both_ends(data: bytes) -> None:
+def test_a_state_needs_both_proofs(data: bytes) -> None:
     assert (AT_224.decode(None, 0, data) is None) == ((data[0], data[-1]) != (168, 202))
 
 
 @pytest.mark.parametrize("make", [seven, mixed], ids=["fast", "bulk"])
-def test_a_servo_that_was_reset_is_a_fault_then_direct_and_mapped_again_with_its_torque(
+def test_a_reset_servo_is_a_fault_then_read_directly_and_mapped_with_its_torque(
     make: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
     for victim in make().ids:
@@ -234,7 +234,7 @@ def test_a_servo_that_was_reset_is_a_fault_then_direct_and_mapped_again_with_its
         assert line.bus.counters.faults()["reset"] == account.as_dict()["reset"] == 1
 
 
-def test_all_of_them_at_once() -> None:
+def test_all_servos_are_reset_at_once() -> None:
     line = seven()
     for servo_id in line.ids:
         line.reset(servo_id)
@@ -247,7 +247,7 @@ def test_all_of_them_at_once() -> None:
     assert line.mapped() == set(line.ids)
 
 
-def test_one_that_reboots_by_instruction_is_silent_then_direct() -> None:
+def test_a_rebooted_servo_is_silent_and_then_read_directly() -> None:
     line = seven()
     line.port.write(wire.packet(3, Code.REBOOT, b""))
     kinds = [line.faults() for _ in range(60)]
@@ -257,7 +257,7 @@ def test_one_that_reboots_by_instruction_is_silent_then_direct() -> None:
     assert line.mapped() == set(line.ids) - {3}
 
 
-def test_torque_does_not_wait_for_a_map_that_no_longer_takes() -> None:
+def test_torque_is_enabled_even_if_the_map_cannot_be_restored() -> None:
     line = seven()
     line.reset(5)
     line.cycle()
@@ -269,8 +269,8 @@ def test_torque_does_not_wait_for_a_map_that_no_longer_takes() -> None:
 
 
 @pytest.mark.parametrize(("firmware", "faulty"), [(46, 1), (44, 1)], ids=["fast", "plain"])
-def test_one_that_refuses_what_it_was_mapped_for_is_asked_directly(firmware: int, faulty: int) -> None:
-    """Another servo in its place, whose table ends before."""
+def test_a_servo_without_the_mapped_cells_is_read_directly(firmware: int, faulty: int) -> None:
+    """The servo was replaced by a servo whose table ends before the cells."""
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, firmware)).identified()
     servo = line.servos.servo(6)
     read = servo._read
@@ -289,7 +289,7 @@ def test_one_that_refuses_what_it_was_mapped_for_is_asked_directly(firmware: int
 
 
 def refusing(line: TrueLine, servo_id: int, error: int) -> None:
-    """Firmware that does not let an indirect address be named."""
+    """Firmware that refuses writes of indirect addresses."""
     memory = line.servos.servo(servo_id).memory
     write = memory.write
 
@@ -300,12 +300,12 @@ def refusing(line: TrueLine, servo_id: int, error: int) -> None:
 
 
 def forgetful(line: TrueLine, servo_id: int) -> None:
-    """Firmware that takes the addresses and does not keep them."""
+    """Firmware that accepts the addresses but does not keep them."""
     refusing(line, servo_id, 0)
 
 
 def blind(line: TrueLine, servo_id: int) -> None:
-    """Firmware whose cells do not show an indirect address."""
+    """Firmware whose cells cannot show an indirect address."""
     memory = line.servos.servo(servo_id).memory
     read = memory.read
     memory.read = lambda address, size: bytes(size) if address >= 208 else read(address, size)  # type: ignore[method-assign]
@@ -314,14 +314,14 @@ def blind(line: TrueLine, servo_id: int) -> None:
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda line, i: refusing(line, i, DATA_RANGE), "was given a value out of range"),
-        (lambda line, i: refusing(line, i, ACCESS), "has no such register"),
-        (forgetful, "does not keep it"),
-        (blind, "does not show what it is to show"),
+        (lambda line, i: refusing(line, i, DATA_RANGE), "received a value out of range"),
+        (lambda line, i: refusing(line, i, ACCESS), "does not have this register"),
+        (forgetful, "did not keep the map"),
+        (blind, "did not return the mapped registers"),
     ],
     ids=["range", "access", "forgetful", "blind"],
 )
-def test_who_does_not_take_the_map_stays_direct_and_it_is_said_once(
+def test_a_servo_without_a_map_is_read_directly_and_logged_once(
     spoil: Any, says: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     line = TrueLine(SEVEN)
@@ -332,16 +332,16 @@ def test_who_does_not_take_the_map_stays_direct_and_it_is_said_once(
         line.errors[5] = OVERLOAD
         for _ in range(50):
             assert line.faults() == {}
-    (said,) = [r.message for r in caplog.records if "direct block" in r.message]
-    assert "servo 5" in said
-    assert says in said
+    (message,) = [r.message for r in caplog.records if "direct block" in r.message]
+    assert "servo 5" in message
+    assert says in message
     assert line.mapped() == set(line.ids) - {5}
     reading = line.cycle()[5]
     assert isinstance(reading, ServoState)
     assert reading.alarms == ("overload",)  # by a second read
 
 
-def test_a_lost_answer_at_set_up_is_asked_for_again() -> None:
+def test_a_lost_reply_during_set_up_is_requested_again() -> None:
     line = TrueLine(SEVEN)
     for servo_id, model in SEVEN.items():
         line.servos.faults.corrupt_next(servo_id, 0)
@@ -363,8 +363,8 @@ def test_a_lost_answer_at_set_up_is_asked_for_again() -> None:
     assert 3 in line.mapped()
 
 
-def test_mapping_touches_nothing_else_and_works_under_torque() -> None:
-    """Whatever another program left in the cells: none of them is written to."""
+def test_mapping_writes_no_other_register_and_works_with_torque_enabled() -> None:
+    """Values of another program in the cells are not overwritten."""
     line = TrueLine(SEVEN)
     for servo in line.servos.servos:
         assert servo.write(x.torque_enable.address, b"\x01") == 0
@@ -380,7 +380,7 @@ def test_mapping_touches_nothing_else_and_works_under_torque() -> None:
         assert line.bus.torque_is_on(servo_id)
 
 
-def test_goals_torque_and_another_rate_are_as_before() -> None:
+def test_goals_torque_and_a_different_baud_rate_work_with_a_map() -> None:
     line = mixed()
     states = exchange(line.bus, {i: ServoGoal(100 * i) for i in line.ids}, line.ids, line.clock.now() + 0.012)
     assert all(isinstance(state, ServoState) for state in states.values())
@@ -394,7 +394,7 @@ def test_goals_torque_and_another_rate_are_as_before() -> None:
     assert line.mapped() == set(line.ids)
 
 
-def test_an_alarm_without_a_name_is_an_alarm_and_costs_no_second_read() -> None:
+def test_an_alarm_without_a_name_is_reported_without_a_second_read() -> None:
     line = seven()
     line.errors[1] = 1 << 7
     line.number += 1
@@ -405,11 +405,11 @@ def test_an_alarm_without_a_name_is_an_alarm_and_costs_no_second_read() -> None:
     assert [i.code for i in line.taken()] == [Code.FAST_SYNC_READ]
 
 
-# A bad line
+# Line errors
 
 
 @pytest.mark.parametrize("servo_id", SEVEN)
-def test_a_late_reply_is_never_taken_for_the_present_one(servo_id: int) -> None:
+def test_a_late_reply_is_never_taken_for_the_current_reply(servo_id: int) -> None:
     line = TrueLine(SEVEN, dict.fromkeys(SEVEN, 44)).identified()
     for number in range(60):
         if number % 5 == 0:
@@ -429,8 +429,8 @@ def test_a_late_reply_is_never_taken_for_the_present_one(servo_id: int) -> None:
     [(SEVEN, {}), (SEVEN, dict.fromkeys(SEVEN, 44)), (MIXED, OLD_AND_NEW)],
     ids=["fast", "plain", "bulk"],
 )
-def test_thousands_of_cycles_on_a_bad_line_with_servos_that_are_reset(make: Any, firmware: Any) -> None:
-    """Every value is right and of this very cycle, whatever is lost, garbled, late or forgotten."""
+def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: Any) -> None:
+    """Every value is correct and from this cycle, despite lost, corrupt and late replies and resets."""
     line = TrueLine(make, firmware).identified()
     line.errors[2] = OVERLOAD
     chance = random.Random(7)
@@ -452,15 +452,15 @@ def test_thousands_of_cycles_on_a_bad_line_with_servos_that_are_reset(make: Any,
     assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
     line.clock.sleep_until(line.clock.now() + OPEN_S)
-    line.cycle()  # the last reset may be seen only now
+    line.cycle()  # the last reset may be detected only now
     for servo_id in line.ids:
-        with contextlib.suppress(ServoRefused):  # with an overload there is no torque
+        with contextlib.suppress(ServoRefused):  # an overload disables torque
             line.bus.torque_on(servo_id)
     assert line.mapped() == set(line.ids)
 
 
-def test_a_reset_between_any_two_packets_is_never_a_wrong_value() -> None:
-    """The servo loses its memory before each single packet in turn: while it is mapped, used, and mapped again."""
+def test_a_reset_before_any_packet_never_causes_a_wrong_value() -> None:
+    """The servo is reset before each single packet in turn: while it is mapped, read and mapped again."""
     for when in range(40):
         line = TrueLine({1: x.XL430_W250, 2: x.XM430_W350})
         sent = 0
@@ -481,7 +481,7 @@ def test_a_reset_between_any_two_packets_is_never_a_wrong_value() -> None:
         assert sent > when
 
 
-def test_a_virtual_servo_forgets_like_a_real_one() -> None:
+def test_a_virtual_servo_loses_its_map_like_a_real_one() -> None:
     servo = VirtualXServo(x.XL430_W250, 1)
     register = Register("map", indirect.POINTERS, len(MAP))
     assert servo.write(register.address, MAP) == 0
@@ -491,7 +491,7 @@ def test_a_virtual_servo_forgets_like_a_real_one() -> None:
     assert servo.memory.read(224, 18) == bytes(18)
 
 
-def test_behind_our_own_echo_too() -> None:
+def test_indirect_reads_work_with_an_echo() -> None:
     line = TrueLine(SEVEN)
     own = b""
     write, read, discard = line.port.write, line.port.read, line.port.discard_input

@@ -1,4 +1,4 @@
-"""The tables of all Dynamixels of protocol 2.0 against the official SDK's, and lines of several series."""
+"""Control tables of all Dynamixel models with protocol 2.0 compared with the official SDK, and mixed buses."""
 
 import importlib.resources
 import re
@@ -34,14 +34,14 @@ NAMES = {
 
 
 def sdk_table(file: str) -> dict[str, tuple[int, int]]:
-    """Address and size by name, of one of the SDK's model files."""
+    """Return address and size by register name from a model file of the SDK."""
     _, _, lines = (TABLES / file).read_text(encoding="utf-8").partition("[control table]")
     rows = re.findall(r"^(\d+)\t(\d+)\t(.+)$", lines, re.MULTILINE)
     return {re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_"): (int(a), int(size)) for a, size, name in rows}
 
 
 def sdk_name(model: ServoModel) -> str:
-    """Of the SDK's file, which has an MX by the firmware for protocol 2.0."""
+    """Return the name of the SDK's model file. For an MX, it contains the firmware protocol."""
     return model.name.removesuffix("-2.0").replace("-", "_")
 
 
@@ -50,7 +50,7 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
-def test_every_address_and_size_is_the_sdks(model: ServoModel) -> None:
+def test_every_address_and_size_agrees_with_the_sdk(model: ServoModel) -> None:
     name = sdk_name(model)
     numbers = re.findall(
         r"^(\d+)\t(\S+)\.model", (TABLES / "dynamixel.model").read_text(encoding="utf-8"), re.MULTILINE
@@ -58,12 +58,12 @@ def test_every_address_and_size_is_the_sdks(model: ServoModel) -> None:
     assert (str(model.number), name) in numbers
     table = sdk_table(f"{name}.model")
     for register in registers_of(model):
-        said = table.get(register.name) or table[NAMES[register.name]]
-        assert (register.address, register.size) == said, register.name
+        expected = table.get(register.name) or table[NAMES[register.name]]
+        assert (register.address, register.size) == expected, register.name
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
-def test_no_register_of_the_sdks_is_missing_but_the_indirect_ones(model: ServoModel) -> None:
+def test_only_indirect_registers_of_the_sdk_are_missing(model: ServoModel) -> None:
     ours = {(register.address, register.size) for register in registers_of(model)}
     theirs = sdk_table(f"{sdk_name(model)}.model")
     assert [name for name, place in theirs.items() if place not in ours and not name.startswith("indirect_")] == []
@@ -77,12 +77,12 @@ def test_every_model_has_one_series_and_the_blocks_of_a_series_differ() -> None:
         assert len(set(sizes)) == len(sizes)
         assert min(sizes) == sizes[0] == series.blocks[0].fields.size
         assert len({block.address + block.size for block in series.blocks}) == 1
-    with pytest.raises(ValueError, match="other is no servo that is known"):
+    with pytest.raises(ValueError, match="other is not a supported servo model"):
         series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 
 
 class Tables:
-    """A port with servos behind it that are nothing but their tables."""
+    """A port with servos that consist only of their tables."""
 
     name, baud = "tables", 1_000_000
 
@@ -177,11 +177,11 @@ XL320_STATE = ServoState(
 
 
 @pytest.mark.parametrize("place", range(4))
-def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
+def test_xl320_servos_are_read_by_plain_sync_reads(place: int) -> None:
     port = Tables({1: xl320.XL320, 2: xl320.XL320})
     bus = Bus(port, port.clock, {1: xl320.XL320, 2: xl320.XL320})
     place_xl320(port, 2)
-    for _ in range(place):  # who owes an answer is asked for another block
+    for _ in range(place):  # a servo with an open request is asked for a different block
         port.silent = {1, 2}
         bus.read_states((1, 2), port.clock.now() + 0.005)
     port.silent, port.sent = set(), []
@@ -191,12 +191,12 @@ def test_a_line_of_xl320_by_plain_sync_reads(place: int) -> None:
 
 @pytest.mark.parametrize("series", (X, XL), ids=lambda series: series.name)
 @pytest.mark.parametrize("velocity_counts_s", [-1, -10, -100000])
-def test_no_velocity_below_0_becomes_as_fast_as_it_can(series: Series, velocity_counts_s: int) -> None:
-    with pytest.raises(ValueError, match="nothing written"):
+def test_a_negative_velocity_never_becomes_maximum_velocity(series: Series, velocity_counts_s: int) -> None:
+    with pytest.raises(ValueError, match="nothing was written"):
         series.goal_of(series.models[0])(ServoGoal(512, velocity_counts_s))
 
 
-def test_the_xl320s_settings_goal_limit_and_torque() -> None:
+def test_settings_goal_limit_and_torque_of_an_xl320() -> None:
     assert xl320.XL320.last_count == 1023
     port = Tables({3: xl320.XL320})
     bus = Bus(port, port.clock, {3: xl320.XL320}, position_p={3: 40})
@@ -204,10 +204,10 @@ def test_the_xl320s_settings_goal_limit_and_torque() -> None:
     bus.write_goals({3: ServoGoal(512, 100)})
     assert bus.goal(3) == 512
     assert port.held(3, xl320.moving_speed) == -(-100 // xl320.SPEED_UNIT_COUNTS_S)
-    with pytest.raises(ValueError, match="goal_position takes 0 to 1023"):
+    with pytest.raises(ValueError, match="goal_position must be 0 to 1023"):
         bus.write_goals({3: ServoGoal(1024)})
     bus.limit_torque(3, 1.0)
-    assert port.held(3, xl320.torque_limit) == 599  # a reset one has 600
+    assert port.held(3, xl320.torque_limit) == 599  # a reset servo has 600
     bus.torque_on(3)
     assert bus.torque_is_on(3)
     assert port.held(3, xl320.p_gain) == 40
@@ -227,12 +227,12 @@ def mixed() -> tuple[Tables, Bus]:
     place_xl320(port, 2)
     for servo_id in (1, 5, 9):
         port.put(servo_id, x_series.present_position, 100 * servo_id)
-        port.put(servo_id, x_series.present_current, -50)  # only the last one's is none of its load
+        port.put(servo_id, x_series.present_current, -50)  # a current only for the last servo, a load for the others
         port.put(servo_id, x_series.present_voltage, 120)
     return port, Bus(port, port.clock, MIXED)
 
 
-def test_a_mixed_line_by_a_bulk_read_and_a_sync_write_a_series() -> None:
+def test_a_mixed_bus_uses_one_bulk_read_and_one_sync_write_per_series() -> None:
     port, bus = mixed()
     goals = {i: ServoGoal(100 + i) for i in IDS}
     states = exchange(bus, goals, IDS, port.clock.now() + 0.02)
@@ -247,7 +247,7 @@ def test_a_mixed_line_by_a_bulk_read_and_a_sync_write_a_series() -> None:
 
 
 @pytest.mark.parametrize("silent", IDS)
-def test_on_a_mixed_line_a_silent_servo_hides_nobody(silent: int) -> None:
+def test_a_silent_servo_on_a_mixed_bus_does_not_hide_others(silent: int) -> None:
     port, bus = mixed()
     port.silent = {silent}
     for _ in range(5):
@@ -260,7 +260,7 @@ def test_on_a_mixed_line_a_silent_servo_hides_nobody(silent: int) -> None:
         assert account.corrupt == account.late == 0
 
 
-def test_alarms_of_a_mixed_line_have_the_names_of_each_series() -> None:
+def test_alarms_on_a_mixed_bus_have_the_names_of_each_series() -> None:
     port, bus = mixed()
     port.error = dict.fromkeys(IDS, wire.ALERT)
     port.put(1, x_series.hardware_error_status, 1 << 5)
@@ -284,7 +284,7 @@ def test_torque_off_reaches_every_series() -> None:
     assert not any(bus.torque_is_on(i) for i in IDS)
 
 
-def test_the_bytes_of_an_exchange_are_those_of_the_wire() -> None:
+def test_the_exchange_size_is_the_number_of_bytes_on_the_wire() -> None:
     port, bus = mixed()
     written: list[bytes] = []
     write, read = port.write, port.read
@@ -300,7 +300,7 @@ def test_the_bytes_of_an_exchange_are_those_of_the_wire() -> None:
     assert sum(map(len, written)) == bus.exchange_size(goals, IDS)
 
 
-def test_after_another_rate_nothing_is_left_on_the_line() -> None:
+def test_no_input_remains_after_a_change_of_baud_rate() -> None:
     port, bus = mixed()
     bus.read_states(IDS)
     with bus.at_baud(57_600):
@@ -311,8 +311,8 @@ def test_after_another_rate_nothing_is_left_on_the_line() -> None:
     assert bus.counters.noise == 0
 
 
-def test_at_another_rate_servos_are_still_what_they_are() -> None:
-    """Each would else be asked for the X series' block, which an XL-320 does not have."""
+def test_models_are_kept_at_a_different_baud_rate() -> None:
+    """Otherwise each servo would be asked for the block of the X series, which an XL-320 does not have."""
     clock = SimulatedClock()
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: MODELS["xl430-w250"]})
     bus = Bus(VirtualPort(line, clock), clock, {1: MODELS["xl320"]})

@@ -1,4 +1,4 @@
-"""Our group transactions for every model and random values, byte for byte those of the official SDK."""
+"""Group packets for every model and random values equal those of the official SDK, byte for byte."""
 
 import importlib
 import math
@@ -30,19 +30,19 @@ velocities = st.integers(0, 5000)
 
 
 def same(ours: bytes, theirs: bytes) -> bool:
-    """The SDK computes the stuffing and then sends the packet without it: those are passed over."""
+    """Compare packets without byte stuffing, because the SDK computes the stuffing but sends the packet without it."""
     return ours == theirs or wire.PATTERN in ours[3:]
 
 
 def question(models: dict[int, ServoModel]) -> bytes:
-    """What our bus asks for states."""
+    """Return the request of the bus for states."""
     tape = Tape()
     Bus(tape, SimulatedClock(), models).request(tuple(models), math.inf)
     return tape.sent
 
 
 def block(model: ServoModel) -> tuple[int, int]:
-    """Address and size of the state, by the registers' names and not by our arithmetic."""
+    """Return address and size of the state, derived from the register names and not by the code under test."""
     if model is xl320.XL320:
         return xl320.present_position.address, 10
     return x_series.present_pwm.address, 23
@@ -116,7 +116,7 @@ def test_a_sync_write_for_each_series(models: dict[int, ServoModel], data: st.Da
 
 @given(lines)
 def test_torque_off_of_each_series_and_then_of_each_servo(models: dict[int, ServoModel]) -> None:
-    """Nothing in it needs stuffing."""
+    """No part of the packets needs byte stuffing."""
     address = {i: 24 if model is xl320.XL320 else 64 for i, model in models.items()}
     ours, theirs = SilentTape(), SilentTape()
     assert len(Bus(ours, ours.clock, models).torque_off(tuple(models))) == len(models)

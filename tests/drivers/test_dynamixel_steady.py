@@ -1,4 +1,4 @@
-"""A cycle of a Dynamixel line on which all was well: the same bytes, and piece by piece as soon as one is missing."""
+"""Cycles of a Dynamixel bus without faults send the same bytes, and a missing reply switches to separate decoding."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +25,7 @@ each_kind = pytest.mark.parametrize("kind", MAPPED + DIRECT, ids=lambda kind: ki
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Of each question, whether its answer came as a whole."""
+    """Return for each request whether its replies were decoded together."""
     went: list[bool] = []
     real = GroupRead.collect
 
@@ -43,8 +43,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
         monkeypatch.setattr(owner, name, judge)
 
     monkeypatch.setattr(GroupRead, "collect", collect)
-    otherwise(GroupRead, "_piecewise")
-    otherwise(FastReads, "came_broken")
+    otherwise(GroupRead, "_decode_separately")
+    otherwise(FastReads, "failed")
     return went
 
 
@@ -52,7 +52,7 @@ def steady_line(kind: Kind, *, fast: bool = True) -> tuple[Line, WatchedPort]:
     line = Line(kind, WatchedPort)
     assert isinstance(line.port, WatchedPort)
     if fast:
-        line.bus.read_states(IDS)  # finds out that they answer fast reads
+        line.bus.read_states(IDS)  # detects support for fast reads
     for _ in range(2):
         assert line.missing() == {}
     line.port.sent = ()
@@ -60,7 +60,7 @@ def steady_line(kind: Kind, *, fast: bool = True) -> tuple[Line, WatchedPort]:
 
 
 @each_kind
-def test_cycle_after_cycle_the_same_bytes(kind: Kind, quick: list[bool]) -> None:
+def test_every_cycle_sends_the_same_bytes(kind: Kind, quick: list[bool]) -> None:
     line, port = steady_line(kind)
     truth, replies = Truth(line), line.account(1).replies
     quick.clear()
@@ -86,7 +86,7 @@ FAULTS: dict[str, Callable[[Line], object]] = {
 
 @each_kind
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_the_careful_ways_and_the_goals_have_gone_out_once(
+def test_a_fault_switches_to_separate_decoding_and_goals_are_sent_once(
     kind: Kind, fault: str, quick: list[bool]
 ) -> None:
     line, port = steady_line(kind)
@@ -100,7 +100,7 @@ def test_a_fault_is_the_careful_ways_and_the_goals_have_gone_out_once(
     assert wrong <= (set(IDS) if "all" in fault else {3, 7})
     for servo_id in IDS:
         line.faults.restore(servo_id)
-    if fault != "all silent":  # who is silent is deaf
+    if fault != "all silent":  # a silent servo receives nothing
         assert line.held(5, x.goal_position) == 2005
     for _ in range(120):
         line.cycle()
@@ -109,7 +109,7 @@ def test_a_fault_is_the_careful_ways_and_the_goals_have_gone_out_once(
 
 
 @each_kind
-def test_an_adapter_that_hesitates_once_costs_no_state(kind: Kind, quick: list[bool]) -> None:
+def test_a_single_delay_of_the_adapter_costs_no_state(kind: Kind, quick: list[bool]) -> None:
     line, port = steady_line(kind, fast=False)
     quick.clear()
     port.hold_s = 0.009
@@ -121,7 +121,7 @@ def test_an_adapter_that_hesitates_once_costs_no_state(kind: Kind, quick: list[b
 
 
 @each_kind
-def test_silence_is_not_waited_for_beyond_the_deadline(kind: Kind, quick: list[bool]) -> None:
+def test_the_wait_for_a_silent_servo_ends_at_the_deadline(kind: Kind, quick: list[bool]) -> None:
     line, _ = steady_line(kind)
     for servo_id in IDS:
         line.faults.silence(servo_id)
@@ -144,7 +144,7 @@ def test_alarms_are_named_and_counted_in_every_cycle(kind: Kind) -> None:
 
 
 @each_kind
-def test_what_a_single_read_leaves_behind_is_thrown_away(kind: Kind) -> None:
+def test_input_left_by_a_single_read_is_discarded(kind: Kind) -> None:
     line, port = steady_line(kind)
     line.bus.read(2, x.present_position)
     port.give(b"\x00\xff\x12")
@@ -153,7 +153,7 @@ def test_what_a_single_read_leaves_behind_is_thrown_away(kind: Kind) -> None:
 
 
 @each_kind
-def test_other_servos_than_before_are_another_question(kind: Kind, quick: list[bool]) -> None:
+def test_different_servos_get_a_different_request(kind: Kind, quick: list[bool]) -> None:
     line, _ = steady_line(kind)
     quick.clear()
     goals = {i: line.goals[i] for i in (2, 5)}
@@ -162,8 +162,8 @@ def test_other_servos_than_before_are_another_question(kind: Kind, quick: list[b
     assert quick == [True, True]
 
 
-def test_a_servo_that_is_known_better_is_asked_anew(quick: list[bool]) -> None:
-    """Its indirect registers are mapped now: the question is a shorter one."""
+def test_an_identified_servo_gets_a_new_request(quick: list[bool]) -> None:
+    """The request is shorter because its indirect registers are mapped."""
     (kind,) = DIRECT
     line, port = steady_line(kind)
     assert line.missing() == {}
@@ -176,7 +176,7 @@ def test_a_servo_that_is_known_better_is_asked_anew(quick: list[bool]) -> None:
     assert line.missing() == {} and quick == [True, True]
 
 
-def test_a_servo_that_has_lost_its_map_is_named_and_read_otherwise() -> None:
+def test_a_servo_that_has_lost_its_map_is_reported_and_read_directly() -> None:
     (kind,) = MAPPED
     line, port = steady_line(kind)
     assert line.missing() == {}
@@ -192,7 +192,7 @@ def test_a_servo_that_has_lost_its_map_is_named_and_read_otherwise() -> None:
 
 
 def test_a_miss_counts_once_against_the_map() -> None:
-    """Not again with every read without a deadline, in which the servo answers."""
+    """It is not counted again for every read without a deadline that the servo answers."""
     (kind,) = MAPPED
     line, _ = steady_line(kind)
     assert isinstance(line.bus, Bus)

@@ -1,4 +1,4 @@
-"""The X series' table against the e-manual, and two's complement."""
+"""The control table of the X series compared with the e-manual, and two's complement numbers."""
 
 from itertools import pairwise
 
@@ -30,7 +30,7 @@ def test_a_value_and_its_bytes(register: Register, value: int, data: str) -> Non
 
 
 @given(st.sampled_from(ALL), st.data())
-def test_every_value_in_range_comes_back(register: Register, data: st.DataObject) -> None:
+def test_every_value_in_range_is_encoded_and_decoded(register: Register, data: st.DataObject) -> None:
     value = data.draw(st.integers(register.smallest, register.largest))
     encoded = register.encode(value, "little")
     assert len(encoded) == register.size
@@ -38,20 +38,20 @@ def test_every_value_in_range_comes_back(register: Register, data: st.DataObject
 
 
 @given(st.sampled_from(ALL), st.data())
-def test_any_bytes_come_back(register: Register, data: st.DataObject) -> None:
+def test_any_bytes_are_decoded_and_encoded(register: Register, data: st.DataObject) -> None:
     raw = data.draw(st.binary(min_size=register.size, max_size=register.size))
     assert register.encode(register.decode(raw, "little"), "little") == raw
 
 
 @given(st.sampled_from(ALL), st.integers())
-def test_a_value_is_either_in_range_or_refused(register: Register, value: int) -> None:
+def test_a_value_out_of_range_is_refused(register: Register, value: int) -> None:
     if not register.smallest <= value <= register.largest:
-        with pytest.raises(ValueError, match="nothing written"):
+        with pytest.raises(ValueError, match="nothing was written"):
             register.encode(value, "little")
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_registers_do_not_overlap_and_have_one_name_each(model: ServoModel) -> None:
+def test_registers_have_unique_names_and_do_not_overlap(model: ServoModel) -> None:
     registers = x.registers(model)
     assert len({register.name for register in registers}) == len(registers)
     for before, after in pairwise(registers):
@@ -70,7 +70,7 @@ def test_registers_do_not_overlap_and_have_one_name_each(model: ServoModel) -> N
         (x.XM430_W350, 1020, x.present_current),
     ],
 )
-def test_the_models_and_what_stands_at_126(model: ServoModel, number: int, measures: Register) -> None:
+def test_the_models_and_their_register_at_126(model: ServoModel, number: int, measures: Register) -> None:
     assert model.number == number
     assert measures in x.registers(model)
     assert sum(register.address == 126 for register in x.registers(model)) == 1
@@ -95,7 +95,7 @@ def test_the_models_and_what_stands_at_126(model: ServoModel, number: int, measu
         (x.present_temperature, 146, 1),
     ],
 )
-def test_the_places_that_move_an_arm_are_those_of_the_manual(register: Register, address: int, size: int) -> None:
+def test_addresses_that_move_an_arm_agree_with_the_manual(register: Register, address: int, size: int) -> None:
     assert (register.address, register.size) == (address, size)
 
 

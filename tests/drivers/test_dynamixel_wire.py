@@ -1,4 +1,4 @@
-"""Dynamixel packets: the e-manual's examples, the official SDK's bytes, and a decoder that nothing upsets."""
+"""Dynamixel packets: examples of the e-manual, packets of the official SDK, and robustness of the decoder."""
 
 import importlib
 from collections.abc import Sequence
@@ -65,19 +65,19 @@ def test_the_examples_of_the_manual(packet: bytes, says: str) -> None:
 
 
 @given(st.binary(max_size=60))
-def test_the_checksum_is_the_sdks(data: bytes) -> None:
+def test_the_checksum_equals_that_of_the_sdk(data: bytes) -> None:
     assert crc16(data) == sdk.PacketHandler(2.0).updateCRC(0, list(data), len(data))
 
 
 @given(ids, addresses, st.integers(1, 0xFFFF))
-def test_sync_read_is_the_sdks(servo_ids: list[int], address: int, size: int) -> None:
+def test_sync_reads_equal_those_of_the_sdk(servo_ids: list[int], address: int, size: int) -> None:
     ours = wire.sync_read(servo_ids, address, size)
-    if PATTERN not in ours[3:]:  # the SDK computes the stuffing and then sends the packet without it
+    if PATTERN not in ours[3:]:  # the SDK computes the stuffing but sends the packet without it
         assert ours == sdk_sync_read(servo_ids, address, size)
 
 
 @given(ids, addresses, st.integers(1, 10), st.data())
-def test_sync_write_is_the_sdks(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
+def test_sync_writes_equal_those_of_the_sdk(servo_ids: list[int], address: int, size: int, data: st.DataObject) -> None:
     contents = {i: data.draw(st.binary(min_size=size, max_size=size)) for i in servo_ids}
     ours = wire.sync_write(address, size, b"".join(bytes((i,)) + data for i, data in contents.items()))
     if PATTERN not in ours[3:]:
@@ -85,7 +85,7 @@ def test_sync_write_is_the_sdks(servo_ids: list[int], address: int, size: int, d
 
 
 @given(st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", b"\x01"]), max_size=40).map(b"".join))
-def test_stuffing_is_what_the_sdk_computes(parameters: bytes) -> None:
+def test_byte_stuffing_equals_that_of_the_sdk(parameters: bytes) -> None:
     plain = [*wire.HEADER, 1, *(len(parameters) + 3).to_bytes(2, "little"), wire.WRITE, *parameters, 0, 0]
     stuffed = bytes(sdk.PacketHandler(2.0).addStuffing(plain))
     ours = wire.packet(1, wire.WRITE, parameters)
@@ -96,7 +96,7 @@ def test_stuffing_is_what_the_sdk_computes(parameters: bytes) -> None:
 
 
 @given(st.dictionaries(st.integers(0, 252), st.tuples(st.integers(0, 4095), st.integers(0, 10000)), max_size=20))
-def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -> None:
+def test_goals_equal_those_of_the_sdk(goals: dict[int, tuple[int, int]]) -> None:
     tape = Tape()
     bus = Bus(tape, SimulatedClock(), {1: XL430_W250})
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
@@ -109,14 +109,14 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
 
 
 @given(ids)
-def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
+def test_state_requests_equal_those_of_the_sdk(servo_ids: list[int]) -> None:
     tape = Tape()
     Bus(tape, SimulatedClock(), {1: XL430_W250}).read_states(servo_ids[:1])
     assert tape.sent == sdk_sync_read(servo_ids[:1], x_series.present_pwm.address, 23)
 
 
 def pieces(data: bytes, cuts: Sequence[int]) -> list[bytes]:
-    """``data`` cut at these places."""
+    """Return ``data`` split at these places."""
     edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
     return [data[a:b] for a, b in pairwise(edges)]
 
@@ -128,7 +128,7 @@ noise = st.one_of(st.binary(max_size=60), likely)
 
 
 @given(noise, st.integers(0, 252), st.integers(0, 255), likely | st.binary(min_size=8, max_size=8), st.data())
-def test_a_reply_behind_any_noise_is_found(
+def test_a_reply_after_noise_is_found(
     before: bytes, servo_id: int, error: int, content: bytes, data: st.DataObject
 ) -> None:
     content = content[:8].ljust(8, b"\xfd")
@@ -143,14 +143,14 @@ def test_a_reply_behind_any_noise_is_found(
 
 
 @given(st.lists(noise, max_size=8))
-def test_noise_is_no_reply(chunks: list[bytes]) -> None:
+def test_noise_is_not_a_reply(chunks: list[bytes]) -> None:
     decoder = wire.ReplyDecoder(4)
     for chunk in chunks:
         assert decoder.feed(chunk) == []
 
 
 @given(st.binary(min_size=6, max_size=6), st.integers(0, 8 * 17 - 1))
-def test_a_flipped_bit_is_no_reply(content: bytes, bit: int) -> None:
+def test_a_reply_with_a_flipped_bit_is_not_accepted(content: bytes, bit: int) -> None:
     frame = bytearray(status_packet(3, 0, content))
     if len(frame) != 17:
         return
@@ -162,14 +162,14 @@ def test_a_flipped_bit_is_no_reply(content: bytes, bit: int) -> None:
 
 
 @pytest.mark.parametrize("size", [3, 5])
-def test_a_reply_of_another_size_is_passed_over(size: int) -> None:
+def test_a_reply_of_a_different_size_is_skipped(size: int) -> None:
     decoder = wire.ReplyDecoder(4)
     good = status_packet(2, 0, b"good")
     assert decoder.feed(status_packet(1, 0, bytes(size)) + good) == [wire.Reply(2, 0, b"good")]
 
 
 @pytest.mark.parametrize("size", [0, 1, 247, 248, 251, 300, 1000])
-def test_the_data_that_the_sdk_hands_over_are_found_however_long(size: int) -> None:
-    """The length has two bytes; the SDK gives the packet as a list of numbers, without the stuffing."""
+def test_data_of_any_length_are_extracted_from_the_sdks_reply(size: int) -> None:
+    """The length has two bytes. The SDK returns the packet as a list of numbers without byte stuffing."""
     data = bytes(number % 251 for number in range(size))
     assert wire.sdk_data(list(status_packet(3, 0, data))) == data

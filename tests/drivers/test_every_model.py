@@ -1,4 +1,4 @@
-"""Every model that can be named, on a virtual line: who it is, its state, its goals. Nothing here names a model."""
+"""Every supported model on a virtual bus: identification, state and goals. The tests name no model."""
 
 import pytest
 
@@ -23,13 +23,13 @@ every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda m: m.
 
 
 _SHORT_BY = {"xl320": 13}
-"""Its identified friction, over a P gain that makes so little drive."""
+"""Position error from the identified friction at a P gain that produces little drive."""
 
 
 class Bench:
     def __init__(self, model: ServoModel) -> None:
         self.clock = SimulatedClock(10.0)
-        # In proportion, as the largest has fifty times the torque of the smallest.
+        # The value is proportional, because the largest model has fifty times the torque of the smallest.
         share = model.stall_torque_nm / sts.STS3215.stall_torque_nm
         plant = BenchPlant(IDS, inertia_kg_m2=share * 0.024, friction_nm=share * 0.06)
         models = dict.fromkeys(IDS, model)
@@ -44,11 +44,11 @@ class Bench:
 
 
 _KEPT_BESIDES = (3 + 1, *range(50, 55), 78, 79)
-"""What an STS keeps though its memory table does not name it or calls it read only: it refuses 0 to 3, 56 to 77."""
+"""Bytes that an STS keeps although its table omits them or calls them read-only. It refuses 0 to 3 and 56 to 77."""
 
 
 def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
-    """All registers of a Feetech or of a Dynamixel of protocol 1.0, and the instruction that asks several at once."""
+    """Return the registers of a Feetech or Dynamixel protocol 1.0 model, and the instruction of its group read."""
     if isinstance(model, dxl.Model):
         return dxl.registers(model), Code.BULK_READ if model.bulk_read else None
     series = series_of(model)
@@ -60,7 +60,7 @@ def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
     [m for m in MODELS.values() if series_of(m).protocol.name != "Dynamixel protocol 2.0"],
     ids=lambda m: m.name,
 )
-def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: ServoModel) -> None:
+def test_the_virtual_servo_has_the_table_and_group_read_of_its_series(model: ServoModel) -> None:
     servo = servo_of(model, 1)
     table, group_read = table_of(model)
     assert group_read == servo.GROUP_READ
@@ -68,7 +68,7 @@ def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: S
     kept = []
     for place in (place for place in range(128) if listed.get(place) not in (dxl.lock, dxl.servo_id)):
         if not servo.memory.read(place, 1):
-            break  # an STS has a table that ends
+            break  # the table of an STS ends
         before = servo.memory.read(place, 1)[0]
         servo.memory.write(place, bytes((before ^ 2,)))
         if servo.memory.read(place, 1)[0] != before:
@@ -82,7 +82,7 @@ def test_the_virtual_one_has_the_table_and_the_group_read_of_its_series(model: S
 
 
 @every_model
-def test_it_is_known_by_its_number(model: ServoModel) -> None:
+def test_the_model_is_found_by_its_number(model: ServoModel) -> None:
     bench = Bench(model)
     for servo_id in IDS:
         bench.bus.identify(servo_id, model)
@@ -95,7 +95,7 @@ def test_it_is_known_by_its_number(model: ServoModel) -> None:
 
 
 @every_model
-def test_it_is_at_rest_and_well_and_then_where_it_was_told_to_go(model: ServoModel) -> None:
+def test_the_servo_is_at_rest_without_alarms_and_then_reaches_its_goal(model: ServoModel) -> None:
     bench = Bench(model)
     for servo_id in IDS:
         bench.bus.identify(servo_id, model)

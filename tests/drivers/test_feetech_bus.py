@@ -1,4 +1,4 @@
-"""The bus over the virtual wire on a simulated clock, and over a port that says what it is told to say."""
+"""The bus with virtual servos on a simulated clock, and with a port that returns scripted replies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ IDS = (1, 2, 3, 4, 5, 6, 7)
 
 @dataclass
 class Line:
-    """A bus of virtual servos and everything around it."""
+    """A bus of virtual servos with its port, clock and faults."""
 
     clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(100.0))
     servos: VirtualBus = field(default_factory=lambda: VirtualBus.of(BenchPlant(IDS)))
@@ -40,7 +40,7 @@ class Line:
 
 
 class ScriptedPort:
-    """A port that answers each write with the next of ``answers``, at once, and then keeps quiet."""
+    """A port that answers each write with the next of ``answers`` at once and is silent afterwards."""
 
     name = "scripted"
     baud = 1_000_000
@@ -91,20 +91,20 @@ def is_state(reading: object) -> bool:
 # One servo
 
 
-def test_identify_is_content_with_the_right_model() -> None:
+def test_identify_accepts_the_right_model() -> None:
     Line().bus.identify(3, sts.STS3215)
 
 
-def test_identify_names_the_model_that_it_found_and_says_what_to_do() -> None:
+def test_identify_names_the_model_found_and_the_remedy() -> None:
     line = Line()
-    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(.*sts3215.*\), not 2825 \(sts3250\): write"):
+    with pytest.raises(ServoRefused, match=r"servo 3: is model 777 \(.*sts3215.*\), not 2825 \(sts3250\): correct"):
         line.bus.identify(3, sts.STS3250)
     line.servos.servo(3).memory.put(sts.model_number, 1234)
     with pytest.raises(ServoRefused, match=r"is model 1234 \(unknown\), not 777 \(sts3215\)"):
         line.bus.identify(3, sts.STS3215)
 
 
-def test_a_silent_servo_is_named_and_the_text_says_where_to_look() -> None:
+def test_a_silent_servo_is_named_with_its_possible_causes() -> None:
     line = Line()
     line.servos.faults.silence(3)
     uses: list[Callable[[], object]] = [
@@ -122,20 +122,20 @@ def test_a_silent_servo_is_named_and_the_text_says_where_to_look() -> None:
 def test_a_corrupt_reply_is_named() -> None:
     line = Line()
     line.servos.faults.corrupt_next(3)
-    with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
+    with pytest.raises(ServoCorrupt, match="servo 3: sent a corrupt packet"):
         line.bus.read(3, sts.present_position)
     assert line.bus.read(3, sts.present_position) == 2048
 
 
 @pytest.mark.parametrize("register", [sts.acceleration, sts.goal_position, sts.goal_velocity])
-def test_what_is_written_is_read(register: Register) -> None:
+def test_a_written_value_is_read_back(register: Register) -> None:
     line = Line()
     line.bus.write(2, register, 99)  # an acceleration beyond 100 is cut
     assert line.bus.read(2, register) == line.held(2, register) == 99
     assert line.bus.read(1, register) == 0
 
 
-def test_a_negative_value_survives_the_way_there_and_back() -> None:
+def test_a_negative_value_is_written_and_read_back() -> None:
     line = Line()
     line.bus.write(2, sts.goal_position, -300)
     assert line.bus.goal(2) == -300
@@ -143,23 +143,23 @@ def test_a_negative_value_survives_the_way_there_and_back() -> None:
 
 def test_a_value_that_does_not_fit_is_not_sent() -> None:
     bus, port, _ = scripted()
-    with pytest.raises(ValueError, match="torque_limit takes 0 to 65535"):
+    with pytest.raises(ValueError, match="torque_limit must be 0 to 65535"):
         bus.write(1, sts.torque_limit, -1)
     with pytest.raises(ValueError, match="goal_position"):
         bus.write_goals({1: ServoGoal(40_000)})
     assert port.sent == []
 
 
-def test_more_goals_than_a_packet_holds_are_refused_in_words() -> None:
+def test_more_goals_than_a_packet_holds_are_refused() -> None:
     bus, port, _ = scripted()
-    with pytest.raises(ValueError, match="a packet holds 31 goals, not 32"):
+    with pytest.raises(ValueError, match="32 goals do not fit into a packet of at most 31"):
         bus.write_goals({i: ServoGoal(0) for i in range(1, 33)})
     assert port.sent == []
 
 
 @pytest.mark.parametrize("cycles_before", [0, 3])
-def test_a_goal_that_does_not_fit_spoils_no_answer(cycles_before: int) -> None:
-    """It is refused before anything is sent, also where all was well: the servos' goals stay, nothing is counted."""
+def test_a_goal_that_does_not_fit_affects_no_reply(cycles_before: int) -> None:
+    """It is refused before anything is sent. The servos keep their goals, and nothing is counted."""
     line = Line()
     goals = {i: ServoGoal(2000 + i) for i in IDS}
     for _ in range(cycles_before):
@@ -173,14 +173,14 @@ def test_a_goal_that_does_not_fit_spoils_no_answer(cycles_before: int) -> None:
     assert not any(line.bus.counters.faults().values())
 
 
-def test_an_alarm_in_the_reply_is_no_failure() -> None:
-    """A servo in overload must still obey, above all when it is told to let go."""
+def test_an_alarm_in_a_reply_is_not_an_error() -> None:
+    """A servo with an overload alarm must still accept commands, above all torque off."""
     bus, _, _ = scripted(status(1, b"\x01", error=0x20), b"", status(1, error=0x20))
     assert bus.torque_is_on(1)
     assert bus.torque_off([1]) == []
 
 
-def test_waiting_for_a_silent_servo_is_one_wait_not_a_spin() -> None:
+def test_a_silent_servo_costs_one_wait_without_spinning() -> None:
     bus, port, clock = scripted()
     with pytest.raises(ServoSilent):
         bus.read(1, sts.present_position)
@@ -188,7 +188,7 @@ def test_waiting_for_a_silent_servo_is_one_wait_not_a_spin() -> None:
     assert 0.01 < clock.now() - 5.0 < 0.05
 
 
-def test_a_torn_reply_ends_at_the_deadline_too() -> None:
+def test_the_wait_for_a_truncated_reply_ends_at_the_deadline() -> None:
     bus, port, clock = scripted(status(1, b"\x01\x02")[:-2])
     with pytest.raises(ServoCorrupt):
         bus.read(1, sts.present_position)
@@ -206,10 +206,10 @@ def test_a_torn_reply_ends_at_the_deadline_too() -> None:
         (sts.present_position, b"\x01\x02\x03"),
     ],
 )
-def test_a_reply_of_another_length_is_not_taken_for_a_value(register: Register, data: bytes) -> None:
-    """A late acknowledgement has the right ID and a right checksum, and is no answer."""
+def test_a_reply_of_a_different_length_is_not_a_value(register: Register, data: bytes) -> None:
+    """A late acknowledgment has the right ID and a right checksum, but does not answer the request."""
     bus, _, _ = scripted(status(1, data))
-    with pytest.raises(ServoCorrupt, match=rf"servo 1: answered {len(data)} bytes? for {register.name}"):
+    with pytest.raises(ServoCorrupt, match=rf"servo 1: sent {len(data)} bytes? in reply to {register.name}"):
         bus.read(1, register)
 
 
@@ -221,7 +221,7 @@ def test_identify_survives_a_reply_without_a_model_number(late: bytes) -> None:
 
 
 @pytest.mark.parametrize("mode", [1, 2, 3])
-def test_a_servo_in_another_mode_is_refused_with_the_setting(mode: int) -> None:
+def test_a_servo_not_in_position_mode_is_refused_with_the_setting(mode: int) -> None:
     line = Line()
     line.servos.servo(3).memory.put(sts.operating_mode, mode)
     with pytest.raises(ServoRefused, match=r"servo 3: is not in position mode: set operating_mode \(33\) to 0"):
@@ -238,15 +238,15 @@ def test_a_servo_that_multiplies_its_goals_is_refused_with_the_setting() -> None
         line.bus.identify(3, sts.STS3215)
 
 
-def test_a_servo_that_acknowledges_no_writes_is_refused_with_the_setting() -> None:
+def test_a_servo_without_acknowledgments_is_refused_with_the_setting() -> None:
     line = Line()
     line.servos.servo(3).memory.put(sts.status_level, 0)
-    with pytest.raises(ServoRefused, match=r"acknowledges no writes: set its status_level \(register 8\) to 1"):
+    with pytest.raises(ServoRefused, match=r"does not acknowledge writes: set its status_level \(register 8\) to 1"):
         line.bus.identify(3, sts.STS3215)
 
 
-def test_one_that_says_so_and_acknowledges_them_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a simulator with an empty table."""
+def test_a_servo_that_acknowledges_writes_despite_its_setting_is_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A simulator with an empty table behaves like this."""
     line = Line()
     line.servos.servo(3).memory.put(sts.status_level, 0)
     line.servos.servo(3).memory.put(sts.acceleration, 7)
@@ -255,17 +255,17 @@ def test_one_that_says_so_and_acknowledges_them_is_taken(monkeypatch: pytest.Mon
     assert line.held(3, sts.acceleration) == 7
 
 
-def test_another_unit_of_speed_is_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_different_unit_of_speed_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     line = Line()
     line.bus.identify(3, sts.STS3215)
     assert not caplog.records
     line.servos.servo(3).memory.put(sts.phase, 8)
     line.bus.identify(3, sts.STS3215)
     assert "servo 3: phase (register 18) is 8" in caplog.text
-    assert "set it to 12" in caplog.text
+    assert "set phase to 12" in caplog.text
 
 
-def test_the_lasting_torque_limit_stays_the_upper_bound() -> None:
+def test_the_persistent_torque_limit_is_the_upper_bound() -> None:
     line = Line()
     line.servos.servo(1).memory.put(sts.max_torque, 500)
     for share, limit in ((1.0, 499), (0.3, 300)):
@@ -273,19 +273,19 @@ def test_the_lasting_torque_limit_stays_the_upper_bound() -> None:
         assert line.held(1, sts.torque_limit) == limit
 
 
-def test_a_reply_of_another_servo_is_not_taken_for_an_answer() -> None:
+def test_a_reply_of_another_servo_is_not_accepted() -> None:
     bus, _, _ = scripted(status(2, b"\x07\x07") + status(1, b"\x00\x08"))
     assert bus.read(1, sts.present_position) == 2048
 
 
-def test_stale_input_is_dropped_before_a_request() -> None:
+def test_old_input_is_discarded_before_a_request() -> None:
     bus, port, _ = scripted(status(1, b"\x00\x08"))
     port.input = status(1, b"\x01\x01")
     assert bus.read(1, sts.present_position) == 2048
 
 
 def test_an_interrupt_in_a_read_does_not_block_the_bus() -> None:
-    """Whoever lets go of the servos after Ctrl-C must reach them."""
+    """After Ctrl-C, the servos must still be reachable to disable their torque."""
     line = Line()
     line.bus.torque_on(1)
 
@@ -304,7 +304,7 @@ def test_an_interrupt_in_a_read_does_not_block_the_bus() -> None:
 # Groups
 
 
-def test_all_states_come_in_one_exchange() -> None:
+def test_all_states_are_read_in_one_exchange() -> None:
     line = Line()
     line.servos.servo(2).memory.put(sts.goal_position, 3000)
     readings = line.bus.read_states(IDS)
@@ -372,14 +372,14 @@ def test_a_corrupt_reply_is_named_and_the_others_are_read(corrupt: int) -> None:
 @pytest.mark.parametrize(
     "noise", [b"\x00", b"\xff", b"\xff\xff", b"\xff\xff\x01\x0a\x00\x01", b"\xff\xff\x02\xf0", bytes(range(200))]
 )
-def test_noise_before_and_between_replies_costs_none(noise: bytes) -> None:
+def test_noise_between_replies_costs_no_reply(noise: bytes) -> None:
     burst = noise.join(status(i, state(1000 + i)) for i in (1, 2, 3))
     bus, _, _ = scripted(noise + burst)
     readings = bus.read_states([1, 2, 3])
     assert [r.position_counts for r in readings.values() if isinstance(r, ServoState)] == [1001, 1002, 1003]
 
 
-def test_input_from_before_the_request_is_no_answer() -> None:
+def test_input_before_the_request_is_not_a_reply() -> None:
     bus, port, _ = scripted(status(1, state(2000)))
     port.input = status(1, state(1)) + status(2, state(1))
     first, second = bus.read_states([1, 2]).values()
@@ -388,7 +388,7 @@ def test_input_from_before_the_request_is_no_answer() -> None:
     assert isinstance(second, ServoFault)
 
 
-def test_replies_of_servos_that_nobody_asked_are_ignored() -> None:
+def test_replies_of_servos_without_a_request_are_ignored() -> None:
     bus, _, _ = scripted(status(9, state(1)) + status(1, state(2000)))
     readings = bus.read_states([1])
     assert list(readings) == [1]
@@ -396,7 +396,7 @@ def test_replies_of_servos_that_nobody_asked_are_ignored() -> None:
 
 
 @pytest.mark.parametrize("noise", [b"\x00", b"\xff", status(9)])
-def test_endless_noise_ends(noise: bytes) -> None:
+def test_a_read_ends_despite_endless_noise(noise: bytes) -> None:
     bus, port, clock = scripted()
 
     def babble(size: int, deadline_s: float) -> bytes:
@@ -414,7 +414,7 @@ def test_endless_noise_ends(noise: bytes) -> None:
 
 
 @pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])
-def test_a_slow_line_is_waited_for(baud: int) -> None:
+def test_replies_of_a_slow_adapter_are_received(baud: int) -> None:
     clock = SimulatedClock()
     servos = VirtualBus.of(BenchPlant(IDS))
     for servo in servos.servos:
@@ -425,7 +425,7 @@ def test_a_slow_line_is_waited_for(baud: int) -> None:
     assert sum(map(is_state, bus.read_states(IDS).values())) == len(IDS) - 1
 
 
-def test_goals_arrive_with_their_speeds_and_a_known_ramp() -> None:
+def test_goals_arrive_with_their_velocity_and_a_fixed_acceleration() -> None:
     line = Line()
     line.bus.write(2, sts.acceleration, 9)
     line.bus.write_goals({1: ServoGoal(2000, 300), 2: ServoGoal(2100), 3: ServoGoal(-5, 1)})
@@ -439,7 +439,7 @@ def test_goals_arrive_with_their_speeds_and_a_known_ramp() -> None:
 # Torque
 
 
-def test_torque_goes_on_and_off_one_by_one() -> None:
+def test_torque_is_switched_for_single_servos() -> None:
     line = Line()
     assert not line.bus.torque_is_on(2)
     line.bus.torque_on(2)
@@ -461,7 +461,7 @@ def test_torque_off_tries_every_servo_and_names_those_that_failed(broken: tuple[
     assert [i for i in IDS if line.held(i, sts.torque_enable)] == list(broken)
 
 
-def test_torque_off_goes_on_after_a_corrupt_acknowledgement() -> None:
+def test_torque_off_continues_after_a_corrupt_acknowledgment() -> None:
     line = Line()
     for servo_id in IDS:
         line.bus.torque_on(servo_id)
@@ -470,24 +470,24 @@ def test_torque_off_goes_on_after_a_corrupt_acknowledgement() -> None:
     assert not any(line.held(i, sts.torque_enable) for i in IDS)
 
 
-def test_torque_off_is_told_again_and_a_dead_servo_delays_nobody_s_first_order() -> None:
+def test_torque_off_is_repeated_and_a_silent_servo_does_not_delay_others() -> None:
     line = Line()
     line.servos.faults.silence(2)
-    told: list[int] = []
+    written_ids: list[int] = []
 
     def reaches(servo_id: int) -> bool:
-        told.append(servo_id)
-        return told.count(servo_id) > ATTEMPTS  # the packet to all, and all attempts but the last
+        written_ids.append(servo_id)
+        return written_ids.count(servo_id) > ATTEMPTS  # the packet to all, and all attempts but the last
 
     for servo_id in (1, 3):
         line.bus.torque_on(servo_id)
     line.servos.faults.on_instruction.append(reaches)
     assert [error.servo_id for error in line.bus.torque_off((1, 2, 3))] == [2]
     assert not line.held(1, sts.torque_enable) and not line.held(3, sts.torque_enable)
-    assert told[: len(IDS) + 3] == [*IDS, 1, 2, 3]
+    assert written_ids[: len(IDS) + 3] == [*IDS, 1, 2, 3]
 
 
-def test_a_limit_that_leaves_no_torque_is_refused_with_the_register() -> None:
+def test_a_limit_without_any_torque_is_refused_with_the_register() -> None:
     line = Line()
     for held, share in ((0, 1.0), (1, 1.0), (1000, 0.0)):
         line.servos.servo(1).memory.put(sts.max_torque, held)
@@ -498,7 +498,7 @@ def test_a_limit_that_leaves_no_torque_is_refused_with_the_register() -> None:
 
 @pytest.mark.parametrize(("share", "value"), [(1.0, 999), (0.5, 500), (0.1234, 123)])
 def test_the_torque_limit_is_a_share(share: float, value: int) -> None:
-    """Never quite what a servo has that was reset."""
+    """It always differs from the limit of a servo that was reset."""
     line = Line()
     line.bus.limit_torque(1, share)
     assert line.held(1, sts.torque_limit) == value
@@ -507,7 +507,7 @@ def test_the_torque_limit_is_a_share(share: float, value: int) -> None:
 # The line
 
 
-def test_every_call_says_that_the_line_is_gone() -> None:
+def test_every_call_raises_port_lost_after_the_port_is_lost() -> None:
     line = Line()
     line.port.unplug()
     uses: list[Callable[[], object]] = [
@@ -524,7 +524,7 @@ def test_every_call_says_that_the_line_is_gone() -> None:
             use()
 
 
-def test_closing_gives_the_port_back() -> None:
+def test_close_closes_the_port() -> None:
     line = Line()
     assert line.bus.name == "virtual"
     line.bus.close()

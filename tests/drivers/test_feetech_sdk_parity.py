@@ -1,4 +1,4 @@
-"""Our group packets are the official SDK's group packets, byte by byte."""
+"""Group packets equal those of the official SDK, byte for byte."""
 
 import importlib
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ sdk: Any = importlib.import_module("scservo_sdk")
 
 ids = st.lists(st.integers(0, 0xFD), min_size=1, max_size=20, unique=True)
 positions = st.integers(0, 4095) | st.integers(-32767, 32767)
-"""Within a turn, or of several turns, which has negative ones too."""
+"""Positions within a turn, or in several turns, which may be negative."""
 
 
 def sdk_sync_read(servo_ids: Sequence[int], address: int, size: int) -> bytes:
@@ -57,7 +57,7 @@ def test_sync_write(servo_ids: list[int], address: int, size: int, data: st.Data
 @example({1: (-1, 0)})
 @example({1: (-32767, 32767)})
 @given(st.dictionaries(st.integers(0, 0xFD), st.tuples(positions, st.integers(0, 32767)), min_size=1))
-def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -> None:
+def test_goals_equal_those_of_the_sdk(goals: dict[int, tuple[int, int]]) -> None:
     if len(goals) > 24:  # the SDK's longest packet
         goals = dict(list(goals.items())[:24])
     tape = Tape()
@@ -72,15 +72,15 @@ def test_goals_are_what_the_sdk_would_write(goals: dict[int, tuple[int, int]]) -
 
 
 @given(ids)
-def test_states_are_asked_for_as_the_sdk_would(servo_ids: list[int]) -> None:
+def test_state_requests_equal_those_of_the_sdk(servo_ids: list[int]) -> None:
     tape = Tape()
     Bus(tape, MonotonicClock()).read_states(servo_ids)
     assert tape.sent == sdk_sync_read(servo_ids, sts.present_position.address, 8)
 
 
 @given(ids)
-def test_torque_off_is_what_the_sdk_would_write(servo_ids: list[int]) -> None:
-    """All at once, then each by itself, whoever answers, and who does not again."""
+def test_torque_off_equals_that_of_the_sdk(servo_ids: list[int]) -> None:
+    """One packet to all servos is followed by one to each servo, repeated for servos that do not answer."""
     ours, theirs = SilentTape(), SilentTape()
     assert len(Bus(ours, ours.clock).torque_off(servo_ids)) == len(servo_ids)
     for _ in range(ATTEMPTS):

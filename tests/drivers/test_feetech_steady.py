@@ -1,4 +1,4 @@
-"""A cycle of an STS line on which all was well: what it must not lose, send twice or take for an answer."""
+"""Cycles of an STS bus without faults: no state is lost, no goal is sent twice, and no old reply is accepted."""
 
 from collections.abc import Callable
 
@@ -29,7 +29,7 @@ def steady_line() -> tuple[Line, WatchedPort]:
     return line, line.port
 
 
-def test_a_cycle_is_one_question_and_one_packet_of_goals() -> None:
+def test_a_cycle_is_one_request_and_one_packet_of_goals() -> None:
     line, port = steady_line()
     replies = line.account(1).replies
     for _ in range(5):
@@ -48,7 +48,7 @@ FAULTS: dict[str, Callable[[Line], None]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_the_goals_go_out_once_whatever_happens_to_the_answers(fault: str) -> None:
+def test_goals_are_sent_once_whatever_happens_to_the_replies(fault: str) -> None:
     line, port = steady_line()
     FAULTS[fault](line)
     line.goals = {i: ServoGoal(2000 + i) for i in IDS}
@@ -60,7 +60,7 @@ def test_the_goals_go_out_once_whatever_happens_to_the_answers(fault: str) -> No
         assert line.held(5, sts.goal_position) == 2005
 
 
-def test_an_adapter_that_hesitates_once_costs_no_state() -> None:
+def test_a_single_delay_of_the_adapter_costs_no_state() -> None:
     line, port = steady_line()
     port.hold_s = 0.009
     readings = line.states(line.clock.now() + 0.05)
@@ -72,14 +72,14 @@ def test_alarms_are_counted_in_every_cycle() -> None:
     line, _ = steady_line()
     line.bus.write(3, sts.max_voltage, 50)
     line.clock.sleep_until(line.clock.now() + 0.1)
-    for cycles in (1, 2, 3):  # the first is still careful: a single servo was spoken to
+    for cycles in (1, 2, 3):  # the first cycle discards input, because a single request preceded it
         reading = line.cycle()[3]
         assert isinstance(reading, ServoState) and reading.alarms == ("voltage",)
         assert (line.account(3).alarms, line.account(4).alarms) == (cycles, 0)
 
 
-def test_an_old_answer_is_not_believed_where_one_servo_is_alone() -> None:
-    """Nothing but its length tells it from the new one; it comes when all is well again."""
+def test_an_old_reply_of_a_single_servo_is_not_accepted() -> None:
+    """Only its length distinguishes it from the new reply. It arrives after the fault has ended."""
     line, port = steady_line()
     truth = Truth(line)
     take_held, line.faults.take_held = line.faults.take_held, bytes  # type: ignore[method-assign]
@@ -90,14 +90,14 @@ def test_an_old_answer_is_not_believed_where_one_servo_is_alone() -> None:
     for _ in range(2):
         assert truth.holds(1, state())
     line.faults.delay_next(1)
-    assert truth.holds(1, state())  # it was asked again
+    assert truth.holds(1, state())  # the request was repeated
     port.give(take_held())
     truth.number += 1
     assert truth.holds(1, state())
     assert line.account(1).late == 1
 
 
-def test_what_a_single_read_leaves_behind_is_thrown_away() -> None:
+def test_input_left_by_a_single_read_is_discarded() -> None:
     line, port = steady_line()
     line.faults.silence(2)
     with pytest.raises(ServoSilent):
@@ -108,7 +108,7 @@ def test_what_a_single_read_leaves_behind_is_thrown_away() -> None:
     assert line.bus.counters.noise == 0
 
 
-def test_more_servos_than_goals_fit_a_packet_can_still_be_read() -> None:
+def test_more_servos_than_fit_into_a_goal_packet_can_be_read() -> None:
     ids, clock = tuple(range(1, 41)), SimulatedClock(50.0)
     servos = VirtualBus.of(BenchPlant(ids, timestep_s=0.005), dict.fromkeys(ids, sts.STS3215))
     bus = Bus(VirtualPort(servos, clock), clock)

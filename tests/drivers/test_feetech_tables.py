@@ -1,4 +1,4 @@
-"""The Feetech tables: consistent in themselves, and equal to an independent driver's where one is installed."""
+"""The Feetech tables: internal consistency, and agreement with an independent driver if it is installed."""
 
 import os
 import pty
@@ -33,7 +33,7 @@ def test_names_and_addresses_are_unique_and_nothing_overlaps(series: Series) -> 
 def test_a_register_fits_the_table(series: Series, register: Register) -> None:
     assert register.size in (1, 2)
     assert 0 <= register.address < 87
-    # The last of the STS are factory values that its firmware takes and keeps.
+    # The last registers of an STS are factory values that its firmware accepts and keeps.
     factory_value = series == models.STS and register.address >= 78
     assert register.persistent == (register.address < 40 or factory_value)
     assert register.sign_bit is None or register.sign_bit < register.size * 8
@@ -42,7 +42,7 @@ def test_a_register_fits_the_table(series: Series, register: Register) -> None:
 
 
 @pytest.mark.parametrize(("module", "of"), [(sts, models.STS), (scs, models.SCS)])
-def test_the_table_misses_no_register_of_its_module(module: object, of: Series) -> None:
+def test_the_table_has_every_register_of_its_module(module: object, of: Series) -> None:
     written = [value for value in vars(module).values() if isinstance(value, Register)]
     assert len(written) == len(of.registers)
     assert set(written) == set(of.registers)
@@ -57,13 +57,13 @@ def test_the_state_is_the_same_eight_bytes_in_both_series(series: Series) -> Non
             assert before.address + before.size == after.address
 
 
-def test_the_lock_is_where_the_series_has_it() -> None:
+def test_the_address_of_the_lock() -> None:
     assert (models.STS.lock, models.SCS.lock) == (sts.lock, scs.lock)
     assert (sts.lock.address, scs.lock.address) == (55, 48)
 
 
 @series
-def test_every_model_speaks_as_its_series(series: Series) -> None:
+def test_every_model_has_the_protocol_of_its_series(series: Series) -> None:
     for model in series.models:
         assert model.byte_order == series.protocol.byte_order
         assert MODELS[model.name] is model
@@ -89,21 +89,20 @@ def test_the_model_number_is_the_two_bytes_in_the_order_of_the_series(name: str,
     assert model.number == int.from_bytes(bytes(model_bytes), model.byte_order)
 
 
-def test_a_model_of_another_make_has_no_series() -> None:
-    with pytest.raises(ValueError, match="other is no servo that is known: known are ax-12a, "):
+def test_a_model_of_an_unknown_make_has_no_series() -> None:
+    with pytest.raises(ValueError, match="other is not a supported servo model: choose one of ax-12a, "):
         series_of(ServoModel("other", 1, "little", 4096, 12.0, 1.0, 1.0))
 
 
-def test_a_potentiometer_sees_less_than_a_turn() -> None:
+def test_a_potentiometer_covers_less_than_a_turn() -> None:
     for model in models.SCS.models:
         assert model.positions == scs.POSITIONS < model.counts_per_turn
 
 
-# rustypot has tables of its own. Its registers have other names; where they stand is asked of the
-# bytes that it sends.
+# rustypot has its own tables with different register names. The bytes that it sends show their addresses.
 
 UNCOMPARED = {
-    # 24 is one word of two bytes there, as in older editions of the memory table.
+    # In rustypot, 24 is a word of two bytes, as in older editions of the memory table.
     "sts": ["endianness", "minimum_startup_force", "integral_limit", "async_write_flag", "present_target"],
     "scs": list[str](),
 }
@@ -132,12 +131,12 @@ THEIR_NAMES = {
     "max_acceleration": "maximum_acceleration",
     "pwm_max_step": "pwm_maximum_step",
 }
-"""Where ours differ."""
+"""Names of registers in rustypot, if they differ."""
 
 
 @contextmanager
 def answering_servo(requests: list[bytes]) -> Iterator[str]:
-    """A servo on a pseudo-terminal that answers each read with zeros; yields the device."""
+    """Yield a pseudo-terminal with a servo that answers each read with zeros."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     done = threading.Event()
@@ -164,7 +163,7 @@ def answering_servo(requests: list[bytes]) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("of", "controller"), [(models.STS, "Sts3215PyController"), (models.SCS, "Scs0009PyController")]
 )
-def test_rustypot_reads_the_same_places(of: Series, controller: str) -> None:
+def test_rustypot_reads_the_same_addresses(of: Series, controller: str) -> None:
     rustypot = pytest.importorskip("rustypot")
     requests: list[bytes] = []
     missing = []

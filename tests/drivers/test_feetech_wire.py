@@ -1,4 +1,4 @@
-"""The packets and the decoder: whatever the line does to the bytes, no reply is invented and no good one lost."""
+"""Packets and the decoder: whatever happens to the bytes, no reply is invented and no valid reply is lost."""
 
 from itertools import pairwise
 
@@ -14,20 +14,20 @@ FRAME_SIZE = DATA_SIZE + wire.OVERHEAD
 
 
 def frame(servo_id: int, data: bytes, status: int = 0) -> bytes:
-    """A status packet, spelled out as the manual does, not by the code under test."""
+    """Return a status packet encoded according to the manual, without the code under test."""
     length = len(data) + 2
     checksum = 255 - (servo_id + length + status + sum(data)) % 256
     return bytes((0xFF, 0xFF, servo_id, length, status, *data, checksum))
 
 
 def replies_in(stream: bytes) -> list[Reply]:
-    """What a patient reader finds in the whole stream, one position after the other."""
+    """Return the replies that a search at every position of the whole stream finds."""
     found: list[Reply] = []
     at = 0
     while at + FRAME_SIZE <= len(stream):
         part = stream[at : at + FRAME_SIZE]
         data = part[5:-1]
-        whole = b"\xff\xff" not in part[2:]  # else another one begins within it
+        whole = b"\xff\xff" not in part[2:]  # otherwise another frame begins within it
         if whole and part[2] <= 0xFD and part == frame(part[2], data, part[4]):
             found.append(Reply(part[2], part[4], data))
             at += FRAME_SIZE
@@ -48,7 +48,7 @@ def split(stream: bytes, cuts: list[int]) -> list[bytes]:
 
 servo_ids = st.integers(0, 0xFD)
 payloads = st.binary(min_size=DATA_SIZE, max_size=DATA_SIZE)
-# Bytes that look like parts of a frame are what trips a decoder.
+# Bytes that look like parts of a frame are the hardest for a decoder.
 tricky = st.sampled_from((0xFF, 0xFF, 0xFF, DATA_SIZE + 2, 1, 0, 0xFE))
 tricky_bytes = st.lists(st.one_of(tricky, st.integers(0, 255)), max_size=40).map(bytes)
 good_frames = st.builds(frame, servo_ids, st.one_of(payloads, st.just(b"\xff" * DATA_SIZE)), st.integers(0, 127))
@@ -73,22 +73,24 @@ def test_packets_byte_by_byte(made: bytes, wanted: str) -> None:
 
 
 @pytest.mark.parametrize("size", [2, 4, 6])
-def test_more_goals_than_a_packet_s_length_can_say_are_refused(size: int) -> None:
-    """Its length is one byte, and counts all of the packet but header, ID and itself."""
+def test_more_goals_than_the_length_field_allows_are_refused(size: int) -> None:
+    """The length field is one byte and counts all bytes after itself."""
     most = (255 - 4) // (size + 1)
     assert wire.sync_write(0x2A, size, bytes(size + 1) * most)[3] == most * (size + 1) + 4
-    with pytest.raises(ValueError, match=f"^a packet holds {most} goals, not {most + 1}: use another port$"):
+    with pytest.raises(
+        ValueError, match=f"^{most + 1} goals do not fit into a packet of at most {most}: use another port as well$"
+    ):
         wire.sync_write(0x2A, size, bytes(size + 1) * (most + 1))
 
 
 @pytest.mark.parametrize("size", [0, 1, 8, 200])
-def test_the_data_that_the_sdk_hands_over_are_found_however_long(size: int) -> None:
-    """It gives the packet as a list of numbers."""
+def test_data_of_any_length_are_extracted_from_the_sdks_reply(size: int) -> None:
+    """The SDK returns the packet as a list of numbers."""
     data = bytes(range(size))
     assert wire.sdk_data(list(frame(3, data))) == data
 
 
-def test_a_packet_may_be_as_long_as_its_length_can_say() -> None:
+def test_a_packet_may_have_the_maximum_length() -> None:
     assert wire.sync_write(0x2A, 250, bytes(251))[3] == 255
 
 
@@ -117,11 +119,11 @@ def test_which_frames_are_found(name: str, stream: bytes, ids: list[int]) -> Non
     assert [reply.servo_id for reply in decode([bytes((b,)) for b in stream])] == ids, f"{name}, byte by byte"
 
 
-def test_a_reply_carries_status_and_data() -> None:
+def test_a_reply_has_status_and_data() -> None:
     assert decode([frame(7, b"abcdefgh", 0x21)]) == [Reply(7, 0x21, b"abcdefgh")]
 
 
-def test_a_wrong_checksum_is_named_and_not_believed() -> None:
+def test_a_reply_with_a_wrong_checksum_is_reported_and_not_accepted() -> None:
     decoder = ReplyDecoder(DATA_SIZE)
     broken = frame(3, bytes(8))[:-1] + b"\x00"
     assert decoder.feed(broken + frame(4, bytes(8))) == [Reply(4, 0, bytes(8))]
@@ -137,7 +139,7 @@ def test_any_split_gives_the_same_replies(stream: bytes, cuts: list[int]) -> Non
 
 
 @given(streams, all_cuts)
-def test_a_stream_is_read_as_a_patient_reader_reads_it(stream: bytes, cuts: list[int]) -> None:
+def test_the_decoder_finds_the_same_replies_as_a_full_search(stream: bytes, cuts: list[int]) -> None:
     assert decode(split(stream, cuts)) == replies_in(stream)
 
 
@@ -149,22 +151,22 @@ def test_garbage_without_headers_costs_no_frame(pieces: list[tuple[bytes, int, b
 
 
 @given(servo_ids, payloads, st.integers(0, FRAME_SIZE - 1), st.integers(1, 255))
-def test_one_wrong_byte_is_never_accepted(servo_id: int, data: bytes, at: int, error: int) -> None:
+def test_a_reply_with_one_wrong_byte_is_never_accepted(servo_id: int, data: bytes, at: int, error: int) -> None:
     broken = bytearray(frame(servo_id, data))
     broken[at] ^= error
     assert decode([bytes(broken)]) == []
 
 
 @given(tricky_bytes, servo_ids, payloads, all_cuts)
-def test_a_later_good_frame_is_found(garbage: bytes, servo_id: int, data: bytes, cuts: list[int]) -> None:
-    """A false frame whose checksum happens to be right may swallow one true frame, not the one after it."""
+def test_a_later_valid_frame_is_found(garbage: bytes, servo_id: int, data: bytes, cuts: list[int]) -> None:
+    """A false frame with a correct checksum may hide one valid frame, but not the frame after it."""
     silence = bytes(FRAME_SIZE)
     stream = garbage + silence + frame(servo_id, data)
     assert decode(split(stream, cuts))[-1] == Reply(servo_id, 0, data)
 
 
 @given(st.lists(tricky_bytes, max_size=30))
-def test_noise_is_not_hoarded(noise: list[bytes]) -> None:
+def test_noise_is_not_kept_in_memory(noise: list[bytes]) -> None:
     decoder = ReplyDecoder(DATA_SIZE)
     for piece in noise:
         decoder.feed(piece)

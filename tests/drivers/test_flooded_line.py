@@ -1,4 +1,4 @@
-"""A line that carries noise without end: no cycle lasts longer for it, and the first one behind it has every state."""
+"""A bus flooded with endless noise: no cycle exceeds its time, and the first cycle afterwards has every state."""
 
 import random
 
@@ -10,16 +10,16 @@ from tests.drivers.fault_lines import IDS, KINDS, READ_EACH, Kind, Line
 
 FLOOD_S = 1.0
 BYTE_S = 1e-6
-"""Ten times as fast as a line of 1 Mbit/s: an adapter that has gone mad, or a pseudo-terminal."""
+"""Rate of a faulty adapter or a pseudo-terminal, ten times that of a serial line at 1 Mbit/s."""
 COPIED_S = 2e-9
-"""Time in which the kernel hands over a byte that it has."""
+"""Time in which the kernel returns a received byte."""
 LEFT_BYTES = 300_000
-"""What the kernel and the adapter still have when the flood ends; a flush throws away a part of it."""
+"""Bytes in the buffers of the kernel and the adapter when the flood ends. A flush discards only part of them."""
 FLUSHED_BYTES = 70_000
 
 
 class FloodedPort(VirtualPort):
-    """Reads find noise at once, as much as they ask for, and so whatever their deadline is."""
+    """A port on which reads return noise at once, as many bytes as requested."""
 
     noise = b""
     flooded_until_s = -1.0
@@ -31,7 +31,7 @@ class FloodedPort(VirtualPort):
         if not count:
             return super().read(size, deadline_s)
         if flooded:
-            super().discard_input()  # the reply drowns
+            super().discard_input()  # the reply is lost in the noise
             self._clock.sleep_until(self._clock.now() + count * BYTE_S)
         else:
             self.left -= count
@@ -49,7 +49,7 @@ class FloodedPort(VirtualPort):
     [random.Random(1).randbytes(4099), b"\xff", b"\xff\xff\x01\x40", b"\xff\xff\xfd\x00\x01\x40\x00\x55", b"\x00"],
     ids=["random", "ff", "header", "header 2", "zero"],
 )
-def test_the_first_cycle_behind_a_flood_has_every_state(kind: Kind, noise: bytes) -> None:
+def test_the_first_cycle_after_a_flood_has_every_state(kind: Kind, noise: bytes) -> None:
     line = Line(kind, FloodedPort)
     port, period_s = line.port, kind.table.period_s
     assert isinstance(port, FloodedPort)

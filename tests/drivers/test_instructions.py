@@ -1,4 +1,4 @@
-"""Every instruction to a single servo, on every make."""
+"""All instructions to a single servo, for every make."""
 
 import pytest
 
@@ -8,9 +8,9 @@ from drivers.servos.catalog import series_of
 from tests.drivers.test_single_calls import Bench, Case, every_case
 
 HALF = 500
-"""Of full drive, of which all are another number of steps."""
+"""Share of full torque, which is a different number of steps in every series."""
 DEAF_S = 1.0
-"""No servo reboots for longer."""
+"""Maximum time of a reboot, in seconds."""
 
 
 @every_case
@@ -23,7 +23,7 @@ def test_a_ping_is_answered_or_not(case: Case) -> None:
 
 
 @every_case
-def test_a_reg_write_waits_for_the_action(case: Case) -> None:
+def test_a_reg_write_takes_effect_at_the_action(case: Case) -> None:
     bench = Bench(case)
     goal = series_of(case.model).goal_position
     before = bench.held(goal)
@@ -35,11 +35,11 @@ def test_a_reg_write_waits_for_the_action(case: Case) -> None:
 
 
 @every_case
-def test_a_reboot_takes_the_torque_away_and_the_servo_is_back_soon(case: Case) -> None:
+def test_a_reboot_disables_torque_and_the_servo_returns_soon(case: Case) -> None:
     bench = Bench(case)
     bench.bus.torque_on(1)
     if case.model is dxl.AX_12A:
-        with pytest.raises(ServoRefused, match="servo 1: cannot be rebooted over the wire"):
+        with pytest.raises(ServoRefused, match="servo 1: cannot be rebooted over the bus"):
             bench.bus.reboot(1)
         assert bench.bus.torque_is_on(1)
         return
@@ -51,7 +51,7 @@ def test_a_reboot_takes_the_torque_away_and_the_servo_is_back_soon(case: Case) -
 
 
 @every_case
-def test_a_factory_reset_takes_the_settings_back(case: Case) -> None:
+def test_a_factory_reset_restores_the_settings(case: Case) -> None:
     bench = Bench(case)
     register, value = series_of(case.model).max_torque, HALF
     factory = bench.held(register)
@@ -62,12 +62,12 @@ def test_a_factory_reset_takes_the_settings_back(case: Case) -> None:
 
 
 @every_case
-def test_who_is_there_by_one_question(case: Case) -> None:
+def test_a_broadcast_ping_finds_all_servos(case: Case) -> None:
     bench = Bench(case)
     if series_of(case.model).protocol.name == "Dynamixel protocol 2.0":
         assert bench.bus.broadcast_ping() == (1,)
         bench.servos.faults.silence(1)
         assert bench.bus.broadcast_ping() == ()
     else:
-        with pytest.raises(DriverError, match="ping each ID by itself"):
+        with pytest.raises(DriverError, match="ping each ID separately"):
             bench.bus.broadcast_ping()

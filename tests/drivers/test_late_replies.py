@@ -1,4 +1,4 @@
-"""Late replies of one servo are told from present ones, whatever is lost, as long as they come in their order."""
+"""Late replies of a servo are distinguished from current replies, whatever is lost, if replies keep their order."""
 
 from collections import deque
 
@@ -12,16 +12,16 @@ CYCLE_S = 0.01
 
 
 class OneServo:
-    """Questions to it, and its replies in an adapter that gives them out in their order."""
+    """One servo and its requests. An adapter delivers its replies in their order."""
 
     def __init__(self) -> None:
         self.late = LateReplies()
         self.asked: list[int] = []
         self.held: deque[int] = deque()
-        """The questions whose replies are in the adapter."""
+        """Requests whose replies are held by the adapter."""
 
     def ask(self, *, lost: bool = False, comes: int = 100) -> int | None:
-        """One question, after which so many replies come; the question whose answer was believed."""
+        """Send a request, after which at most ``comes`` replies arrive. Return the request whose reply was accepted."""
         question, now_s = len(self.asked), len(self.asked) * CYCLE_S
         self.late.forget(now_s)
         self.asked.append(SIZES[self.late.place({1: SIZES})])
@@ -30,7 +30,7 @@ class OneServo:
         believed = None
         for _ in range(min(comes, len(self.held))):
             size = self.asked[answered := self.held.popleft()]
-            if not self.late.take(1, size, size == self.asked[question]):
+            if not self.late.match(1, size, size == self.asked[question]):
                 assert believed is None
                 believed = answered
                 self.late.answered(1, now_s)
@@ -40,36 +40,36 @@ class OneServo:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 6)), max_size=150))
-def test_only_the_present_answer_is_believed_and_soon_again(cycles: list[tuple[bool, int]]) -> None:
+def test_only_the_current_reply_is_accepted_and_soon_again(cycles: list[tuple[bool, int]]) -> None:
     servo = OneServo()
     for lost, comes in cycles:
         question = len(servo.asked)
         assert servo.ask(lost=lost, comes=comes) in (None, question)
-    servo.ask(lost=True)  # whatever is in the adapter comes
+    servo.ask(lost=True)  # all replies held by the adapter arrive
     beginning = len(servo.asked)
     believed = servo.ask(), servo.ask()
     assert believed[0] in (None, beginning)
     assert believed[1] == beginning + 1
 
 
-def test_the_first_of_very_many_open_questions_is_still_the_first_to_be_answered() -> None:
+def test_the_oldest_of_many_open_requests_is_answered_first() -> None:
     late = LateReplies()
     late.add(1, 15, 0.0, "silent")
     late.add(1, 10, 0.001, "silent")
     for number in range(2, 1000):
         late.add(1, 15, number * 0.001, "silent")
-    assert late.take(1, 15) == "silent"
-    assert late.doubtful({1: 10}), "it was asked after the question that was just answered"
+    assert late.match(1, 15) == "silent"
+    assert late.ambiguous({1: 10}), "it was asked after the question that was just answered"
 
 
-def test_what_can_no_longer_be_answered_is_not_kept_for_a_servo_that_is_asked_again_and_again() -> None:
+def test_expired_requests_are_not_kept() -> None:
     late = LateReplies()
     for number in range(1000):
         late.add(1, 15, number * 0.01, "silent")
     assert len(late.open[1][15].given_up) == OPEN_S / 0.01
 
 
-def test_a_reply_that_may_be_an_old_one_is_not_believed_but_the_next_is() -> None:
+def test_an_ambiguous_reply_is_not_accepted_but_the_next_reply_is() -> None:
     servo = OneServo()
     for _ in SIZES:
         assert servo.ask(lost=True) is None
@@ -77,24 +77,24 @@ def test_a_reply_that_may_be_an_old_one_is_not_believed_but_the_next_is() -> Non
     assert servo.ask() == len(SIZES) + 1
 
 
-def test_a_certain_answer_closes_every_earlier_question_of_its_servo_alone() -> None:
+def test_a_certain_reply_closes_all_earlier_requests_of_its_servo() -> None:
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
     late.add(2, 8, 0.0, "silent")
     late.add_single(1, 0.0)
     late.answered(1, 0.0)
     late.forget(HELD_S)
-    assert late.servos(0.0) == {2} and late.doubtful({2: 8}) and not late.doubtful({1: 8, 2: 10})
+    assert late.servos(0.0) == {2} and late.ambiguous({2: 8}) and not late.ambiguous({1: 8, 2: 10})
 
 
-def test_each_late_reply_is_told_as_what_its_question_was_counted() -> None:
+def test_each_late_reply_returns_how_its_request_was_counted() -> None:
     late = LateReplies()
     for counted in ("silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
-    assert [late.take(1, 8) for _ in range(3)] == ["silent", "corrupt", None]
+    assert [late.match(1, 8) for _ in range(3)] == ["silent", "corrupt", None]
 
 
-def test_open_questions_are_closed_in_the_end() -> None:
+def test_open_requests_are_closed_after_their_time() -> None:
     late = LateReplies()
     for now_s, size in ((0.0, 8), (1.0, 10)):
         late.add(1, size, now_s, "corrupt")
@@ -104,7 +104,7 @@ def test_open_questions_are_closed_in_the_end() -> None:
     assert not late.open
 
 
-def test_a_group_is_asked_for_the_size_that_is_open_for_the_fewest_and_then_for_the_last_one() -> None:
+def test_a_group_is_asked_for_the_size_with_the_fewest_and_latest_open_requests() -> None:
     late = LateReplies()
     for now_s, place in enumerate((0, 1, 3, 2)):
         late.add(1, SIZES[place], now_s, "silent")
@@ -114,33 +114,33 @@ def test_a_group_is_asked_for_the_size_that_is_open_for_the_fewest_and_then_for_
     assert late.place({2: SIZES}) == 0
 
 
-def test_each_of_several_that_are_alike_may_still_come_and_none_after_them() -> None:
+def test_each_of_several_equal_requests_may_be_answered_late_once() -> None:
     late = LateReplies()
     for counted in ("silent", "silent", "silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
     assert late.open and late.servos(0.0) == {1}
-    assert [late.take(1, 8) for _ in range(5)] == ["silent", "silent", "silent", "corrupt", None]
+    assert [late.match(1, 8) for _ in range(5)] == ["silent", "silent", "silent", "corrupt", None]
     assert not late.open and late.servos(0.0) == frozenset()
 
 
-def test_what_was_overtaken_is_known_for_a_while_and_then_no_longer() -> None:
+def test_overtaken_requests_are_remembered_for_a_while() -> None:
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
     late.answered(1, 0.0)
     late.forget(HELD_S * 0.9)
     assert late.place({1: SIZES}) == 1
-    assert late.take(1, 8, asked=True) is None
+    assert late.match(1, 8, asked=True) is None
     late.forget(HELD_S * 1.1)
     assert not late.open
 
 
-def test_only_a_size_that_is_open_for_its_servo_and_was_not_overtaken_is_in_doubt() -> None:
+def test_only_an_open_size_that_was_not_overtaken_is_ambiguous() -> None:
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
-    assert late.doubtful({1: 8, 2: 8})
-    assert not late.doubtful({1: 10, 2: 8}) and not late.doubtful({2: 8}) and not late.doubtful({})
+    assert late.ambiguous({1: 8, 2: 8})
+    assert not late.ambiguous({1: 10, 2: 8}) and not late.ambiguous({2: 8}) and not late.ambiguous({})
     late.answered(1, 0.0)
-    assert not late.doubtful({1: 8})
+    assert not late.ambiguous({1: 8})
     late.add(1, 8, 0.1, "corrupt")
-    assert late.doubtful({1: 8})
-    assert late.take(1, 8, asked=True) == "corrupt"
+    assert late.ambiguous({1: 8})
+    assert late.match(1, 8, asked=True) == "corrupt"

@@ -1,11 +1,11 @@
-"""Late replies at the edges: what a servo that was asked by itself still owes, and times that are just over."""
+"""Edge cases of late replies: single requests, and times just after a limit."""
 
 import math
 
 from drivers.bus.late_replies import HELD_S, OPEN_S, LateReplies
 
 
-def test_the_answer_to_a_single_question_may_come_for_as_long_as_bytes_are_held() -> None:
+def test_a_reply_to_a_single_request_may_be_late_for_held_s() -> None:
     late = LateReplies()
     late.add_single(1, 5.0)
     assert late.single_until_s(1) == 5.0 + HELD_S
@@ -14,24 +14,24 @@ def test_the_answer_to_a_single_question_may_come_for_as_long_as_bytes_are_held(
     assert late.servos(5.0 + HELD_S) == frozenset()
 
 
-def test_a_question_of_the_same_size_keeps_the_earlier_ones_open_as_long_as_itself() -> None:
+def test_a_request_of_the_same_size_keeps_earlier_requests_open() -> None:
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
     late.add(1, 8, 1.5, "corrupt")
     late.forget(1.5)
-    assert late.take(1, 8) == "silent"
+    assert late.match(1, 8) == "silent"
     late.forget(OPEN_S + 1.0)
     assert late.sizes() == {8}
     late.forget(OPEN_S + 1.5)
     assert late.sizes() == frozenset()
 
 
-def test_a_reply_to_an_overtaken_question_is_known_where_its_size_was_not_asked_for() -> None:
+def test_a_reply_to_an_overtaken_request_is_recognized_by_its_size() -> None:
     late = LateReplies()
     late.add(1, 8, 0.0, "silent")
     late.answered(1, 0.0)
-    assert late.take(1, 8) == "silent"
+    assert late.match(1, 8) == "silent"
 
 
-def test_where_nobody_is_asked_the_first_size_will_do() -> None:
+def test_without_servos_the_first_size_is_chosen() -> None:
     assert LateReplies().place({}) == 0

@@ -1,4 +1,4 @@
-"""What every Port promises, tried on each of them: the virtual one, and a serial device (a pseudo-terminal)."""
+"""The contract of every Port, tested on the virtual port and on a serial device (a pseudo-terminal)."""
 
 import fcntl
 import os
@@ -33,7 +33,7 @@ class Line(Protocol):
     clock: Clock
 
     def ask(self) -> None:
-        """Send a ping through the port; its reply is on the way when this returns."""
+        """Send a ping through the port. Its reply is on the way when this returns."""
         ...
 
     def arrive(self, size: int) -> None:
@@ -41,7 +41,7 @@ class Line(Protocol):
         ...
 
     def unplug(self) -> None:
-        """The far end goes away."""
+        """Close the far end."""
         ...
 
 
@@ -115,25 +115,25 @@ def uses(port: Port) -> list[Callable[[], object]]:
     return [lambda: port.write(PING), lambda: port.read(1, 0.0), port.discard_input]
 
 
-def test_it_has_a_name_and_a_speed(line: Line) -> None:
+def test_a_port_has_a_name_and_a_baud_rate(line: Line) -> None:
     assert line.port.name
     assert line.port.baud == 1_000_000
 
 
-def test_a_read_returns_as_soon_as_enough_is_there(line: Line) -> None:
+def test_a_read_returns_as_soon_as_all_bytes_are_received(line: Line) -> None:
     line.ask()
     begin_s = line.clock.now()
     assert line.port.read(6, begin_s + 30.0) == PONG
     assert line.clock.now() < begin_s + 30.0
 
 
-def test_a_read_takes_no_more_than_it_was_asked_for(line: Line) -> None:
+def test_a_read_returns_at_most_the_requested_bytes(line: Line) -> None:
     line.ask()
     assert line.port.read(2, line.clock.now() + 20.0) == PONG[:2]
     assert line.port.read(4, line.clock.now() + 20.0) == PONG[2:]
 
 
-def test_a_read_waits_until_its_deadline_and_returns_what_came(line: Line) -> None:
+def test_a_read_returns_the_bytes_received_by_its_deadline(line: Line) -> None:
     line.ask()
     line.arrive(6)
     deadline_s = line.clock.now() + 0.03
@@ -147,7 +147,7 @@ def test_a_read_of_silence_returns_nothing_at_its_deadline(line: Line) -> None:
     assert line.clock.now() >= deadline_s
 
 
-def test_after_its_deadline_a_read_still_takes_what_is_there(line: Line) -> None:
+def test_a_read_after_its_deadline_returns_received_bytes(line: Line) -> None:
     line.ask()
     line.arrive(6)
     past_s = line.clock.now() - 1.0
@@ -155,7 +155,7 @@ def test_after_its_deadline_a_read_still_takes_what_is_there(line: Line) -> None
     assert line.port.read(100, past_s) == b""
 
 
-def test_a_read_of_nothing_is_no_wait(line: Line) -> None:
+def test_a_read_of_zero_bytes_does_not_wait(line: Line) -> None:
     line.ask()
     line.arrive(6)
     assert line.port.read(0, line.clock.now() - 1.0) == b""
@@ -168,7 +168,7 @@ def test_replies_come_in_order(line: Line) -> None:
     assert line.port.read(18, line.clock.now() + 20.0) == PONG * 3
 
 
-def test_discarding_drops_what_has_arrived_and_nothing_later(line: Line) -> None:
+def test_discarding_drops_only_received_bytes(line: Line) -> None:
     line.ask()
     line.arrive(6)
     line.port.discard_input()
@@ -177,12 +177,12 @@ def test_discarding_drops_what_has_arrived_and_nothing_later(line: Line) -> None
     assert line.port.read(6, line.clock.now() + 20.0) == PONG
 
 
-def test_discarding_nothing_is_no_error(line: Line) -> None:
+def test_discarding_without_input_is_not_an_error(line: Line) -> None:
     line.port.discard_input()
     line.port.discard_input()
 
 
-def test_closing_twice_is_no_error_and_then_nothing_works(line: Line) -> None:
+def test_closing_twice_is_not_an_error_and_other_calls_raise(line: Line) -> None:
     line.port.close()
     line.port.close()
     for use in uses(line.port):
@@ -190,7 +190,7 @@ def test_closing_twice_is_no_error_and_then_nothing_works(line: Line) -> None:
             use()
 
 
-def test_a_lost_line_is_said_by_every_method_and_names_the_port(line: Line) -> None:
+def test_every_method_raises_port_lost_with_the_name(line: Line) -> None:
     line.unplug()
     for use in uses(line.port) * 2:
         with pytest.raises(PortLost) as caught:
@@ -199,7 +199,7 @@ def test_a_lost_line_is_said_by_every_method_and_names_the_port(line: Line) -> N
     line.port.close()
 
 
-def test_a_line_lost_with_a_reply_on_the_way_is_lost_within_two_reads(line: Line) -> None:
+def test_a_port_lost_during_a_reply_raises_within_two_reads(line: Line) -> None:
     line.ask()
     line.unplug()
     with pytest.raises(PortLost):

@@ -1,4 +1,4 @@
-"""The bus that asks each servo by itself, over the virtual wire: what every Bus promises, and what differs."""
+"""The bus that asks servos one by one, with virtual servos: the contract of every Bus, and the differences."""
 
 import logging
 from collections.abc import Callable
@@ -27,7 +27,7 @@ ax_and_scs = pytest.mark.parametrize("kind", (KINDS[0], KINDS[2]), ids=lambda ki
 
 
 class ScriptedPort(Tape):
-    """Answers each write with the next of ``answers``, at once, and then keeps quiet."""
+    """A port that answers each write with the next of ``answers`` at once and is silent afterwards."""
 
     def __init__(self, clock: SimulatedClock, *answers: bytes) -> None:
         super().__init__()
@@ -59,7 +59,7 @@ def scripted(kind: Kind, *answers: bytes) -> tuple[Bus, ScriptedPort, SimulatedC
 
 
 @every_kind
-def test_identify_is_content_with_the_right_model(kind: Kind) -> None:
+def test_identify_accepts_the_right_model(kind: Kind) -> None:
     line = Line(kind)
     for servo_id, model in kind.models.items():
         line.bus.identify(servo_id, model)
@@ -68,7 +68,7 @@ def test_identify_is_content_with_the_right_model(kind: Kind) -> None:
 @pytest.mark.parametrize(
     ("kind", "register", "number", "text"),
     [
-        (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): write"),
+        (KINDS[0], scs.model_number, 0x050F, r"is model 1295 \(scs15\), not 1284 \(scs0009\): correct"),
         (
             KINDS[0],
             scs.model_number,
@@ -80,7 +80,7 @@ def test_identify_is_content_with_the_right_model(kind: Kind) -> None:
         (KINDS[3], dxl.model_number, 4321, r"is model 4321 \(unknown\), not 29 \(mx-28\)"),
     ],
 )
-def test_identify_names_what_it_found(kind: Kind, register, number: int, text: str) -> None:  # type: ignore[no-untyped-def]
+def test_identify_names_the_model_found(kind: Kind, register, number: int, text: str) -> None:  # type: ignore[no-untyped-def]
     line = Line(kind)
     line.servos.servo(3).memory.put(register, number)
     with pytest.raises(ServoRefused, match="servo 3: " + text):
@@ -96,7 +96,7 @@ def test_identify_names_what_it_found(kind: Kind, register, number: int, text: s
         (KINDS[3], (4095, 4095), "servo 3: is in multi-turn mode: set its angle limits .* to 0 and 4095"),
     ],
 )
-def test_a_mode_in_which_goals_mean_something_else_is_refused(kind: Kind, limits: tuple[int, int], text: str) -> None:
+def test_a_mode_without_goal_positions_is_refused(kind: Kind, limits: tuple[int, int], text: str) -> None:
     line = Line(kind)
     for register, value in zip((sts.min_position, sts.max_position), limits, strict=True):
         line.servos.servo(3).memory.put(register, value)
@@ -107,12 +107,12 @@ def test_a_mode_in_which_goals_mean_something_else_is_refused(kind: Kind, limits
 @pytest.mark.parametrize(
     ("kind", "level", "text"),
     [
-        (KINDS[0], 0, r"servo 3: acknowledges no writes: set its status_level \(register 8\) to 1"),
-        (KINDS[2], 1, r"servo 3: acknowledges no writes: set its status_return_level \(register 16\) to 2"),
-        (KINDS[3], 0, r"servo 3: answers a ping but no read: set its status_return_level \(register 16\) to 2"),
+        (KINDS[0], 0, r"servo 3: does not acknowledge writes: set its status_level \(register 8\) to 1"),
+        (KINDS[2], 1, r"servo 3: does not acknowledge writes: set its status_return_level \(register 16\) to 2"),
+        (KINDS[3], 0, r"servo 3: answers pings but not reads: set its status_return_level \(register 16\) to 2"),
     ],
 )
-def test_a_servo_that_does_not_answer_everything_is_refused(kind: Kind, level: int, text: str) -> None:
+def test_a_servo_that_does_not_answer_all_requests_is_refused(kind: Kind, level: int, text: str) -> None:
     line = Line(kind)
     line.servos.servo(3).memory.put(series_of(kind.model).status_level, level)
     with pytest.raises(ServoRefused, match=text):
@@ -137,27 +137,27 @@ def test_a_silent_servo_is_named(kind: Kind) -> None:
 def test_a_corrupt_reply_is_named(kind: Kind) -> None:
     line = Line(kind)
     line.faults.corrupt_next(3)
-    with pytest.raises(ServoCorrupt, match="servo 3: answered with a broken packet"):
+    with pytest.raises(ServoCorrupt, match="servo 3: sent a corrupt packet"):
         line.bus.read(3, series_of(kind.model).goal_position)
     assert line.bus.goal(3) == line.held(3, series_of(kind.model).goal_position)
 
 
 @every_kind
-def test_a_reply_of_another_length_is_no_value(kind: Kind) -> None:
+def test_a_reply_of_a_different_length_is_not_a_value(kind: Kind) -> None:
     for data in (b"", b"\x01", b"\x01\x02\x03"):
         bus, _, _ = scripted(kind, wire.packet(1, 0, data))
-        with pytest.raises(ServoCorrupt, match=rf"answered {len(data)} bytes? for goal_position"):
+        with pytest.raises(ServoCorrupt, match=rf"sent {len(data)} bytes? in reply to goal_position"):
             bus.read(1, series_of(kind.model).goal_position)
 
 
 @ax_and_scs
-def test_a_frame_that_claims_to_be_shorter_than_any_is_corrupt(kind: Kind) -> None:
+def test_a_frame_with_an_impossibly_small_length_is_corrupt(kind: Kind) -> None:
     bus, _, _ = scripted(kind, b"\xff\xff\x01\x00\x00\xfe\x00\x00")
     with pytest.raises(ServoError, match="servo 1"):
         bus.goal(1)
 
 
-def test_an_alarm_is_no_failure_but_a_refused_instruction_is() -> None:
+def test_an_alarm_is_not_an_error_but_a_refusal_is() -> None:
     bus, _, _ = scripted(KINDS[2], wire.packet(1, 0x20, b"\x01"), b"", wire.packet(1, 0x20, b""))
     assert bus.torque_is_on(1)
     assert bus.torque_off([1]) == []
@@ -208,7 +208,7 @@ def test_a_corrupt_reply_in_a_group_is_named(kind: Kind) -> None:
 
 
 @every_kind
-def test_a_dead_line_is_waited_for_once(kind: Kind) -> None:
+def test_a_silent_bus_costs_one_long_wait(kind: Kind) -> None:
     line = Line(kind)
     for servo_id in IDS:
         line.faults.silence(servo_id)
@@ -219,7 +219,7 @@ def test_a_dead_line_is_waited_for_once(kind: Kind) -> None:
 
 @every_kind
 @pytest.mark.parametrize("noise", [b"\x00", b"\xff", wire.packet(9, 0, b"")])
-def test_endless_noise_ends(kind: Kind, noise: bytes) -> None:
+def test_a_read_ends_despite_endless_noise(kind: Kind, noise: bytes) -> None:
     bus, port, clock = scripted(kind)
 
     def babble(size: int, deadline_s: float) -> bytes:
@@ -238,12 +238,12 @@ def test_endless_noise_ends(kind: Kind, noise: bytes) -> None:
 
 
 @every_kind
-def test_goals_arrive_with_their_speeds(kind: Kind) -> None:
+def test_goals_arrive_with_their_velocity(kind: Kind) -> None:
     line = Line(kind)
     line.bus.write_goals({1: ServoGoal(600, 300), 2: ServoGoal(700)})
     assert (line.bus.goal(1), line.bus.goal(2)) == (600, 700)
     assert line.held(2, sts.goal_velocity) == 0
-    # Never slower than asked, and not by a whole unit faster.
+    # Never slower than requested, and less than one unit faster.
     unit = 1.0 if kind.order == "big" else dxl.SPEED_UNIT_COUNTS_S[kind.models[1].name]
     assert 300 <= line.held(1, sts.goal_velocity) + 0.5 < 301 + unit
     line.bus.write_goals({1: ServoGoal(600, 10**6)})
@@ -251,10 +251,10 @@ def test_goals_arrive_with_their_speeds(kind: Kind) -> None:
 
 
 @every_kind
-def test_a_goal_that_the_servo_does_not_have_is_not_sent(kind: Kind) -> None:
+def test_a_goal_outside_the_servos_range_is_not_sent(kind: Kind) -> None:
     bus, port, _ = scripted(kind)
     for position in (-1, 4096):
-        with pytest.raises(ValueError, match="goal_position takes 0 to"):
+        with pytest.raises(ValueError, match="goal_position must be 0 to"):
             bus.write_goals({1: ServoGoal(position)})
     assert port.sent == b""
 
@@ -262,15 +262,15 @@ def test_a_goal_that_the_servo_does_not_have_is_not_sent(kind: Kind) -> None:
 @every_kind
 @pytest.mark.parametrize("velocity", [-1, -5, -(10**6)])
 def test_a_goal_with_a_negative_velocity_is_not_sent(kind: Kind, velocity: int) -> None:
-    """Nor is a small one rounded to 0, which is as fast as the servo can."""
+    """A small negative velocity must not be rounded to 0 either, which means maximum velocity."""
     bus, port, _ = scripted(kind)
-    with pytest.raises(ValueError, match=f"velocity.* not {velocity}: nothing written"):
+    with pytest.raises(ValueError, match=f"velocity.* not {velocity}: nothing was written"):
         bus.write_goals({1: ServoGoal(500, velocity)})
     assert port.sent == b""
 
 
 @every_kind
-def test_an_exchange_puts_the_promised_bytes_on_the_wire(kind: Kind) -> None:
+def test_the_exchange_size_is_the_number_of_bytes_on_the_wire(kind: Kind) -> None:
     line = Line(kind)
     sent = 0
     write = line.port.write
@@ -292,7 +292,7 @@ def test_an_exchange_puts_the_promised_bytes_on_the_wire(kind: Kind) -> None:
 
 
 @every_kind
-def test_torque_goes_on_and_off_one_by_one(kind: Kind) -> None:
+def test_torque_is_switched_for_single_servos(kind: Kind) -> None:
     line = Line(kind)
     line.bus.torque_on(2)
     assert line.bus.torque_is_on(2) and not line.bus.torque_is_on(1)
@@ -301,7 +301,7 @@ def test_torque_goes_on_and_off_one_by_one(kind: Kind) -> None:
     assert not line.bus.torque_is_on(2)
 
 
-def test_an_scs_has_no_torque_limit_and_says_what_to_do() -> None:
+def test_an_scs_without_a_torque_limit_names_the_remedy() -> None:
     line = Line(KINDS[0])
     line.bus.limit_torque(1, 1.0)
     with pytest.raises(
@@ -311,16 +311,16 @@ def test_an_scs_has_no_torque_limit_and_says_what_to_do() -> None:
     assert line.held(1, scs.lock) == 1
 
 
-def test_the_torque_limit_of_a_dynamixel_stays_below_the_lasting_one() -> None:
+def test_the_torque_limit_of_a_dynamixel_stays_below_the_persistent_limit() -> None:
     line = Line(KINDS[2])
     line.bus.limit_torque(1, 0.5)
     assert line.held(1, dxl.torque_limit) == 512
     line.bus.write(1, dxl.max_torque, 300)
     line.bus.limit_torque(1, 1.0)
-    assert line.held(1, dxl.torque_limit) == 299  # one less than what a servo has that was reset
+    assert line.held(1, dxl.torque_limit) == 299  # one less than the limit of a servo that was reset
 
 
-def test_where_the_time_ends_some_have_said_whether_they_have_torque() -> None:
+def test_torque_states_are_returned_as_far_as_time_allows() -> None:
     line = Line(KINDS[2])
     for servo_id in IDS:
         line.bus.limit_torque(servo_id, 0.5)
@@ -336,7 +336,7 @@ def test_where_the_time_ends_some_have_said_whether_they_have_torque() -> None:
 
 
 @every_kind
-def test_every_call_says_that_the_line_is_gone(kind: Kind) -> None:
+def test_every_call_raises_port_lost_after_the_port_is_lost(kind: Kind) -> None:
     line = Line(kind)
     line.port.unplug()
     uses: list[Callable[[], object]] = [
@@ -354,22 +354,22 @@ def test_every_call_says_that_the_line_is_gone(kind: Kind) -> None:
 
 
 @every_kind
-def test_at_another_rate_there_is_nobody(kind: Kind) -> None:
+def test_no_servo_answers_at_a_different_baud_rate(kind: Kind) -> None:
     line = Line(kind)
     with line.bus.at_baud(500_000) as bus, pytest.raises(ServoSilent):
         bus.goal(1)
     assert isinstance(line.bus.read_states(IDS)[1], ServoState)
 
 
-def test_that_a_cycle_takes_longer_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_longer_cycle_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     line = Line(KINDS[0])
     line.cycle()
     with line.bus.at_baud(500_000):
         pass
-    (said,) = caplog.messages
-    assert "no group read" in said and "the 7 of them are asked one by one" in said
-    assert "1.54 ms of every cycle at 1000000 baud" in said
+    (message,) = caplog.messages
+    assert "do not support a group read" in message and "the 7 servos are read one by one" in message
+    assert "1.54 ms of every cycle at 1000000 baud" in message
     caplog.clear()
     Line(KINDS[3])
     assert caplog.messages == []
@@ -391,13 +391,15 @@ def test_the_bus_fits_the_servos(models: tuple[ServoModel, ...], bus: type[Bus])
     assert type(Bus(Tape(), MonotonicClock(), dict(enumerate(models, 1)))) is bus
 
 
-def test_servos_that_speak_differently_cannot_share_a_line() -> None:
-    with pytest.raises(ValueError, match=r"tape: these servos cannot share a line: Feetech STS: 1 \(sts3215\); ") as e:
+def test_servos_with_different_protocols_cannot_share_a_bus() -> None:
+    with pytest.raises(
+        ValueError, match=r"tape: servos with different protocols cannot share a bus: Feetech STS: 1 \(sts3215\); "
+    ) as e:
         Bus(Tape(), MonotonicClock(), {1: sts.STS3215, 2: scs.SCS0009, 3: dxl.MX_28})
     assert "Feetech SCS: 2 (scs0009); Dynamixel protocol 1.0: 3 (mx-28)" in str(e.value)
 
 
-def test_every_model_has_a_name_a_make_and_a_language() -> None:
+def test_every_model_has_a_name_a_make_and_a_protocol() -> None:
     assert all(model.name == name for name, model in MODELS.items())
     assert {series_of(model).make for model in MODELS.values()} == {"feetech", "dynamixel"}
     assert len({series_of(model).protocol.name for model in MODELS.values()}) == 4
@@ -405,7 +407,7 @@ def test_every_model_has_a_name_a_make_and_a_language() -> None:
 
 
 @every_kind
-def test_a_servo_whose_model_is_not_known_is_taken_for_the_lines_first(kind: Kind) -> None:
+def test_an_unknown_servo_is_assumed_to_be_of_the_first_series(kind: Kind) -> None:
     line = Line(kind)
     bus = Bus(line.port, line.clock, {1: line.kind.models[1]})
     readings = bus.read_states((1, 2), line.clock.now() + 0.02)

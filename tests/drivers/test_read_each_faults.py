@@ -1,4 +1,4 @@
-"""What is the bus's own that asks one by one: who had no turn, and late replies known by their length."""
+"""Faults specific to buses that ask servos one by one: servos without time, and late replies known by their length."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from drivers.servos.series import Series
 from tests.drivers.fault_lines import IDS, READ_EACH, Line
 
 
-def test_who_was_not_asked_is_first_the_next_time() -> None:
+def test_a_servo_that_was_not_asked_is_first_in_the_next_cycle() -> None:
     line = Line(READ_EACH[0])
     readings = line.bus.read_states(IDS, line.clock.now() + 0.001)
     unasked = [i for i, r in readings.items() if isinstance(r, ServoFault)]
@@ -23,11 +23,11 @@ def test_who_was_not_asked_is_first_the_next_time() -> None:
 
 
 @pytest.mark.parametrize("series", (SCS, AX_MX), ids=lambda series: series.name)
-def test_lengths_that_tell_late_replies_survive_a_flipped_bit(series: Series) -> None:
+def test_reply_lengths_differ_in_more_than_one_bit(series: Series) -> None:
     sizes = [block.size for block in series.blocks]
     lengths = [size + 2 for size in sizes]
     assert all((a ^ b).bit_count() >= 2 for a in lengths for b in lengths if a != b)
     tables = [scs.REGISTERS] if series is SCS else [dxl.registers(m) for m in series.models]
-    # Two bytes beyond the memory table stand in Feetech's header of the SCS series.
+    # Feetech's header file of the SCS series has two bytes more than the memory table.
     ends = [max(r.address + r.size for r in table) for table in tables]
     assert series.blocks[0].address + max(sizes) <= min(ends)

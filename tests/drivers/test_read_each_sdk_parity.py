@@ -1,4 +1,4 @@
-"""Our group packets are the makers' SDKs' group packets, byte by byte, for every model."""
+"""Group packets equal those of the manufacturers' SDKs, byte for byte, for every model."""
 
 import importlib
 import math
@@ -32,7 +32,7 @@ every_sdk = pytest.mark.parametrize("sdk", HANDLERS)
 
 @pytest.fixture(autouse=True, scope="module")
 def words_of_the_sdk() -> Iterator[None]:
-    """The Feetech SDK keeps the order of words for the whole process."""
+    """Restore the byte order of the Feetech SDK, which applies to the whole process."""
     yield
     feetech.SCS_SETEND(0)
 
@@ -59,7 +59,7 @@ def test_scs_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None
     feetech.SCS_SETEND(0)
     bus, tape = bus_of(dict.fromkeys(goals, model))
     bus.write_goals({i: ServoGoal(position, velocity) for i, (position, velocity) in goals.items()})
-    assert feetech.SCS_GETEND() == 0  # ours leaves it alone
+    assert feetech.SCS_GETEND() == 0  # the bus does not change it
     feetech.SCS_SETEND(1)
     low, high = feetech.SCS_LOBYTE, feetech.SCS_HIBYTE
     data = {i: bytes((low(p), high(p), 0, 0, low(v), high(v))) for i, (p, v) in goals.items()}
@@ -97,13 +97,13 @@ def test_bulk_read(servo_ids: list[int], address: int, size: int) -> None:
     tape = Tape()
     handler = dynamixel.Protocol1PacketHandler()
     parameters = [number for servo_id in servo_ids for number in (size, servo_id, address)]
-    # Not GroupBulkRead: it passes an argument that this handler does not take.
+    # GroupBulkRead passes an argument that this handler does not accept.
     assert handler.bulkReadTx(tape, parameters, len(parameters)) == dynamixel.COMM_SUCCESS
     assert tape.sent == bulk_read(dict.fromkeys(servo_ids, (address, size)))
 
 
 @given(ids)
-def test_states_of_mx_are_asked_for_by_bulk_read(servo_ids: list[int]) -> None:
+def test_states_of_mx_servos_are_read_by_a_bulk_read(servo_ids: list[int]) -> None:
     bus, tape = bus_of(dict.fromkeys(servo_ids, dxl.MX_28))
     bus.request(servo_ids, math.inf)
     assert tape.sent == (

@@ -1,4 +1,4 @@
-"""A servo that answers, but that there is no answer: it is there, and says why. Not silent, and never a value."""
+"""A servo that refuses a read is reported with its reason. It does not count as silent and never has a value."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +26,7 @@ X_KINDS = [kind for kind in KINDS if kind.model in x.MODELS.values()]
 
 
 def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
-    """From now on, this servo answers every read so; what it returns ends that."""
+    """Make a servo refuse every read with this error. The returned function ends this."""
     servo: Any = line.servos.servo(servo_id)
     if line.kind in X_KINDS:
         servo._read = lambda address, size: (error, b"")
@@ -40,15 +40,15 @@ def refuse(line: Line, servo_id: int, error: int) -> Callable[[], None]:
 @pytest.mark.parametrize(
     ("kind", "error", "why"),
     [
-        *((kind, RESULT_FAIL, "it could not do it") for kind in X_KINDS),
-        *((kind, NO_ACCESS, "it has no such register") for kind in X_KINDS if not kind.mapped),
+        *((kind, RESULT_FAIL, "it could not execute the instruction") for kind in X_KINDS),
+        *((kind, NO_ACCESS, "it does not have this register") for kind in X_KINDS if not kind.mapped),
         (AX, 0x08, "it refused the instruction (range error)"),
         (AX, 0x51, "it refused the instruction (checksum and instruction error)"),
         (MX, 0x48, "it refused the instruction (range and instruction error)"),
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
-def test_who_refuses_to_be_read_is_named_with_its_reason_and_hides_nobody(
+def test_a_refusal_is_reported_with_its_reason_and_does_not_hide_others(
     kind: Kind, error: int, why: str, servo_id: int
 ) -> None:
     line = Line(kind)
@@ -59,7 +59,7 @@ def test_who_refuses_to_be_read_is_named_with_its_reason_and_hides_nobody(
         fault = readings[servo_id]
         assert isinstance(fault, ServoFault)
         assert fault.kind == "refused"
-        assert fault.text.startswith(f"servo {servo_id} refuses to be read: {why}")
+        assert fault.text.startswith(f"servo {servo_id} refuses the read request: {why}")
         assert all(isinstance(readings[i], ServoState) for i in IDS if i != servo_id)
     account = line.account(servo_id)
     assert account.refused >= 8
@@ -69,7 +69,7 @@ def test_who_refuses_to_be_read_is_named_with_its_reason_and_hides_nobody(
     assert line.missing() == {}
 
 
-def test_an_acknowledgement_in_a_replys_place_is_no_refusal() -> None:
+def test_an_acknowledgment_is_not_a_refusal() -> None:
     for kind in (X_KINDS[0], AX):
         line = Line(kind)
         refuse(line, 4, 0)
@@ -80,8 +80,8 @@ def test_an_acknowledgement_in_a_replys_place_is_no_refusal() -> None:
 @pytest.mark.parametrize("asked", [(4,), IDS], ids=["one", "all"])
 @pytest.mark.parametrize("last", [True, False], ids=["refusal late", "answer late"])
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS], ids=lambda kind: kind.name)
-def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last: bool, asked: tuple[int, ...]) -> None:
-    """The refusal comes in the place of the next answer, and that in the place of the next but one."""
+def test_a_reply_after_a_late_refusal_is_never_an_old_state(kind: Kind, last: bool, asked: tuple[int, ...]) -> None:
+    """The refusal arrives in place of the next reply, and this reply in place of the one after it."""
     line = Line(kind)
     truth = Truth(line)
     for number in range(14):
@@ -90,7 +90,7 @@ def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last
             line.faults.delay_next(4)
         end = refuse(line, 4, 0x10 if kind in (AX, MX) else RESULT_FAIL) if number == 3 and last else None
         begin_s = line.clock.now()
-        # No time to ask again.
+        # There is no time to repeat a request.
         budget_s = 0.0005 * len(asked) + 0.0035 if number in (3, 4) else kind.table.budget_s
         for servo_id, reading in line.bus.read_states(asked, begin_s + budget_s).items():
             assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), number
@@ -107,10 +107,8 @@ def test_what_comes_behind_a_late_refusal_is_never_an_old_state(kind: Kind, last
 
 @pytest.mark.parametrize("arrives", [(2, 4), (3, 5), (3, 6), (4, 7), (5, 6)], ids=str)
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
-def test_a_refusal_does_not_make_of_what_is_still_to_come_what_will_not_come(
-    kind: Kind, arrives: tuple[int, int]
-) -> None:
-    """Replies keep their order, and two are held back: a refusal in cycle 1 and the answer in cycle 2."""
+def test_a_refusal_does_not_close_open_requests(kind: Kind, arrives: tuple[int, int]) -> None:
+    """Replies keep their order, and two are delayed: a refusal in cycle 1 and the reply in cycle 2."""
     line = Line(kind, WatchedPort)
     port = line.port
     assert isinstance(port, WatchedPort)
@@ -131,7 +129,7 @@ def test_a_refusal_does_not_make_of_what_is_still_to_come_what_will_not_come(
 
 
 class BytePort(VirtualPort):
-    """Bytes come one by one, as on a line."""
+    """A port that receives bytes one by one, like a serial line."""
 
     def write(self, data: bytes) -> None:
         before = len(self._coming)
@@ -148,8 +146,8 @@ class BytePort(VirtualPort):
 
 @pytest.mark.parametrize("asked", [(4,), IDS], ids=["one", "all"])
 @pytest.mark.parametrize("kind", [AX, MX, *X_KINDS[:2]], ids=lambda kind: kind.name)
-def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple[int, ...]) -> None:
-    """What is asked again while it is on the wire is lost, and the answer too."""
+def test_the_reply_after_a_late_refusal_is_received(kind: Kind, asked: tuple[int, ...]) -> None:
+    """A request repeated while the reply is on the wire would be lost together with the reply."""
     line = Line(kind, BytePort)
     write = line.port.write
     early: list[bytes] = []
@@ -172,7 +170,7 @@ def test_behind_a_late_refusal_the_answer_is_waited_for(kind: Kind, asked: tuple
     assert early == []
 
 
-def test_a_servo_that_refuses_a_fast_read_costs_the_others_nothing() -> None:
+def test_a_refused_fast_read_costs_no_other_state() -> None:
     line = Line(next(kind for kind in X_KINDS if kind.mapped and not kind.with_goals))
     line.bus.read_states(IDS)
     fast = line.bus._reader._group.fast
@@ -180,14 +178,14 @@ def test_a_servo_that_refuses_a_fast_read_costs_the_others_nothing() -> None:
     end = refuse(line, 4, RESULT_FAIL)
     for _ in range(3 * FAST_TRIES):
         assert {i: kind for i, kind in line.missing().items() if i != 4} == {}
-        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # so that every cycle may be asked fast
+        line.clock.sleep_until(line.clock.now() + 2.0 * OPEN_S)  # so that every cycle can use a fast read
     end()
     assert line.missing() == {}
 
 
 @pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], 3), (AX, 0x10)], ids=["x", "ax-12a"])
 @pytest.mark.parametrize("number", range(4))
-def test_one_request_that_came_broken_does_not_fail_a_set_up(kind: Kind, error: int, number: int) -> None:
+def test_one_corrupt_request_does_not_make_set_up_fail(kind: Kind, error: int, number: int) -> None:
     line = Line(kind)
     servo: Any = line.servos.servo(4)
     answer = servo.answer
@@ -199,7 +197,7 @@ def test_one_request_that_came_broken_does_not_fail_a_set_up(kind: Kind, error: 
 
 
 @pytest.mark.parametrize(("kind", "error"), [(X_KINDS[0], NO_ACCESS), (AX, 0x08)], ids=["x", "ax-12a"])
-def test_one_servos_refusal_is_counted_and_leaves_nothing_owed(kind: Kind, error: int) -> None:
+def test_a_refusal_to_a_single_request_is_counted_and_closes_the_request(kind: Kind, error: int) -> None:
     line = Line(kind)
     end = refuse(line, 4, error)
     with pytest.raises(ServoRefused):

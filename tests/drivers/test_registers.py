@@ -1,4 +1,4 @@
-"""Registers: values to bytes and back, and what does not fit is refused."""
+"""Registers encode and decode values, and refuse values that do not fit."""
 
 from itertools import pairwise
 
@@ -46,10 +46,10 @@ def test_a_value_and_its_bytes(register: Register, value: int, little: str) -> N
     ("register", "low", "high"),
     [(BYTE, 0, 255), (WORD, 0, 65535), (SIGN_10, -1023, 1023), (SIGN_11, -2047, 2047), (SIGN_15, -32767, 32767)],
 )
-def test_what_does_not_fit_is_refused_with_the_range(register: Register, low: int, high: int) -> None:
+def test_a_value_that_does_not_fit_is_refused_with_the_range(register: Register, low: int, high: int) -> None:
     assert (register.smallest, register.largest) == (low, high)
     for value in (low - 1, high + 1):
-        with pytest.raises(ValueError, match=f"{register.name} takes {low} to {high}, not {value}"):
+        with pytest.raises(ValueError, match=f"{register.name} must be {low} to {high}, not {value}"):
             register.encode(value, "little")
 
 
@@ -57,13 +57,13 @@ def test_minus_zero_reads_as_zero() -> None:
     assert SIGN_15.decode(b"\x00\x80", "little") == 0
 
 
-def test_bits_above_the_sign_are_no_part_of_the_number() -> None:
+def test_bits_above_the_sign_bit_are_ignored() -> None:
     assert SIGN_10.decode(b"\x05\x08", "little") == 5
     assert SIGN_10.decode(b"\x05\x0c", "little") == -5
 
 
 @given(st.sampled_from((*ALL, *sts.REGISTERS)), st.sampled_from(("little", "big")), st.data())
-def test_every_value_in_range_comes_back(register: Register, order: ByteOrder, data: st.DataObject) -> None:
+def test_every_value_in_range_is_encoded_and_decoded(register: Register, order: ByteOrder, data: st.DataObject) -> None:
     value = data.draw(st.integers(register.smallest, register.largest))
     encoded = register.encode(value, order)
     assert len(encoded) == register.size
@@ -71,11 +71,11 @@ def test_every_value_in_range_comes_back(register: Register, order: ByteOrder, d
 
 
 @given(st.sampled_from((*ALL, *sts.REGISTERS)), st.integers())
-def test_a_value_is_either_in_range_or_refused(register: Register, value: int) -> None:
+def test_a_value_out_of_range_is_refused(register: Register, value: int) -> None:
     if register.smallest <= value <= register.largest:
         register.encode(value, "little")
     else:
-        with pytest.raises(ValueError, match="nothing written"):
+        with pytest.raises(ValueError, match="nothing was written"):
             register.encode(value, "little")
 
 
@@ -85,13 +85,13 @@ def test_any_bytes_decode_to_a_value_in_range(register: Register, data: bytes) -
     assert register.smallest <= value <= register.largest
 
 
-def test_the_sts_registers_do_not_overlap_and_have_one_name_each() -> None:
+def test_sts_registers_have_unique_names_and_do_not_overlap() -> None:
     assert len({register.name for register in sts.REGISTERS}) == len(sts.REGISTERS)
     for before, after in pairwise(sts.REGISTERS):
         assert before.address + before.size <= after.address, (before.name, after.name)
 
 
-def test_what_survives_power_off_lies_below_the_torque_switch_or_behind_the_state() -> None:
+def test_persistent_registers_are_before_the_torque_switch_or_after_the_state() -> None:
     for register in sts.REGISTERS:
         persistent = register.address < sts.torque_enable.address or register.address >= 78
         assert register.persistent == persistent, register.name
@@ -127,7 +127,7 @@ def test_goals_can_be_written_and_states_only_read() -> None:
         (sts.present_temperature, 63, 1),
     ],
 )
-def test_the_places_that_move_an_arm_are_those_of_the_memory_table(register: Register, address: int, size: int) -> None:
+def test_addresses_that_move_an_arm_agree_with_the_memory_table(register: Register, address: int, size: int) -> None:
     assert (register.address, register.size) == (address, size)
 
 

@@ -1,4 +1,4 @@
-"""The serial port's own business: which devices it opens, and what it says of those that it does not."""
+"""The serial port: which devices it opens, and its messages about those that it does not open."""
 
 import errno
 import fcntl
@@ -42,7 +42,7 @@ sys.stdin.read()
 
 
 class Terminal:
-    """A pseudo-terminal; ``device`` is what a program opens, ``master`` the servos' end."""
+    """A pseudo-terminal. A program opens ``device``, and ``master`` is the servos' end."""
 
     def __init__(self) -> None:
         self.master, slave = os.openpty()
@@ -64,7 +64,7 @@ def terminal() -> Iterator[Terminal]:
 
 
 class _Refusal:
-    """In the place of serial.Serial: opening fails."""
+    """Replaces serial.Serial and fails to open."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -84,36 +84,36 @@ def with_errno(number: int) -> serial.SerialException:
 # Missing
 
 
-def test_a_missing_device_is_named_with_what_is_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_device_is_named_with_the_ports_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found = {"ttyACM*": ["/dev/ttyACM3"], "ttyUSB*": ["/dev/ttyUSB0"]}
     monkeypatch.setattr(Path, "glob", lambda self, pattern: [Path(p) for p in found[pattern]])
     missing = tmp_path / "ttyACM0"
     with pytest.raises(PortMissing) as caught:
         SerialPort(str(missing))
     assert str(caught.value) == (
-        f"there is no {missing}: plug in the adapter or name another port (there is /dev/ttyACM3, /dev/ttyUSB0)"
+        f"{missing} does not exist: plug in the adapter or choose another port (found: /dev/ttyACM3, /dev/ttyUSB0)"
     )
 
 
-def test_a_missing_device_on_a_machine_without_any(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_device_on_a_machine_without_ports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(Path, "glob", lambda self, pattern: [])
-    with pytest.raises(PortMissing, match=r"\(there is none\)"):
+    with pytest.raises(PortMissing, match=r"\(found: none\)"):
         SerialPort(str(tmp_path / "ttyACM0"))
 
 
-def test_a_link_that_leads_nowhere_is_missing(tmp_path: Path) -> None:
+def test_a_dangling_link_is_a_missing_device(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     link.symlink_to(tmp_path / "gone")
-    with pytest.raises(PortMissing, match="there is no"):
+    with pytest.raises(PortMissing, match="does not exist"):
         SerialPort(str(link))
 
 
 @pytest.mark.parametrize("number", [2, 6, 19], ids=["ENOENT", "ENXIO", "ENODEV"])
-def test_a_device_that_goes_away_while_it_is_opened_is_missing(
+def test_a_device_that_disappears_while_it_is_opened_is_missing(
     monkeypatch: pytest.MonkeyPatch, terminal: Terminal, number: int
 ) -> None:
     refuse(monkeypatch, with_errno(number))
-    with pytest.raises(PortMissing, match=f"there is no {terminal.device}"):
+    with pytest.raises(PortMissing, match=f"{terminal.device} does not exist"):
         SerialPort(terminal.device)
 
 
@@ -122,7 +122,7 @@ def test_a_device_that_goes_away_while_it_is_opened_is_missing(
 
 @pytest.mark.parametrize("how", ["exclusive", "sdk", "plain"])
 def test_a_port_in_use_names_its_owner(terminal: Terminal, how: str, tmp_path: Path) -> None:
-    """Only one of them locks the device; two programs on one bus are as bad without a lock."""
+    """Only one of the two programs locks the device. Two programs on one bus are just as bad without a lock."""
     link = tmp_path / "bus"
     link.symlink_to(terminal.device)
     holder = subprocess.Popen(
@@ -143,23 +143,23 @@ def test_a_port_in_use_names_its_owner(terminal: Terminal, how: str, tmp_path: P
     SerialPort(terminal.device).close()
 
 
-def test_an_owner_that_may_not_be_seen(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+def test_an_owner_that_cannot_be_identified(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     monkeypatch.setattr(serial_port, "port_owners", lambda path: iter(()))
     refuse(monkeypatch, serial.SerialException(11, "Could not exclusively lock port x: Resource unavailable"))
     with pytest.raises(PortBusy, match="in use by a program of another user: end that program first"):
         SerialPort(terminal.device)
 
 
-def test_our_own_second_opening_is_refused(terminal: Terminal) -> None:
+def test_a_second_opening_in_this_program_is_refused(terminal: Terminal) -> None:
     first = SerialPort(terminal.device)
-    with pytest.raises(PortBusy, match=f"{terminal.device} is in use by this very program: close it first"):
+    with pytest.raises(PortBusy, match=f"{terminal.device} is already open in this program: close it first"):
         SerialPort(terminal.device)
     first.close()
     SerialPort(terminal.device).close()
 
 
-def test_whoever_serves_the_far_end_of_a_pseudo_terminal_is_no_owner(terminal: Terminal) -> None:
-    """An emulator holds both ends."""
+def test_the_server_of_a_pseudo_terminal_is_not_an_owner(terminal: Terminal) -> None:
+    """An emulator keeps both ends open."""
     serve = """
 import os, sys
 master, slave = os.openpty()
@@ -174,7 +174,7 @@ sys.stdin.read()
         server.communicate()
 
 
-# In use by us
+# In use by this program
 
 TIOCGEXCL = 0x80045440
 NOBODY = 65534
@@ -182,13 +182,13 @@ NOBODY = 65534
 
 @pytest.fixture
 def adapter(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> Terminal:
-    """A pseudo-terminal that passes for an adapter. A second descriptor looks at its state."""
+    """A pseudo-terminal that is treated as an adapter. A second descriptor shows its state."""
     monkeypatch.setattr(owners, "PSEUDO_TERMINALS", Path("/nowhere"))
     return terminal
 
 
 def shut(terminal: Terminal) -> bool:
-    """Whether the kernel refuses the device to others; root, as which tests may run, it refuses nothing."""
+    """Whether the kernel keeps other programs out. It refuses nothing to root, as which tests may run."""
     looking = os.open(terminal.device, os.O_RDWR | os.O_NOCTTY)
     try:
         return struct.unpack("i", fcntl.ioctl(looking, TIOCGEXCL, bytes(4))) == (1,)
@@ -197,7 +197,7 @@ def shut(terminal: Terminal) -> bool:
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root may look at a device that is refused to all others")
-def test_an_open_port_is_shut_to_programs_that_lock_nothing(adapter: Terminal) -> None:
+def test_an_open_port_excludes_programs_that_do_not_lock(adapter: Terminal) -> None:
     port = SerialPort(adapter.device)
     assert shut(adapter)
     port.set_baud(115_200)
@@ -208,14 +208,14 @@ def test_an_open_port_is_shut_to_programs_that_lock_nothing(adapter: Terminal) -
 
 
 def opened_by_nobody(device: str) -> str:
-    """What an ordinary user's program hears that opens the device as the SDKs do."""
+    """Return what a program of an ordinary user prints that opens the device as the SDKs do."""
     program = (
         "import os, sys\n"
         "try: os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)\n"
         "except OSError as error: print(error.strerror)\n"
         "else: print('open')"
     )
-    # The machine's own Python: the environment's may lie where nobody may look.
+    # The system's Python, because an ordinary user may have no access to the environment's.
     command = ["/usr/bin/python3", "-c", program, device]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, user=NOBODY, group=NOBODY, cwd="/")
@@ -225,7 +225,7 @@ def opened_by_nobody(device: str) -> str:
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root may run a program as another user")
-def test_another_users_program_finds_an_open_port_busy(adapter: Terminal) -> None:
+def test_an_open_port_is_busy_for_another_user(adapter: Terminal) -> None:
     os.chmod(adapter.device, 0o666)
     port = SerialPort(adapter.device)
     assert opened_by_nobody(adapter.device) == os.strerror(errno.EBUSY)
@@ -233,9 +233,7 @@ def test_another_users_program_finds_an_open_port_busy(adapter: Terminal) -> Non
     assert opened_by_nobody(adapter.device) == "open"
 
 
-def test_a_port_that_turns_out_not_to_fit_is_left_open_to_others(
-    adapter: Terminal, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_port_that_cannot_be_used_is_left_open_to_others(adapter: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_fit(*_: object) -> None:
         raise PortError("does not fit")
 
@@ -245,8 +243,8 @@ def test_a_port_that_turns_out_not_to_fit_is_left_open_to_others(
     assert not shut(adapter)
 
 
-def test_a_program_that_is_killed_leaves_the_emulators_line_open_to_others(terminal: Terminal) -> None:
-    """The kernel takes the mark off with the last close, and the far end of a pseudo-terminal stays open."""
+def test_a_killed_program_does_not_block_the_emulators_port(terminal: Terminal) -> None:
+    """The kernel lifts the ban at the last close, but the far end of a pseudo-terminal stays open."""
     program = (
         "import os, signal, sys; from drivers.port.serial_port import SerialPort\n"
         "port = SerialPort(sys.argv[1]); os.kill(os.getpid(), signal.SIGKILL)"
@@ -257,7 +255,7 @@ def test_a_program_that_is_killed_leaves_the_emulators_line_open_to_others(termi
     SerialPort(terminal.device).close()
 
 
-# Not allowed, not fit
+# Denied or unsuitable
 
 
 def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
@@ -267,23 +265,23 @@ def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.Monke
         SerialPort(terminal.device)
     assert str(caught.value) == (
         f"no permission to open {terminal.device}: it belongs to the group 'dialout'. "
-        "Run 'sudo usermod -aG dialout $USER', log out and in again"
+        "Run 'sudo usermod -aG dialout $USER', then log out and in again"
     )
 
 
-def test_nobody_is_told_to_join_the_group_root(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+def test_the_advice_is_never_to_join_the_group_root(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     refuse(monkeypatch, with_errno(13))
     monkeypatch.setattr(serial_port.grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "root"}))
     with pytest.raises(PortDenied) as caught:
         SerialPort(terminal.device)
     assert str(caught.value) == (
-        f"no permission to open {terminal.device}: it belongs to root alone. Give it to the group 'dialout' by the "
-        """line 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"' in /etc/udev/rules.d/99-servos.rules, """
-        "and plug the adapter in again. Run 'sudo usermod -aG dialout $USER', log out and in again"
+        f"no permission to open {terminal.device}: only root can open it. To give it to the group 'dialout', add the "
+        """line 'KERNEL=="ttyUSB*|ttyACM*", GROUP="dialout", MODE="0660"' to /etc/udev/rules.d/99-servos.rules """
+        "and plug the adapter in again. Run 'sudo usermod -aG dialout $USER', then log out and in again"
     )
 
 
-def test_a_group_without_a_name_is_told_by_its_number(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+def test_a_group_without_a_name_is_named_by_its_number(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     def nameless(number: int) -> object:
         raise KeyError(number)
 
@@ -293,7 +291,7 @@ def test_a_group_without_a_name_is_told_by_its_number(monkeypatch: pytest.Monkey
         SerialPort(terminal.device)
 
 
-def test_the_group_is_that_of_the_device_behind_a_link(
+def test_the_group_is_that_of_the_linked_device(
     monkeypatch: pytest.MonkeyPatch, terminal: Terminal, tmp_path: Path
 ) -> None:
     link = tmp_path / "arm"
@@ -309,44 +307,46 @@ def test_the_group_is_that_of_the_device_behind_a_link(
 @pytest.mark.parametrize(
     "error", [ValueError("Failed to set custom baud rate (12345678): [Errno 22]"), ValueError("Not a valid baudrate")]
 )
-def test_a_refused_baud_is_named(monkeypatch: pytest.MonkeyPatch, terminal: Terminal, error: Exception) -> None:
+def test_an_unsupported_baud_rate_is_named(
+    monkeypatch: pytest.MonkeyPatch, terminal: Terminal, error: Exception
+) -> None:
     refuse(monkeypatch, error)
-    with pytest.raises(PortError, match=f"{terminal.device} does not take 12345678 baud") as caught:
+    with pytest.raises(PortError, match=f"{terminal.device} does not support 12345678 baud") as caught:
         SerialPort(terminal.device, 12_345_678)
     assert str(error) in str(caught.value)
 
 
 @pytest.mark.parametrize("baud", [99_999_999_999, 10**30])
-def test_a_baud_beyond_any_number_is_refused(terminal: Terminal, baud: int) -> None:
-    with pytest.raises(PortError, match=f"does not take {baud} baud"):
+def test_an_impossible_baud_rate_is_refused(terminal: Terminal, baud: int) -> None:
+    with pytest.raises(PortError, match=f"does not support {baud} baud"):
         SerialPort(terminal.device, baud)
     port = SerialPort(terminal.device, 115_200)
-    with pytest.raises(PortError, match=f"does not take {baud} baud"):
+    with pytest.raises(PortError, match=f"does not support {baud} baud"):
         port.set_baud(baud)
     assert port.baud == 115_200
     port.write(b"x")
 
 
-def test_a_refused_baud_leaves_the_device_free(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+def test_an_unsupported_baud_rate_leaves_the_device_free(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     def refused(self: serial.Serial, baud: int) -> None:
         raise ValueError("Failed to set custom baud rate")
 
     with monkeypatch.context() as patch:
         patch.setattr(serial.Serial, "_set_special_baudrate", refused)
-        with pytest.raises(PortError, match="does not take 1234567 baud"):
+        with pytest.raises(PortError, match="does not support 1234567 baud"):
             SerialPort(terminal.device, 1_234_567)
     SerialPort(terminal.device).close()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_is_no_device_is_refused(tmp_path: Path, kind: str) -> None:
+def test_a_path_that_is_not_a_device_is_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "thing"
     path.touch() if kind == "file" else path.mkdir()
     with pytest.raises(PortError, match=re.escape(str(path))):
         SerialPort(str(path))
 
 
-def test_any_other_failure_keeps_its_reason(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
+def test_any_other_error_keeps_its_reason(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     refuse(monkeypatch, with_errno(5))
     with pytest.raises(PortError, match=f"cannot open {terminal.device}: .*Input/output error"):
         SerialPort(terminal.device)
@@ -355,7 +355,7 @@ def test_any_other_failure_keeps_its_reason(monkeypatch: pytest.MonkeyPatch, ter
 # Open
 
 
-def test_a_link_is_as_good_as_the_device_and_keeps_its_name(terminal: Terminal, tmp_path: Path) -> None:
+def test_a_link_can_be_opened_and_keeps_its_name(terminal: Terminal, tmp_path: Path) -> None:
     link = tmp_path / "arm"
     link.symlink_to(terminal.device)
     port = SerialPort(str(link))
@@ -366,7 +366,7 @@ def test_a_link_is_as_good_as_the_device_and_keeps_its_name(terminal: Terminal, 
 
 
 @pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])
-def test_the_line_is_raw_and_has_the_speed(terminal: Terminal, baud: int) -> None:
+def test_the_terminal_is_raw_and_has_the_baud_rate(terminal: Terminal, baud: int) -> None:
     port = SerialPort(terminal.device, baud)
     assert port.baud == baud
     every_byte = bytes(range(256))
@@ -377,7 +377,7 @@ def test_the_line_is_raw_and_has_the_speed(terminal: Terminal, baud: int) -> Non
     port.close()
 
 
-def test_more_than_the_kernel_takes_at_once_is_sent_whole(terminal: Terminal) -> None:
+def test_more_bytes_than_the_kernel_accepts_at_once_are_all_sent(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     data = bytes(i % 251 for i in range(50_000))
     received = bytearray()
@@ -394,18 +394,18 @@ def test_more_than_the_kernel_takes_at_once_is_sent_whole(terminal: Terminal) ->
     port.close()
 
 
-def test_a_line_that_takes_no_more_is_waited_for_and_then_lost(
+def test_a_device_that_accepts_no_more_bytes_is_lost_after_a_wait(
     monkeypatch: pytest.MonkeyPatch, terminal: Terminal
 ) -> None:
     monkeypatch.setattr(serial_port, "STALLED_S", 0.05)
     port = SerialPort(terminal.device)
-    with pytest.raises(PortLost, match=r"takes no more bytes.*check the cable"):
-        for _ in range(1_000_000):  # nobody reads at the other end
+    with pytest.raises(PortLost, match=r"accepts no more bytes.*check the cable"):
+        for _ in range(1_000_000):  # the far end does not read
             port.write(bytes(100))
     port.close()
 
 
-def test_input_from_before_the_opening_is_dropped(terminal: Terminal) -> None:
+def test_input_from_before_the_opening_is_discarded(terminal: Terminal) -> None:
     os.write(terminal.master, b"stale")
     port = SerialPort(terminal.device)
     port.discard_input()
@@ -413,23 +413,23 @@ def test_input_from_before_the_opening_is_dropped(terminal: Terminal) -> None:
     port.close()
 
 
-def test_the_other_end_closing_is_a_lost_port_that_says_what_to_do(terminal: Terminal) -> None:
+def test_a_closed_far_end_is_a_lost_port_with_a_remedy(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     terminal.end()
-    with pytest.raises(PortLost, match=f"{terminal.device} is gone.*check the cable"):
+    with pytest.raises(PortLost, match=f"{terminal.device} has disappeared.*check the cable"):
         port.read(1, MonotonicClock().now() + 20.0)
     port.close()
 
 
-def test_a_rate_for_a_port_that_is_gone_is_a_lost_port(terminal: Terminal) -> None:
+def test_setting_the_baud_rate_of_a_lost_port_raises_port_lost(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     terminal.end()
-    with pytest.raises(PortLost, match=f"{terminal.device} is gone"):
+    with pytest.raises(PortLost, match=f"{terminal.device} has disappeared"):
         port.set_baud(115_200)
     port.close()
 
 
-def test_a_closed_port_is_free_for_others(terminal: Terminal) -> None:
+def test_a_closed_port_can_be_opened_by_others(terminal: Terminal) -> None:
     port = SerialPort(terminal.device)
     descriptor = port._fd
     assert stat.S_ISCHR(os.fstat(descriptor).st_mode)
@@ -438,7 +438,7 @@ def test_a_closed_port_is_free_for_others(terminal: Terminal) -> None:
         os.fstat(descriptor)
 
 
-def test_a_closed_port_never_touches_a_descriptor_that_took_its_number(terminal: Terminal, tmp_path: Path) -> None:
+def test_a_closed_port_never_uses_a_reused_descriptor(terminal: Terminal, tmp_path: Path) -> None:
     port = SerialPort(terminal.device)
     number = port._fd
     port.close()
@@ -456,8 +456,8 @@ def test_a_closed_port_never_touches_a_descriptor_that_took_its_number(terminal:
             os.close(number)
 
 
-def test_a_long_burst_in_pieces_comes_whole_and_a_short_one_at_its_deadline(terminal: Terminal) -> None:
-    """The kernel is told how many bytes to wait for; fewer must still come out."""
+def test_a_long_burst_is_read_whole_and_a_short_one_at_its_deadline(terminal: Terminal) -> None:
+    """The kernel waits for a number of bytes, but fewer bytes must still be returned."""
     port = SerialPort(terminal.device)
     burst = bytes(range(200))
     for at in range(0, 200, 20):
@@ -473,14 +473,14 @@ def test_a_long_burst_in_pieces_comes_whole_and_a_short_one_at_its_deadline(term
 
 
 @pytest.mark.parametrize("size", [40, 98, 200])
-def test_a_burst_of_the_same_size_again(terminal: Terminal, size: int) -> None:
-    """The kernel is not told anew, and may hand the burst over in two pieces or more."""
+def test_a_second_burst_of_the_same_size(terminal: Terminal, size: int) -> None:
+    """The kernel setting is not repeated, and the kernel may return the burst in several pieces."""
     port, now = SerialPort(terminal.device), MonotonicClock().now
     burst = bytes(range(size))
     for _ in range(3):
         os.write(terminal.master, burst)
         assert port.read(size, now() + 20.0) == burst
-    assert port.read(size, now() - 1.0) == b""  # no time, and nothing there
+    assert port.read(size, now() - 1.0) == b""  # no time, and no input
     os.write(terminal.master, burst[:35])
     assert port.read(size, now() + 0.02) == burst[:35]
     port.close()
@@ -490,10 +490,10 @@ def test_a_burst_of_the_same_size_again(terminal: Terminal, size: int) -> None:
 
 
 @pytest.mark.parametrize("size", [6, 98, 162, 238])
-def test_answers_of_one_size_are_waited_for_with_one_setting(
+def test_replies_of_one_size_need_one_kernel_setting(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
-    """The kernel hands a burst over in pieces of 64 bytes: no reason to wait for each of them by itself."""
+    """The kernel returns a burst in pieces of 64 bytes, for which no separate waits are needed."""
     port, clock = SerialPort(terminal.device), MonotonicClock()
     settings = []
     real = serial_port.termios.tcsetattr
@@ -507,7 +507,7 @@ def test_answers_of_one_size_are_waited_for_with_one_setting(
 
 
 @pytest.mark.parametrize("size", [98, 162])
-def test_a_line_that_is_lost_within_an_answer_is_lost(terminal: Terminal, size: int) -> None:
+def test_a_port_lost_within_a_reply_raises_port_lost(terminal: Terminal, size: int) -> None:
     port, clock = SerialPort(terminal.device), MonotonicClock()
     os.write(terminal.master, bytes(size))
     assert port.read(size, clock.now() + 20.0) == bytes(size)
@@ -518,16 +518,16 @@ def test_a_line_that_is_lost_within_an_answer_is_lost(terminal: Terminal, size: 
     port.close()
 
 
-@pytest.mark.parametrize(("make", "said"), [(Path.mkdir, "a folder"), (Path.touch, "a file")])
-def test_a_path_that_is_not_a_serial_device_is_called_by_its_kind(
-    tmp_path: Path, make: Callable[[Path], None], said: str
+@pytest.mark.parametrize(("make", "kind"), [(Path.mkdir, "a folder"), (Path.touch, "a file")])
+def test_a_path_that_is_not_a_serial_device_is_named_with_its_kind(
+    tmp_path: Path, make: Callable[[Path], None], kind: str
 ) -> None:
     path = tmp_path / "port"
     make(path)
-    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {said}: name the adapter's port"):
+    with pytest.raises(PortNotSerial, match=f"{path} is not a serial device but {kind}: choose the adapter's port"):
         SerialPort(str(path))
 
 
-def test_a_device_that_is_not_serial_is_told() -> None:
+def test_a_device_that_is_not_serial_is_reported() -> None:
     with pytest.raises(PortNotSerial, match="/dev/null is not a serial device but another kind of device"):
         SerialPort("/dev/null")

@@ -1,4 +1,4 @@
-"""What one servo is asked by itself: a late answer is nobody's, and our own bytes are no answer. For every make."""
+"""Requests to a single servo, for every make: late replies and echoes of requests are not accepted as replies."""
 
 from dataclasses import dataclass
 
@@ -19,12 +19,12 @@ from sim_backend.servos.sts.servo import VirtualServo
 from tests.drivers.ports import WatchedPort
 
 LATE_S = 0.045
-"""Beyond what an SDK waits."""
+"""Delay beyond the timeout of an SDK, in seconds."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A model, and registers of one size and of another."""
+    """A model, and registers of equal and of different size."""
 
     model: ServoModel
     temperature: Register
@@ -43,7 +43,7 @@ every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.model.
 
 
 class NoisyPort(WatchedPort):
-    """Puts bytes that nobody sent before the echo of ours."""
+    """A port that inserts noise before the echo of a request."""
 
     noise = b""
 
@@ -53,7 +53,7 @@ class NoisyPort(WatchedPort):
 
 
 class Bench:
-    """One servo, limp and 30 degrees warm."""
+    """One servo without torque, at 30 °C."""
 
     def __init__(self, case: Case) -> None:
         self.clock = SimulatedClock(10.0)
@@ -67,7 +67,7 @@ class Bench:
         return self.servos.servo(1).memory.get(register)
 
     def alarm(self) -> None:
-        """The servo's next answers say that its voltage is wrong."""
+        """Make the servo's next replies report a voltage alarm."""
         servo = self.servos.servo(1)
         if isinstance(servo, VirtualServo):
             servo.memory.put(sts.min_voltage, 200)
@@ -76,7 +76,7 @@ class Bench:
             servo.firmware.protection.status |= 1
 
     def late(self, register: Register) -> None:
-        """A read whose answer comes too late."""
+        """Make a read whose reply arrives too late."""
         self.port.hold_s = LATE_S
         with pytest.raises(ServoSilent):
             self.bus.read(1, register)
@@ -84,7 +84,7 @@ class Bench:
 
 
 @every_case
-def test_a_late_answer_is_not_taken_for_that_of_another_register(case: Case) -> None:
+def test_a_late_reply_is_not_taken_for_the_value_of_another_register(case: Case) -> None:
     bench = Bench(case)
     bench.late(case.temperature)
     assert bench.held(case.temperature) != bench.held(case.torque) == 0
@@ -93,7 +93,7 @@ def test_a_late_answer_is_not_taken_for_that_of_another_register(case: Case) -> 
 
 @every_case
 @pytest.mark.parametrize("register", ["temperature", "position"])
-def test_a_late_answer_acknowledges_no_write(case: Case, register: str) -> None:
+def test_a_late_reply_does_not_acknowledge_a_write(case: Case, register: str) -> None:
     bench = Bench(case)
     bench.late(getattr(case, register))
     bench.servos.faults.silence(1)
@@ -102,7 +102,7 @@ def test_a_late_answer_acknowledges_no_write(case: Case, register: str) -> None:
 
 
 @every_case
-def test_after_an_interrupt_its_answer_is_nobodys(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reply_after_an_interrupt_is_discarded(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(case)
 
     def interrupted(size: int, deadline_s: float) -> bytes:
@@ -112,12 +112,12 @@ def test_after_an_interrupt_its_answer_is_nobodys(case: Case, monkeypatch: pytes
         patch.setattr(bench.port, "read", interrupted)
         with pytest.raises(KeyboardInterrupt):
             bench.bus.read(1, case.temperature)
-    # No discarding helps where it is still on its way.
+    # Discarding input does not help while the reply is still on its way.
     assert bench.bus.read(1, case.torque) == 0
 
 
 @every_case
-def test_a_silent_servo_costs_its_owed_answer_and_no_more(case: Case) -> None:
+def test_a_silent_servo_costs_one_wait_for_a_late_reply(case: Case) -> None:
     bench = Bench(case)
     bench.servos.faults.silence(1)
     begin_s = bench.clock.now()
@@ -132,7 +132,7 @@ def test_a_silent_servo_costs_its_owed_answer_and_no_more(case: Case) -> None:
 @every_case
 @pytest.mark.parametrize("noise", [b"\x00", b"\xff", b"\xff\xff\x01", b"\x00" * 5], ids=bytes.hex)
 @pytest.mark.parametrize("learnt", [True, False], ids=["learnt", "new"])
-def test_noise_before_an_echo_makes_no_answer_of_our_request(case: Case, noise: bytes, learnt: bool) -> None:
+def test_noise_before_an_echo_does_not_turn_the_request_into_a_reply(case: Case, noise: bytes, learnt: bool) -> None:
     bench = Bench(case)
     bench.port.echoes = True
     if learnt:
@@ -140,7 +140,7 @@ def test_noise_before_an_echo_makes_no_answer_of_our_request(case: Case, noise: 
     bench.port.noise = noise
     try:
         assert bench.bus.read(1, case.position) == bench.held(case.position)
-    except ServoCorrupt:  # where nobody knows of the echo yet
+    except ServoCorrupt:  # the echo is not known yet
         assert not learnt
     assert bench.bus.read(1, case.position) == bench.held(case.position)
     bench.servos.faults.silence(1)
@@ -154,7 +154,7 @@ def test_noise_before_an_echo_makes_no_answer_of_our_request(case: Case, noise: 
 
 @every_case
 @pytest.mark.parametrize("known", [True, False], ids=["no echo", "perhaps an echo"])
-def test_an_answer_may_end_like_the_beginning_of_a_request(case: Case, known: bool) -> None:
+def test_a_reply_may_end_like_the_start_of_a_request(case: Case, known: bool) -> None:
     bench = Bench(case)
     if known:
         bench.bus.read_states((1,), bench.clock.now() + 0.05)
@@ -166,10 +166,12 @@ def test_an_answer_may_end_like_the_beginning_of_a_request(case: Case, known: bo
 
 
 @every_case
-def test_in_a_cycle_nobody_waits_for_a_late_answer_and_the_next_question_has_its_time(case: Case) -> None:
+def test_a_cycle_does_not_wait_for_a_late_reply(case: Case) -> None:
     bench = Bench(case)
     bench.late(case.temperature)
-    for _ in range(60):  # at 200 Hz: where a question's time is spent on waiting, the servo owes an answer for ever
+    for _ in range(
+        60
+    ):  # at 200 Hz: if waiting used up the time of the request, a late reply would always remain possible
         begin_s = bench.clock.now()
         try:
             assert bench.bus.torque_states((1,), begin_s + 0.0025) == {1: False}
@@ -182,9 +184,7 @@ def test_in_a_cycle_nobody_waits_for_a_late_answer_and_the_next_question_has_its
 
 @every_case
 @pytest.mark.parametrize("noise", [b"\xff", b"\x00", b"\xff\xff\x01\x04\x00"], ids=bytes.hex)
-def test_on_a_line_that_is_never_silent_a_question_ends(
-    case: Case, noise: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_request_ends_on_a_flooded_bus(case: Case, noise: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(case)
     begin_s = bench.clock.now()
 
@@ -199,7 +199,7 @@ def test_on_a_line_that_is_never_silent_a_question_ends(
 
 
 @every_case
-def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
+def test_each_single_request_is_counted_once(case: Case) -> None:
     bench = Bench(case)
     account = bench.bus.counters.of(1)
     bench.bus.write(1, case.torque, 0)
@@ -215,7 +215,7 @@ def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
         bench.bus.read(1, case.temperature)
     assert account.silent == 1
     bench.port.hold_s = 0.0
-    with pytest.raises(ServoCorrupt, match=f"answered 1 byte for {case.position.name}"):
+    with pytest.raises(ServoCorrupt, match=f"sent 1 byte in reply to {case.position.name}"):
         bench.bus.read(1, case.position)
     assert account.late == 1
     assert sum(account.as_dict().values()) == 2 + 1 + 3
@@ -224,7 +224,7 @@ def test_each_question_to_one_servo_ends_in_one_counter(case: Case) -> None:
 @pytest.mark.parametrize(
     "case", [case for case in CASES if series_of(case.model).protocol.name != "Dynamixel protocol 2.0"][1:]
 )
-def test_the_wait_for_a_late_answer_teaches_no_patience(case: Case) -> None:
+def test_the_wait_for_a_late_reply_does_not_lengthen_timeouts(case: Case) -> None:
     bench = Bench(case)
     bench.bus.read_states((1,))
     bench.late(case.temperature)
@@ -232,4 +232,4 @@ def test_the_wait_for_a_late_answer_teaches_no_patience(case: Case) -> None:
     begin_s = bench.clock.now()
     bench.servos.faults.silence(1)
     bench.bus.read_states((1,), begin_s + 0.1)
-    assert bench.clock.now() - begin_s < 0.015  # in which the adapter of a slow line would not have answered once
+    assert bench.clock.now() - begin_s < 0.015  # shorter than one reply of a slow adapter

@@ -1,7 +1,4 @@
-"""Each instruction to a single servo, for every model: byte for byte what the maker's SDK would send.
-
-scservo_sdk has neither reboot nor factory reset: there the packet is written out, by Feetech's protocol manual.
-"""
+"""Instructions to a single servo, for every model, equal the packets of the manufacturers' SDKs, byte for byte."""
 
 import importlib
 from collections.abc import Callable, Iterator
@@ -28,7 +25,7 @@ feetech: Any = importlib.import_module("scservo_sdk")
 dynamixel: Any = importlib.import_module("dynamixel_sdk")
 
 HANDLERS: dict[str, Callable[[], Any]] = {
-    # These set the order of words for the whole process.
+    # These functions set the byte order for the whole process.
     "Feetech STS": lambda: feetech.PacketHandler(0),
     "Feetech SCS": lambda: feetech.PacketHandler(1),
     "Dynamixel protocol 1.0": dynamixel.Protocol1PacketHandler,
@@ -38,7 +35,7 @@ BROADCAST = 0xFE
 ids = st.integers(0, wire.LARGEST_ID)
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
 some = settings(max_examples=CYCLES // 40)
-"""There are more models than reasons for one of them to be sent anything else."""
+"""Few examples for each model, because all models of a protocol share the code under test."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -48,7 +45,7 @@ def words_of_the_sdk() -> Iterator[None]:
 
 
 def table_of(model: ServoModel) -> tuple[Register, ...]:
-    """All registers of a model."""
+    """Return all registers of a model."""
     match model:
         case dxl.Model():
             return dxl.registers(model)
@@ -60,7 +57,7 @@ def table_of(model: ServoModel) -> tuple[Register, ...]:
 
 
 def ours(model: ServoModel, servo_id: int, tell: Callable[[Bus], object]) -> bytes:
-    """What our bus sends. Nobody answers."""
+    """Return the packets that the bus sends, without any reply."""
     feetech.SCS_SETEND(0)
     tape = SilentTape()
     with suppress(ServoSilent):
@@ -69,14 +66,14 @@ def ours(model: ServoModel, servo_id: int, tell: Callable[[Bus], object]) -> byt
 
 
 def theirs(model: ServoModel, tell: Callable[[Any, SilentTape], object]) -> bytes:
-    """What the SDK sends."""
+    """Return the packets that the SDK sends."""
     tape = SilentTape()
     tell(HANDLERS[series_of(model).protocol.name](), tape)
     return tape.sent
 
 
 def contents(model: ServoModel, register: Register, value: int) -> list[int]:
-    """A value's bytes by the SDK's own macros, signs too."""
+    """Return a value's bytes, including its sign, encoded by the SDK's own macros."""
     if series_of(model).make == "feetech":
         raw = value if register.sign_bit is None else feetech.SCS_TOSCS(value, register.sign_bit)
         return [raw] if register.size == 1 else [feetech.SCS_LOBYTE(raw), feetech.SCS_HIBYTE(raw)]
@@ -87,7 +84,7 @@ def contents(model: ServoModel, register: Register, value: int) -> list[int]:
 
 
 def same(sent: bytes, sdk_sent: bytes, content: list[int]) -> bool:
-    """The SDK computes the stuffing and then sends the packet without it: those are passed over."""
+    """Compare packets without byte stuffing, because the SDK computes the stuffing but sends the packet without it."""
     return wire.PATTERN in bytes(content) or sent == sdk_sent != b""
 
 
@@ -121,8 +118,8 @@ def test_write_and_reg_write(model: ServoModel, call: str, sdk_call: str, servo_
 
 @pytest.mark.parametrize(("call", "code"), [("write", wire.WRITE), ("reg_write", wire.REG_WRITE)])
 @pytest.mark.parametrize("value", [-131073, -257])
-def test_what_the_sdk_forgets_to_stuff_is_stuffed(call: str, code: int, value: int) -> None:
-    """A header within a packet: -131073 holds one, -257 does not."""
+def test_parameters_that_contain_a_header_are_stuffed(call: str, code: int, value: int) -> None:
+    """The packet of -131073 contains a header, and the packet of -257 does not."""
     register = x_series.homing_offset
     content = register.address.to_bytes(2, "little") + register.encode(value, "little")
     sent = ours(x_series.XL430_W250, 3, lambda bus: getattr(bus, call)(3, register, value))
@@ -146,7 +143,7 @@ def test_action(model: ServoModel) -> None:
 
 @every_model
 def test_broadcast_ping(model: ServoModel) -> None:
-    """Protocol 2.0 alone has it; in dynamixel_sdk's protocol 1.0 it is not available, and scservo_sdk lacks it."""
+    """Only protocol 2.0 supports it. It is not available in dynamixel_sdk's protocol 1.0 and in scservo_sdk."""
     if series_of(model).protocol.name == "Dynamixel protocol 2.0":
         packet = theirs(model, lambda sdk, tape: sdk.broadcastPing(tape))
         assert ours(model, 1, lambda bus: bus.broadcast_ping()) == packet != b""
@@ -158,7 +155,7 @@ def test_broadcast_ping(model: ServoModel) -> None:
 
 
 def by_the_manual(servo_id: int, instruction: int) -> bytes:
-    """A packet of Feetech's without parameters."""
+    """Encode a Feetech packet without parameters according to the manual."""
     return bytes((0xFF, 0xFF, servo_id, 2, instruction, 255 - (servo_id + 2 + instruction) % 256))
 
 
@@ -167,7 +164,7 @@ def by_the_manual(servo_id: int, instruction: int) -> bytes:
 @some
 @given(servo_id=ids)
 def test_reboot(model: ServoModel, servo_id: int) -> None:
-    """scservo_sdk has none; protocol 1.0 has none, which dynamixel_sdk says by sending nothing."""
+    """scservo_sdk has no reboot. Protocol 1.0 has none either, and dynamixel_sdk then sends nothing."""
     if series_of(model).protocol.name == "Dynamixel protocol 1.0":
         with pytest.raises(ServoRefused, match="cannot be rebooted"):
             ours(model, servo_id, lambda bus: bus.reboot(servo_id))
@@ -185,7 +182,7 @@ def test_reboot(model: ServoModel, servo_id: int) -> None:
 @some
 @given(servo_id=ids)
 def test_factory_reset(model: ServoModel, servo_id: int) -> None:
-    """scservo_sdk has none. In protocol 2.0 ID and baud rate are kept: option 2."""
+    """scservo_sdk has no factory reset. In protocol 2.0, option 2 keeps the ID and the baud rate."""
     if series_of(model).make == "feetech":
         packet = by_the_manual(servo_id, 6)
     else:

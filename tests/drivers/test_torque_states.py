@@ -1,4 +1,4 @@
-"""Whether servos have torque is one question to each: their switch, and the limit that a reset one has lost."""
+"""One read per servo returns whether torque is enabled and the torque limit, which a reset servo has lost."""
 
 import pytest
 
@@ -14,7 +14,7 @@ every_series = pytest.mark.parametrize("series", SERIES, ids=lambda series: seri
 
 
 @every_series
-def test_one_question_reaches_from_the_switch_to_the_limit_where_a_goal_may_move_the_switch(series: Series) -> None:
+def test_one_read_covers_switch_and_limit_if_a_goal_may_enable_torque(series: Series) -> None:
     state = series.torque_state
     assert (state.address, series.torque_enable.size) == (series.torque_enable.address, 1)
     if series.torque_limit is None or not series.torque_by_goal:
@@ -30,7 +30,7 @@ def test_one_question_reaches_from_the_switch_to_the_limit_where_a_goal_may_move
     ("switch", "limit", "driven"),
     [(1, 500, True), (0, 500, False), (2, 500, False), (129, 500, False), (1, 501, False), (1, 0, False)],
 )
-def test_a_servo_drives_with_its_switch_on_and_the_limit_that_it_was_given(
+def test_torque_is_on_with_the_switch_on_and_the_written_limit(
     series: Series, switch: int, limit: int, driven: bool
 ) -> None:
     size = series.torque_state.size
@@ -53,16 +53,16 @@ def driving(kind: Kind) -> Line:
 
 
 @every_kind
-def test_every_servo_is_asked_once(kind: Kind) -> None:
+def test_every_servo_is_read_once(kind: Kind) -> None:
     line = driving(kind)
     assert line.bus.torque_states(IDS, line.clock.now() + 1.0) == dict.fromkeys(IDS, True)
     assert isinstance(line.port, WatchedPort)
-    together = series_of(kind.model).protocol.group_read == "sync"  # in a bulk read a silent one hides others
+    together = series_of(kind.model).protocol.group_read == "sync"  # in a bulk read, a silent servo hides others
     assert len(line.port.sent) == (1 if together else len(IDS))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if series_of(kind.model) not in (SCS, X)], ids=str)
-def test_one_with_another_limit_than_its_own_was_reset(kind: Kind) -> None:
+def test_a_servo_with_a_different_limit_was_reset(kind: Kind) -> None:
     line = driving(kind)
     limit = series_of(kind.models[4]).torque_limit
     assert limit is not None

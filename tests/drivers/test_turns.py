@@ -1,4 +1,4 @@
-"""Servos in extended position mode: outside the bus their positions are places within one turn."""
+"""Servos in extended position mode: the bus removes whole turns from their positions."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def at(counts: int) -> ServoState:
 
 
 @pytest.mark.parametrize(("counts", "place"), [(4095, 4095), (4096, 0), (-1, 4095), (-9000, 3288), (100, 100)])
-def test_whole_turns_are_taken_off_positions_and_added_to_goals(counts: int, place: int) -> None:
+def test_whole_turns_are_subtracted_from_positions_and_added_to_goals(counts: int, place: int) -> None:
     turns = Turns()
     turns.identified(1, x.XL430_W250, extended=True)
     turns.identified(2, x.XL430_W250, extended=False)
@@ -29,7 +29,7 @@ def test_whole_turns_are_taken_off_positions_and_added_to_goals(counts: int, pla
     assert 1 in turns and 2 not in turns
 
 
-def test_a_servo_that_is_no_longer_in_extended_position_mode_is_read_as_it_says() -> None:
+def test_positions_are_unchanged_after_extended_position_mode_ends() -> None:
     turns = Turns()
     turns.identified(1, x.XL430_W250, extended=True)
     turns.readings({1: at(5000)})
@@ -37,7 +37,7 @@ def test_a_servo_that_is_no_longer_in_extended_position_mode_is_read_as_it_says(
     assert turns.readings({1: at(5000)}) == {1: at(5000)} and turns.goal(1, 5000) == 5000
 
 
-def test_one_false_reading_sends_no_goal_a_turn_away() -> None:
+def test_one_false_reading_does_not_shift_goals_by_a_turn() -> None:
     turns = Turns()
     turns.identified(1, x.XL430_W250, extended=True)
     turns.readings({1: at(100)})
@@ -50,7 +50,7 @@ def test_one_false_reading_sends_no_goal_a_turn_away() -> None:
     assert turns.goals({1: ServoGoal(110)}) == {1: ServoGoal(4206)}
 
 
-def test_a_servo_that_restarts_in_another_turn_goes_to_the_same_places() -> None:
+def test_a_servo_that_restarts_in_a_different_turn_reaches_the_same_positions() -> None:
     clock, model = SimulatedClock(), x.XL430_W250
     line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: model})
     servo = line.servo(1)

@@ -18,7 +18,7 @@ CHANGES = [
     (sts.operating_mode, 1, "is not in position mode"),
     (sts.model_number, 1, r"is model 1 \(unknown\), not 777"),
     (sts.max_position, 2100, "has position limits of its own, 0 to 2100 counts"),
-    (sts.status_level, 0, "acknowledges no writes"),
+    (sts.status_level, 0, "does not acknowledge writes"),
 ]
 
 

@@ -142,7 +142,7 @@ def test_an_adapter_that_holds_good_replies_back_is_named(
     said = Held(model, hold_ms / 1000.0).said(servo_ids)
     assert said.keys() == set(servo_ids)
     for servo_id, text in said.items():
-        assert text.startswith(f"servo {servo_id}: answers too late: the adapter or a hub holds the replies back")
+        assert text.startswith(f"servo {servo_id}: answers too late: the adapter or a hub delays replies")
 
 
 def test_an_answer_from_one_rate_is_not_heard_at_the_next() -> None:

@@ -41,9 +41,9 @@ def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureF
     ("first", "second", "both"),
     [
         (
-            "low supply: {} has 5.1 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
-            "low supply: {} has 4.9 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
-            "low supply: {} have 4.9 to 5.1 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
+            "low supply: {} has 5.1 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
+            "low supply: {} has 4.9 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
+            "low supply: {} have 4.9 to 5.1 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
         ),
         (
             "{} reports 5 counts, -0.2 from the reading before: no joint moves as fast",

@@ -52,7 +52,7 @@ def test_what_a_servo_has_already_is_not_written_again() -> None:
 def test_a_servo_under_torque_that_differs_is_refused_and_named_and_the_arm_keeps_what_it_has() -> None:
     bench = Bench(joints=NAMED)
     bench.servos.servo(1).memory.put(sts.torque_enable, 1)
-    with pytest.raises(DriverError, match=r"servo 1\b.*position_p .*holds torque, switch it off first"):
+    with pytest.raises(DriverError, match=r"servo 1\b.*position_p .*holds torque. Support the arm"):
         bench.configured()
     assert bench.held(1, sts.position_p) == 32
     assert bench.torque() == [1]

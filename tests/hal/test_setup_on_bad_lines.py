@@ -66,7 +66,7 @@ def test_a_few_lost_packets_do_not_fail_a_configuration(packets: int) -> None:
 def test_more_fail_it_and_a_servo_that_answers_otherwise_is_not_called_silent() -> None:
     bench = Bench()
     loses_the_question_for(sts.model_number, bench, 2 * ATTEMPTS)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers a ping but no read: set its status_level"):
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers pings but not reads: set its status_level"):
         bench.hardware.configure()
 
 

@@ -85,7 +85,7 @@ def test_a_missing_file_is_named(capsys: pytest.CaptureFixture[str], monkeypatch
 
 
 def test_a_missing_port_is_named(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "there is no /dev/ttyACM77" in complaint(capsys, monkeypatch, "up", "--port", "/dev/ttyACM77")
+    assert "/dev/ttyACM77 does not exist" in complaint(capsys, monkeypatch, "up", "--port", "/dev/ttyACM77")
 
 
 def test_of_several_buses_each_needs_its_port(
@@ -180,7 +180,7 @@ def test_the_remains_of_a_killed_emulator_are_no_world(
     link.symlink_to("/dev/pts/none")
     with socket.socket(socket.AF_UNIX) as feed:
         feed.bind(str(feed_path(link)))
-    assert f"there is no {link}" in complaint(capsys, monkeypatch, "up", "--port", str(link))
+    assert f"{link} does not exist" in complaint(capsys, monkeypatch, "up", "--port", str(link))
 
 
 @pytest.mark.parametrize("verb", ["up", "demo", "pick", "emulate"])

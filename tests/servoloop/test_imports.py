@@ -85,7 +85,7 @@ def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
         (["--help"], 0, "Bring the arm up under ROS 2"),
         (["bench", "bus", "--help"], 0, "--ids"),
         (["ports", "--json"], 0, '"udev_rule"'),
-        (["scan", "/dev/ttyACM77"], 1, "there is no /dev/ttyACM77"),
+        (["scan", "/dev/ttyACM77"], 1, "/dev/ttyACM77 does not exist"),
         (["up", "--hardware", "mock"], 1, "ROS 2 Jazzy is required, but Python cannot find rclpy"),
         (["pick", "A"], 1, "ROS 2 Jazzy is required, but Python cannot find rclpy"),
     ],
