@@ -1,4 +1,4 @@
-"""The controller interface: the manager's view of a controller, and the context that a controller is built into."""
+"""Define the interface between the controller manager and a controller."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,100 +10,151 @@ from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
-"""Whether the controller of that name has brought its joints to their command."""
+"""Returns whether the joints of the controller with this name have reached their command."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerContext:
-    """The robot that a controller is built into, and its other controllers."""
+    """Information about the robot and its other controllers, passed to each new controller."""
 
     description: Description
+    """The robot description."""
     component: HardwareInfo
-    """All ``<ros2_control>`` blocks as one."""
+    """All ``<ros2_control>`` blocks, merged into one."""
     limits: Mapping[str, JointLimits]
-    """The limits, by joint."""
+    """Limits of each joint, by joint name."""
     settled: Settled
+    """Returns whether the joints of another controller have reached their command."""
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
-    """How far servos give way and lag; a joint that is not named follows its command at once."""
+    """Compliance and lag of servos, by joint name. A joint without an entry follows its command at once."""
 
     def lags(self, joints: Sequence[str]) -> FloatArray:
-        """How far these joints lag, for the trajectory sampler."""
+        """Return the lag of joints, for the trajectory sampler.
+
+        Args:
+            joints: Names of n joints.
+
+        Returns:
+            Lag of each joint, shape (n,).
+        """
         return lags([self.compliances.get(joint) for joint in joints])
 
 
 class ControllerType(Protocol):
-    """A plug-in: the class of a controller. ``kind`` is its ``type`` in the controllers file."""
+    """A controller plug-in: the class of a controller."""
 
     kind: str
+    """The ``type`` of the controller in the controllers file."""
     parameters_type: type[Parameters]
+    """Class that checks the parameters of the controller."""
 
     def build(self, name: str, parameters: Any, context: ControllerContext) -> "Controller":
-        """A class method. ``parameters`` is a checked ``parameters_type``. Raises ValueError, saying what to mend."""
+        """Build a controller. Implement this function as a class method.
+
+        Args:
+            name: Name of the controller.
+            parameters: Checked parameters, an instance of ``parameters_type``.
+            context: The robot and its other controllers.
+
+        Returns:
+            The new, inactive controller.
+
+        Raises:
+            ValueError: The controller cannot be built. The message explains how to correct the parameters.
+        """
         ...
 
 
 class Controller(Protocol):
-    """A controller runs in the loop's thread, once a cycle: no I/O, no waiting.
+    """A controller. It runs in the thread of the loop, once per cycle, and must neither wait nor do I/O.
 
-    A controller claims its ``command_interfaces`` (``joint1/position``) while it is active; ``command`` has their
-    values (shape (n,); rad, m) for the end of the coming period. It looks at its ``state_interfaces``.
+    While it is active, a controller claims its n ``command_interfaces``.
     """
 
     @property
-    def name(self) -> str: ...
-    @property
-    def parameters(self) -> Parameters: ...
-    @property
-    def kind(self) -> str:
-        """The plug-in's type, as in the controllers file."""
+    def name(self) -> str:
+        """Name of the controller."""
         ...
 
     @property
-    def command_interfaces(self) -> tuple[str, ...]: ...
+    def parameters(self) -> Parameters:
+        """Parameters that the controller was built with."""
+        ...
+
     @property
-    def state_interfaces(self) -> tuple[str, ...]: ...
+    def kind(self) -> str:
+        """The ``type`` of the controller in the controllers file."""
+        ...
+
     @property
-    def command(self) -> FloatArray: ...
+    def command_interfaces(self) -> tuple[str, ...]:
+        """Command interfaces of the controller, such as ``joint1/position``."""
+        ...
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        """State interfaces that the controller reads."""
+        ...
+
+    @property
+    def command(self) -> FloatArray:
+        """Command for the end of the coming period, in the order of ``command_interfaces``: shape (n,), rad or m."""
+        ...
 
     def activate(self, state: JointState, command: FloatArray) -> None:
-        """Take over where the joints are: ``command`` (n,) is the hardware's last command."""
+        """Take over the joints at their current command.
+
+        Args:
+            state: Latest joint state of the hardware.
+            command: Last command of the controller's interfaces, shape (n,).
+        """
         ...
 
     def deactivate(self, reason: str = "") -> None:
-        """Give up the goal under way, with a result for its client. ``reason``: why, where no client asked for it."""
+        """Abort the current goal and report the result to its client.
+
+        Args:
+            reason: Why the controller is deactivated, if no client requested it.
+        """
         ...
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
-        """Run one cycle."""
+        """Run one cycle and set ``command``.
+
+        Args:
+            state: Joint state measured in this cycle.
+            now_s: Time of the measurement, in seconds.
+            period_s: Period of the loop, in seconds.
+        """
         ...
 
     def settled(self) -> bool:
-        """Whether the controller's joints have arrived at their command, or can go no further."""
+        """Return whether the joints have reached their command or cannot move further."""
         ...
 
 
 class Relieving(Controller, Protocol):
-    """A controller whose joints, once it is deactivated, give way to whatever holds them until they press no more."""
+    """A controller that, after its deactivation, lets its joints yield until they no longer press on an obstacle."""
 
     def begin_relief(self, state: JointState, command: FloatArray) -> None:
-        """The joints rest at ``command`` (n,), and no other controller has them."""
+        """Start the relief. The joints are at rest at ``command`` (n,) and belong to no other controller."""
         ...
 
     def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:
-        """Run one cycle of the relief, which sets ``command``; returns whether another one is needed."""
+        """Run one cycle of the relief, which sets ``command``. Return whether another cycle is needed."""
         ...
 
 
 def relieving(controller: Controller) -> Relieving | None:
-    """The controller as one that relieves its joints, if it does; it may be wrapped in another object."""
+    """Return the controller if it can relieve its joints, otherwise None. The controller may be wrapped."""
     return cast(Relieving, controller) if hasattr(controller, "begin_relief") else None
 
 
 def indices(joints: Sequence[str], among: Sequence[str]) -> list[int]:
-    """The place of each joint in the hardware's order."""
+    """Return the index of each joint in ``among``."""
     return [among.index(name) for name in joints]
 
 
 def limits_of(joints: Sequence[str], limits: Mapping[str, JointLimits]) -> tuple[JointLimits, ...]:
-    """Limits in the order of ``joints``."""
+    """Return the limits in the order of ``joints``."""
     return tuple(limits[name] for name in joints)

@@ -1,4 +1,4 @@
-"""The fixed-rate loop: read → controllers → safety gate → write."""
+"""Run the fixed-rate control loop: read, update the controllers, apply the safety gate, write."""
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,15 +24,15 @@ from hal.types import FloatArray, JointLimits, JointState, far_outside
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""The share of the longest time behind the reading that is left after one more cycle."""
+"""Factor by which the longest time after the read decays in each cycle."""
 LEAST_RESERVE: Final = 0.1
-"""The share of the period that reading leaves to the other steps, however short they have been."""
+"""Minimum share of the period that the read leaves to the other steps, even if they were shorter so far."""
 
 
 class ControlLoop:
-    """One thread owns the loop. ``step`` runs one cycle and is what tests call; ``run`` only paces it.
+    """The fixed-rate loop, owned by one thread.
 
-    ``keep_alive``: the loop goes on when the last component is lost, and waits for a client to activate it again.
+    ``step`` runs one cycle, which is enough for tests. ``run`` calls ``step`` at the fixed rate.
     """
 
     def __init__(
@@ -47,6 +47,18 @@ class ControlLoop:
         keep_alive: bool = False,
         background_worker: BackgroundWorker = run_at_once,
     ) -> None:
+        """Create a loop whose hardware and controllers are still inactive.
+
+        Args:
+            hardware: All hardware components, with m command interfaces.
+            manager: The controller manager.
+            limits: Limits of each joint, by joint name.
+            clock: Clock that paces the loop.
+            period_s: Period of the loop, in seconds.
+            on_cycle: Called at the end of each cycle with the measured joint state.
+            keep_alive: Whether the loop continues after the last component is lost, until a client activates it again.
+            background_worker: Runs work that takes longer than a cycle.
+        """
         self.hardware = hardware
         hardware.doubt_leaps(limits)
         self.manager = manager
@@ -56,9 +68,9 @@ class ControlLoop:
         self.requests = Requests()
         split = [name.rpartition("/") for name in self.hardware.command_interfaces]
         self.limits = tuple(limits[joint] for joint, _, _ in split)
-        """The limits of each command interface's joint."""
+        """Limits of the joint of each command interface."""
         self.kinds = tuple(kind for _, _, kind in split)
-        """The kind of each command interface: position, velocity or effort."""
+        """Kind of each command interface: position, velocity or effort."""
         self._joint = [self.hardware.joints.index(joint) for joint, _, _ in split]
         self._is_position = np.array([kind == "position" for kind in self.kinds], dtype=bool)
         self.command: FloatArray = np.where(self._is_position, np.nan, 0.0)
@@ -70,11 +82,11 @@ class ControlLoop:
         self._gated: dict[int, str] = {}
         self._drives_speeds = "velocity" in self.kinds
         self._measured: FloatArray | None = None
-        """The position of each command interface's joint, where the gate needs it."""
+        """Position of the joint of each command interface, if the gate needs it."""
         self._due_s: float | None = None
-        """When the cycle was to begin, where ``run`` paces it."""
+        """Time at which the current cycle was due, or None if ``run`` does not pace the loop."""
         self._after_read_s = 0.0
-        """How long the steps behind the reading have taken of late."""
+        """Longest recent duration of the steps after the read, in seconds."""
         self.on_cycle = on_cycle
         self._keep_alive = keep_alive
         self.component_transitions = ComponentTransitions(
@@ -82,9 +94,16 @@ class ControlLoop:
         )
 
     def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool | None = None) -> None:
-        """Activate the hardware where it stands, except the components named; then the controllers. Raises errors.
+        """Activate the hardware at its current position, then the controllers.
 
-        ``keep_alive``: whether a component that cannot be activated stays inactive, instead; None: as the loop's own.
+        Args:
+            keep_inactive: Names of components that stay inactive.
+            keep_alive: Whether a component that cannot be activated stays inactive instead of raising its error.
+                None uses the setting of the loop.
+
+        Raises:
+            ActivationError: A joint cannot be commanded at its current position.
+            Exception: Any other error of a component or a controller. The activation is undone first.
         """
         try:
             activate_all(self.hardware, keep_inactive, self._keep_alive if keep_alive is None else keep_alive)
@@ -99,13 +118,17 @@ class ControlLoop:
             raise
 
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
-        """Command an activated component to be where it stands.
+        """Command the joints of an activated component to stay at their measured positions.
 
-        A position slightly outside the limits stays the last command: the safety gate returns from there slowly.
-        ``joints``: these alone; the others keep their last command.
+        A position slightly outside the limits is kept as the last command. The safety gate returns the joint slowly.
+
+        Args:
+            component: The activated component.
+            state: Latest joint state of the hardware.
+            joints: Names of the joints to take over; the others keep their last command. None takes over all joints.
 
         Raises:
-            ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
+            ActivationError: The position of a joint is unknown, not confirmed, or far outside its limits.
         """
         own, first = component.commands, component.joints.start
         limits, held = self.limits[own], self._is_position[own]
@@ -132,17 +155,24 @@ class ControlLoop:
         self.command = command
 
     def _resume(self, controllers: Sequence[str], state: JointState) -> None:
-        """Activate controllers again that a transition has ended."""
+        """Activate controllers again that a transition has deactivated."""
         if controllers:
             self.manager.activate_each(controllers, state, self.within_limits)
 
     @property
     def within_limits(self) -> FloatArray:
-        """The last command with its positions within the limits, shape (m,): controllers begin from there."""
+        """Last command, shape (m,), with positions clipped to the limits. Controllers start from this command."""
         return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
-        """Run one cycle."""
+        """Run one cycle.
+
+        Returns:
+            Joint state measured in this cycle.
+
+        Raises:
+            Exception: Error of the last component, if it is lost and the loop is not kept alive.
+        """
         transitions = self.component_transitions
         if self.requests.inbox:
             self.requests.serve()
@@ -151,12 +181,12 @@ class ControlLoop:
         state = self.hardware.read(self._read_deadline_s())
         read_s = self.clock.now()
         if state.faults or self.figures.unmeasured_in_a_row:
-            self.figures.look_for_measurements(state, self.hardware)
+            self.figures.count_unmeasured(state, self.hardware)
         if self._drives_speeds:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:
             transitions.after_read(state)
-        # The time of the measurement is the cycle's time: what is compared with it must be as old.
+        # The cycle uses the time of the measurement, because controllers compare their commands with the measurement.
         wanted = self.manager.cycle.update(state, self.command, state.stamp_s, self.period_s)
         self.send(wanted)
         if transitions.leaving or self.hardware.failures:
@@ -166,34 +196,42 @@ class ControlLoop:
         return state
 
     def _read_deadline_s(self) -> float:
-        """Until when to wait for the measurements: all that the cycle has left but what its other steps need.
+        """Return the time until which the read may wait. The rest of the cycle is reserved for the other steps.
 
-        A cycle that woke late has less, yet never less than half a period: the next one is late then, too.
+        A late cycle has less time, but it may still last half a period. The next cycle may then be late, too.
         """
         now_s, period_s = self.clock.now(), self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
         return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
 
     def _show(self, state: JointState) -> None:
-        """An observer that fails must not end the cycle."""
+        """Call ``on_cycle``. An error in it must not end the cycle."""
         try:
             self.on_cycle(state)
         except Exception:
             if not self.figures.observer_errors:
-                LOG.exception("the observer of the cycle failed; the loop goes on")
+                LOG.exception("the on_cycle callback failed; the loop continues")
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command to the hardware through the gate, the only way there. ``wanted`` has shape (m,)."""
+        """Send a command to the hardware through the safety gate. No other method writes commands.
+
+        Args:
+            wanted: Command for the end of the coming period, shape (m,).
+        """
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
-        # What was never measured or commanded is NaN still, and the components leave that out.
+        # The command of a joint that was never measured or commanded is still NaN. Components skip it.
         self.previous_command, self.command = self.command, gated.values
         self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Run cycles at the fixed rate until ``stop`` says so."""
+        """Run cycles at the fixed rate.
+
+        Args:
+            stop: Called before each cycle; the loop ends when it returns True.
+        """
         due_s = self.clock.now()
         while not stop():
             self.clock.sleep_until(due_s)
@@ -202,7 +240,7 @@ class ControlLoop:
             due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s)
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
-        """Log the gate's changes once, not in every cycle of an episode."""
+        """Log each change by the gate once, not in every cycle in which it continues."""
         if new := sorted(reasons.keys() - self._gated.keys()):
             log_gate({self.hardware.command_interfaces[index]: reasons[index] for index in new})
         self._gated = reasons

@@ -1,4 +1,4 @@
-"""Parameters of nodes in general; those of a controller stand beside the controller."""
+"""Define the base class for node parameters. Each controller defines its own parameters next to its code."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
-"""A number of a user's own controller, of whatever kind."""
+"""A finite number of at least 0, for parameters of user-written controllers."""
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yields the dotted name of each value that a ROS parameter cannot have, and the mistake."""
+    """Yield the dotted name of each value that a ROS parameter cannot have, with a description of the mistake."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if not all(name.split(".")):
@@ -27,27 +27,34 @@ def _value_mistake(value: Any) -> str | None:
     parts = value if isinstance(value, list | tuple) else [value]
     kinds = {type(part) for part in parts}
     if value is None:
-        return "has no value: give it one, or take it out"
+        return "has no value: set one or remove the parameter"
     if strange := kinds - {bool, int, float, str}:
-        return f"has a value of type {strange.pop().__name__}, which no ROS parameter has: write numbers or texts"
+        return f"has a value of type {strange.pop().__name__}, which ROS parameters do not support: use numbers or text"
     if len(kinds) > 1:
         mixed = " and ".join(sorted(kind.__name__ for kind in kinds))
-        return f"mixes {mixed} in one list: write all in the same way, for instance 0.0 instead of 0"
+        return f"mixes {mixed} in one list: use one type for all elements, for example 0.0 instead of 0"
     if kinds == {int} and not all(-(2**63) <= part < 2**63 for part in parts):
-        return "is larger than any whole number of ROS: correct it"
+        return "is outside the 64-bit integer range of ROS parameters: use a smaller number"
     return None
 
 
 class Parameters(BaseModel):
-    """Parameters of a node, under ros2_control's names."""
+    """Parameters of a node. Names match those of ros2_control."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     @classmethod
     def as_far_as_given(cls, values: Mapping[str, Any]) -> Self:
-        """The parameters; where required ones are not among ``values``, without these: see ``missing``.
+        """Build parameters from values, even if required ones are missing. See ``missing``.
 
-        Raises pydantic's ValidationError for every other mistake.
+        Args:
+            values: Values by parameter name.
+
+        Returns:
+            The parameters. Missing required parameters are not set.
+
+        Raises:
+            pydantic.ValidationError: A value is invalid.
         """
         try:
             return cls.model_validate(dict(values))
@@ -57,23 +64,28 @@ class Parameters(BaseModel):
         return cls.model_construct(**values)
 
     def missing(self) -> tuple[str, ...]:
-        """Required parameters that nobody has given yet. Until then no controller can be built from the others."""
+        """Return the names of required parameters without a value. A controller cannot be built before they are set."""
         fields = type(self).model_fields
         return tuple(name for name, field in fields.items() if field.is_required() and name not in self.__dict__)
 
     def claims(self) -> tuple[str, ...]:
-        """The command interfaces that the controller claims while it is active, such as ``joint1/position``."""
+        """Return the command interfaces that the controller claims while active, such as ``joint1/position``."""
         return ()
 
     def unused(self) -> list[str]:
-        """Parameters without effect. Unknown ones may be upstream's: they are named in the log, not refused."""
+        """Return the names of unknown parameters, which have no effect.
+
+        They are logged but not rejected, because ros2_control may know them.
+        """
         return sorted(self.model_extra or {})
 
 
 class ManagerParameters(Parameters):
     """Parameters of the controller manager itself."""
 
-    update_rate: UpdateRate = 100  # upstream's default
+    update_rate: UpdateRate = 100  # ros2_control's default
     max_message_size: MaxMessageSize = 2_000_000
-    """Bytes in memory of the largest goal, command or request that is read; larger ones are refused. With 2 MB, goals
-    have up to 5000 points of twelve joints with velocities and accelerations."""
+    """Maximum size of a goal, command or request, in bytes of memory. Larger messages are rejected.
+
+    In 2 MB, a goal can have up to 5000 points for twelve joints, with velocities and accelerations.
+    """

@@ -81,7 +81,7 @@ class ForwardCommandController:
         if wanted is not None:
             self._go(wanted)
         self.command = within_reach(self._goal, self.command, self._velocity, period_s)
-        self._settling.look(self._goal, self.command, state, period_s)
+        self._settling.update(self._goal, self.command, state, period_s)
 
     def settled(self) -> bool:
         return self._settling.settled and not self._inbox

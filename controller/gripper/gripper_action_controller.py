@@ -101,7 +101,7 @@ class GripperActionController:
         self._refuse_waiting()
         self._follow(plan_stop(Kinematics.at_rest(command), (self._limits,)))
         self._last_s = state.stamp_s
-        self._unmeasured.forget()
+        self._unmeasured.reset()
         self.command = command.copy()
         self._settling.begin()
         self.state = None
@@ -132,7 +132,7 @@ class GripperActionController:
         goal = self._sample(period_s).position
         self.command = within_reach(goal, self.command, self._velocity, period_s)
         if self._elapsed_s >= self._duration_s:
-            self._settling.look(goal, self.command, state, period_s)
+            self._settling.update(goal, self.command, state, period_s)
 
     @property
     def _duration_s(self) -> float:

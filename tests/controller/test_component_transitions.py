@@ -257,7 +257,7 @@ def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
     written = len(two.hand.written)
     two.cycle(3)
     assert len(two.hand.written) == written
-    with pytest.raises(Exception, match="hand is finalized, which is its end"):
+    with pytest.raises(Exception, match="hand is finalized for good"):
         two.set(ACTIVE).result()
 
 
@@ -621,7 +621,7 @@ def test_a_joint_that_never_says_whether_it_has_torque_is_named() -> None:
     arm.unanswered = [frozenset({"elbow"})] * 100
     change = two.loop.component_transitions.ask("arm", ACTIVE)
     two.cycle(10)
-    with pytest.raises(LifecycleError, match=r"^arm: elbow does not say whether it has torque"):
+    with pytest.raises(LifecycleError, match=r"^arm: elbow did not report whether torque is enabled"):
         change.result()
     assert two.active() == ["shoulder", "elbow", "finger"]
 

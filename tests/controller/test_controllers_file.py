@@ -161,11 +161,11 @@ def test_parameters_of_upstream_that_are_not_used_are_named(tmp_path: Path, capl
 MISTAKES = {
     "an unknown joint": (
         ("[joint1, joint2]", "[joint1, joint7]"),
-        ["arm_controller.joints names joint7, which takes no commands in the URDF's <ros2_control> block"],
+        ["arm_controller.joints names joint7, which has no command_interface in the URDF's <ros2_control> block"],
     ),
     "a joint without command interface": (
         ("[right]", "[left]"),
-        ["hand_controller.joints names left, which takes no commands"],
+        ["hand_controller.joints names left, which has no command_interface"],
     ),
     "a joint twice": (("[joint1, joint2]", "[joint1, joint1]"), ["arm_controller.joints names joint1 twice"]),
     "an unknown type": (
@@ -174,14 +174,17 @@ MISTAKES = {
     ),
     "a name that no ROS node can have": (
         ("    hand_controller:\n", "    hand-2:\n"),
-        ["hand-2 cannot be a controller's name: ROS nodes' names are letters, digits and _, and begin with no digit"],
+        ["hand-2 is not a valid controller name: use letters, digits and _, and do not start with a digit"],
     ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
     "joints forgotten": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),
     "an interface that we have not": (
         ("interface_name: position", "interface_name: effort"),
-        ["hand_controller.joints wants right/effort, which is no command_interface of the URDF's <ros2_control> block"],
+        [
+            "hand_controller.joints needs right/effort, "
+            "which is not a command_interface in the URDF's <ros2_control> block"
+        ],
     ),
     "a rate of zero": (("update_rate: 20", "update_rate: 0"), ["controller_manager.update_rate: "]),
     "a rate beyond reason": (("update_rate: 20", "update_rate: 100000"), ["controller_manager.update_rate: "]),
@@ -196,11 +199,11 @@ MISTAKES = {
     ),
     "a wait for nobody": (
         ("    joints: [joint1", "    wait_for: [hand_controler]\n    joints: [joint1"),
-        ["arm_controller.wait_for names hand_controler, which is no other controller of this file"],
+        ["arm_controller.wait_for names hand_controler, which is not another controller in this file"],
     ),
     "a wait for itself": (
         ("    joints: [joint1", "    wait_for: [arm_controller]\n    joints: [joint1"),
-        ["arm_controller.wait_for names arm_controller, which is no other controller of this file"],
+        ["arm_controller.wait_for names arm_controller, which is not another controller in this file"],
     ),
     "a negative tolerance": (
         ("    joints: [joint1", "    constraints: {joint1: {goal: -0.1}}\n    joints: [joint1"),
@@ -270,7 +273,7 @@ def test_several_may_want_a_joint_because_one_at_a_time_has_it(tmp_path: Path) -
 def test_a_spawner_may_bring_all_controllers(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     file = load(tmp_path, "controller_manager: {ros__parameters: {update_rate: 20, overruns: {manage: true}}}")
     assert file.controllers == ()
-    assert "controller_manager names no controllers: a spawner has to bring them" in caplog.text
+    assert "controller_manager lists no controllers: load them with a spawner" in caplog.text
 
 
 SAID_OF_ALL = """
@@ -360,7 +363,7 @@ def test_later_files_count_more_and_the_controllers_file_and_defaults_least(tmp_
             "wrist",
             HAND_TYPE,
             "hand: {ros__parameters: {}}",
-            "more0.yaml says nothing of wrist: give it a section 'wrist: ",
+            "more0.yaml has no section for wrist: add 'wrist: ",
         ),
         (
             "wrist",
@@ -373,7 +376,7 @@ def test_later_files_count_more_and_the_controllers_file_and_defaults_least(tmp_
             "wrist",
             HAND_TYPE,
             "wrist:\n  ros__parameters:\n    interface_name: position\n    joints: [joint9]",
-            "more0.yaml:4: wrist.joints names joint9, which takes no commands",
+            "more0.yaml:4: wrist.joints names joint9, which has no command_interface",
         ),
     ],
 )
@@ -403,9 +406,9 @@ def test_the_house_files_are_right() -> None:
         ("'': 1", ":15: arm_controller. has an empty name: give the parameter a name"),
         ("own: {'': 1}", ":15: arm_controller.own. has an empty name"),
         ("own..part: 1", "arm_controller.own. has an empty name"),
-        ("own: [1, 2.0]", ":15: arm_controller.own mixes float and int in one list: write all in the same way"),
-        ("own: [[1, 2]]", ":15: arm_controller.own has a list or a mapping within a list, which no"),
-        ("own: [{a: 1}]", ":15: arm_controller.own has a list or a mapping within a list, which no"),
+        ("own: [1, 2.0]", ":15: arm_controller.own mixes float and int in one list: use one type for all elements"),
+        ("own: [[1, 2]]", ":15: arm_controller.own has a list or a mapping within a list: ROS"),
+        ("own: [{a: 1}]", ":15: arm_controller.own has a list or a mapping within a list: ROS"),
         ("own:", ":15: arm_controller.own has no value"),
     ],
 )
@@ -433,7 +436,7 @@ def test_a_list_of_command_interfaces_with_position_uses_position(
     file = load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [position, velocity]"))
     assert file.controllers[1].parameters.claims() == ("joint1/position", "joint2/position")
     assert caplog.text.count("arm_controller: not used: command_interfaces: velocity") == 1
-    with pytest.raises(ControllersFileError, match=r"'position' is not among velocity: write \[position\]"):
+    with pytest.raises(ControllersFileError, match=r"'position' is missing in \[velocity\]: use \[position\]"):
         load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [velocity]"))
 
 
@@ -441,7 +444,7 @@ def test_an_outdated_type_is_named_and_the_others_are_loaded(tmp_path: Path, cap
     old = "joint_state_controller/JointStateController"
     file = load(tmp_path, PLAIN.replace("joint_state_broadcaster/JointStateBroadcaster", old))
     assert [one.name for one in file.controllers] == ["arm_controller", "hand_controller"]
-    assert f"its type {old} is outdated: write joint_state_broadcaster/JointStateBroadcaster" in caplog.text
+    assert f"its type {old} is outdated: use joint_state_broadcaster/JointStateBroadcaster" in caplog.text
 
 
 @pytest.mark.parametrize("named", ["    hand_controller: {}\n", ""])
@@ -477,7 +480,7 @@ def test_parameter_files_and_arguments_of_the_entry_count_as_the_spawners(tmp_pa
             ":9: controller_manager.hand_controller cannot be loaded: hand_contr",
         ),
         ("fallback_controllers: [nope]", ":11: controller_manager.hand_controller.fallback_controllers names nope"),
-        ("fallback_controllers: hand_controller", "fallback_controllers names hand_controller, which is no other"),
+        ("fallback_controllers: hand_controller", "fallback_controllers names hand_controller, which is not another"),
     ],
 )
 def test_mistakes_in_an_entry_of_the_manager(tmp_path: Path, line: str, says: str) -> None:

@@ -23,7 +23,7 @@ def looked(command: float, *states: JointState) -> list[bool]:
     settling.command_changed()
     settled = []
     for seen in states:
-        settling.look(np.array([command]), np.array([command]), seen, PERIOD_S)
+        settling.update(np.array([command]), np.array([command]), seen, PERIOD_S)
         settled.append(settling.settled)
     return settled
 
@@ -60,5 +60,5 @@ def test_a_joint_that_is_not_measured_has_neither_stalled_nor_arrived() -> None:
 
 def test_who_was_told_nothing_has_settled() -> None:
     settling = Settling(["finger"], [LIMITS], [1])
-    settling.look(np.array([0.5]), np.array([0.5]), state(0.0, 0.5), PERIOD_S)
+    settling.update(np.array([0.5]), np.array([0.5]), state(0.0, 0.5), PERIOD_S)
     assert settling.settled

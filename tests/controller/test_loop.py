@@ -190,7 +190,7 @@ def test_a_cycle_without_a_measurement_is_counted_and_not_on_time(caplog: pytest
     loop.step()
     assert (loop.figures.unmeasured, loop.figures.summary) == (6, "6 cycles without a measurement")
     assert "no joint has been measured" not in caplog.text
-    assert caplog.text.count("joints are measured again, after 3 cycles") == 2
+    assert caplog.text.count("joints are measured again after 3 cycles") == 2
 
 
 def test_where_a_joint_is_measured_the_log_tells_of_no_episode(caplog: pytest.LogCaptureFixture) -> None:
@@ -394,8 +394,8 @@ def test_a_loop_that_misses_all_the_time_says_so_once_a_second(caplog: pytest.Lo
     loop.run(lambda: loop.figures.cycles == 16)
     assert caplog.messages == [
         "missed 1 cycle: the loop was 0 ms late, busy 70 ms",
-        "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last such line)",
-        "missed 1 cycle: the loop was 0 ms late, busy 70 ms (10 more since the last such line)",
+        "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last warning)",
+        "missed 1 cycle: the loop was 0 ms late, busy 70 ms (10 more since the last warning)",
     ]
 
 
@@ -440,7 +440,7 @@ def test_an_episode_of_one_cycle_without_a_measurement_is_told_at_its_end(caplog
     loop.step()
     hardware.faults = {}
     loop.step()
-    assert caplog.messages == ["joints are measured again, after 1 cycle without a measurement"]
+    assert caplog.messages == ["joints are measured again after 1 cycle without a measurement"]
 
 
 def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: pytest.LogCaptureFixture) -> None:
@@ -458,7 +458,7 @@ def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: p
     for _ in range(3):
         loop.step()
     assert len(seen) == loop.figures.observer_errors == 3
-    assert caplog.messages == ["the observer of the cycle failed; the loop goes on"]
+    assert caplog.messages == ["the on_cycle callback failed; the loop continues"]
 
 
 def test_a_velocity_brakes_before_the_end_of_the_measured_range() -> None:

@@ -82,7 +82,9 @@ def test_what_is_refused_changes_nothing(what, text: str) -> None:  # type: igno
 def test_what_the_hardware_has_not_cannot_be_commanded() -> None:
     manager = managing()
     manager.registry.load(ControllerSpec("p", "test", Parameters()))
-    with pytest.raises(ClaimError, match=r"p commands d/position, which the hardware has not \(it has a/position, b/"):
+    with pytest.raises(
+        ClaimError, match=r"p claims d/position, which the hardware does not have \(it has a/position, b/"
+    ):
         manager.registry.configure("p", Puppet("p", "a", "d"))
     assert states(manager) == {"p": UNCONFIGURED}
 
@@ -185,7 +187,7 @@ def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_join
     manager = managing(Short("short", "a", "b"), active=["short"])
     assert cycle(manager) == HELD.tolist()
     assert states(manager) == {"short": INACTIVE}
-    assert "a command of shape (1,) for 2 interfaces" in caplog.text
+    assert "the command has shape (1,), expected (2,)" in caplog.text
 
 
 def test_the_fallback_takes_over_from_the_next_cycle_on() -> None:
@@ -220,7 +222,9 @@ def test_release(interfaces: set[str], with_states: bool, left: set[str], caplog
     manager = managing(Puppet("p", "a"), Puppet("q", "b"), active=["p", "q"])
     manager.release(interfaces, "the bus is gone", with_states)
     assert {name for name, state in states(manager).items() if state is ACTIVE} == left
-    assert ("p is deactivated, it uses a/" in caplog.text and "the bus is gone" in caplog.text) == ("p" not in left)
+    assert ("p is deactivated because it uses a/" in caplog.text and "the bus is gone" in caplog.text) == (
+        "p" not in left
+    )
 
 
 def test_one_that_cannot_be_deactivated_does_not_keep_the_others_active() -> None:

@@ -143,7 +143,7 @@ def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(
 def test_a_module_that_python_has_itself_is_named_with_the_remedy(site: Path) -> None:
     install(site, "wave", block("python"), "joint_wave/Wave = wave:Wave")
     look_for_plugins_again()
-    with pytest.raises(ControllersFileError, match=r"Python's own module wave is found instead: rename wave\.py"):
+    with pytest.raises(ControllersFileError, match=r"Python imports its own module wave instead: rename wave\.py"):
         made(site / "controllers.yaml", block("yaml"))
 
 
@@ -153,7 +153,7 @@ def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> N
     assert "joint_wave/Wave" not in manager_client.controller_types()
     refused, forced = manager_client.reload(force=False), manager_client.reload(force=True)
     cycles(loop, 1)
-    with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or force it"):
+    with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or use force"):
         refused.result()
     forced.result()
     assert (dict(manager.registry.loaded), "joint_wave/Wave" in manager_client.controller_types()) == ({}, True)
@@ -190,5 +190,5 @@ def test_a_switch_that_comes_too_late_is_not_done() -> None:
 @pytest.mark.parametrize("name", ["spare-arm", "2nd", "a/b", "bräter"])
 def test_a_name_that_no_ros_node_can_have_is_refused(name: str) -> None:
     manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
-    with pytest.raises(ManagerError, match=f"^{name} cannot be a controller's name: ROS nodes' names are letters"):
+    with pytest.raises(ManagerError, match=f"^{name} is not a valid controller name: use letters, digits and _"):
         manager_client.load(name, Settings("joint_wave/Wave"))

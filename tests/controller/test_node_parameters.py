@@ -23,7 +23,7 @@ def test_parameters_in_arguments(arguments: list[str], found: dict[str, Any]) ->
 
 
 def test_an_argument_that_is_no_yaml_is_told() -> None:
-    with pytest.raises(ValueError, match=r"arm gets the argument '-p joints:=\[a', whose value is no YAML"):
+    with pytest.raises(ValueError, match=r"arm: the value in the argument '-p joints:=\[a' is not valid YAML"):
         parameters_in(["-p", "joints:=[a"], "arm")
 
 

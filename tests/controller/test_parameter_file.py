@@ -93,15 +93,15 @@ def test_values_have_the_types_of_rcl(tmp_path: Path, text: str, value: Any) -> 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("arm:\n  ros_parameters:\n    joints: [a]", ":3: arm/ros_parameters.joints: a value stands outside ros__"),
+        ("arm:\n  ros_parameters:\n    joints: [a]", ":3: arm/ros_parameters.joints: this value is outside ros__"),
         ("arm:\n  ros__parameters: {a: [0, -0.35]}", ":2: arm.a mixes float and int in one list"),
         ("arm:\n  ros__parameters:\n    a:", ":3: arm.a has no value"),
         ("arm:\n  ros__parameters: 7", ":2: arm.ros__parameters: this is not a mapping"),
-        ("ros__parameters: {a: 1}", ":1: nothing is not the name of a node"),
+        ("ros__parameters: {a: 1}", ":1: '' is not a valid node name"),
         ("arm: {ros__parameters: {a: &x 1, b: *x}}", ":1: an alias"),
         ("arm: {ros__parameters: {a: [[1]]}}", ":1: arm.a has a list or a mapping within a list"),
         ("arm: {ros__parameters: {'': 1}}", ":1: arm. has an empty name"),
-        ("a b: {ros__parameters: {c: 1}}", ":1: a b is not the name of a node"),
+        ("a b: {ros__parameters: {c: 1}}", ":1: 'a b' is not a valid node name"),
         ("? [a]\n: 1", "a list or a mapping cannot be a key"),
         ("", ":1: this is not a mapping"),
     ],

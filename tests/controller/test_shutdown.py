@@ -85,7 +85,7 @@ def test_after_a_controllers_bug_it_still_stops_and_parks(where: str, relax: boo
     if where in ("deactivate", "both"):
         bench.arm.deactivate = failing_with(error)  # type: ignore[method-assign]
     problems = shut_down(bench.loop, relax, PARK, SCALE)
-    expected = ["could not end the controllers: a controller's bug"] if where == "deactivate" else []
+    expected = ["could not deactivate the controllers: a controller's bug"] if where == "deactivate" else []
     assert problems == expected
     assert last_calls(bench) == ["relax" if relax else "hold", "cleanup"]
     assert (np.abs(bench.path()[-1][:2] - [-0.5, 0.5]).max() < 1e-6) == relax
@@ -197,7 +197,7 @@ def test_a_joint_that_released_just_before_the_end_is_not_said_to_hold(caplog: p
 def test_an_arm_that_never_came_up_is_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench()
     bench.hardware.configure()
-    assert final_state(bench, caplog, relax=True) == "scripted was not active: its torque is as it was"
+    assert final_state(bench, caplog, relax=True) == "scripted was not active: its torque is unchanged"
 
 
 @pytest.mark.parametrize(

@@ -168,7 +168,7 @@ def test_a_component_that_cannot_even_be_given_up_is_finalized_for_good(
         hand.withdraw()
         for label in ("active", "inactive", "unconfigured"):
             assert set_state(client, "hand", label=label) == (False, "finalized")
-        told = "hand is not set active: hand is finalized, which is its end: start the stack anew"
+        told = "hand is not set active: hand is finalized for good: restart the stack to use it"
         client.spin_until(lambda: told in stack.words)
         assert set(interfaces(client, "hand").values()) == {(False, False)}
         states = controllers(client)

@@ -68,7 +68,7 @@ def test_what_makes_no_sense_is_refused_when_it_is_set_or_configured(
     assert "thumb.joints names hand_right_joint twice" in stack.words
     assert client.put("/thumb", "joints", ["elbow"]) == ""
     assert not client.configure("thumb")
-    assert "thumb.joints names elbow, which takes no commands in the URDF" in stack.words
+    assert "thumb.joints names elbow, which has no command_interface in the URDF" in stack.words
     assert client.states() == {"thumb": "unconfigured"}
 
 

@@ -221,9 +221,7 @@ def test_a_value_of_an_unknown_type_is_answered(client: ManagerClient, stack: St
 @pytest.mark.parametrize("wrong", [math.nan, 5, True, [1.0, 2.0], ["a/B"]])
 def test_a_type_that_is_no_text_is_refused_and_the_controller_can_be_loaded(client: ManagerClient, wrong: Any) -> None:
     reason = client.put(MANAGER, "odd.type", wrong)
-    assert reason.startswith("odd.type is ") and reason.endswith(
-        "which is not a type of controllers: write one as a text"
-    )
+    assert reason.startswith("odd.type is ") and reason.endswith("which is not a controller type: write it as a string")
     assert client.put(MANAGER, "odd.type", "no/Such") == "" and not client.load("odd")
     assert client.put(MANAGER, "odd.type", FORWARD) == "" and client.load("odd")
 
@@ -233,5 +231,5 @@ def test_a_setting_may_be_a_text_and_then_a_list(client: ManagerClient) -> None:
         assert client.put(MANAGER, "other.params_file", value) == ""
         assert client.get(MANAGER, "other.params_file") == [value]
     assert client.put(MANAGER, "other.node_options_args", 5) == (
-        "other.node_options_args is 5: write a text, or a list of texts in quotes"
+        "other.node_options_args is 5: use a string or a list of quoted strings"
     )

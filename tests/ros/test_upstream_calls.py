@@ -106,7 +106,7 @@ def test_a_node_argument_that_is_no_yaml_is_refused_in_words(
         assert client.set_from_text(MANAGER, f"arm.{key}", str(value))
     assert client.set_from_text(MANAGER, "arm.type", TRAJECTORY)
     assert not client.load("arm")
-    assert "arm gets the argument '-p joints:=[joint1', whose value is no YAML" in stack.words
+    assert "arm: the value in the argument '-p joints:=[joint1' is not valid YAML" in stack.words
 
 
 def test_node_arguments_take_a_whole_number_for_any_number(client: ManagerClient, files: Path) -> None:
