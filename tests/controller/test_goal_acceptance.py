@@ -40,8 +40,8 @@ def goal(*points: GoalPoint, joints: tuple[str, ...] = JOINTS, delay_s: float = 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
 
 FAR = (
-    "the trajectory would end {} s from now, and the most is 3600 s: the points' times count from its start, "
-    "and its stamp by the stack's clock (simulated time where /clock has it)"
+    "the trajectory would end {} s from now, but the maximum is 3600 s: check that its point times start at 0 "
+    "and that its stamp uses the stack's clock (or /clock in simulated time)"
 )
 ORDINARY = Allowed()
 
@@ -225,10 +225,10 @@ def test_tolerances_of_a_goal(
 @pytest.mark.parametrize(
     ("asked", "text"),
     [
-        (Tolerances({"joint1": -2.0}), "-2.0 is no tolerance"),
-        (Tolerances({}, {"joint1": -0.5}), "-0.5 is no tolerance"),
-        (Tolerances({}, {}, -2.0), "-2.0 is no tolerance"),
-        (Tolerances({"joint1": NAN}), "nan is no tolerance"),
+        (Tolerances({"joint1": -2.0}), "-2.0 is not a valid tolerance"),
+        (Tolerances({}, {"joint1": -0.5}), "-0.5 is not a valid tolerance"),
+        (Tolerances({}, {}, -2.0), "-2.0 is not a valid tolerance"),
+        (Tolerances({"joint1": NAN}), "nan is not a valid tolerance"),
         (Tolerances({"foo": 0.1}), "joint 'foo' specified in goal.path_tolerance does not exist"),
         (Tolerances({}, {"foo": 0.1}), "joint 'foo' specified in goal.goal_tolerance does not exist"),
     ],

@@ -58,7 +58,7 @@ def test_a_goal_that_asks_too_much_takes_longer_and_says_so(caplog: pytest.LogCa
     handle = bench.send(to(1.9, 0.0, after_s=0.1))
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert handle.error_text.startswith(f"{REACHED} The limits stretched it from 0.10 s to ")
+    assert handle.error_text.startswith(f"{REACHED} The limits stretched the motion from 0.10 s to ")
     assert "stretch the motion from 0.10 s to" in caplog.text
     assert_smooth(bench.path())
 

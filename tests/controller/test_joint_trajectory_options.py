@@ -67,7 +67,7 @@ def test_splines_that_are_too_fast_are_stretched_and_say_so() -> None:
     bench = bench_with(interpolation_method="splines")
     handle = bench.send(to(1.6, 0.0, after_s=0.1))
     finish(bench, handle)
-    assert handle.error_text.endswith("The limits stretched it from 0.10 s to 0.40 s.")
+    assert handle.error_text.endswith("The limits stretched the motion from 0.10 s to 0.40 s.")
     assert np.abs(speeds(bench.path())).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
 
 

@@ -93,7 +93,9 @@ def test_too_little_time_is_stretched_and_the_result_says_so(ours: TrajectoryCli
     before = ours.now()
     status, code, text = ours.outcome(ours.send(goal_of(T(only))))
     assert (status, code) == (SUCCEEDED, 0)
-    assert text.startswith(f"{REACHED} The limits stretched it from {max(seconds(only.time_from_start), 0.0):.2f} s to")
+    assert text.startswith(
+        f"{REACHED} The limits stretched the motion from {max(seconds(only.time_from_start), 0.0):.2f} s to"
+    )
     ours.cycles(2)
     assert largest_step_rad(ours.states[before:]) <= LARGEST_STEP_RAD
     assert list(ours.states[-1].output.positions) == pytest.approx(list(only.positions), abs=1e-6)
