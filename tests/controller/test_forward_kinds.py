@@ -86,7 +86,7 @@ def test_the_plain_kind_takes_each_interface(interface: str) -> None:
 
 def test_a_time_out_means_nothing_to_positions() -> None:
     parameters = ForwardParameters(joints=JOINTS, interface_name="position", command_timeout=1.0)
-    assert parameters.unused() == ["command_timeout (a position is held)"]
+    assert parameters.unused() == ["command_timeout (positions have no timeout)"]
     assert ForwardParameters(joints=JOINTS, interface_name="velocity", command_timeout=1.0).unused() == []
 
 
@@ -160,7 +160,7 @@ def test_the_time_out_can_be_set_while_it_runs() -> None:
 def test_a_time_out_of_positions_cannot_be_set() -> None:
     parameters = ForwardParameters(joints=JOINTS, interface_name="position")
     made: Any = ForwardCommandController.build("plain", parameters, context())
-    with pytest.raises(ValueError, match="a position is held"):
+    with pytest.raises(ValueError, match="positions have no timeout"):
         made.reconfigure(parameters)
 
 

@@ -123,7 +123,10 @@ def test_the_velocity_is_bounded_by_goal_parameter_and_joint(asked: float, param
         (GripperGoal(-0.01), "position -0.01 is outside the limits 0 to 0.05 of finger"),
         (GripperGoal(0.01, NAN), "max velocity nan for finger: it must be finite and not negative"),
         (GripperGoal(0.01, -1.0), "max velocity -1.0 for finger: it must be finite and not negative"),
-        (GripperGoal(0.01, 0.001), "max velocity 0.001 would count as a stall, which begins at 0.001: ask for more"),
+        (
+            GripperGoal(0.01, 0.001),
+            "max velocity 0.001 is not above the stall_velocity_threshold 0.001: use a higher velocity",
+        ),
         (GripperGoal(0.01, 0.0, INF), "max effort inf for finger: it must be finite and not negative"),
         (GripperGoal(0.01, 0.0, -5.0), "max effort -5.0 for finger: it must be finite and not negative"),
         (GripperGoal(0.05, 0.1, 40.0), None),
@@ -383,7 +386,7 @@ def test_the_defaults_are_upstreams_but_for_the_velocity_which_is_the_joints() -
     [
         ({}, []),
         ({"max_effort": 10.0}, ["max_effort (torque_limit in the robot file bounds the force)"]),
-        ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the motion itself keeps to the velocity)"]),
+        ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the planned motion keeps the velocity)"]),
         ({"gains": {}}, ["gains"]),
     ],
 )
@@ -394,7 +397,7 @@ def test_what_has_no_effect_is_named(parameters: dict[str, Any], unused: list[st
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"max_effort_interface": "finger/max_effort"}, "no finger/max_effort to pass an effort to: take it out"),
+        ({"max_effort_interface": "finger/max_effort"}, "no interface finger/max_effort for efforts: remove"),
         ({"goal_tolerance": -1.0}, "goal_tolerance"),
         ({"stall_timeout": NAN}, "stall_timeout"),
         ({"action_monitor_rate": 0.01}, "action_monitor_rate"),

@@ -69,8 +69,12 @@ def test_they_are_made_and_what_has_no_effect_is_named(tmp_path: Path, caplog: p
     [
         ("joint: finger", "joint: thumb", r":9: gripper.joint names thumb, which has no command_interface"),
         ("joint: finger", "stall_timeout: 2.0", r"gripper.joint: Field required"),
-        ("max_effort: 20.0", "max_effort_interface: f/e", r":10: gripper.max_effort_interface: .*no f/e to pass"),
-        ("joints: [finger]", "joints: [thumb]", r"controllers.yaml: servos: joints names thumb: take out"),
+        (
+            "max_effort: 20.0",
+            "max_effort_interface: f/e",
+            r":10: gripper.max_effort_interface: .*no interface f/e for efforts",
+        ),
+        ("joints: [finger]", "joints: [thumb]", r"controllers.yaml: servos: joints has unknown entries thumb"),
         ("joints: [finger]", "rate: -1.0", r":13: servos.rate: "),
     ],
 )

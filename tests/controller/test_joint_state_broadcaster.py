@@ -88,7 +88,9 @@ def test_joints_and_their_order_are_upstreams(
 
 
 def test_an_interface_that_is_not_there_is_refused_with_those_that_are() -> None:
-    with pytest.raises(ValueError, match=r"wrist/velocity, wrist/effort is no state interface.*base/effort"):
+    with pytest.raises(
+        ValueError, match=r"the URDF has no state interface wrist/velocity, wrist/effort: .*base/effort"
+    ):
         broadcaster(joints=["wrist"], interfaces=["position", "velocity", "effort"])
 
 
@@ -114,7 +116,7 @@ def test_a_mapping_counts_where_only_one_of_joints_and_interfaces_is_said() -> N
     controller = broadcaster(interfaces=["effort"], map_interface_to_joint_state={"effort": "velocity"})
     sample = controller.sample(state())
     np.testing.assert_allclose(sample.effort, [0.1, -0.6, 0.3, NAN])
-    assert controller.parameters.unused() == ["interfaces (only joints and interfaces together choose)"]
+    assert controller.parameters.unused() == ["interfaces (joints and interfaces must be set together)"]
 
 
 def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_so() -> None:
@@ -142,12 +144,12 @@ def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_
     ("parameters", "unused"),
     [
         ({}, []),
-        ({"joints": ["base"]}, ["joints (only joints and interfaces together choose)"]),
-        ({"interfaces": ["position"]}, ["interfaces (only joints and interfaces together choose)"]),
+        ({"joints": ["base"]}, ["joints (joints and interfaces must be set together)"]),
+        ({"interfaces": ["position"]}, ["interfaces (joints and interfaces must be set together)"]),
         ({"update_rate": 50}, ["update_rate"]),
         (
             {"joints": ["base"], "interfaces": ["effort"], "map_interface_to_joint_state": {"effort": "load"}},
-            ["map_interface_to_joint_state.effort (effort itself is among interfaces)"],
+            ["map_interface_to_joint_state.effort (effort itself is listed in interfaces)"],
         ),
     ],
 )

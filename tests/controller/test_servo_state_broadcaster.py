@@ -77,8 +77,8 @@ def test_joints_and_interfaces_can_be_chosen() -> None:
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"joints": ["elbow"]}, "joints names elbow: take out what is not among base, wrist"),
-        ({"interfaces": ["power"]}, "interfaces names power: take out what is not among temperature, voltage"),
+        ({"joints": ["elbow"]}, "joints has unknown entries elbow: choose from base, wrist"),
+        ({"interfaces": ["power"]}, "interfaces has unknown entries power: choose from temperature, voltage"),
     ],
 )
 def test_what_is_not_there_is_refused_with_what_is(parameters: dict[str, list[str]], words: str) -> None:

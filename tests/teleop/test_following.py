@@ -209,7 +209,7 @@ def test_a_leader_far_outside_the_followers_limits_is_named_and_the_error_is_fro
 def test_a_leader_far_outside_is_named_before_anything_moves() -> None:
     rig = Rig(leader={**REST, "elbow_flex": -2.4})
     rig.person.held = False
-    assert "leader/elbow_flex takes elbow_flex to -2.40" in rig.attend(0.2)
+    assert "leader/elbow_flex would move elbow_flex to -2.40" in rig.attend(0.2)
     assert np.ptp(commands(rig), axis=0).max() == 0.0
 
 
