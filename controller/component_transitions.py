@@ -106,7 +106,7 @@ class ComponentTransitions:
         self._ended = False
 
     def ask(self, name: str, target: LifecycleState, relax: bool = False) -> ComponentTransition:
-        """Request that a component change its state. Any thread may call this method; it never waits.
+        """Request that a component change its state. Any thread may call this method. The call never waits.
 
         Args:
             name: Name of the component.

@@ -26,7 +26,7 @@ class FaultTimeout:
 
     joints: tuple[str, ...]
     cycles: dict[str, int] = field(default_factory=dict)
-    """Counts of the joints that have a fault now. While it is empty, ``lasting`` need not be called."""
+    """Counts of the joints that have a fault now. While there are no counts, ``lasting`` need not be called."""
 
     def lasting(self, faults: Mapping[str, JointFault], period_s: float) -> str | None:
         """Count one cycle. Return the texts of the faults that have lasted too long, or None."""

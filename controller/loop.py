@@ -120,7 +120,8 @@ class ControlLoop:
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
         """Command the joints of an activated component to stay at their measured positions.
 
-        A position slightly outside the limits is kept as the last command. The safety gate returns the joint slowly.
+        A position slightly outside the limits is kept as the last command. The safety gate then moves the joint slowly
+        back to its limits.
 
         Args:
             component: The activated component.
@@ -198,14 +199,14 @@ class ControlLoop:
     def _read_deadline_s(self) -> float:
         """Return the time until which the read may wait. The rest of the cycle is reserved for the other steps.
 
-        A late cycle has less time, but it may still last half a period. The next cycle may then be late, too.
+        A late cycle has less time, but may still last half a period. The next cycle may then be late, too.
         """
         now_s, period_s = self.clock.now(), self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
         return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
 
     def _show(self, state: JointState) -> None:
-        """Call ``on_cycle``. An error in it must not end the cycle."""
+        """Call ``on_cycle``. An error in the callback must not end the cycle."""
         try:
             self.on_cycle(state)
         except Exception:

@@ -134,7 +134,7 @@ def segment(
 def _check_positions(
     trajectory: Trajectory, start: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]
 ) -> None:
-    """Check the position limits, which ruckig ignores. A joint that passes a point too fast can swing beyond them."""
+    """Check the position limits, which ruckig ignores. A joint that passes a point too fast can exceed its limits."""
     lower, upper = swing_limits(start, limits)
     for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
         for reached in (swing.min, swing.max):

@@ -64,7 +64,10 @@ class Parameters(BaseModel):
         return cls.model_construct(**values)
 
     def missing(self) -> tuple[str, ...]:
-        """Return the names of required parameters without a value. A controller cannot be built before they are set."""
+        """Return the names of required parameters without a value.
+
+        A controller cannot be built before all required parameters are set.
+        """
         fields = type(self).model_fields
         return tuple(name for name, field in fields.items() if field.is_required() and name not in self.__dict__)
 
@@ -75,7 +78,7 @@ class Parameters(BaseModel):
     def unused(self) -> list[str]:
         """Return the names of unknown parameters, which have no effect.
 
-        They are logged but not rejected, because ros2_control may know them.
+        Unknown parameters are logged but not rejected, because ros2_control may have them.
         """
         return sorted(self.model_extra or {})
 

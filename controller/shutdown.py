@@ -33,8 +33,8 @@ def shut_down(
     """Shut down the loop and the hardware, and return a description of every step that failed.
 
     Every step runs even if an earlier step failed: an arm that cannot be parked is still released. A component that
-    has lost one of its lines is driven on the others. A lost component whose joints still hold is activated again if
-    possible, then parked and released. The log ends with the final state of each component.
+    has lost one of its serial ports is driven through the others. A lost component whose joints still hold is activated
+    again if possible, then parked and released. The log ends with the final state of each component.
 
     Args:
         loop: The loop, which no thread runs anymore.
@@ -76,13 +76,13 @@ def shut_down(
 def _try(problems: list[str], step: str, action: Callable[[], None]) -> None:
     try:
         action()
-    except Exception as error:  # The next step must run even if this step fails.
+    except Exception as error:  # An error in one step must not prevent the next step.
         LOG.error("could not %s: %s", step, error)
         problems.append(f"could not {step}: {error}")
 
 
 def _bring_back(loop: ControlLoop, component: Component) -> None:
-    """Activate a lost component whose joints still hold. Raises an error if it cannot be reached."""
+    """Activate a lost component whose joints still hold. Raises an error if the component cannot be reached."""
     hardware = component.hardware
     if component.state is not LifecycleState.UNCONFIGURED or not isinstance(hardware, Holding):
         return
@@ -119,7 +119,7 @@ def _check_torque(loop: ControlLoop) -> None:
 
 
 def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:
-    """Move all joints with a known position to the park pose. Return whether they reached it."""
+    """Move all joints with a known position to the park pose. Return whether the joints reached the pose."""
     names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
     start = loop.within_limits

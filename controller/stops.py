@@ -57,14 +57,17 @@ class _Stopping:
 
 
 class DecelerationStops:
-    """Stops of joints whose controller was deactivated during a motion. No controller gets them before they rest."""
+    """Stops of joints whose controller was deactivated during a motion.
+
+    No other controller commands a joint before it is at rest.
+    """
 
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
         """Use the limits of each joint, by joint name. A joint without limits stops at once."""
         self._limits = limits
         self._split = [name.rpartition("/") for name in interfaces]
         self.moving: list[_Stopping] = []
-        """Stops in progress. While it is empty, the cycle calls no method of this class."""
+        """Stops in progress. While this list is empty, the cycle calls no method of this class."""
 
     def begin(self, index: Sequence[int], command: FloatArray, velocity: FloatArray) -> None:
         """Stop command interfaces whose controller was deactivated.

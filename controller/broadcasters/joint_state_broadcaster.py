@@ -191,7 +191,10 @@ class JointStateBroadcaster:
 
 
 class _Column:
-    """One field of a JointState message, from one state interface of all joints. NaN if a joint does not have it."""
+    """One field of a JointState message, from one state interface of all joints.
+
+    The value is NaN for a joint without this interface.
+    """
 
     def __init__(
         self,

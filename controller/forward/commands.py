@@ -49,7 +49,7 @@ class Inbox:
         self._commands: deque[FloatArray | str] = deque(maxlen=1)
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """Submit a command. Return why it is dropped, or None. An empty command is ignored."""
+        """Submit a command. Return None, or the reason why the command is dropped. An empty command is ignored."""
         if not values:
             return None
         if len(values) != len(self._joints):

@@ -65,7 +65,10 @@ class ForwardCommandController:
         raise ValueError("positions have no timeout: command_timeout is for velocities and efforts")
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """Submit a command from any thread. Return why it is dropped, or None. An empty command is ignored."""
+        """Submit a command from any thread. Return None, or the reason why the command is dropped.
+
+        An empty command is ignored.
+        """
         return self._inbox.submit(values)
 
     def activate(self, state: JointState, command: FloatArray) -> None:

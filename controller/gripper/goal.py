@@ -86,7 +86,7 @@ class GripperHandle:
         return self.status is not GoalStatus.EXECUTING
 
     def decide(self, status: GoalStatus, state: GripperState, text: str) -> None:
-        """Set the result, unless the goal already has one. The status is set last, because other threads poll it."""
+        """Set the result, unless the goal already has one. Other threads poll the status, so it is set last."""
         if not self.done:
             self.state, self.text = state, text
             self.status = status
@@ -95,12 +95,12 @@ class GripperHandle:
 def reason_to_reject(goal: GripperGoal, joint: str, limits: JointLimits, parameters: GripperParameters) -> str | None:
     """Return why a goal is rejected, with the values, or None."""
     if not isfinite(goal.position):
-        return f"position {goal.position} for {joint}: it must be finite"
+        return f"position {goal.position} for {joint}: the value must be finite"
     if not limits.lower <= goal.position <= limits.upper:
         return f"position {goal.position:g} is outside the limits {limits.lower:g} to {limits.upper:g} of {joint}"
     for name, value in (("max velocity", goal.max_velocity), ("max effort", goal.max_effort)):
         if not (isfinite(value) and value >= 0.0):
-            return f"{name} {value} for {joint}: it must be finite and not negative"
+            return f"{name} {value} for {joint}: the value must be finite and not negative"
     velocity, still = velocity_of(goal, limits, parameters), parameters.stall_velocity_threshold
     if velocity <= still:
         return f"max velocity {velocity:g} is not above the stall_velocity_threshold {still:g}: use a higher velocity"

@@ -31,7 +31,7 @@ class ManagerClient:
         self._manager = loop.manager
         self._factory = factory
         self._changes: dict[str, tuple[ControllerSpec, Request[None]]] = {}
-        """Latest parameter change of each controller, by name. The loop may not have applied it yet."""
+        """Latest parameter change of each controller, by name. The loop may not have applied the change yet."""
 
     def load(self, name: str, settings: Settings) -> Request[None]:
         """Load a controller. The arguments are those of ``Factory.spec``."""
@@ -81,7 +81,10 @@ class ManagerClient:
         return self._loop.requests.ask(switch)
 
     def change(self, name: str, parameters: Parameters) -> ControllerSpec:
-        """Change the parameters of a controller and return its new spec. Raises ValueError if they are rejected."""
+        """Change the parameters of a controller and return its new spec.
+
+        Raises ValueError if the controller rejects the parameters.
+        """
         entry = self._manager.registry.loaded.get(name)
         if entry is None:
             raise ValueError(f"{name} is no longer loaded")

@@ -85,7 +85,7 @@ def load_controllers_file(
         origin: Robot file that provides the defaults.
 
     Raises:
-        ControllersFileError: The file has mistakes. The message lists all of them.
+        ControllersFileError: The file has mistakes. The message lists all mistakes.
     """
     file, content = read_parameter_file(path, ControllersFileError)
     if not names(content, MANAGER):
@@ -112,7 +112,7 @@ def load_controller(file: ControllersFile, name: str, settings: Settings, compon
         component: The joints and interfaces of the robot.
 
     Raises:
-        ControllersFileError: The parameters have mistakes. The message lists all of them.
+        ControllersFileError: The parameters have mistakes. The message lists all mistakes.
         ValueError: An argument of the node is not valid YAML.
     """
     source = _Source(file.yaml, file.content, file.defaults, file.manager)
@@ -231,7 +231,7 @@ class _Reader:
         return found
 
     def _settings_wrong(self, source: _Source, name: str) -> bool:
-        """Record the mistakes in the settings of a controller. Return whether there are any."""
+        """Record the mistakes in the settings of a controller. Return whether there are mistakes."""
         known = len(self.problems)
         for node, prefix, settings in source.sections(name):
             for key, text in setting_mistakes(settings):
@@ -243,7 +243,7 @@ class _Reader:
         extra = manager.model_extra or {}
         unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
         if unused := [key for key in unused if key not in HONORED]:
-            LOG.warning("%s: %s: not used: %s", self.file.path, MANAGER, ", ".join(unused))
+            LOG.warning("%s: %s: parameters without effect: %s", self.file.path, MANAGER, ", ".join(unused))
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
         """Return the parameters as a ``model``. If they are invalid, record each mistake and return None."""
@@ -294,7 +294,7 @@ class _Reader:
         for key, text in claim_mistakes(parameters, self.component):
             self.say(name, key, text)
         if unused := parameters.unused():
-            LOG.warning("%s: %s: not used: %s", self.file.path, name, ", ".join(unused))
+            LOG.warning("%s: %s: parameters without effect: %s", self.file.path, name, ", ".join(unused))
 
     @staticmethod
     def _strangers(name: str, others: Any, known: Sequence[str]) -> list[str]:

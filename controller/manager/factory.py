@@ -21,7 +21,7 @@ class Factory:
         """Return the checked spec of a controller. The controllers file provides settings that are not in ``settings``.
 
         Raises:
-            ControllersFileError: The parameters have mistakes. The message lists all of them.
+            ControllersFileError: The parameters have mistakes. The message lists all mistakes.
             ValueError: An argument of the node is not valid YAML.
         """
         if name in settings.fallback:

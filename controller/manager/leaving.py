@@ -25,7 +25,7 @@ class LeavingControllers:
 
     def __init__(self, stops: DecelerationStops) -> None:
         self.entries: list[_Leaving] = []
-        """Controllers in progress. While it is empty, the cycle calls no method of this class."""
+        """Controllers in progress. While this list is empty, the cycle calls no method of this class."""
         self._stops = stops
 
     def add(self, controller: Relieving, index: list[int]) -> None:

@@ -20,7 +20,7 @@ class Request(Generic[Result]):
         self._error: Exception | None = None
 
     def serve(self) -> None:
-        """Serve the request. ``done`` is set last, because other threads poll it."""
+        """Serve the request. Other threads poll ``done``, so it is set last."""
         try:
             self._result = self._action()
         except Exception as error:  # ``result`` raises the error in the thread of the client.
@@ -45,14 +45,14 @@ class Requests:
 
     def __init__(self) -> None:
         self.inbox: deque[Request[Any]] = deque()
-        """Waiting requests. The loop may check without the lock whether it is empty."""
+        """Waiting requests. The loop may check without the lock whether the queue is empty."""
         self._lock = Lock()  # It is held only while a request is added or removed, never while it is served.
         self._ended = False
 
     def ask(self, action: Callable[[], Result]) -> Request[Result]:
         """Request that ``action`` run at the start of the next cycle.
 
-        Any thread may call this method; it never waits.
+        Any thread may call this method. The call never waits.
         """
         request = Request(action)
         with self._lock:

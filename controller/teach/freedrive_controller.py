@@ -50,10 +50,11 @@ class FreedriveController:
     """Controller that lets a hand move the joints.
 
     The set point of a joint stays constant while the joint is within the slack, so the servo acts as a slipping brake.
-    A push that is weaker than the servo's pull at this error does not move the joint further. A stronger push moves it,
-    and the joint stays where the hand leaves it.
+    A push that is weaker than the servo's pull at this error does not move the joint further. A stronger push moves the
+    joint, which then stays where the hand leaves it.
 
-    The gravity compensation of the hardware carries the weight of the links. The joints are held until it has faded in.
+    The gravity compensation of the hardware carries the weight of the links. The joints are held until this
+    compensation has faded in.
     """
 
     kind: ClassVar[str] = "servoloop/FreedriveController"
@@ -66,7 +67,7 @@ class FreedriveController:
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.holds = False
-        """Whether the joints must be held at their positions. Another thread sets it."""
+        """Whether the joints must be held at their positions. Another thread sets this flag."""
         self.held = False
         """Whether the joints are held because of ``holds``."""
         self.free = False

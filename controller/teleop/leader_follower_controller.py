@@ -58,8 +58,9 @@ def _beyond(one: FollowedJoint, wanted: float) -> str:
 class LeaderFollowerController:
     """Controller of a follower arm.
 
-    The follower joins its leader slowly and then follows it. It holds its position in every cycle in which it is not
-    allowed to move or a joint of the leader is not measured. Afterwards it joins the leader again.
+    The follower joins its leader slowly and then follows the leader's motion. The follower holds its position in every
+    cycle in which it is not allowed to move or a joint of the leader is not measured. Afterwards it joins the leader
+    again.
     """
 
     kind: ClassVar[str] = "servoloop/LeaderFollowerController"
@@ -72,7 +73,7 @@ class LeaderFollowerController:
         self.state_interfaces = tuple(f"{one.joint}/position" for one in joints)
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.allowed = False
-        """Whether the follower may move. Another thread sets it when the operator allows motion."""
+        """Whether the follower may move. Another thread sets this flag when the operator allows motion."""
         self.phase = Phase.HOLDING
         self.reason = ""
         """Why the follower holds its position although it may move."""

@@ -159,7 +159,7 @@ class Execution:
             self.active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
                 continue  # A newer goal in the queue replaces this goal at once.
-            # A trajectory on the topic may belong to a stream. If each of them waited, the arm would never move.
+            # A trajectory on the topic may belong to a stream. If each trajectory waited, the arm would never move.
             waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
             if not waits or self._ready(now):
                 # The first cycle does not count, because the other controllers cannot have changed yet.
@@ -238,7 +238,8 @@ class Execution:
         ready = self._ready(now)
         late = active.waited_s >= now.parameters.wait_for_timeout
         if late and not ready:
-            LOG.warning("%s: starts although %s has not settled", self._name, ", ".join(now.parameters.wait_for))
+            text = "%s: starting the goal although %s has not settled"
+            LOG.warning(text, self._name, ", ".join(now.parameters.wait_for))
         if ready or late:
             self._begin(active, now)
         else:

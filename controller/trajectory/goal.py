@@ -75,7 +75,7 @@ class GoalHandle:
         return self.status is not GoalStatus.EXECUTING
 
     def decide(self, status: GoalStatus, error_code: int, text: str) -> None:
-        """Set the result, unless the goal already has one. The status is set last, because other threads poll it."""
+        """Set the result, unless the goal already has one. Other threads poll the status, so it is set last."""
         if not self.done:
             self.error_code, self.error_text = error_code, text
             self.status = status
@@ -153,7 +153,7 @@ def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str], partial: bool) -
 
 def _points_reason(goal: TrajectoryGoal, integration: bool) -> str | None:
     if len(goal.points) > LARGEST_GOAL:
-        return f"{len(goal.points)} points are too many: send at most {LARGEST_GOAL} in one goal"
+        return f"the goal has {len(goal.points)} points: send at most {LARGEST_GOAL} points in one goal"
     for index, point in enumerate(goal.points):
         if point.has_effort:
             return (
@@ -178,7 +178,7 @@ def _size_reason(goal: TrajectoryGoal, index: int, point: GoalPoint, integration
 def _times_reason(goal: TrajectoryGoal) -> str | None:
     times = [point.time_from_start_s for point in goal.points]
     if not all(map(math.isfinite, times)):
-        return f"times are {', '.join(map(str, times))} s: only finite numbers are executed"
+        return f"times are {', '.join(map(str, times))} s: only finite values are allowed"
     for index, (before_s, time_s) in enumerate(pairwise(times)):
         if time_s <= before_s:
             return (
@@ -201,7 +201,7 @@ def _not_finite(goal: TrajectoryGoal) -> str | None:
         for values in (point.positions, point.velocities, point.accelerations):
             for name, value in zip(goal.joints, values, strict=False):
                 if not math.isfinite(value):
-                    return f"{name} is {value} at point #{index}: only finite numbers are executed"
+                    return f"{name} is {value} at point #{index}: only finite values are allowed"
     return None
 
 

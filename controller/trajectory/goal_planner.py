@@ -71,7 +71,10 @@ class GoalPlanner:
         self.plan(TrajectoryGoal(self.joints, (point,)), Allowed(), Kinematics.at_rest(here))
 
     def _rest(self, named: Sequence[str], reference: Kinematics) -> FloatArray:
-        """Return the positions of joints that the goal does not name: current, or where moving joints can stop."""
+        """Return target positions for all joints, for use if the goal does not name a joint.
+
+        A joint at rest keeps its position. A moving joint gets the position at which it can stop.
+        """
         if len(named) == len(self.joints) or not reference.velocity.any():
             return reference.position
         rest = plan_stop(reference, self.limits)
@@ -110,7 +113,7 @@ def ahead(waypoints: Waypoints) -> Waypoints:
 
 
 def at_most(waypoints: Waypoints, limits: Sequence[JointLimits]) -> Waypoints:
-    """Clip the waypoints to the limits. The goal check lets values exceed them slightly."""
+    """Clip the waypoints to the limits. The goal check accepts values slightly beyond the limits."""
     lower, upper, velocity, acceleration = np.array(
         [(limit.lower, limit.upper, limit.velocity, limit.acceleration) for limit in limits]
     ).T
@@ -186,4 +189,4 @@ class PathPlan:
 
 
 Plan = PathPlan | StepPlan
-"""Plan of a goal, prepared before the goal is accepted. The thread of the loop joins it."""
+"""Plan of a goal, prepared before the goal is accepted. The thread of the loop joins the plan."""

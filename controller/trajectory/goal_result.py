@@ -13,9 +13,10 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
-"""Text that differs from ros2_control on purpose.
+"""Result text of a goal that a trajectory on the topic replaces.
 
-In ros2_control, the goal succeeds with a trajectory that its client never sent.
+The behavior differs from ros2_control on purpose. In ros2_control, the goal succeeds with a trajectory that its client
+never sent.
 """
 
 

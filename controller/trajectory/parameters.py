@@ -98,7 +98,7 @@ class TrajectoryParameters(Parameters):
     For MoveIt, keep ``wait_for_timeout`` below 0.5 s or raise its ``allowed_goal_duration_margin``.
     """
     wait_for_timeout: Time = 1.5
-    """Maximum time a goal waits for the controllers in ``wait_for``, in seconds. After it, the goal starts anyway."""
+    """Maximum time a goal waits for the controllers in ``wait_for``, in seconds. Then the goal starts anyway."""
 
     @field_validator("command_interfaces")
     @classmethod

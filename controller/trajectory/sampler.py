@@ -23,7 +23,7 @@ class Tracking:
     feedback_position: FloatArray
     feedback_velocity: FloatArray
     error: FloatArray
-    """Position error. For a continuous joint, this is the shorter way around."""
+    """Position error. The error of a continuous joint is measured the shorter way around."""
     output: FloatArray
     """Command."""
     speed_scaling_factor: float
@@ -128,7 +128,7 @@ class TrajectorySampler:
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
         if on_path is None or on_path is not path:
             self.follow(on_path or stop_path(reference, self.limits, gentle), reference, on_goal=False)
-        self.on_goal = False  # The path is kept if it ends sooner than any stop.
+        self.on_goal = False  # The path of the goal continues if it ends sooner than any stop.
 
     @property
     def ended(self) -> bool:

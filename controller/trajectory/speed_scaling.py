@@ -24,7 +24,7 @@ class SpeedScaling:
         self._acceleration = np.array([limit.acceleration for limit in limits])
 
     def ask(self, factor: float) -> str | None:
-        """Request a factor. Return why it is ignored or limited, or None."""
+        """Request a factor. Return None, or the reason why the factor is ignored or limited."""
         if not (math.isfinite(factor) and factor >= 0.0):
             return f"speed scaling factor {factor} ignored: send a value from 0 (pause) to 1 (the speed of the goal)"
         self.asked = min(factor, 1.0)

@@ -58,7 +58,7 @@ class Standstill(Unmeasured):
 
 
 def restart(sampler: TrajectorySampler, sent: FloatArray, lead_s: float = 0.0) -> None:
-    """Continue the path from rest at the last command ``sent`` (n,). Each joint's command led the path by its lag."""
+    """Continue the path from rest at the last command ``sent`` (n,), which led the path by the lag of each joint."""
     assert sampler.path is not None, "activated before the first update"
     path, now_s = sampler.path, sampler.elapsed_s
     while isinstance(path, OffsetPath) and now_s >= path.from_s + REJOIN_S:

@@ -138,7 +138,7 @@ def _velocities(positions: FloatArray, start: Kinematics, spans_s: FloatArray, b
 def estimated_velocities(positions: FloatArray, spans_s: FloatArray) -> FloatArray:
     """Return the smaller of the two slopes at each point except the first, shape (m, n).
 
-    It is 0 where a joint reverses its direction, and at the end.
+    The velocity is 0 where a joint reverses its direction, and at the end.
     """
     slopes = np.diff(positions, axis=0) / np.maximum(spans_s, 1e-6)[:, None]
     before, after = slopes, np.vstack((slopes[1:], np.zeros_like(slopes[:1])))

@@ -155,7 +155,7 @@ def test_upstreams_update_rate_is_the_default(tmp_path: Path) -> None:
 
 def test_parameters_of_upstream_that_are_not_used_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     load(tmp_path, PLAIN.replace("    state_interfaces", "    open_loop_control: true\n    state_interfaces", 1))
-    assert "arm_controller: not used: open_loop_control" in caplog.text
+    assert "arm_controller: parameters without effect: open_loop_control" in caplog.text
 
 
 MISTAKES = {
@@ -435,7 +435,7 @@ def test_a_list_of_command_interfaces_with_position_uses_position(
 ) -> None:
     file = load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [position, velocity]"))
     assert file.controllers[1].parameters.claims() == ("joint1/position", "joint2/position")
-    assert caplog.text.count("arm_controller: not used: command_interfaces: velocity") == 1
+    assert caplog.text.count("arm_controller: parameters without effect: command_interfaces: velocity") == 1
     with pytest.raises(ControllersFileError, match=r"'position' is missing in \[velocity\]: use \[position\]"):
         load(tmp_path, PLAIN.replace("command_interfaces: [position]", "command_interfaces: [velocity]"))
 
@@ -506,4 +506,4 @@ def test_a_parameter_file_with_a_name_that_no_file_can_have_is_left_to_rcl(tmp_p
 def test_the_managers_parameters_without_effect_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     lines = "update_rate: 20\n    cpu_affinity: 3\n    overruns: {manage: true}\n    use_sim_time: false"
     load(tmp_path, PLAIN.replace("update_rate: 20", lines))
-    assert "controller_manager: not used: cpu_affinity, overruns" in caplog.text
+    assert "controller_manager: parameters without effect: cpu_affinity, overruns" in caplog.text

@@ -89,10 +89,10 @@ REFUSED = {
         goal(point(), point(after_s=0.5)),
         "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 0.500000 respectively",
     ),
-    "a time that is none": (goal(point(after_s=NAN)), "times are nan s: only finite numbers are executed"),
+    "a time that is none": (goal(point(after_s=NAN)), "times are nan s: only finite values are allowed"),
     "a time without end": (
         goal(point(), point(after_s=INF)),
-        "times are 1.0, inf s: only finite numbers are executed",
+        "times are 1.0, inf s: only finite values are allowed",
     ),
     "its end has passed": (
         goal(point(after_s=1.0), delay_s=-1.5),
@@ -100,19 +100,19 @@ REFUSED = {
     ),
     "times since 1970": (goal(point(after_s=1.76e9)), FAR.format(1760000000)),
     "a stamp of another clock": (goal(point(after_s=1.0), delay_s=1.76e9), FAR.format(1760000001)),
-    "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite numbers are executed"),
-    "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite numbers are executed"),
+    "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite values are allowed"),
+    "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite values are allowed"),
     "NaN in the middle": (
         goal(point(), point((0.0, NAN), 2.0), point(after_s=3.0)),
-        "joint2 is nan at point #1: only finite numbers are executed",
+        "joint2 is nan at point #1: only finite values are allowed",
     ),
     "NaN velocity": (
         goal(point(velocities=(NAN, 0.0))),
-        "joint1 is nan at point #0: only finite numbers are executed",
+        "joint1 is nan at point #0: only finite values are allowed",
     ),
     "inf acceleration": (
         goal(point(accelerations=(0.0, -INF))),
-        "joint2 is -inf at point #0: only finite numbers are executed",
+        "joint2 is -inf at point #0: only finite values are allowed",
     ),
     "beyond a position limit": (
         goal(point((0.0, 1.5))),
@@ -197,7 +197,7 @@ def test_positions_may_be_missing_where_they_can_be_integrated(asked: GoalPoint,
 
 def test_more_points_than_can_be_prepared_are_refused_in_words() -> None:
     many = goal(*(point(after_s=float(i)) for i in range(LARGEST_GOAL + 1)))
-    assert reason(many) == "5001 points are too many: send at most 5000 in one goal"
+    assert reason(many) == "the goal has 5001 points: send at most 5000 points in one goal"
 
 
 DEFAULTS = Tolerances({"joint1": 0.1}, {"joint1": 0.2, "joint2": 0.3}, 0.5)

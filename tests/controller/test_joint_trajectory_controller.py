@@ -593,7 +593,7 @@ def test_the_wait_is_bounded_and_then_says_for_whom(caplog: pytest.LogCaptureFix
     bench.send(to(1.0, 0.0))
     cycles = cycles_before_it_moves(bench)
     assert 10 <= cycles <= 12
-    assert "starts although hand has not settled" in caplog.text
+    assert "starting the goal although hand has not settled" in caplog.text
 
 
 def test_while_waiting_a_new_goal_takes_the_old_ones_place() -> None:

@@ -133,7 +133,7 @@ def test_where_what_was_stopped_does_not_come_back_the_answer_says_so(caplog: py
         manager.switch(SwitchRequest(("broken",), ("old",), STRICT), HELD)
     assert str(refusal.value) == (
         "Could not activate controller 'broken': broken is broken; "
-        "and Could not activate controller 'old': old is broken: it stays inactive, its joints hold"
+        "and Could not activate controller 'old': old is broken: the controller stays inactive and its joints hold"
     )
     assert active(manager) == set()
     assert cycle(manager) == HELD.tolist()

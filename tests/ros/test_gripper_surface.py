@@ -215,7 +215,10 @@ def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Grippe
         ({"position": []}, "wrong number of position values, expects 1, got 0"),
         ({"position": [0.0, 0.0]}, "wrong number of position values, expects 1, got 2"),
         ({"position": [0.0], "name": ["joint1"]}, f"the goal is for joint1, and this gripper's joint is {HAND}"),
-        ({"position": [0.0], "velocity": [-1.0]}, f"max velocity -1.0 for {HAND}: it must be finite and not negative"),
+        (
+            {"position": [0.0], "velocity": [-1.0]},
+            f"max velocity -1.0 for {HAND}: the value must be finite and not negative",
+        ),
         ({"position": [0.0], "velocity": [1.0, 1.0]}, "2 velocities or efforts for one joint: send one, or none"),
     ],
 )

@@ -102,7 +102,7 @@ def test_too_little_time_is_stretched_and_the_result_says_so(ours: TrajectoryCli
 
 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
-FINITE = "only finite numbers are executed"
+FINITE = "only finite values are allowed"
 SIZE = "Mismatch between joint_names size (6) and"
 EFFORT = "Trajectories with effort fields are only supported for controllers using the 'effort' command interface."
 NUMBER, UNKNOWN, LENGTHS = ("jtc-2", "golden-mismatch"), ("jtc-4", "golden-unknown-name"), ("jtc-8", "golden-lengths")
