@@ -21,7 +21,7 @@ LOG = logging.getLogger("servoloop.controller")
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 
 BackgroundWorker = Callable[[Callable[[], None]], None]
-"""Runs work that takes longer than a cycle. Except in tests, the work runs in another thread."""
+"""Function that runs work longer than a cycle. Except in tests, the work runs in another thread."""
 
 
 def run_at_once(work: Callable[[], None]) -> None:

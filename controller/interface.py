@@ -10,7 +10,7 @@ from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
-"""Returns whether the joints of the controller with this name have reached their command."""
+"""Function that returns whether the joints of a controller, given by name, have reached their command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class ControllerContext:
     limits: Mapping[str, JointLimits]
     """Limits of each joint, by joint name."""
     settled: Settled
-    """Returns whether the joints of another controller have reached their command."""
+    """Function that returns whether the joints of another controller have reached their command."""
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
     """Compliance and lag of servos, by joint name. A joint without an entry follows its command at once."""
 

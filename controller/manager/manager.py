@@ -67,7 +67,7 @@ class ControllerManager:
             try:
                 self._start(name, command)
             except Exception as error:
-                return f"; and {error}: the controller stays inactive and its joints hold their position"
+                return f"; and {error}: the controller stays inactive and its joints hold position"
         return ". Nothing was switched."
 
     def activate(self, state: JointState, command: FloatArray) -> None:

@@ -82,7 +82,7 @@ class ActiveGoal:
     ending: GoalResult | None = None
     """Result to report after the joints have come to rest."""
     rest: Rest | None = None
-    """Rest detector for joints within the goal tolerance. None before they are within it."""
+    """Rest detector for joints within the goal tolerance. None before the joints reach the tolerance."""
     near_s: float = 0.0
     """Time for which the joints have been within the goal tolerance, in seconds."""
 
@@ -90,7 +90,7 @@ class ActiveGoal:
         """Return whether joints within the goal tolerance are at rest, or have had enough time to come to rest.
 
         ``still`` (n,) is the largest change of position that does not count as motion. The next goal is planned from
-        the measured positions. Joints that follow exactly are at rest when their reference is.
+        the measured positions. Joints that follow exactly are at rest when their reference is at rest.
         """
         self.rest = self.rest or Rest(still)
         self.rest.update(now.measured, now.step_s)

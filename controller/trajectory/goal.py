@@ -1,6 +1,6 @@
 """Define a trajectory goal and its handle, and check goals before the arm moves.
 
-The rejection texts are those of ros2_control if it has the same check.
+If ros2_control has the same check, the rejection text is that of ros2_control.
 """
 
 import math

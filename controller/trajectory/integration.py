@@ -8,7 +8,7 @@ from controller.trajectory.goal import GoalPoint, TrajectoryGoal
 
 
 def integrated(goal: TrajectoryGoal, joints: Sequence[str], start: Kinematics) -> TrajectoryGoal:
-    """Return the goal with positions, and velocities, at all points that lack positions."""
+    """Return a copy of a goal in which missing positions and velocities are integrated."""
     columns = [joints.index(name) for name in goal.joints]
     before = GoalPoint(tuple(start.position[columns]), -goal.starts_s, tuple(start.velocity[columns]))
     points: list[GoalPoint] = []

@@ -96,7 +96,10 @@ def _states(
     spans_s: FloatArray,
     bounds: Bounds,
 ) -> list[Kinematics]:
-    """Return the states at the start and at each point, from the goal or estimated, slowed down where necessary."""
+    """Return the states at the start and at each point.
+
+    Values that the goal does not contain are estimated. At segments that take longer than requested, they are reduced.
+    """
     slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=(asked_s > 0.0) & (spans_s > 0.0))
     slower = np.minimum(slower, np.append(slower[1:], 1.0))[:, None]
     velocity = np.where(
