@@ -16,7 +16,8 @@ requests may cost a sixth cycle.
 FAULT_S: Final = 0.35
 """Minimum duration of a fault before a goal is aborted, in seconds worth of cycles (35 cycles at 100 Hz).
 
-A line that stalls for 0.2 s therefore aborts no goal at any rate. A stalled loop runs no cycles and counts none.
+A bus stall of 0.2 s therefore never aborts a goal, at any rate of the loop. A stalled loop runs no cycles and counts
+none.
 """
 
 
@@ -33,4 +34,4 @@ class FaultTimeout:
         self.cycles = {name: self.cycles.get(name, 0) + 1 for name in self.joints if name in faults}
         allowed = max(FAULT_CYCLES, math.ceil(FAULT_S / period_s - 1e-9))
         texts = (faults[name].text for name, count in self.cycles.items() if count >= allowed)
-        return "; ".join(dict.fromkeys(texts)) or None  # A dead line gives many joints the same text.
+        return "; ".join(dict.fromkeys(texts)) or None  # On a dead bus, many joints have the same text.

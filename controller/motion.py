@@ -160,8 +160,8 @@ def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, per
 def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:
     """Return the lower and upper positions (n,) between which a path may be planned.
 
-    They lie slightly outside the limits, because a swing that the encoder hardly resolves must not reject a path. A
-    joint that starts outside its limits may return. The sampler keeps the commands within the limits.
+    The positions are slightly outside the limits, because a swing that the encoder hardly resolves must not reject a
+    path. A joint that starts outside its limits may return. The sampler keeps the commands within the limits.
     """
     ends = [(limit.lower, limit.upper, AT_LIMIT * (limit.upper - limit.lower) + _ROUNDING) for limit in limits]
     lower, upper, slack = np.array(ends).T

@@ -45,7 +45,7 @@ class Parameters(BaseModel):
 
     @classmethod
     def as_far_as_given(cls, values: Mapping[str, Any]) -> Self:
-        """Build parameters from values, even if required ones are missing. See ``missing``.
+        """Build parameters from values, even if required parameters are missing. See ``missing``.
 
         Args:
             values: Values by parameter name.

@@ -1,4 +1,4 @@
-"""Shut down the arm: stop the motion, then hold the position, or park and disable the torque. No controller runs."""
+"""Shut down the arm: stop the motion, then hold the position, or park and disable the torque."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -37,7 +37,7 @@ def shut_down(
     again if possible, then parked and released. The log ends with the final state of each component.
 
     Args:
-        loop: The loop, which no thread runs anymore.
+        loop: The control loop. No thread may run it anymore.
         relax: Whether to disable the torque.
         park: Park pose in rad or m, by joint name. None skips parking.
         velocity_scale: Share of the velocity limits used for parking.

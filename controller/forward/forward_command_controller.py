@@ -20,7 +20,8 @@ LOG = logging.getLogger("servoloop.controller")
 class ForwardCommandController:
     """Controller that moves joints to the positions of the latest message.
 
-    Before the first message, it holds the position. The command moves to the goal at the velocity limits of the joints.
+    Before the first message, the controller holds the position. The command moves to the goal at the velocity limits of
+    the joints.
     """
 
     kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"

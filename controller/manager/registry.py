@@ -70,13 +70,16 @@ class ControllerRegistry:
         return self.loaded[name].state
 
     def load(self, spec: ControllerSpec) -> None:
-        """Load a controller. It is unconfigured."""
+        """Load a controller in the unconfigured state."""
         if spec.name in self.loaded:
             raise ManagerError(f"A controller named '{spec.name}' was already loaded inside the controller manager")
         self.put(Loaded(spec))
 
     def configure(self, name: str, controller: Controller) -> None:
-        """Configure a loaded controller with the object built from its spec. An inactive one is cleaned up first."""
+        """Configure a loaded controller with the object built from its spec.
+
+        An inactive controller is cleaned up first.
+        """
         entry = self.changeable(name, "configured")
         unknown = [claim for claim in controller.command_interfaces if claim not in self.command_interfaces]
         if unknown:

@@ -36,7 +36,7 @@ class Settings:
         )
 
     def over(self, other: "Settings") -> "Settings":
-        """Return these settings, with the settings of ``other`` where this object has none."""
+        """Return these settings, with missing values taken from ``other``."""
         return Settings(
             self.kind or other.kind,
             self.files or other.files,

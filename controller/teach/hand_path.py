@@ -62,7 +62,10 @@ class HandPath:
         return type(self)(times_s, *self.at(times_s))
 
     def divided(self, least: int) -> Self:
-        """Return the same path with at least ``least`` knots, by the same number of new knots between each two."""
+        """Return the same path with at least ``least`` knots.
+
+        Each segment between two knots gets the same number of new knots.
+        """
         parts = math.ceil((least - 1) / (len(self.times_s) - 1))
         places = np.linspace(0.0, len(self.times_s) - 1.0, parts * (len(self.times_s) - 1) + 1)
         times_s = np.interp(places, np.arange(len(self.times_s)), self.times_s)
@@ -173,7 +176,7 @@ def smoothed(times_s: FloatArray, position: FloatArray) -> HandPath:
 
 
 def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Clip positions (k, n) to the limits, less the tolerance of a thinned path so that it stays inside, too."""
+    """Clip positions (k, n) to the limits, with a margin so that a thinned path stays within the limits, too."""
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     margin = tolerances(limits)
     clipped: FloatArray = np.clip(position, lower + margin, upper - margin)

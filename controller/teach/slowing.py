@@ -12,7 +12,7 @@ from controller.trajectory.paths import FEW
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.9
-"""Share of the velocity and acceleration limits that is used. Lag compensation and later smoothing need the rest."""
+"""Share of the velocity and acceleration limits in use. Lag compensation and smoothing need the remaining share."""
 LEAST: Final = FEW + 2
 """Minimum number of knots of a path, including the first."""
 SPREAD: Final = 8

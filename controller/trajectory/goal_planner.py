@@ -21,7 +21,10 @@ from hal.types import FloatArray, JointLimits
 Method = Literal["splines", "none", "ruckig"]
 
 JOINS_S: Final = 0.1
-"""Time in which moving, jerk-limited joints can reach another path, in seconds. A point twice as late is far."""
+"""Time in which moving, jerk-limited joints can reach another path, in seconds.
+
+A point after more than twice this time counts as far away.
+"""
 
 
 class GoalRejected(Exception):
@@ -40,9 +43,16 @@ class GoalPlanner:
     def plan(
         self, goal: TrajectoryGoal, allowed: Allowed, reference: Kinematics, measured: FloatArray | None = None
     ) -> "Plan":
-        """Return the plan of a goal from near ``reference``. Raises GoalRejected.
+        """Plan a goal that starts at or near ``reference``.
 
-        ``measured`` (n,) holds the measured positions of the joints.
+        Args:
+            goal: Goal to check and plan.
+            allowed: Special kinds of goals that are allowed.
+            reference: Reference of the n joints at the start.
+            measured: Measured positions of the joints, shape (n,).
+
+        Raises:
+            GoalRejected: The goal is invalid, or there is no motion within the limits.
         """
         if reason := reason_to_reject(goal, self.joints, allowed):
             raise GoalRejected(reason)
@@ -135,8 +145,8 @@ def first_ahead(times_s: FloatArray, now_s: float) -> int:
 def joined_at(times_s: FloatArray, now_s: float) -> int:
     """Return the index of the point at which moving joints join a path.
 
-    This is the first point that leaves them enough time, or the point before it if that point is far. A motion to a
-    point that is too near ends late, and a stream of short paths would lag further with each message.
+    This is the first point that leaves the joints enough time, or the point before it if that point is far away. A
+    motion to a point that is too near ends late, and a stream of short paths would lag further with each message.
     """
     index = first_ahead(times_s, now_s + JOINS_S)
     return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))

@@ -12,7 +12,7 @@ from controller.trajectory.waypoints import Bounds, Waypoints, ruckig_motion, wi
 from hal.types import FloatArray, JointLimits
 
 FEW: Final = 50
-"""Maximum number of points for which ruckig is tried. It passes each point exactly."""
+"""Maximum number of points for which ruckig is tried. Ruckig passes each point exactly."""
 
 BEGINNING_S: Final = 0.3
 """Time within which a path that starts off its plan is back on the plan, in seconds."""

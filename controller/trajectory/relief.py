@@ -46,7 +46,7 @@ class Relief:
         """The cycle in which commands started to move back, or None while no command moves back."""
 
     def begin(self) -> None:
-        """Start the relief after a goal has ended. Its joints are still braking."""
+        """Start the relief after a goal has ended. The joints may still be braking."""
         self.due, self._begun = True, None
         self._relieved[:] = False
         self._rest, self._stood_s = Rest(self._sampler.still), 0.0

@@ -13,7 +13,10 @@ RESTS_S: Final = 0.09
 A joint that reverses its direction stays in place for less time.
 """
 HELD_S: Final = 0.25
-"""Time a joint must rest off its command to count as blocked, in seconds. A joint that catches up rests for less."""
+"""Time a joint must rest off its command to count as blocked, in seconds.
+
+A joint that catches up with its command rests for less time.
+"""
 LONGEST_REST_S: Final = 1.0
 """Maximum time a goal waits for its joints to come to rest, in seconds. Then it ends, even if joints still swing."""
 

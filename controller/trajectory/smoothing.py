@@ -20,7 +20,7 @@ from controller.trajectory.waypoints import Bounds, Waypoints, estimated_velocit
 from hal.types import FloatArray, JointLimits
 
 GRAIN_S: Final = 0.005
-"""Time grid in seconds. Windows are multiples of it, and the limits are checked at its points."""
+"""Step of the time grid, in seconds. Windows are multiples of this step. Limits are checked at the grid points."""
 MARGIN: Final = 0.95
 """Share of a limit that may be used at the grid points, because values between them can be higher."""
 

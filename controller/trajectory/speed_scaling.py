@@ -10,13 +10,13 @@ from controller.motion import Kinematics
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.5
-"""Share of the remaining acceleration that a change of speed may use. The compensation of servo lag needs some, too."""
+"""Share of the remaining acceleration that a change of speed may use. Lag compensation needs acceleration, too."""
 FASTEST: Final = 5.0
 """Maximum change of the factor, per second."""
 
 
 class SpeedScaling:
-    """Speed scaling factor: 0 pauses the path, and 1 is its own speed. Any thread may call ``ask``."""
+    """Speed scaling factor: 0 pauses a path, and 1 runs it at its planned speed. Any thread may call ``ask``."""
 
     def __init__(self, limits: Sequence[JointLimits], initial: float = 1.0) -> None:
         self.asked = min(initial, 1.0)

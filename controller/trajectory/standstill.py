@@ -22,7 +22,7 @@ It covers the lag of the servos and one period.
 SAMPLES: Final = 30
 """Number of instants that the search samples, and again in a finer search around the best instant."""
 REJOIN_S: Final = 0.3
-"""Time on the path within which joints that start next to their path are back on it, in seconds."""
+"""Time on the path within which joints that start next to their path return to it, in seconds."""
 
 
 class Standstill(Unmeasured):

@@ -23,7 +23,7 @@ LONGEST_STOP: Final = 2.0
 STOP_MARGIN_S: Final = 0.2
 """Time added to the maximum duration of a stop on a path, in seconds."""
 TRIES: Final = 12
-"""Maximum number of stops that are checked against the limits, quickest first. The thread of the loop waits."""
+"""Maximum number of stops that are checked against the limits, quickest first. The loop waits for these checks."""
 SAMPLES: Final = 40
 """Number of instants at which the accelerations of a stop are compared with the limits."""
 SLACK: Final = 1.001
@@ -156,7 +156,7 @@ def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequ
 
 
 def gentle_limits(limits: Sequence[JointLimits], parameters: TrajectoryParameters) -> list[JointLimits]:
-    """Return limits with ``max_deceleration_on_cancel`` applied. It can only lower the acceleration limit."""
+    """Return limits with ``max_deceleration_on_cancel`` applied, which can only lower the acceleration limits."""
     by_joint = parameters.constraints.by_joint()
     asked = [by_joint[name].max_deceleration_on_cancel for name in parameters.joints]
     pairs = zip(limits, asked, strict=True)

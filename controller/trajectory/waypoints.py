@@ -15,7 +15,7 @@ from hal.types import FloatArray, JointLimits
 ATTEMPTS: Final = 4
 """Maximum number of times that the planner chooses new velocities if the time between two points is too short."""
 ACCELERATION_SHARE: Final = 0.5
-"""Share of the acceleration limit that chosen velocities use. The ramps of the jerk limit need the rest."""
+"""Share of the acceleration limit that chosen velocities use. The ramps of the jerk limit need the remaining share."""
 
 BoolArray = NDArray[np.bool_]
 
@@ -25,7 +25,7 @@ class Waypoints:
     """m points for n joints: ``times_s`` (m,) from now, the others (m, n) in rad or m and seconds.
 
     ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal contains these values; elsewhere
-    the values are 0. Accelerations without velocities are ignored (ros2_control stands still on them, then leaps).
+    the values are 0. Accelerations without velocities are ignored (ros2_control waits at such points, then leaps).
     """
 
     times_s: FloatArray
