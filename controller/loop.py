@@ -166,13 +166,10 @@ class ControlLoop:
         return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
-        """Run one cycle.
+        """Run one cycle. Raises the error of the last component if it is lost and the loop is not kept alive.
 
         Returns:
             Joint state measured in this cycle.
-
-        Raises:
-            Exception: Error of the last component, if it is lost and the loop is not kept alive.
         """
         transitions = self.component_transitions
         if self.requests.inbox:
@@ -215,11 +212,7 @@ class ControlLoop:
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command to the hardware through the safety gate. No other method writes commands.
-
-        Args:
-            wanted: Command for the end of the coming period, shape (m,).
-        """
+        """Send a command (m,) for the end of the coming period to the hardware, through the safety gate."""
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
         # The command of a joint that was never measured or commanded is still NaN. Components skip it.
@@ -228,11 +221,7 @@ class ControlLoop:
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Run cycles at the fixed rate.
-
-        Args:
-            stop: Called before each cycle; the loop ends when it returns True.
-        """
+        """Run cycles at the fixed rate until ``stop``, which is called before each cycle, returns True."""
         due_s = self.clock.now()
         while not stop():
             self.clock.sleep_until(due_s)

@@ -98,24 +98,26 @@ class DecelerationStops:
 
     def holds(self, index: Sequence[int]) -> bool:
         """Return whether any of these command interfaces is still moving to rest."""
-        return any(i in one.places for one in self.moving for i in index)
+        return any(i in stopping.places for stopping in self.moving for i in index)
 
     def ends(self, command: FloatArray) -> FloatArray:
         """Return ``command`` (n,) with the final positions of joints that are still moving to rest."""
         rest = command.copy()
-        for one in self.moving:
-            self._put(rest, one, one.stop.duration_s)
+        for stopping in self.moving:
+            self._put(rest, stopping, stopping.stop.duration_s)
         return rest
 
     def fill(self, wanted: FloatArray, period_s: float) -> None:
         """Set the commands of stopping joints in ``wanted`` (n,) for the end of the coming period."""
-        for one in self.moving:
-            one.elapsed_s += period_s
-            self._put(wanted, one, one.elapsed_s)
-        self.moving = [one for one in self.moving if one.places and one.elapsed_s < one.stop.duration_s]
+        for stopping in self.moving:
+            stopping.elapsed_s += period_s
+            self._put(wanted, stopping, stopping.elapsed_s)
+        self.moving = [
+            stopping for stopping in self.moving if stopping.places and stopping.elapsed_s < stopping.stop.duration_s
+        ]
 
     @staticmethod
-    def _put(values: FloatArray, one: _Stopping, elapsed_s: float) -> None:
-        sample = one.stop.sample(elapsed_s)
-        for i, k in one.places.items():
+    def _put(values: FloatArray, stopping: _Stopping, elapsed_s: float) -> None:
+        sample = stopping.stop.sample(elapsed_s)
+        for i, k in stopping.places.items():
             values[i] = sample[k]

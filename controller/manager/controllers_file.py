@@ -197,7 +197,7 @@ class _Reader:
     complete: bool = True
     """Whether a required parameter that is missing is a mistake."""
 
-    def say(self, node: str, key: str, text: str) -> None:
+    def report(self, node: str, key: str, text: str) -> None:
         """Record a mistake with its file and line."""
         self.problems.append(f"{self.places.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
@@ -212,18 +212,20 @@ class _Reader:
         for name in known:
             entry = source.entry(name)
             waits = parameters_of(self.content, name).get("wait_for")
-            for other in self._strangers(name, waits, known):
-                self.say(name, "wait_for", f"names {other}, which is not another controller in this file")
+            for other in self._not_in_file(name, waits, known):
+                self.report(name, "wait_for", f"names {other}, which is not another controller in this file")
             if self._settings_wrong(source, name):
                 continue
             settings = Settings.of(entry)
-            for other in self._strangers(name, settings.fallback, known):
+            for other in self._not_in_file(name, settings.fallback, known):
                 key = f"{name}.fallback_controllers"
-                self.say(MANAGER, key, f"names {other}, which is not another controller in this file: correct the name")
+                self.report(
+                    MANAGER, key, f"names {other}, which is not another controller in this file: correct the name"
+                )
             try:
                 last, content, parameters = source.parameters(name, settings)
             except (ControllersFileError, ValueError) as error:
-                self.say(MANAGER, name, f"cannot be loaded: {error}")
+                self.report(MANAGER, name, f"cannot be loaded: {error}")
                 continue
             places = self.places if last is self.file else last
             reader = _Reader(last, content, self.component, self.problems, places)
@@ -235,7 +237,7 @@ class _Reader:
         known = len(self.problems)
         for node, prefix, settings in source.sections(name):
             for key, text in setting_mistakes(settings):
-                self.say(node, f"{prefix}{key}", text)
+                self.report(node, f"{prefix}{key}", text)
         return len(self.problems) > known
 
     def name_unused(self, manager: ManagerParameters) -> None:
@@ -269,15 +271,15 @@ class _Reader:
                 or outdated(kind)
                 or f"has {what}, known types are {', '.join(controller_types())}"
             )
-            self.say(MANAGER, name, why)
+            self.report(MANAGER, name, why)
             return
         if mistake := name_mistake(str(name)):
-            self.say(MANAGER, name, mistake)
+            self.report(MANAGER, name, mistake)
             return
         own = {key: value for key, value in parameters.items() if key not in SETTINGS}
         impossible = list(ros_mistakes(own))
         for key, text in impossible:
-            self.say(name, key, text)
+            self.report(name, key, text)
         checked = None if impossible else self.checked(name, controller_types()[kind].parameters_type, own)
         if checked is None:
             return
@@ -287,17 +289,19 @@ class _Reader:
         else:
             self._check_use(name, checked)
         if name in settings.fallback and not self.complete:  # For the controllers file, ``controllers`` checks this.
-            self.say(name, "fallback_controllers", f"names {name} itself: name another controller or remove the entry")
+            self.report(
+                name, "fallback_controllers", f"names {name} itself: name another controller or remove the entry"
+            )
         yield ControllerSpec(name, kind, checked, settings.fallback, with_ros_flag(settings.node_arguments))
 
     def _check_use(self, name: str, parameters: Parameters) -> None:
         for key, text in claim_mistakes(parameters, self.component):
-            self.say(name, key, text)
+            self.report(name, key, text)
         if unused := parameters.unused():
             LOG.warning("%s: %s: parameters without effect: %s", self.file.path, name, ", ".join(unused))
 
     @staticmethod
-    def _strangers(name: str, others: Any, known: Sequence[str]) -> list[str]:
+    def _not_in_file(name: str, others: Any, known: Sequence[str]) -> list[str]:
         """Return the entries of a list that are the controller itself or not a controller of the file."""
         listed = others if isinstance(others, list | tuple) else ()
         return [other for other in listed if other == name or other not in known]

@@ -19,13 +19,7 @@ class ControllerCycle:
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[Running, FloatArray], None]
     ) -> None:
-        """Create the cycle of the controllers in a registry.
-
-        Args:
-            registry: The loaded controllers.
-            stops: Stops of joints that have lost their controller.
-            fail: Deactivates a failed controller. Its second argument is the last command of all interfaces, (n,).
-        """
+        """Create the cycle. ``fail`` deactivates a failed controller, given the last command (n,) of all interfaces."""
         self.seen: JointState | None = None
         """Latest measurement."""
         self.leaving = LeavingControllers(stops)

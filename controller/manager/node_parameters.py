@@ -37,8 +37,8 @@ def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for flag, rule in pairwise(arguments):
         name, given, value = rule.partition(":=")
-        whose, _, name = name.rpartition(":")
-        if flag in ("-p", "--param") and given and whose in ("", node, f"/{node}", ALL):
+        owner, _, name = name.rpartition(":")
+        if flag in ("-p", "--param") and given and owner in ("", node, f"/{node}", ALL):
             try:
                 found = merged(found, {name: parse_value(value)})
             except ValueError as error:

@@ -42,7 +42,7 @@ class _Reader:
     _values: dict[str, int] = field(default_factory=dict)
     """Number of values of each node, by node name."""
 
-    def say(self, node: yaml.Node, text: str) -> None:
+    def report(self, node: yaml.Node, text: str) -> None:
         self.problems.append(f"{self.file.path}:{node.start_mark.line + 1}: {text}")
 
     def nodes(self, mapping: yaml.Node, within: str = "") -> None:
@@ -54,14 +54,16 @@ class _Reader:
                 self.nodes(value, f"{within}/{name}" if within else name)
             else:
                 path = f"{within}.{name}" if within else name
-                self.say(key, f"{path}: this value is outside {PARAMETERS}: move it below '{PARAMETERS}:'")
+                self.report(key, f"{path}: this value is outside {PARAMETERS}: move it below '{PARAMETERS}:'")
 
     def _node(self, key: yaml.Node, value: yaml.Node, name: str) -> None:
         """Read the parameters of one node. They are merged with earlier parameters of the same node."""
         if not _NODE.fullmatch(name):
-            self.say(key, f"'{name}' is not a valid node name: put the name of a node above {PARAMETERS}")
+            self.report(key, f"'{name}' is not a valid node name: put the name of a node above {PARAMETERS}")
         elif not isinstance(value, yaml.MappingNode):
-            self.say(key, f"{name}.{PARAMETERS}: this is not a mapping: list parameters by name, or remove the section")
+            self.report(
+                key, f"{name}.{PARAMETERS}: this is not a mapping: list parameters by name, or remove the section"
+            )
         else:
             known = self.content.setdefault(name, {PARAMETERS: {}})
             self._count(value, name)
@@ -93,9 +95,9 @@ class _Reader:
     def _entries(self, mapping: yaml.Node, path: str) -> Iterator[tuple[yaml.Node, yaml.Node, str]]:
         for key, value in mapping.value:
             if not isinstance(key, yaml.ScalarNode):
-                self.say(key, "a list or a mapping cannot be a key: use a name")
+                self.report(key, "a list or a mapping cannot be a key: use a name")
             elif not key.value:
-                self.say(key, f"{path}. has an empty name: give the parameter a name")
+                self.report(key, f"{path}. has an empty name: give the parameter a name")
             else:
                 yield key, value, key.value
 
@@ -105,15 +107,15 @@ class _Reader:
         if len(kinds) > 1:
             mixed = " and ".join(kinds)
             remedy = "use one type for all elements, for example 0.0 instead of 0"
-            self.say(sequence, f"{where} mixes {mixed} in one list: {remedy}")
+            self.report(sequence, f"{where} mixes {mixed} in one list: {remedy}")
         return values
 
     def _scalar(self, node: yaml.Node, where: str) -> Any:
         if not isinstance(node, yaml.ScalarNode):
-            self.say(node, f"{where} has a list or a mapping within a list: ROS parameters do not support this")
+            self.report(node, f"{where} has a list or a mapping within a list: ROS parameters do not support this")
             return ""
         if not node.value and not node.style:
-            self.say(node, f"{where} has no value: set one or remove the parameter")
+            self.report(node, f"{where} has no value: set one or remove the parameter")
         return scalar(node)
 
 

@@ -62,7 +62,7 @@ class FreedriveController:
     def __init__(self, name: str, joints: Sequence[GuidedJoint], hardware_joints: Sequence[str]) -> None:
         self.name = name
         self.parameters = Parameters()
-        self.joints = tuple(one.joint for one in joints)
+        self.joints = tuple(guided.joint for guided in joints)
         self.command_interfaces = tuple(f"{joint}/position" for joint in self.joints)
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
@@ -73,11 +73,11 @@ class FreedriveController:
         self.free = False
         """Whether the joints yield to a hand."""
         self._index = indices(self.joints, hardware_joints)
-        self._slack = np.array([one.slack for one in joints])
-        self._lower, self._upper = np.array([(one.limits.lower, one.limits.upper) for one in joints]).T
-        self._fastest = np.array([one.limits.velocity for one in joints])
-        self._led = np.array([LED_RAD_S * one.transmission for one in joints])
-        self._lags = lags([one.compliance for one in joints])
+        self._slack = np.array([guided.slack for guided in joints])
+        self._lower, self._upper = np.array([(guided.limits.lower, guided.limits.upper) for guided in joints]).T
+        self._fastest = np.array([guided.limits.velocity for guided in joints])
+        self._led = np.array([LED_RAD_S * guided.transmission for guided in joints])
+        self._lags = lags([guided.compliance for guided in joints])
         self._free_s = 0.0
         self._last: FloatArray | None = None
         """Positions of the joints in the previous cycle."""

@@ -47,11 +47,12 @@ class FollowedJoint:
     """Compliance and lag of the servo. None means that the servo follows at once."""
 
 
-def _beyond(one: FollowedJoint, wanted: float) -> str:
+def _beyond(followed: FollowedJoint, wanted: float) -> str:
     """Return the error for a leader joint that is far outside the follower's limits."""
+    lower, upper = followed.limits.lower, followed.limits.upper
     return (
-        f"{one.leader} would move {one.joint} to {wanted:.3f}, outside its limits {one.limits.lower:.3f} to "
-        f"{one.limits.upper:.3f}: one of the arms is calibrated wrongly. End teleoperation and run servoloop calibrate"
+        f"{followed.leader} would move {followed.joint} to {wanted:.3f}, outside its limits {lower:.3f} to "
+        f"{upper:.3f}: one of the arms is calibrated wrongly. End teleoperation and run servoloop calibrate"
     )
 
 
@@ -69,8 +70,8 @@ class LeaderFollowerController:
         """Create a controller. ``hardware_joints`` are the joints of both arms, in the order of the measurements."""
         self.name = name
         self.parameters = Parameters()
-        self.command_interfaces = tuple(f"{one.joint}/position" for one in joints)
-        self.state_interfaces = tuple(f"{one.joint}/position" for one in joints)
+        self.command_interfaces = tuple(f"{followed.joint}/position" for followed in joints)
+        self.state_interfaces = tuple(f"{followed.joint}/position" for followed in joints)
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.allowed = False
         """Whether the follower may move. Another thread sets this flag when the operator allows motion."""
@@ -82,14 +83,14 @@ class LeaderFollowerController:
         """Positions (n,) that the leader requests, before the limits apply. NaN if the leader is not measured."""
         self.beyond: Mapping[str, str] = {}
         """Errors of joints that the leader would move far outside their limits, by name of the follower's joint."""
-        self._leader = indices([one.leader for one in joints], hardware_joints)
-        self._limits = tuple(one.limits for one in joints)
-        self._lower = np.array([one.limits.lower for one in joints])
-        self._upper = np.array([one.limits.upper for one in joints])
-        self._fastest = np.array([one.limits.velocity for one in joints])
-        self._offset = np.array([one.offset for one in joints])
-        self._gain = np.array([one.gain for one in joints])
-        self._lags = lags([one.compliance for one in joints])
+        self._leader = indices([followed.leader for followed in joints], hardware_joints)
+        self._limits = tuple(followed.limits for followed in joints)
+        self._lower = np.array([followed.limits.lower for followed in joints])
+        self._upper = np.array([followed.limits.upper for followed in joints])
+        self._fastest = np.array([followed.limits.velocity for followed in joints])
+        self._offset = np.array([followed.offset for followed in joints])
+        self._gain = np.array([followed.gain for followed in joints])
+        self._lags = lags([followed.compliance for followed in joints])
         self._last: FloatArray | None = None
         """Position of the leader in the previous cycle."""
         self._velocity = np.zeros(len(joints))
@@ -142,9 +143,9 @@ class LeaderFollowerController:
 
     def _unfit(self, state: JointState, leader: FloatArray, period_s: float) -> str:
         """Return why the leader cannot be followed in this cycle, or an empty string."""
-        for one in self.joints:
-            if one.leader in state.faults:
-                return state.faults[one.leader].text
+        for followed in self.joints:
+            if followed.leader in state.faults:
+                return state.faults[followed.leader].text
         if not np.isfinite(leader).all():
             return "the leader has not been measured yet"
         if self._last is not None:

@@ -38,10 +38,7 @@ moved by then.
 
 
 class Execution:
-    """Executor of the goals of one controller.
-
-    Any thread may call ``submit`` and ``cancel``; they take effect in the next cycle.
-    """
+    """Executor of goals. Any thread may call ``submit`` and ``cancel``, which take effect in the next cycle."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler, settled: Settled) -> None:
         self._name = name

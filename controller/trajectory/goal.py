@@ -17,11 +17,7 @@ from hal.types import AT_LIMIT, FloatArray, JointLimits, apart, beyond_range
 LARGEST_GOAL: Final = 5_000
 """Maximum number of points of one goal. The ROS thread prepares this many points in a few tenths of a second."""
 LONGEST_GOAL_S: Final = 3_600.0
-"""Maximum time from now to the end of a goal, in seconds.
-
-The planners build tables over time, and ruckig plans at most two hours. A later end is usually the sign of a stamp from
-a different clock.
-"""
+"""Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually has a wrong stamp."""
 ROUNDING: Final = 1e-6
 """Share by which a value may exceed a limit. Planners use their limits fully and round (MoveIt by 1e-13)."""
 STANDS_STILL: Final = 1.19e-7

@@ -21,10 +21,7 @@ from hal.types import FloatArray, JointLimits
 Method = Literal["splines", "none", "ruckig"]
 
 JOINS_S: Final = 0.1
-"""Time in which moving, jerk-limited joints can reach another path, in seconds.
-
-A point after more than twice this time counts as far away.
-"""
+"""Time (s) in which moving, jerk-limited joints reach another path. A point after twice this time is far away."""
 
 
 class GoalRejected(Exception):
@@ -43,17 +40,7 @@ class GoalPlanner:
     def plan(
         self, goal: TrajectoryGoal, allowed: Allowed, reference: Kinematics, measured: FloatArray | None = None
     ) -> "Plan":
-        """Plan a goal that starts at or near ``reference``.
-
-        Args:
-            goal: Goal to check and plan.
-            allowed: Special kinds of goals that are allowed.
-            reference: Reference of the n joints at the start.
-            measured: Measured positions of the joints, shape (n,).
-
-        Raises:
-            GoalRejected: The goal is invalid, or there is no motion within the limits.
-        """
+        """Plan a goal that starts near ``reference`` and the ``measured`` positions (n,). Raises GoalRejected."""
         if reason := reason_to_reject(goal, self.joints, allowed):
             raise GoalRejected(reason)
         if allowed.integration:
@@ -81,10 +68,7 @@ class GoalPlanner:
         self.plan(TrajectoryGoal(self.joints, (point,)), Allowed(), Kinematics.at_rest(here))
 
     def _rest(self, named: Sequence[str], reference: Kinematics) -> FloatArray:
-        """Return target positions for all joints, for use if the goal does not name a joint.
-
-        A joint at rest keeps its position. A moving joint gets the position at which it can stop.
-        """
+        """Return targets for joints that the goal does not name: current positions, or stop positions if in motion."""
         if len(named) == len(self.joints) or not reference.velocity.any():
             return reference.position
         rest = plan_stop(reference, self.limits)

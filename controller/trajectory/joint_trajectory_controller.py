@@ -46,17 +46,7 @@ class JointTrajectoryController:
         endless: Sequence[int] = (),
         lags: FloatArray | None = None,
     ) -> None:
-        """Create a controller.
-
-        Args:
-            name: Name of the controller.
-            parameters: Parameters of the controller.
-            limits: Limits in the order of the controller's joints.
-            hardware_joints: Joint names in the order of the hardware.
-            settled: Returns whether another controller has settled.
-            endless: Indices of continuous joints.
-            lags: Lag of the joints, for the trajectory sampler.
-        """
+        """Create a controller. ``limits`` and ``lags`` are in joint order. ``endless`` lists continuous joints."""
         self.name = name
         self.joints = parameters.joints
         self.command_interfaces = parameters.claims()

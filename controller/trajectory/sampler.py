@@ -36,10 +36,7 @@ class Tracking:
     """Rate at which time passes on the path."""
 
     def at(self, later_s: float) -> tuple[Kinematics, bool]:
-        """Return the reference at ``later_s`` after this cycle, and whether a goal is active then.
-
-        A negative ``later_s`` means a time before this cycle.
-        """
+        """Return the reference ``later_s`` after (negative: before) this cycle, and whether a goal is active then."""
         time_s = self.elapsed_s + later_s * self.rate
         return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
 
@@ -51,13 +48,7 @@ class TrajectorySampler:
     """Sampler that follows one path at a time, at the requested speed. It runs in the thread of the loop."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
-        """Create a sampler.
-
-        Args:
-            limits: Limits of the n joints.
-            scaling: Initial speed scaling factor.
-            lags: Lag of the joints behind their commands (see hal.compensation.servo_compliance). None means no lag.
-        """
+        """Create a sampler. ``lags`` are those of hal.compensation.servo_compliance; None means no lag."""
         self.scaling = SpeedScaling(limits, scaling)
         self.on_goal = False
         self.elapsed_s = 0.0

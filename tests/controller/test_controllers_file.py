@@ -172,14 +172,14 @@ MISTAKES = {
         (ARM_TYPE, "diff_drive_controller/DiffDriveController"),
         ["arm_controller has unknown type 'diff_drive_controller/DiffDriveController', known types are " + ARM_TYPE],
     ),
-    "a name that no ROS node can have": (
+    "an invalid node name": (
         ("    hand_controller:\n", "    hand-2:\n"),
         ["hand-2 is not a valid controller name: use letters, digits and _, and do not start with a digit"],
     ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
-    "joints forgotten": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
+    "missing joints": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),
-    "an interface that we have not": (
+    "an unknown interface": (
         ("interface_name: position", "interface_name: effort"),
         [
             "hand_controller.joints needs right/effort, "
@@ -187,17 +187,17 @@ MISTAKES = {
         ],
     ),
     "a rate of zero": (("update_rate: 20", "update_rate: 0"), ["controller_manager.update_rate: "]),
-    "a rate beyond reason": (("update_rate: 20", "update_rate: 100000"), ["controller_manager.update_rate: "]),
-    "a rate in words": (("update_rate: 20", "update_rate: fast"), ["controller_manager.update_rate: "]),
+    "an implausible rate": (("update_rate: 20", "update_rate: 100000"), ["controller_manager.update_rate: "]),
+    "a rate as text": (("update_rate: 20", "update_rate: fast"), ["controller_manager.update_rate: "]),
     "a negative lead": (
         ("    joints: [joint1", "    command_lead: -0.1\n    joints: [joint1"),
         ["arm_controller.command_lead: "],
     ),
-    "a wait for ever": (
+    "an infinite wait": (
         ("    joints: [joint1", "    wait_for_timeout: .inf\n    joints: [joint1"),
         ["arm_controller.wait_for_timeout: "],
     ),
-    "a wait for nobody": (
+    "a wait for an unknown controller": (
         ("    joints: [joint1", "    wait_for: [hand_controler]\n    joints: [joint1"),
         ["arm_controller.wait_for names hand_controler, which is not another controller in this file"],
     ),
@@ -209,11 +209,11 @@ MISTAKES = {
         ("    joints: [joint1", "    constraints: {joint1: {goal: -0.1}}\n    joints: [joint1"),
         ["arm_controller.constraints.joint1.goal: "],
     ),
-    "a tolerance in words": (
+    "a tolerance as text": (
         ("    joints: [joint1", "    constraints: {joint1: wide}\n    joints: [joint1"),
         ["arm_controller.constraints.joint1: "],
     ),
-    "a method that we have not": (
+    "an unknown method": (
         ("    joints: [joint1", "    interpolation_method: cubic\n    joints: [joint1"),
         ["arm_controller.interpolation_method: Input should be 'splines', 'none' or 'ruckig'"],
     ),

@@ -128,7 +128,7 @@ def test_joints_that_still_move_at_activation_are_brought_to_rest() -> None:
 @pytest.mark.parametrize(
     ("timeout_s", "driven"),
     [(0.0, 40), (0.5, 11), (0.12, 3)],
-    ids=["0: never, as upstream", "as by default", "another"],
+    ids=["0: never, as in ros2_control", "default", "another"],
 )
 @pytest.mark.parametrize("interface", ["velocity", "effort"])
 def test_a_command_that_is_not_repeated_becomes_zero(

@@ -89,12 +89,12 @@ REFUSED = {
         goal(point(), point(after_s=0.5)),
         "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 0.500000 respectively",
     ),
-    "a time that is none": (goal(point(after_s=NAN)), "times are nan s: only finite values are allowed"),
-    "a time without end": (
+    "a NaN time": (goal(point(after_s=NAN)), "times are nan s: only finite values are allowed"),
+    "an infinite time": (
         goal(point(), point(after_s=INF)),
         "times are 1.0, inf s: only finite values are allowed",
     ),
-    "its end has passed": (
+    "an end in the past": (
         goal(point(after_s=1.0), delay_s=-1.5),
         "Received trajectory with non-zero start time that ends in the past (0.500 s ago)",
     ),
@@ -130,7 +130,7 @@ REFUSED = {
         goal(point(accelerations=(13.0, 0.0)), point(after_s=2.0)),
         "joint1 would accelerate at 13.0000 at point #0, beyond its limit 12.0000",
     ),
-    "a last velocity that is not allowed": (
+    "a final velocity that is not allowed": (
         goal(point(velocities=(0.2, 0.0))),
         "Velocity of last trajectory point of joint joint1 is not zero: 0.200000000000000",
     ),
