@@ -125,7 +125,7 @@ def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Cal
     start = loop.within_limits
     target = np.array([park.get(names[i], start[i]) for i in known])
     motion = _plan(start[known], target, [_slower(loop.limits[i], scale) for i in known])
-    LOG.info("parking: %.1f s", motion.duration_s)
+    LOG.info("parking takes %.1f s", motion.duration_s)
 
     def sample(elapsed_s: float) -> FloatArray:
         wanted = start.copy()
