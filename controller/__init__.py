@@ -1,1 +1,1 @@
-"""The fixed-rate loop, the controllers, ruckig. No I/O, no ROS, no wall clock."""
+"""The fixed-rate loop, the controllers and the motion planning. This package has no I/O, no ROS and no wall clock."""

@@ -1,4 +1,4 @@
-"""Component transitions while the loop runs: a component is lost, or a user switches its state."""
+"""Change the state of hardware components while the loop runs, on request or because a component is lost."""
 
 import logging
 from collections import deque
@@ -21,18 +21,18 @@ LOG = logging.getLogger("servoloop.controller")
 UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED = LifecycleState
 
 BackgroundWorker = Callable[[Callable[[], None]], None]
-"""Runs work that takes longer than a cycle; outside of tests, in another thread."""
+"""Function that runs work longer than a cycle. Except in tests, the work runs in another thread."""
 
 
 def run_at_once(work: Callable[[], None]) -> None:
-    """The background worker where there is no other thread."""
+    """Run the work in the calling thread. This is the background worker when there is no other thread."""
     work()
 
 
 class ComponentTransition(Request[None]):
-    """One component's way to another state, as ``ComponentTransitions.ask`` makes it.
+    """A request to bring one component to another state, created by ``ComponentTransitions.ask``.
 
-    ``result`` raises why the component did not get there.
+    ``result`` raises an error if the component did not reach the state.
     """
 
     def __init__(self, name: str, target: LifecycleState, relax: bool) -> None:
@@ -41,13 +41,13 @@ class ComponentTransition(Request[None]):
         self.target = target
         self.relax = relax
         self.error_in_background: Exception | None = None
-        """Raised by the work in the background."""
+        """Error raised by the work in the background."""
         self.reactivated: frozenset[str] | None = None
-        """Of a component that was active already: the joints that are activated again, none where that failed."""
+        """Joints of an active component that are activated again. Empty if the reactivation failed."""
         self.controllers: list[str] = []
-        """Those that end meanwhile, and begin again after it."""
-        self.questions = 0
-        """Of a component that was active already: how often its joints were asked whether they have torque."""
+        """Controllers that are deactivated for this transition and activated again after it."""
+        self.torque_queries = 0
+        """Number of times the servos of an active component were asked whether their torque is enabled."""
 
     def __str__(self) -> str:
         if self.reactivated is not None:
@@ -57,16 +57,16 @@ class ComponentTransition(Request[None]):
 
 @dataclass(frozen=True, slots=True)
 class _Leaving:
-    """A component whose joints come to rest before it is switched or given up."""
+    """A component whose joints come to rest before it changes its state or is dropped."""
 
     component: Component
     transition: ComponentTransition | None
 
 
 class ComponentTransitions:
-    """The loop's part that looks after the components. A component's transitions come one after the other.
+    """The transitions of all components. The transitions of one component run one after the other.
 
-    In an ordinary cycle ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, and nothing here is called.
+    In an ordinary cycle ``asked``, ``returned``, ``arrived`` and ``leaving`` are empty, and the loop calls no method.
     """
 
     def __init__(
@@ -78,15 +78,25 @@ class ComponentTransitions:
         keep_alive: bool,
         background_worker: BackgroundWorker,
     ) -> None:
-        """``take_over`` begins to command a component that has been activated, or these joints of it; raises where it
-        cannot. ``resume`` activates controllers again.
+        """Connect the transitions with the loop.
+
+        Args:
+            hardware: All components.
+            manager: The controller manager.
+            take_over: Starts to command an activated component, or only the named joints of it. Raises on failure.
+            resume: Activates controllers again.
+            keep_alive: Whether the loop continues after the last component is lost.
+            background_worker: Runs work that takes longer than a cycle.
         """
         self.asked: deque[ComponentTransition] = deque()
-        """By any thread; also those that wait for another transition of their component."""
+        """Requested transitions, including those that wait for another transition of their component.
+
+        Any thread may append.
+        """
         self.returned: deque[tuple[Component, ComponentTransition]] = deque()
-        """From the background threads: they append, the loop takes."""
+        """Components that have finished their work in the background. Background threads append, the loop removes."""
         self.arrived: list[tuple[Component, ComponentTransition]] = []
-        """Activated components, to be taken over where the coming measurement finds them."""
+        """Activated components that the loop takes over at their next measured positions."""
         self.leaving: list[_Leaving] = []
         self._hardware = hardware
         self._manager = manager
@@ -96,7 +106,16 @@ class ComponentTransitions:
         self._ended = False
 
     def ask(self, name: str, target: LifecycleState, relax: bool = False) -> ComponentTransition:
-        """Bring a component to a state. From any thread; never waits. ``relax``: a deactivation lets go."""
+        """Request that a component change its state. Any thread may call this method. The call never waits.
+
+        Args:
+            name: Name of the component.
+            target: State to reach.
+            relax: Whether a deactivation disables the torque.
+
+        Returns:
+            The requested transition.
+        """
         transition = ComponentTransition(name, target, relax)
         self.asked.append(transition)
         if self._ended:
@@ -104,31 +123,34 @@ class ComponentTransitions:
         return transition
 
     def begin_cycle(self) -> None:
-        """Take components back from the background, and begin the next transitions."""
+        """Take back components whose background work is finished, and start the next transitions."""
         while self.returned:
             self._take_back(*self.returned.popleft())
         for _ in range(len(self.asked)):
             self._begin(self.asked.popleft())
 
     def after_read(self, state: JointState) -> None:
-        """Activated components take part from here on; failed ones do not. Raises why the last component is lost."""
+        """Include activated components in the cycle and drop failed ones.
+
+        Raises the error of the last component if it is lost and the loop is not kept alive.
+        """
         for component, transition in self.arrived:
             self._take_in(component, transition, state)
         self.arrived.clear()
         self._give_up_the_lost()
 
     def end_cycle(self) -> None:
-        """Give up components that failed in the write, and go on with those that have come to rest.
+        """Drop components whose write failed, and continue the transitions of components that have come to rest.
 
-        Raises as ``after_read`` does.
+        Raises the same errors as ``after_read``.
         """
         self._give_up_the_lost()
-        for leaving in [one for one in self.leaving if not self._moves(one.component)]:
+        for leaving in [entry for entry in self.leaving if not self._moves(entry.component)]:
             self.leaving.remove(leaving)
             self._left(leaving.component, leaving.transition)
 
     def end(self) -> None:
-        """After the last cycle, when no work is left in the background: every open transition is refused."""
+        """Refuse every open transition. Call this after the last cycle, when no background work is left."""
         self._ended = True
         for transition in (*self.asked, *(leaving.transition for leaving in self.leaving)):
             if transition is not None:
@@ -151,37 +173,37 @@ class ComponentTransitions:
         elif component.state is transition.target:
             transition.serve()
         elif component.state is FINALIZED:
-            transition.refuse(LifecycleError(f"{component.name} is finalized, which is its end: start the stack anew"))
+            transition.refuse(LifecycleError(f"{component.name} is finalized for good: restart the stack to use it"))
         elif component.state is ACTIVE:
             self._leave(component, transition, str(transition))
         else:
             self._switch_in_background(component, transition)
 
     def _complete(self, component: Component, transition: ComponentTransition) -> None:
-        """Activate the joints of an active component that have no torque, even if no cycle has noticed it yet."""
+        """Activate the joints of an active component that have lost their torque, even if the loop has not noticed."""
         try:
             unanswered = self._hardware.ask_for_torque(component)
         except Exception as error:
             transition.refuse(error)
             return
-        transition.questions += 1
+        transition.torque_queries += 1
         if component.incomplete:
             transition.reactivated = frozenset()
             self._leave(component, transition, str(transition))
         elif not unanswered:
             transition.serve()
-        elif transition.questions < ATTEMPTS:
-            self.asked.append(transition)  # a servo that is silent is named by the coming cycle
+        elif transition.torque_queries < ATTEMPTS:
+            self.asked.append(transition)  # The next cycle reports a silent servo by name.
         else:
             names = ", ".join(sorted(unanswered))
             transition.refuse(
                 LifecycleError(
-                    f"{component.name}: {names} does not say whether it has torque: check the cable, and try once more"
+                    f"{component.name}: {names} did not report whether torque is enabled: check the cable and try again"
                 )
             )
 
     def _leave(self, component: Component, transition: ComponentTransition | None, reason: str) -> None:
-        """Take a component's controllers out in this very cycle; then its joints come to rest."""
+        """Deactivate the controllers of a component in this cycle. Its joints then come to rest."""
         ended = self._manager.release(component.hardware.command_interfaces, reason)
         self.leaving.append(_Leaving(component, transition))
         if transition is not None and transition.reactivated is not None:
@@ -189,7 +211,7 @@ class ComponentTransitions:
 
     def _moves(self, component: Component) -> bool:
         own = range(len(self._hardware.command_interfaces))[component.commands]
-        if component.error is not None:  # joints that are not reached cannot be relieved
+        if component.error is not None:  # Joints that cannot be reached cannot be relieved.
             return self._manager.stops.holds(own)
         return not self._manager.cycle.at_rest(own)
 
@@ -202,7 +224,7 @@ class ComponentTransitions:
             self._switch_in_background(component, transition)
 
     def _switch_in_background(self, component: Component, transition: ComponentTransition) -> None:
-        """The component is out of the cycle until it comes back: this may take seconds."""
+        """Run a transition in the background, which may take seconds. Until it ends, the loop skips the component."""
         component.switching = True
 
         def work() -> None:
@@ -210,8 +232,8 @@ class ComponentTransitions:
                 _bring(component, transition)
             except (DriverError, HalError) as error:
                 transition.error_in_background = error
-            except Exception as error:  # a defect of one component: the others go on
-                LOG.exception("a defect while %s", transition)
+            except Exception as error:  # A defect in one component must not end the others.
+                LOG.exception("internal error while %s", transition)
                 transition.error_in_background = error
             self.returned.append((component, transition))
 
@@ -244,10 +266,13 @@ class ComponentTransitions:
             transition.serve()
 
     def _switch_off(self, component: Component, undo: bool) -> None:
-        """Deactivate a component that cannot be commanded; ``undo``: servos without torque before have none again."""
+        """Deactivate a component that cannot be commanded.
+
+        ``undo``: Whether to disable only the torque that the activation enabled.
+        """
         try:
             problems = undo_activation(component.hardware) if undo else component.hardware.deactivate(relax=False)
-        except Exception as error:  # a defect of one component loses this one
+        except Exception as error:  # A defect in one component loses only that component.
             problems = [f"could not switch {component.name} off: {error}"]
             self._hardware.lose(component, error)
         for problem in problems:
@@ -259,17 +284,22 @@ class ComponentTransitions:
             return
         lost, hardware.failures = hardware.failures, []
         others = [
-            one for one in hardware.components if one.error is None and (one.switching or one.state in CONFIGURED)
+            other
+            for other in hardware.components
+            if other.error is None and (other.switching or other.state in CONFIGURED)
         ]
         if not others and not self._keep_alive and lost[0].error is not None:
-            raise lost[0].error  # the loop's end stops the joints, as far as they can be reached
+            raise lost[0].error  # The end of the loop stops all joints that can be reached.
         for component in lost:
             if not any(leaving.component is component for leaving in self.leaving):
                 self._leave(component, None, f"{component.name} is lost: {component.error}")
 
 
 def _bring(component: Component, transition: ComponentTransition) -> None:
-    """Bring a component to its target step by step. Raises a step's error; the steps before it stay done."""
+    """Bring a component to its target state step by step.
+
+    Raises the error of a step that fails. Earlier steps are not undone.
+    """
     hardware, target = component.hardware, transition.target
     if hardware.state is UNCONFIGURED and target in CONFIGURED:
         hardware.configure()

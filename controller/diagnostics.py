@@ -1,4 +1,4 @@
-"""The diagnostics of a stack as /diagnostics shows them: loop, controllers, components, servos and serial lines."""
+"""Build the diagnostics that ``/diagnostics`` publishes for the loop, controllers, components, servos and ports."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -13,11 +13,11 @@ from hal.types import JointState, ServoHealth
 
 LOOP: Final = "servoloop: control loop"
 CONTROLLERS: Final = "servoloop: controllers"
-"""The status whose values are the controllers' states, by name."""
+"""Name of the status whose values are the states of the controllers, by controller name."""
 
 
 class Level(IntEnum):
-    """The levels of diagnostic_msgs/DiagnosticStatus."""
+    """Levels of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -26,7 +26,7 @@ class Level(IntEnum):
 
 @dataclass(slots=True)
 class Status:
-    """One diagnostic status, field by field as diagnostic_msgs has it."""
+    """One diagnostic status, with the fields of diagnostic_msgs/DiagnosticStatus."""
 
     level: Level
     name: str
@@ -38,10 +38,13 @@ class Status:
 def statuses(
     loop: ControlLoop, hardware_id: str, servo_ids: Mapping[str, str], state: JointState | None
 ) -> Iterator[Status]:
-    """All statuses of a stack, for any thread.
+    """Yield all statuses of a stack. Any thread may call this function.
 
-    ``hardware_id`` of the loop; ``servo_ids`` by joint, empty where there are no servos; ``state``: the newest
-    measurement, None before the first.
+    Args:
+        loop: The control loop of the stack.
+        hardware_id: Hardware ID of the loop and the controllers.
+        servo_ids: Servo ID of each joint, by joint name. Empty if there are no servos.
+        state: Latest measurement, or None before the first measurement.
     """
     yield _loop_status(loop, hardware_id)
     yield _controllers_status(loop, hardware_id)
@@ -51,9 +54,9 @@ def statuses(
             if state is not None and joint in servo_ids:
                 yield _servo_status(state, joint, servo_ids[joint], component.name)
     for port, counters in state.lines.items() if state is not None else ():
-        # What belongs to no servo; a lost line is in its component's status.
+        # These counters belong to no servo. The status of the component reports a lost port.
         values = _texts(noise=counters.noise, strange=counters.strange)
-        yield Status(Level.OK, f"servoloop: {port}", "counted since it was opened", port, values)
+        yield Status(Level.OK, f"servoloop: {port}", "counted since the port was opened", port, values)
 
 
 def _loop_status(loop: ControlLoop, hardware_id: str) -> Status:
@@ -72,7 +75,7 @@ def _loop_status(loop: ControlLoop, hardware_id: str) -> Status:
 
 
 def _controllers_status(loop: ControlLoop, hardware_id: str) -> Status:
-    """Always well: a controller that is not active was not wanted."""
+    """Return the status of all controllers. Its level is always OK, because an inactive controller is not an error."""
     loaded = loop.manager.registry.loaded
     active = sum(entry.active for entry in loaded.values())
     states = {name: entry.state.name.lower() for name, entry in loaded.items()}
@@ -80,9 +83,9 @@ def _controllers_status(loop: ControlLoop, hardware_id: str) -> Status:
 
 
 def _component_status(component: Component) -> Status:
-    name, error = component.name, component.error  # the loop's thread may take the error away meanwhile
+    name, error = component.name, component.error  # The thread of the loop may clear the error at any time.
     if error is not None:
-        text = f"lost: {error}. Mend it, then activate it again"
+        text = f"lost: {error}. Fix the cause, then activate the component again"
         return Status(Level.ERROR, f"servoloop: {name}", text, name)
     level = Level.OK if component.state is LifecycleState.ACTIVE else Level.WARN
     return Status(level, f"servoloop: {name}", component.state.name.lower(), name)
@@ -104,7 +107,7 @@ def _servo_status(state: JointState, joint: str, servo_id: str, component: str) 
 
 
 def _health(health: ServoHealth) -> tuple[Level, str]:
-    """The level and the message of a servo's own report."""
+    """Return the level and the message for the health that a servo reports."""
     supply = health.supply
     wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []
     wrong += [f"{supply.kind}: it {supply.text}"] if supply else []

@@ -1,4 +1,4 @@
-"""The fault timeout ends a goal whose servos have stopped answering; it counts cycles, never wall time."""
+"""End a goal after its servos have stopped answering. The timeout counts cycles, not wall time."""
 
 import math
 from collections.abc import Mapping
@@ -8,24 +8,30 @@ from typing import Final
 from hal.types import JointFault
 
 FAULT_CYCLES: Final = 7
-"""So many cycles in a row a joint must have a fault before its goal is given up. At 20 Hz a stall of 0.2 s takes the
-answers of five: the one under way and four more. What was asked meanwhile is answered first, which may cost a sixth."""
+"""Minimum number of consecutive cycles with a fault before a goal is aborted.
+
+At 20 Hz, a stall of 0.2 s costs the answers of five cycles: the current cycle and four more. Late answers to earlier
+requests may cost a sixth cycle.
+"""
 FAULT_S: Final = 0.35
-"""So many seconds worth of cycles, too: at 100 Hz 35. A line that stalls for 0.2 s, at whatever rate, ends no goal. A
-loop that stalls has no cycles meanwhile, and counts nothing."""
+"""Minimum duration of a fault before a goal is aborted, in seconds worth of cycles (35 cycles at 100 Hz).
+
+A bus stall of 0.2 s therefore never aborts a goal, at any rate of the loop. A stalled loop runs no cycles and counts
+none.
+"""
 
 
 @dataclass(slots=True)
 class FaultTimeout:
-    """The timeout counts, joint by joint, cycles in a row with a fault."""
+    """Counter of consecutive cycles with a fault, for each joint of a goal."""
 
     joints: tuple[str, ...]
     cycles: dict[str, int] = field(default_factory=dict)
-    """The counts of the joints that have a fault now; while there are none, ``lasting`` need not be called."""
+    """Counts of the joints that have a fault now. While there are no counts, ``lasting`` need not be called."""
 
     def lasting(self, faults: Mapping[str, JointFault], period_s: float) -> str | None:
-        """One cycle; the faults that have lasted too long, in words, or None."""
+        """Count one cycle. Return the texts of the faults that have lasted too long, or None."""
         self.cycles = {name: self.cycles.get(name, 0) + 1 for name in self.joints if name in faults}
         allowed = max(FAULT_CYCLES, math.ceil(FAULT_S / period_s - 1e-9))
         texts = (faults[name].text for name, count in self.cycles.items() if count >= allowed)
-        return "; ".join(dict.fromkeys(texts)) or None  # of a line that is dead, once
+        return "; ".join(dict.fromkeys(texts)) or None  # On a dead bus, many joints have the same text.

@@ -1,4 +1,4 @@
-"""The state in which a component is left at the end of the program, in a sentence for the log."""
+"""Describe, for the log, the state in which a component is left at the end of the program."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,16 +10,16 @@ from hal.lifecycle import LifecycleState
 
 @dataclass(frozen=True, slots=True)
 class FinalState:
-    """A component as it was before it was switched off; ``describe`` knows how that ended."""
+    """State of a component before it is switched off. ``describe`` adds the outcome."""
 
     component: Component
     active: bool
     released: frozenset[str]
-    """The joints that had no torque although the component was active."""
+    """Joints without torque although the component was active."""
 
     @classmethod
     def of(cls, component: Component) -> "FinalState":
-        """Note the state of a component before it is switched off."""
+        """Record the state of a component before it is switched off."""
         hardware = component.hardware
         released = hardware.without_torque if isinstance(hardware, Reactivating) else frozenset()
         return cls(component, hardware.state is LifecycleState.ACTIVE, released)
@@ -30,7 +30,7 @@ class FinalState:
         if self.component.error is not None and not (self.active and relax):
             return f"{name} was lost: its servos hold their last goal if they are under torque"
         if not self.active:
-            return f"{name} was not active: its torque is as it was"
+            return f"{name} was not active: its torque is unchanged"
         if problems:
             return f"{name} may still be under torque: {'; '.join(problems)}"
         if relax:

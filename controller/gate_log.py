@@ -1,4 +1,4 @@
-"""The log of the safety gate: joints that it stops for one reason in one cycle are one line."""
+"""Log the safety gate's changes. Joints that the gate stops for the same reason in one cycle share one line."""
 
 import logging
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ def log_gate(reasons: Mapping[str, str]) -> None:
     """Log why the gate has changed commands.
 
     Args:
-        reasons: The reason by command interface. Reasons that differ in their figures alone are one event.
+        reasons: Reason of each change, by command interface. Reasons that differ only in their numbers are one event.
     """
     events: dict[tuple[str, ...], list[str]] = {}
     for interface, reason in reasons.items():

@@ -1,6 +1,4 @@
-"""Define the controller interface: how the manager uses a controller, and the context in which a controller is
-built.
-"""
+"""Define the interface between the controller manager and a controller."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,23 +10,23 @@ from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointLimits, JointState
 
 Settled = Callable[[str], bool]
-"""Function that returns whether the controller of that name has brought its joints to their command."""
+"""Function that returns whether the joints of a controller, given by name, have reached their command."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerContext:
-    """Robot and other controllers, as known to a controller when it is built."""
+    """Information about the robot and its other controllers, passed to each new controller."""
 
     description: Description
-    """The URDF."""
+    """The robot description."""
     component: HardwareInfo
-    """All ``<ros2_control>`` blocks as one."""
+    """All ``<ros2_control>`` blocks, merged into one."""
     limits: Mapping[str, JointLimits]
-    """Limits by joint name."""
+    """Limits of each joint, by joint name."""
     settled: Settled
-    """Returns whether another controller has brought its joints to their command."""
+    """Function that returns whether the joints of another controller have reached their command."""
     compliances: Mapping[str, Compliance] = field(default_factory=dict)
-    """How far the servos yield and lag, by joint name. A joint that is missing follows its command at once."""
+    """Compliance and lag of servos, by joint name. A joint without an entry follows its command at once."""
 
     def lags(self, joints: Sequence[str]) -> FloatArray:
         """Return the lags of joints, for the trajectory sampler.
@@ -44,12 +42,12 @@ class ControllerContext:
 
 
 class ControllerType(Protocol):
-    """Plug-in: the class of a controller."""
+    """A controller plug-in: the class of a controller."""
 
     kind: str
-    """The ``type`` in the controllers file."""
+    """The ``type`` of the controller in the controllers file."""
     parameters_type: type[Parameters]
-    """Class of the parameters."""
+    """Class that checks the parameters of the controller."""
 
     def build(self, name: str, parameters: Any, context: ControllerContext) -> "Controller":
         """Build a controller. This is a class method.
@@ -69,39 +67,39 @@ class ControllerType(Protocol):
 
 
 class Controller(Protocol):
-    """Controller, called by the thread of the loop once per cycle. It must not do I/O or wait.
+    """A controller. It runs in the thread of the loop, once per cycle, and must neither wait nor do I/O.
 
-    While it is active, a controller claims its ``command_interfaces``.
+    While it is active, a controller claims its n ``command_interfaces``.
     """
 
     @property
     def name(self) -> str:
-        """Name in the controllers file."""
+        """Name of the controller."""
         ...
 
     @property
     def parameters(self) -> Parameters:
-        """Current parameters."""
+        """Parameters that the controller was built with."""
         ...
 
     @property
     def kind(self) -> str:
-        """Type of the plug-in, as in the controllers file."""
+        """The ``type`` of the controller in the controllers file."""
         ...
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """Names of the interfaces that the controller commands, such as ``joint1/position``."""
+        """Command interfaces of the controller, such as ``joint1/position``."""
         ...
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
-        """Names of the interfaces that the controller reads."""
+        """State interfaces that the controller reads."""
         ...
 
     @property
     def command(self) -> FloatArray:
-        """Values of the ``command_interfaces`` at the end of the coming period, of shape (n,), in rad or m."""
+        """Command for the end of the coming period, in the order of ``command_interfaces``: shape (n,), rad or m."""
         ...
 
     def activate(self, state: JointState, command: FloatArray) -> None:
@@ -141,7 +139,7 @@ class Controller(Protocol):
 
 
 class Relieving(Controller, Protocol):
-    """Controller that relieves its joints after its deactivation, until they no longer press against an obstacle."""
+    """A controller that, after its deactivation, lets its joints yield until they no longer press on an obstacle."""
 
     def begin_relief(self, state: JointState, command: FloatArray) -> None:
         """Begin the relief. The joints are at rest, and no other controller commands them.
@@ -167,12 +165,12 @@ class Relieving(Controller, Protocol):
 
 
 def relieving(controller: Controller) -> Relieving | None:
-    """Return the controller if it relieves its joints, otherwise None. It may be wrapped in another object."""
+    """Return the controller if it can relieve its joints, otherwise None. The controller may be wrapped."""
     return cast(Relieving, controller) if hasattr(controller, "begin_relief") else None
 
 
 def indices(joints: Sequence[str], among: Sequence[str]) -> list[int]:
-    """Return the index of each joint in the hardware's order."""
+    """Return the index of each joint in ``among``."""
     return [among.index(name) for name in joints]
 
 

@@ -1,4 +1,4 @@
-"""Run the fixed-rate loop: read, update the controllers, check with the safety gate, write."""
+"""Run the fixed-rate control loop: read, update the controllers, apply the safety gate, write."""
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,9 +24,9 @@ from hal.types import FloatArray, JointLimits, JointState, far_outside
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""Share of the remembered maximum time of the steps after the reading that remains after one more cycle."""
+"""Factor by which the longest time after the read decays in each cycle."""
 LEAST_RESERVE: Final = 0.1
-"""Minimum share of the period that reading leaves to the other steps."""
+"""Minimum share of the period that the read leaves to the other steps, even if they were shorter so far."""
 
 
 class ControlLoop:
@@ -58,6 +58,18 @@ class ControlLoop:
         keep_alive: bool = False,
         background_worker: BackgroundWorker = run_at_once,
     ) -> None:
+        """Create a loop whose hardware and controllers are still inactive.
+
+        Args:
+            hardware: All hardware components, with m command interfaces.
+            manager: The controller manager.
+            limits: Limits of each joint, by joint name.
+            clock: Clock that paces the loop.
+            period_s: Period of the loop, in seconds.
+            on_cycle: Called at the end of each cycle with the measured joint state.
+            keep_alive: Whether the loop continues after the last component is lost, until a client activates it again.
+            background_worker: Runs work that takes longer than a cycle.
+        """
         self.hardware = hardware
         hardware.doubt_leaps(limits)
         self.manager = manager
@@ -83,9 +95,9 @@ class ControlLoop:
         self._measured: FloatArray | None = None
         """Position of the joint of each command interface, if the gate needs it."""
         self._due_s: float | None = None
-        """Planned start of the cycle, in seconds; None if ``run`` does not pace it."""
+        """Time at which the current cycle was due, or None if ``run`` does not pace the loop."""
         self._after_read_s = 0.0
-        """Recent maximum time of the steps after the reading, in seconds."""
+        """Longest recent duration of the steps after the read, in seconds."""
         self.on_cycle = on_cycle
         self._keep_alive = keep_alive
         self.component_transitions = ComponentTransitions(
@@ -156,13 +168,13 @@ class ControlLoop:
         self.command = command
 
     def _resume(self, controllers: Sequence[str], state: JointState) -> None:
-        """Activate controllers again that a transition has ended."""
+        """Activate controllers again that a transition has deactivated."""
         if controllers:
             self.manager.activate_each(controllers, state, self.within_limits)
 
     @property
     def within_limits(self) -> FloatArray:
-        """Last command with its positions within the limits, of shape (m,). Controllers begin from there."""
+        """Last command, shape (m,), with positions clipped to the limits. Controllers start from this command."""
         return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
@@ -179,12 +191,12 @@ class ControlLoop:
         state = self.hardware.read(self._read_deadline_s())
         read_s = self.clock.now()
         if state.faults or self.figures.unmeasured_in_a_row:
-            self.figures.look_for_measurements(state, self.hardware)
+            self.figures.count_unmeasured(state, self.hardware)
         if self._drives_speeds:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:
             transitions.after_read(state)
-        # The time of the measurement is the time of the cycle, so that controllers compare values of the same age.
+        # The cycle uses the time of the measurement, because controllers compare their commands with the measurement.
         wanted = self.manager.cycle.update(state, self.command, state.stamp_s, self.period_s)
         self.send(wanted)
         if transitions.leaving or self.hardware.failures:
@@ -194,22 +206,21 @@ class ControlLoop:
         return state
 
     def _read_deadline_s(self) -> float:
-        """Return the time until which to wait for the measurements: the end of the cycle minus the time of the other
-        steps.
+        """Return the time until which the read may wait. The rest of the cycle is reserved for the other steps.
 
-        A cycle that woke up late has less time, but at least half a period. The next cycle is then late, too.
+        A late cycle has less time, but may still last half a period. The next cycle may then be late, too.
         """
         now_s, period_s = self.clock.now(), self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
         return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
 
     def _show(self, state: JointState) -> None:
-        """Call the observer. Its exceptions must not end the cycle."""
+        """Call ``on_cycle``. An error in the callback must not end the cycle."""
         try:
             self.on_cycle(state)
         except Exception:
             if not self.figures.observer_errors:
-                LOG.exception("the observer of the cycle failed; the loop goes on")
+                LOG.exception("the on_cycle callback failed; the loop continues")
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
@@ -220,7 +231,7 @@ class ControlLoop:
         """
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
-        # Joints that were never measured or commanded are still NaN; the components leave them out.
+        # The command of a joint that was never measured or commanded is still NaN. Components skip it.
         self.previous_command, self.command = self.command, gated.values
         self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
@@ -239,7 +250,7 @@ class ControlLoop:
             due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s)
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
-        """Log each change by the safety gate once, not in every cycle of an episode."""
+        """Log each change by the gate once, not in every cycle in which it continues."""
         if new := sorted(reasons.keys() - self._gated.keys()):
             log_gate({self.hardware.command_interfaces[index]: reasons[index] for index in new})
         self._gated = reasons

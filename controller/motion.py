@@ -1,6 +1,6 @@
-"""Jerk-limited motions for n joints, by ruckig: offline trajectories that are sampled by time.
+"""Plan jerk-limited motions for n joints with ruckig. Trajectories are computed once and sampled by time.
 
-Units: rad (m for a prismatic joint) and seconds; arrays have shape (n,).
+Units are rad (m for a prismatic joint) and seconds. Arrays have shape (n,).
 """
 
 from bisect import bisect_right
@@ -15,13 +15,13 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 
 _ROUNDING = 1e-6
-"""The rounding of positions (rad, m) and times (s)."""
+"""Rounding tolerance of positions (rad, m) and times (s)."""
 STRETCHED_S = 1e-3
-"""From so much longer than asked on, a motion counts as stretched."""
+"""Minimum excess over the requested duration for a motion to count as stretched, in seconds."""
 
 
 class MotionError(Exception):
-    """There is no motion from here to there within the limits."""
+    """No motion within the limits connects the start and the target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,33 +34,36 @@ class Kinematics:
 
     @classmethod
     def at_rest(cls, position: FloatArray) -> "Kinematics":
-        """Standing still."""
+        """Return the kinematics of joints at rest at a position."""
         return cls(position.copy(), np.zeros_like(position), np.zeros_like(position))
 
 
 class Path(Protocol):
-    """A path says where the joints are when. Any thread may sample a path."""
+    """Positions of the joints as a function of time. Any thread may sample a path."""
 
     @property
     def duration_s(self) -> float: ...
     @property
     def asked_s(self) -> float:
-        """The duration that was asked for; the path takes longer where the limits forbid it."""
+        """Requested duration, in seconds. The path takes longer if the limits require it."""
         ...
 
     def sample(self, time_s: float) -> Kinematics:
-        """``time_s`` after the start; before it the start, after the end the end at rest."""
+        """Return the kinematics at ``time_s`` after the start.
+
+        Earlier times return the start. Later times return the end, at rest.
+        """
         ...
 
 
 def stretched(path: Path) -> bool:
-    """Whether the limits made the path longer than asked."""
+    """Return whether the limits made the path longer than requested."""
     return path.duration_s > path.asked_s + STRETCHED_S
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Ruckig's trajectories end to end, as a path; ``starts_s`` says when each of them begins."""
+    """A path of consecutive ruckig trajectories. ``starts_s`` holds the start time of each trajectory."""
 
     trajectories: tuple[Trajectory, ...]
     starts_s: tuple[float, ...]
@@ -68,17 +71,17 @@ class Motion:
 
     @classmethod
     def of(cls, trajectories: Sequence[Trajectory], asked_s: float) -> "Motion":
-        """One trajectory after the other, the first at 0."""
+        """Join trajectories into one path that starts at time 0."""
         starts_s = accumulate((float(trajectory.duration) for trajectory in trajectories[:-1]), initial=0.0)
         return cls(tuple(trajectories), tuple(starts_s), asked_s)
 
     @property
     def duration_s(self) -> float:
-        """Until the last trajectory's end."""
+        """Time from the start to the end of the last trajectory."""
         return self.starts_s[-1] + float(self.trajectories[-1].duration)
 
     def sample(self, time_s: float) -> Kinematics:
-        """The joints' movement ``time_s`` after the start."""
+        """Return the kinematics at ``time_s`` after the start."""
         index = max(bisect_right(self.starts_s, time_s) - 1, 0)
         trajectory = self.trajectories[index]
         at_s = min(max(time_s - self.starts_s[index], 0.0), trajectory.duration)
@@ -91,14 +94,14 @@ class Motion:
 def motion_to(
     start: Kinematics, target: Kinematics, limits: Sequence[JointLimits], asked_s: float, names: Sequence[str] = ()
 ) -> Motion:
-    """One segment from ``start`` to ``target``. Raises MotionError as ``segment`` does."""
+    """Plan a motion of one segment from ``start`` to ``target``. Raises MotionError, as ``segment`` does."""
     return Motion.of([segment(start, target, limits, asked_s, names)], asked_s)
 
 
 def plan_stop(start: Kinematics, limits: Sequence[JointLimits]) -> Motion:
-    """Come to rest as soon as acceleration and jerk allow, each joint wherever that is. Raises MotionError."""
+    """Plan the fastest stop that the acceleration and jerk limits of each joint allow. Raises MotionError."""
     task = _task(start, limits)
-    task.synchronization = Synchronization.No  # a joint that waited for the others would go further
+    task.synchronization = Synchronization.No  # A joint that waited for the others would move further.
     task.control_interface = ControlInterface.Velocity
     task.target_velocity = [0.0] * len(limits)
     task.target_acceleration = [0.0] * len(limits)
@@ -113,9 +116,9 @@ def segment(
     span_s: float,
     names: Sequence[str] = (),
 ) -> Trajectory:
-    """Ruckig's way from one state to the other in ``span_s`` or, where that is too short, as fast as the limits allow.
+    """Plan a ruckig trajectory from ``start`` to ``end`` that takes ``span_s``, or longer if the limits require it.
 
-    Raises MotionError, calling the joints by ``names`` where there are some.
+    Raises MotionError with the joint's name from ``names``, or its number if there are no names.
     """
     task = _task(start, limits)
     task.target_position = list(end.position)
@@ -131,22 +134,23 @@ def segment(
 def _check_positions(
     trajectory: Trajectory, start: FloatArray, limits: Sequence[JointLimits], names: Sequence[str]
 ) -> None:
-    """Ruckig has no position limits: a waypoint passed too fast near a limit would swing beyond it."""
+    """Check the position limits, which ruckig ignores. A joint that passes a point too fast can exceed its limits."""
     lower, upper = swing_limits(start, limits)
     for index, (swing, limit) in enumerate(zip(trajectory.position_extrema, limits, strict=True)):
         for reached in (swing.min, swing.max):
             if not lower[index] <= reached <= upper[index]:
-                said, low, high = beyond_range(reached, limit.lower, limit.upper)
+                position, low, high = beyond_range(reached, limit.lower, limit.upper)
                 raise MotionError(
-                    f"{names[index] if names else f'joint {index + 1}'} would swing to {said}, outside its "
-                    f"limits {low} to {high}: pass the points near it slower"
+                    f"{names[index] if names else f'joint {index + 1}'} would swing to {position}, outside its "
+                    f"limits {low} to {high}: reduce the speed at the points near this limit"
                 )
 
 
 def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, period_s: float) -> FloatArray:
-    """Return the positions (n,) nearest to ``wanted`` that joints at ``last`` reach in one period.
+    """Return the positions (n,) nearest to ``wanted`` that joints at ``last`` can reach in one period.
 
-    ``velocity``: the joints' velocity limits (n,). The safety gate applies the same limit, and changes nothing further.
+    ``velocity``: velocity limits of the joints (n,). The safety gate applies the same limits, so it does not change
+    the result.
     """
     reach = velocity * period_s
     reached: FloatArray = np.clip(wanted, last - reach, last + reach)
@@ -154,9 +158,10 @@ def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, per
 
 
 def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:
-    """Return the positions (n,) between which a path may be planned; the sampler holds commands within the limits.
+    """Return the lower and upper positions (n,) between which a path may be planned.
 
-    A swing that an encoder hardly resolves is no reason to refuse a path. A joint that stands outside may come back in.
+    The positions are slightly outside the limits, because a swing that the encoder hardly resolves must not reject a
+    path. A joint that starts outside its limits may return. The sampler keeps the commands within the limits.
     """
     ends = [(limit.lower, limit.upper, AT_LIMIT * (limit.upper - limit.lower) + _ROUNDING) for limit in limits]
     lower, upper, slack = np.array(ends).T
@@ -178,7 +183,7 @@ def _calculate(task: InputParameter, dofs: int) -> Trajectory:
     trajectory = Trajectory(dofs)
     try:
         result = Ruckig(dofs).calculate(task, trajectory)
-    except (RuckigError, ValueError) as error:  # NaN, targets beyond the limits; for some errors ruckig has no name
+    except (RuckigError, ValueError) as error:  # ruckig raises ValueError for some errors, such as NaN.
         raise MotionError(f"no motion within the limits: {' '.join(str(error).split())}") from error
     if result not in (Result.Working, Result.Finished):
         raise MotionError(f"no motion within the limits ({result.name})")

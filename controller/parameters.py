@@ -1,4 +1,4 @@
-"""Define parameters of nodes in general. The parameters of a controller are defined beside the controller."""
+"""Define the base class for node parameters. Each controller defines its own parameters next to its code."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
-"""Number of zero or more, of any meaning, for your own controllers."""
+"""A finite number of at least 0, for parameters of user-written controllers."""
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the dotted name of each value that is not possible for a ROS parameter, with the mistake."""
+    """Yield the dotted name of each value that a ROS parameter cannot have, with a description of the mistake."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if not all(name.split(".")):
@@ -27,19 +27,19 @@ def _value_mistake(value: Any) -> str | None:
     parts = value if isinstance(value, list | tuple) else [value]
     kinds = {type(part) for part in parts}
     if value is None:
-        return "has no value: give it one, or take it out"
+        return "has no value: set one or remove the parameter"
     if strange := kinds - {bool, int, float, str}:
-        return f"has a value of type {strange.pop().__name__}, which no ROS parameter has: write numbers or texts"
+        return f"has a value of type {strange.pop().__name__}, which ROS parameters do not support: use numbers or text"
     if len(kinds) > 1:
         mixed = " and ".join(sorted(kind.__name__ for kind in kinds))
-        return f"mixes {mixed} in one list: write all in the same way, for instance 0.0 instead of 0"
+        return f"mixes {mixed} in one list: use one type for all elements, for example 0.0 instead of 0"
     if kinds == {int} and not all(-(2**63) <= part < 2**63 for part in parts):
-        return "is larger than any whole number of ROS: correct it"
+        return "is outside the 64-bit integer range of ROS parameters: use a smaller number"
     return None
 
 
 class Parameters(BaseModel):
-    """Parameters of a node, under ros2_control's names. Controllers derive their parameters from this class."""
+    """Parameters of a node. Names match those of ros2_control."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -91,9 +91,11 @@ class Parameters(BaseModel):
 
 
 class ManagerParameters(Parameters):
-    """Parameters of the controller manager."""
+    """Parameters of the controller manager itself."""
 
-    update_rate: UpdateRate = 100  # upstream's default
+    update_rate: UpdateRate = 100  # ros2_control's default
     max_message_size: MaxMessageSize = 2_000_000
-    """Maximum size in memory of a goal, command or request, in bytes. Larger ones are refused. With 2 MB, goals have
-    up to 5000 points of twelve joints with velocities and accelerations."""
+    """Maximum size of a goal, command or request, in bytes of memory. Larger messages are rejected.
+
+    In 2 MB, a goal can have up to 5000 points for twelve joints, with velocities and accelerations.
+    """

@@ -1,4 +1,4 @@
-"""Joints have settled when they have arrived at their command, or can go no further."""
+"""Detect when joints have settled: they have reached their goal or cannot move further."""
 
 from collections.abc import Sequence
 
@@ -7,17 +7,18 @@ import numpy as np
 from hal.types import FloatArray, JointLimits, JointState
 
 ARRIVED_SHARE = 0.02
-"""Share of a joint's range within which it has arrived."""
+"""Maximum distance from the goal at which a joint has arrived, as a share of its range."""
 STILL_SHARE = 0.03
-"""Share of a joint's velocity limit below which it stands still."""
+"""Velocity below which a joint is at rest, as a share of its velocity limit."""
 STILL_S = 0.1
-"""So long a joint must stand still short of its goal to count as stalled (fingers on an object)."""
+"""Time a joint must be at rest short of its goal to count as stalled (fingers on an object), in seconds."""
 
 
 class Settling:
-    """Settling watches joints: those at ``index`` in the hardware's order, with their ``limits``."""
+    """Detector that reports whether the joints of a controller have settled."""
 
     def __init__(self, joints: Sequence[str], limits: Sequence[JointLimits], index: Sequence[int]) -> None:
+        """Watch joints with their ``limits``. ``index`` holds their indices in the hardware's joint order."""
         self.settled = True
         self._joints = tuple(joints)
         self._index = list(index)
@@ -27,18 +28,18 @@ class Settling:
         self._fresh = False
 
     def begin(self) -> None:
-        """The joints are held where they are."""
+        """Start with joints that are held at their current positions."""
         self.settled = True
 
     def command_changed(self) -> None:
-        """The joints have just been commanded to be elsewhere."""
+        """Start again, because the joints have just received a new goal."""
         self.settled, self._still_s, self._fresh = False, 0.0, True
 
-    def look(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> None:
-        """Look at one cycle. The joints are to come to ``goal`` (n,); ``command`` (n,) is on its way there."""
-        # Last known values say nothing of now: joints that are not measured have neither arrived nor stalled.
+    def update(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> None:
+        """Evaluate one cycle. The joints move to ``goal`` (n,), and ``command`` (n,) is the current step to it."""
+        # The last known position of an unmeasured joint cannot show an arrival or a stall.
         if not self.settled and not any(joint in state.faults for joint in self._joints):
-            # A state that is older than the command says nothing of a stall.
+            # A state measured before the command cannot show a stall.
             self.settled = self._arrived(goal, state) or (
                 not self._fresh and self._stalled(goal, command, state, period_s)
             )
@@ -50,9 +51,9 @@ class Settling:
     def _stalled(self, goal: FloatArray, command: FloatArray, state: JointState, period_s: float) -> bool:
         position = state.position[self._index]
         slow = np.abs(state.velocity[self._index]) <= self._slow
-        # Fingers that held something stand until the command has come back to them from within it.
+        # Fingers that held an object stay at rest until the command has returned from inside the object to them.
         driven = (command - position) * np.sign(goal - position) > 0.0
         still = bool((slow & (driven | (np.abs(position - goal) <= self._near))).all())
         self._still_s = self._still_s + period_s if still else 0.0
-        # The first cycles after a command are still because nothing has begun to move yet.
+        # In the first cycles after a command, joints are at rest because they have not started to move yet.
         return self._still_s > STILL_S

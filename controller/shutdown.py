@@ -1,4 +1,4 @@
-"""Shutdown stops the motion, and then holds the arm, or parks it and lets go. It needs no controller."""
+"""Shut down the arm: stop the motion, then hold the position, or park and disable the torque."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits
 
 ARRIVE_S = 0.2
-"""Seconds for which the end of a motion is held, for the servos to get there."""
+"""Time for which the end of a motion is held so that the servos can reach it, in seconds."""
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -30,13 +30,19 @@ def shut_down(
     hurry: Callable[[], bool] = lambda: False,
     settle: Callable[[], None] = lambda: None,
 ) -> list[str]:
-    """Shut the loop and the hardware down, whatever fails on the way; returns what failed.
+    """Shut down the loop and the hardware, and return a description of every step that failed.
 
-    ``park`` maps joint names to rad or m; ``hurry`` (a second signal) skips the way there. ``settle`` waits for
-    the work in the background, which can take seconds: the joints stand by then.
-    Every step is tried even if the one before it failed: an arm that cannot be parked is still released. A component
-    that has lost one of its lines is driven on the others. A lost component whose joints still hold is activated again,
-    if it can be reached, to be parked and released. The log ends with the state in which each component is left.
+    Every step runs even if an earlier step failed: an arm that cannot be parked is still released. A component that
+    has lost one of its serial ports is driven through the others. A lost component whose joints still hold is activated
+    again if possible, then parked and released. The log ends with the final state of each component.
+
+    Args:
+        loop: The control loop. No thread may run it anymore.
+        relax: Whether to disable the torque.
+        park: Park pose in rad or m, by joint name. None skips parking.
+        velocity_scale: Share of the velocity limits used for parking.
+        hurry: Returns whether to skip the motion to the park pose (after a second signal).
+        settle: Waits for the background work, which may take seconds. The joints are at rest by then.
     """
     problems: list[str] = []
     parked: list[bool] = []
@@ -45,43 +51,43 @@ def shut_down(
     loop.hardware.update_every_cycle()
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(problems, "stop the motion", lambda: _stop(loop))
-    _try(problems, "wait for what was being switched", settle)
-    _try(problems, "take in what was switched", loop.component_transitions.end)
+    _try(problems, "wait for open component transitions", settle)
+    _try(problems, "complete component transitions", loop.component_transitions.end)
     for component in loop.hardware.lost if relax and not hurry() else ():
         _try(problems, f"reach {component.name} again", partial(_bring_back, loop, component))
     if loop.hardware.state is LifecycleState.ACTIVE:
-        _try(problems, "end the controllers", loop.manager.deactivate)
+        _try(problems, "deactivate the controllers", loop.manager.deactivate)
         if not relax:
             _try(problems, "relieve the joints", lambda: _relieve(loop, hurry))
         if relax and park and not hurry():
             _try(problems, "park", lambda: parked.append(_park(loop, park, velocity_scale, hurry)))
     if not relax:
-        _try(problems, "ask for torque", lambda: _ask_for_torque(loop))
-    left = [FinalState.of(component) for component in loop.hardware.components]
+        _try(problems, "check the torque", lambda: _check_torque(loop))
+    final_states = [FinalState.of(component) for component in loop.hardware.components]
     if loop.hardware.state is LifecycleState.ACTIVE:
         _try(failed, "switch off", lambda: failed.extend(deactivate_all(loop.hardware, relax)))
     problems += failed
     _try(problems, "release the port", lambda: clean_up_all(loop.hardware))
-    for one in left:
-        LOG.info("%s", one.describe(relax, any(parked), failed))
+    for final_state in final_states:
+        LOG.info("%s", final_state.describe(relax, any(parked), failed))
     return problems
 
 
-def _try(problems: list[str], what: str, action: Callable[[], None]) -> None:
+def _try(problems: list[str], step: str, action: Callable[[], None]) -> None:
     try:
         action()
-    except Exception as error:  # the next step matters more than this one's failure
-        LOG.error("could not %s: %s", what, error)
-        problems.append(f"could not {what}: {error}")
+    except Exception as error:  # An error in one step must not prevent the next step.
+        LOG.error("could not %s: %s", step, error)
+        problems.append(f"could not {step}: {error}")
 
 
 def _bring_back(loop: ControlLoop, component: Component) -> None:
-    """Activate a lost component whose joints still hold. Raises what keeps it from being reached."""
+    """Activate a lost component whose joints still hold. Raises an error if the component cannot be reached."""
     hardware = component.hardware
     if component.state is not LifecycleState.UNCONFIGURED or not isinstance(hardware, Holding):
         return
     hardware.configure()
-    if hardware.holds():  # joints that have fallen lie where they are
+    if hardware.holds():  # Joints without torque have already dropped and stay there.
         hardware.activate()
         loop.hardware.rejoin(component)
         loop.take_over(component, loop.hardware.read())
@@ -94,7 +100,7 @@ def _stop(loop: ControlLoop) -> None:
 
 
 def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
-    """Joints that go on holding press against nothing; all of them are at rest by now."""
+    """Relieve joints that keep their torque, so that they press against no obstacle. All joints are at rest by now."""
     leaving, due_s = loop.manager.cycle.leaving, loop.clock.now()
     loop.manager.stops.moving.clear()
     leaving.restart()
@@ -105,21 +111,21 @@ def _relieve(loop: ControlLoop, hurry: Callable[[], bool]) -> None:
         loop.clock.sleep_until(due_s)
 
 
-def _ask_for_torque(loop: ControlLoop) -> None:
-    """The log is to name the joints that have lost their torque, even if that was a moment ago."""
+def _check_torque(loop: ControlLoop) -> None:
+    """Ask the servos for their torque, so that the log names joints that have lost it just now."""
     for component in loop.hardware.components:
         if component.active:
             loop.hardware.ask_for_torque(component)
 
 
 def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:
-    """Move the known positions to the park pose; returns whether they got there. All else is at rest by now."""
+    """Move all joints with a known position to the park pose. Return whether the joints reached the pose."""
     names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
     start = loop.within_limits
     target = np.array([park.get(names[i], start[i]) for i in known])
-    motion = _way(start[known], target, [_slower(loop.limits[i], scale) for i in known])
-    LOG.info("parking: %.1f s", motion.duration_s)
+    motion = _plan(start[known], target, [_slower(loop.limits[i], scale) for i in known])
+    LOG.info("parking takes %.1f s", motion.duration_s)
 
     def sample(elapsed_s: float) -> FloatArray:
         wanted = start.copy()
@@ -130,7 +136,7 @@ def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Cal
     return loop.hardware.reachable and not hurry()
 
 
-def _way(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> Motion:
+def _plan(start: FloatArray, target: FloatArray, limits: list[JointLimits]) -> Motion:
     try:
         return motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0)
     except MotionError as error:
@@ -144,9 +150,9 @@ def _slower(limit: JointLimits, scale: float) -> JointLimits:
 def _drive(
     loop: ControlLoop, sample: Callable[[float], FloatArray], duration_s: float, hurry: Callable[[], bool]
 ) -> None:
-    """Follow the motion at the loop's own rate, through the gate, as long as any component is reachable.
+    """Follow a motion through the safety gate, at the rate of the loop, while any component is reachable.
 
-    Raises, at the end, what keeps a component from following.
+    Raises the error of a component that could not follow, after the motion has ended.
     """
     elapsed_s = 0.0
     due_s = loop.clock.now()

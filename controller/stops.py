@@ -1,4 +1,4 @@
-"""Joints come to rest within their limits when their controller goes in mid-motion, instead of stopping dead."""
+"""Stop joints within their limits when their controller is deactivated during a motion."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -13,26 +13,26 @@ from hal.types import FloatArray, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 STANDING: Final = 1e-6
-"""rad/s, m/s: slower than this is standing."""
+"""Speed below which a joint is at rest, in rad/s or m/s."""
 
 
 class StopMotion:
-    """A stop brings command interfaces to rest, as fast as acceleration and jerk allow.
+    """A motion that brings command interfaces to rest as fast as the acceleration and jerk limits allow.
 
-    Velocities are asked to be 0, which the safety gate brings about within the acceleration; efforts end at once.
+    Velocity commands become 0; the safety gate applies the acceleration limit. Effort commands become 0 at once.
     """
 
     def __init__(
         self, command: FloatArray, velocity: FloatArray, limits: Sequence[JointLimits], kinds: Sequence[str]
     ) -> None:
-        """``command`` is the last one of the hardware, with its change per second ``velocity``, shape (k,)."""
+        """Plan the stop from the last command of the hardware and its change per second, both of shape (k,)."""
         positions = np.array([kind == "position" for kind in kinds], dtype=bool)
         self._command = np.where(positions, command, 0.0)
         self._moved = np.flatnonzero(positions & np.isfinite(command) & np.isfinite(velocity)).tolist()
         self._motion = self._plan(velocity, [limits[i] for i in self._moved]) if self._moved else None
         ramps = [abs(command[i]) / limits[i].acceleration for i, kind in enumerate(kinds) if kind == "velocity"]
         self.duration_s = max([self._motion.duration_s if self._motion else 0.0, *ramps])
-        """Until all stands."""
+        """Time until all joints are at rest, in seconds."""
 
     def _plan(self, velocity: FloatArray, limits: Sequence[JointLimits]) -> Motion:
         bound = np.array([limit.velocity for limit in limits])
@@ -40,7 +40,7 @@ class StopMotion:
         return plan_stop(Kinematics(self._command[self._moved], speed, np.zeros_like(speed)), limits)
 
     def sample(self, elapsed_s: float) -> FloatArray:
-        """The command of shape (k,) so long after the beginning; a position that was unknown stays unknown."""
+        """Return the command (k,) at ``elapsed_s`` after the start. Unknown positions stay unknown."""
         command = self._command.copy()
         if self._motion is not None:
             command[self._moved] = self._motion.sample(elapsed_s).position
@@ -49,7 +49,7 @@ class StopMotion:
 
 @dataclass(slots=True)
 class _Stopping:
-    """One stop under way; ``places``: the place of each interface in the stop's command."""
+    """A stop in progress. ``places`` maps each command interface to its index in the command of the stop."""
 
     places: dict[int, int]
     stop: StopMotion
@@ -57,17 +57,26 @@ class _Stopping:
 
 
 class DecelerationStops:
-    """The stops of joints that have lost their controller in mid-motion: no controller has them until they stand."""
+    """Stops of joints whose controller was deactivated during a motion.
+
+    No other controller commands a joint before it is at rest.
+    """
 
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
-        """``limits`` by joint; without its limits a joint stops dead."""
+        """Use the limits of each joint, by joint name. A joint without limits stops at once."""
         self._limits = limits
         self._split = [name.rpartition("/") for name in interfaces]
         self.moving: list[_Stopping] = []
-        """The stops under way; almost always there are none, and then nothing here is called in a cycle."""
+        """Stops in progress. While this list is empty, the cycle calls no method of this class."""
 
     def begin(self, index: Sequence[int], command: FloatArray, velocity: FloatArray) -> None:
-        """These have lost their controller; ``command`` (n,) is the last command of all, and its change per second."""
+        """Stop command interfaces whose controller was deactivated.
+
+        Args:
+            index: Indices of the command interfaces.
+            command: Last command of all n command interfaces, shape (n,).
+            velocity: Change of the last command per second, shape (n,).
+        """
         moving = [i for i in index if self._split[i][0] in self._limits and self._moves(i, command, velocity)]
         if not moving:
             return
@@ -75,8 +84,8 @@ class DecelerationStops:
         kinds = [self._split[i][2] for i in moving]
         try:
             stop = StopMotion(command[moving], velocity[moving], limits, kinds)
-        except MotionError as error:  # from where they are there is no way within the limits
-            LOG.error("joints without a controller stop dead: %s", error)
+        except MotionError as error:
+            LOG.error("joints without a controller stop at once, not within their limits: %s", error)
             return
         for former in self.moving:
             for i in moving:
@@ -88,25 +97,27 @@ class DecelerationStops:
         return bool(np.isfinite(command[i]) and abs(speed) > STANDING)
 
     def holds(self, index: Sequence[int]) -> bool:
-        """Whether any of these is still on its way to rest."""
-        return any(i in one.places for one in self.moving for i in index)
+        """Return whether any of these command interfaces is still moving to rest."""
+        return any(i in stopping.places for stopping in self.moving for i in index)
 
     def ends(self, command: FloatArray) -> FloatArray:
-        """``command`` (n,), with joints on their way to rest where they will rest."""
+        """Return ``command`` (n,) with the final positions of joints that are still moving to rest."""
         rest = command.copy()
-        for one in self.moving:
-            self._put(rest, one, one.stop.duration_s)
+        for stopping in self.moving:
+            self._put(rest, stopping, stopping.stop.duration_s)
         return rest
 
     def fill(self, wanted: FloatArray, period_s: float) -> None:
-        """Their part of ``wanted`` (n,) for the end of the coming period."""
-        for one in self.moving:
-            one.elapsed_s += period_s
-            self._put(wanted, one, one.elapsed_s)
-        self.moving = [one for one in self.moving if one.places and one.elapsed_s < one.stop.duration_s]
+        """Set the commands of stopping joints in ``wanted`` (n,) for the end of the coming period."""
+        for stopping in self.moving:
+            stopping.elapsed_s += period_s
+            self._put(wanted, stopping, stopping.elapsed_s)
+        self.moving = [
+            stopping for stopping in self.moving if stopping.places and stopping.elapsed_s < stopping.stop.duration_s
+        ]
 
     @staticmethod
-    def _put(values: FloatArray, one: _Stopping, elapsed_s: float) -> None:
-        sample = one.stop.sample(elapsed_s)
-        for i, k in one.places.items():
+    def _put(values: FloatArray, stopping: _Stopping, elapsed_s: float) -> None:
+        sample = stopping.stop.sample(elapsed_s)
+        for i, k in stopping.places.items():
             values[i] = sample[k]

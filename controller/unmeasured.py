@@ -1,4 +1,4 @@
-"""Where not one of its joints is measured a goal waits: nobody knows whether commands arrive."""
+"""Pause a goal while none of its joints is measured, because the commands may not arrive either."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -6,31 +6,35 @@ from typing import Final
 from hal.types import JointFault
 
 LONGEST_WAY_S: Final = 0.5
-"""So long, once they are measured again, a goal waits for joints at the most."""
+"""Maximum time a goal waits for its joints after they are measured again, in seconds."""
 
 
 class Unmeasured:
-    """Cycles in a row in which not one of these joints was measured; to be asked in those with faults, and after."""
+    """Counter of consecutive cycles in which none of the joints was measured.
+
+    Call ``step_s`` in cycles with faults and in the cycles after them, until ``cycles`` is 0.
+    """
 
     def __init__(self, joints: Iterable[str]) -> None:
         self._joints = tuple(joints)
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
-        """The controller begins anew: no cycle without a measurement is known."""
+    def reset(self) -> None:
+        """Reset all counts when the controller starts again."""
         self.cycles = 0
-        """For which joints have not been measured, or have not come to the last command since."""
+        """Number of consecutive cycles in which no joint was measured, kept until the joints reach the last command."""
         self.waits = False
-        """Whether the goal waits in this cycle. One lost answer changes nothing."""
+        """Whether the goal waits in this cycle. A single lost answer does not pause the goal."""
         self._measured_s = 0.0
-        """How long they have been measured again."""
+        """Time since the joints are measured again, in seconds."""
 
     def step_s(
         self, faults: Mapping[str, JointFault], step_s: float, arrived: Callable[[], bool] = lambda: True
     ) -> float:
-        """The time (s) by which the goal moves on in a cycle that took ``step_s``.
+        """Return the time (s) by which the goal advances in a cycle that took ``step_s``.
 
-        ``arrived``: whether joints that are measured again have come to the last command, which may have come late.
+        ``arrived`` returns whether joints that are measured again have reached the last command, which may have
+        arrived late.
         """
         if all(joint in faults and faults[joint].kind != "no_torque" for joint in self._joints):
             self.cycles += 1

@@ -1,1 +1,1 @@
-"""Broadcasters: controllers that claim no joint and pass measured states on."""
+"""Report measured states with controllers that claim no joint (broadcasters)."""

@@ -1,4 +1,4 @@
-"""joint_state_broadcaster/JointStateBroadcaster: the measured state, by joint and interface."""
+"""Implement joint_state_broadcaster/JointStateBroadcaster, which reports the measured joint state."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from hal.types import AT_LIMIT, FloatArray, JointLimits, JointState
 
 @dataclass(frozen=True, slots=True)
 class JointStates:
-    """One sample; arrays of full length (n,), NaN where a joint has no such state interface."""
+    """Joint states of one cycle. Arrays have shape (n,), with NaN for joints without the state interface."""
 
     stamp_s: float
     names: tuple[str, ...]
@@ -27,7 +27,7 @@ class JointStates:
 
 
 class Sources(BaseModel):
-    """The state interfaces that fill the three fields of a JointState."""
+    """State interfaces that provide the three fields of a JointState message."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -36,12 +36,15 @@ class Sources(BaseModel):
     effort: str = "effort"
 
     def of(self, field: str) -> str:
-        """The state interface, by the name of the field."""
+        """Return the state interface for a field."""
         return str(getattr(self, field))
 
 
 class BroadcasterParameters(Parameters):
-    """Parameters of a joint state broadcaster, under upstream's names; none can be set while it runs, as upstream."""
+    """Parameters of a joint state broadcaster, with ros2_control's names.
+
+    As in ros2_control, no parameter can be changed while the broadcaster runs.
+    """
 
     joints: tuple[str, ...] = ()
     interfaces: tuple[str, ...] = ()
@@ -53,43 +56,43 @@ class BroadcasterParameters(Parameters):
     publish_dynamic_joint_states: bool = True
 
     def unused(self) -> list[str]:
-        lonely = bool(self.joints) != bool(self.interfaces)
-        alone = "joints" if self.joints else "interfaces"
-        told = [f"{alone} (only joints and interfaces together choose)"] if lonely else []
-        asked = self.interfaces if self.joints else ()
-        told += [
-            f"map_interface_to_joint_state.{n} ({n} itself is among interfaces)"
+        incomplete = bool(self.joints) != bool(self.interfaces)
+        given = "joints" if self.joints else "interfaces"
+        unused = [f"{given} (joints and interfaces must be set together)"] if incomplete else []
+        requested = self.interfaces if self.joints else ()
+        unused += [
+            f"map_interface_to_joint_state.{n} ({n} itself is listed in interfaces)"
             for n in MOVEMENT
-            if n in asked and self.map_interface_to_joint_state.of(n) != n
+            if n in requested and self.map_interface_to_joint_state.of(n) != n
         ]
-        return super().unused() + told
+        return super().unused() + unused
 
     def source(self, field: str) -> str:
-        """The state interface that fills ``field``: its own where it is asked for by name, as upstream."""
+        """Return the state interface for a field. As in ros2_control, a field in ``interfaces`` is not mapped."""
         return field if self.joints and field in self.interfaces else self.map_interface_to_joint_state.of(field)
 
     def chosen(self, available: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
-        """Joints and interfaces, in the order of the messages. Raises ValueError where one is not there."""
+        """Return joints and their interfaces in message order. Raises ValueError if an interface does not exist."""
         if self.joints and self.interfaces:
-            return self._asked_for(available)
-        # Upstream takes the joints from the URDF's model, which keeps them in alphabetical order.
+            return self._requested(available)
+        # ros2_control reads the joints from the URDF model, which sorts them alphabetically.
         names = sorted(available) if self.use_urdf_to_filter else list(available)
         return {name: tuple(available[name]) for name in names}
 
-    def _asked_for(self, available: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
-        asked = [f"{joint}/{name}" for joint in self.joints for name in self.interfaces]
-        there = [f"{joint}/{name}" for joint, names in available.items() for name in names]
-        missing = [name for name in asked if name not in there]
+    def _requested(self, available: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
+        requested = [f"{joint}/{name}" for joint in self.joints for name in self.interfaces]
+        existing = [f"{joint}/{name}" for joint, names in available.items() for name in names]
+        missing = [name for name in requested if name not in existing]
         if missing:
             raise ValueError(
-                f"{', '.join(missing)} is no state interface of the URDF: add it there, or take it out of joints "
-                f"and interfaces (there are {', '.join(there)})"
+                f"the URDF has no state interface {', '.join(missing)}: add it to the URDF or remove it from joints "
+                f"and interfaces (the URDF has {', '.join(existing)})"
             )
         return dict.fromkeys(self.joints, self.interfaces)
 
 
 class JointStateBroadcaster:
-    """The broadcaster claims no joint. Mimic joints follow theirs."""
+    """Broadcaster of joint states. It claims no joint, and computes mimic joints from the joints that they mimic."""
 
     kind: ClassVar[str] = "joint_state_broadcaster/JointStateBroadcaster"
     parameters_type: ClassVar[type[Parameters]] = BroadcasterParameters
@@ -103,9 +106,18 @@ class JointStateBroadcaster:
         hardware_joints: Sequence[str],
         limits: Mapping[str, JointLimits],
     ) -> None:
-        """``state_interfaces`` that there are, and ``limits``, by joint.
+        """Create a broadcaster.
 
-        Raises ValueError where the parameters want interfaces that there are not.
+        Args:
+            name: Name of the controller.
+            parameters: Parameters of the controller.
+            state_interfaces: Existing state interfaces of each joint, by joint name.
+            mimics: Mimic rule of each mimic joint, by joint name.
+            hardware_joints: Joint names in the order of the hardware.
+            limits: Limits of each joint, by joint name.
+
+        Raises:
+            ValueError: The parameters request interfaces that do not exist.
         """
         found = [limits.get(joint) for joint in hardware_joints]
         self._lower = np.array([limit.lower if limit else -math.inf for limit in found])
@@ -116,12 +128,12 @@ class JointStateBroadcaster:
         self.command_interfaces: tuple[str, ...] = ()
         self.command: FloatArray = np.empty(0)
         self.state: JointState | None = None
-        """The newest one, whole."""
+        """Complete joint state of the latest cycle, or None while the broadcaster is inactive."""
         chosen = parameters.chosen(state_interfaces)
         self.state_interfaces = tuple(f"{joint}/{name}" for joint, own in chosen.items() for name in own)
         extra = {joint: MOVEMENT for joint in parameters.extra_joints if joint not in chosen}
         self.interfaces: Mapping[str, tuple[str, ...]] = {**chosen, **extra}
-        """By joint, in the order of the messages."""
+        """Interfaces of each joint, in message order."""
         self._readers = [
             [reader(joint, name, hardware_joints, mimics.get(joint)) for name in own] for joint, own in chosen.items()
         ]
@@ -134,7 +146,7 @@ class JointStateBroadcaster:
 
     @classmethod
     def build(cls, name: str, parameters: BroadcasterParameters, context: ControllerContext) -> "JointStateBroadcaster":
-        """Build the controller as the controllers file asks."""
+        """Build the controller from its parameters and the robot."""
         component = context.component
         mimics = {
             name: joint.mimic
@@ -155,30 +167,34 @@ class JointStateBroadcaster:
     def settled(self) -> bool:
         return True
 
-    # Called from the ROS thread, so that the loop does not pay for it.
+    # The ROS thread calls the following methods, so they take no time in the loop.
 
     def sample(self, state: JointState) -> JointStates:
-        """The values to publish of one cycle's state; computed once for all nodes that ask."""
+        """Return the values to publish for one cycle. They are computed once for all nodes."""
         if self._latest is None or self._latest.stamp_s != state.stamp_s:
             state = replace(state, position=self._at_limits(state.position))
             self._latest = JointStates(state.stamp_s, self.names, *(column(state) for column in self._columns))
         return self._latest
 
     def _at_limits(self, position: FloatArray) -> FloatArray:
-        """A joint that was sent to its limit rests a little beyond, by sag and the encoder's steps: it is at the limit.
+        """Clip positions that are slightly beyond a limit to the limit.
 
-        Planners (MoveIt's CheckStartStateBounds) refuse to begin outside. ``values`` has what was measured.
+        Sag and the encoder's resolution can leave a joint slightly beyond the limit that it was commanded to. Planners
+        (MoveIt's CheckStartStateBounds) do not start outside the limits. ``values`` returns the measured positions.
         """
         inside = np.clip(position, self._lower, self._upper)
         return np.where(np.abs(inside - position) <= self._slack, inside, position)
 
     def values(self, state: JointState) -> list[list[float]]:
-        """The values of every interface of every joint, in the order of ``interfaces``."""
+        """Return the values of every interface of every joint, in the order of ``interfaces``."""
         return [[read(state) for read in own] for own in self._readers] + self._zeros
 
 
 class _Column:
-    """One field of a JointState: from one state interface of all joints, NaN where a joint has it not."""
+    """One field of a JointState message, from one state interface of all joints.
+
+    The value is NaN for a joint without this interface.
+    """
 
     def __init__(
         self,
@@ -188,7 +204,7 @@ class _Column:
         hardware_joints: Sequence[str],
         zeros: int,
     ) -> None:
-        """``joints`` with their interfaces; after them come so many ``zeros``."""
+        """Create a column for ``joints`` and their interfaces, followed by a number of ``zeros``."""
         self._interface = interface
         self._count, self._size = len(joints), len(joints) + zeros
         following = [mimics.get(joint, Mimic(joint, 1.0, 0.0)) for joint in joints]
@@ -196,7 +212,7 @@ class _Column:
         known = all(mimic.joint in hardware_joints for mimic in following)
         self._readers: list[Reader] | None = None
         if interface in MOVEMENT and known:
-            effort = interface == "effort"  # a follower shows its leader's
+            effort = interface == "effort"  # A mimic joint reports the effort of the joint that it mimics.
             factors = [1.0 if effort else mimic.multiplier for mimic in following]
             self._index = np.array([list(hardware_joints).index(mimic.joint) for mimic in following], dtype=np.intp)
             self._factor = np.where(has, factors, np.nan)

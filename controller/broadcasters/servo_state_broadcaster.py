@@ -1,4 +1,4 @@
-"""servoloop/ServoStateBroadcaster: the servos' state in numbers. ``/diagnostics`` has the same in words."""
+"""Implement servoloop/ServoStateBroadcaster, which reports servo states as numbers (``/diagnostics`` has texts)."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
@@ -12,50 +12,50 @@ from hal.plausible import Rate
 from hal.types import FloatArray, JointState
 
 ROUNDING = 1e-6
-"""Rounding of times, in periods: a cycle that is due is not put off for the last digit."""
+"""Rounding tolerance of times, in periods. It keeps a due cycle from being delayed by a rounding error."""
 
 
 class ServoStateParameters(Parameters):
     """Parameters of a servo state broadcaster."""
 
     joints: tuple[str, ...] = ()
-    """None: all."""
+    """Joints to report. An empty list means all joints."""
     interfaces: tuple[str, ...] = ()
-    """None: all."""
+    """Interfaces to report. An empty list means all interfaces."""
     rate: Rate = 1.0
-    """Hz; 0: every cycle."""
+    """Rate in Hz. 0 means every cycle."""
 
 
 class ServoStateBroadcaster:
-    """The broadcaster claims no joint. It shows a state at ``rate``; values are made when a node asks for them."""
+    """Broadcaster of servo states. It claims no joint, and computes values only when a node calls ``values``."""
 
     kind: ClassVar[str] = "servoloop/ServoStateBroadcaster"
     parameters_type: ClassVar[type[Parameters]] = ServoStateParameters
     settable: ClassVar[frozenset[str]] = frozenset({"rate"})
 
     def __init__(self, name: str, parameters: ServoStateParameters, hardware_joints: Sequence[str]) -> None:
-        """Raises ValueError where the parameters name joints or interfaces that are not there."""
+        """Create a broadcaster. Raises ValueError if the parameters name unknown joints or interfaces."""
         self.name = name
         self.parameters = parameters
         self.command_interfaces: tuple[str, ...] = ()
         self.state_interfaces: tuple[str, ...] = ()
         self.command: FloatArray = np.empty(0)
         self.state: JointState | None = None
-        """The newest one that is due to be shown; None while inactive."""
+        """Latest state to publish, or None while the broadcaster is inactive."""
         joints = _chosen("joints", parameters.joints, hardware_joints)
         names = _chosen("interfaces", parameters.interfaces, SERVO)
         self.interfaces: Mapping[str, tuple[str, ...]] = dict.fromkeys(joints, names)
-        """By joint, in the order of the messages."""
+        """Interfaces of each joint, in message order."""
         self._readers = [[reader(joint, name, hardware_joints) for name in names] for joint in joints]
         self._since_s = 0.0
 
     @classmethod
     def build(cls, name: str, parameters: ServoStateParameters, context: ControllerContext) -> "ServoStateBroadcaster":
-        """Build the controller as the controllers file asks."""
+        """Build the controller from its parameters and the robot."""
         return cls(name, parameters, context.component.joints)
 
     def reconfigure(self, parameters: ServoStateParameters) -> None:
-        """Another rate."""
+        """Set the rate."""
         self.parameters = parameters
 
     def activate(self, state: JointState, command: FloatArray) -> None:
@@ -74,12 +74,12 @@ class ServoStateBroadcaster:
         return True
 
     def values(self, state: JointState) -> list[list[float]]:
-        """The values of every interface of every joint, in the order of ``interfaces``; NaN where there is no servo."""
+        """Return the values of every interface of every joint, in the order of ``interfaces``; NaN without a servo."""
         return [[read(state) for read in own] for own in self._readers]
 
 
-def _chosen(what: str, asked: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
-    unknown = [name for name in asked if name not in there]
+def _chosen(parameter: str, requested: Sequence[str], existing: Sequence[str]) -> tuple[str, ...]:
+    unknown = [name for name in requested if name not in existing]
     if unknown:
-        raise ValueError(f"{what} names {', '.join(unknown)}: take out what is not among {', '.join(there)}")
-    return tuple(asked or there)
+        raise ValueError(f"{parameter} has unknown entries {', '.join(unknown)}: choose from {', '.join(existing)}")
+    return tuple(requested or existing)

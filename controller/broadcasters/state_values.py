@@ -1,4 +1,4 @@
-"""State interfaces by name: how to find the value of ``joint/interface`` in a measured state."""
+"""Find the value of a state interface ``joint/interface`` in a measured joint state."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,10 +8,10 @@ from hal.robot_description.description import Mimic
 from hal.types import JointState, ServoHealth
 
 Reader = Callable[[JointState], float]
-"""NaN where the value is not known."""
+"""Function that returns a value from a joint state, or NaN if the value is unknown."""
 
 MOVEMENT: Final = ("position", "velocity", "effort")
-"""The interfaces of every JointState, SI units."""
+"""Interfaces of every JointState, in SI units."""
 
 _OF_HEALTH: Final[dict[str, Callable[[ServoHealth], float]]] = {
     "temperature": lambda health: health.temperature_c,
@@ -33,12 +33,15 @@ _COUNTERS: Final[dict[str, str]] = {
     "implausible": "implausible",
 }
 SERVO: Final = (*_OF_HEALTH, "fault", *_COUNTERS)
-"""A servo's own values (°C, V, share of full drive, A, number of alarms), whether it is faulty (1, 0), and the
-bus's account of it."""
+"""Interfaces of a servo.
+
+They hold the values of the servo (°C, V, share of full drive, A, number of alarms), its fault state (1 or 0) and the
+counters of its bus.
+"""
 
 
 def reader(joint: str, interface: str, hardware_joints: Sequence[str], mimic: Mimic | None = None) -> Reader:
-    """The reader of any joint and interface; a mimic joint's position and velocity follow those of its joint."""
+    """Return the reader for an interface of a joint. A mimic joint uses position and velocity of its source joint."""
     source = mimic.joint if mimic else joint
     if source in hardware_joints and interface in MOVEMENT:
         return _movement(interface, list(hardware_joints).index(source), mimic or Mimic(joint, 1.0, 0.0))

@@ -1,1 +1,1 @@
-"""Forward command controllers: the newest message is the command, for positions, velocities or efforts."""
+"""Forward the latest message as the command, for positions, velocities or efforts."""

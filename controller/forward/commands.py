@@ -1,7 +1,7 @@
-"""Parameters and the inbox of the forward command controllers of all interfaces.
+"""Define the parameters and the command inbox of the forward command controllers.
 
-Other than upstream, a message of the wrong length is dropped and the controller stays active: one bad message must
-not let go of the hand. ``deactivate_on_wrong_length`` brings upstream's way back.
+Unlike ros2_control, a controller drops a message of the wrong length and stays active, so that one bad message does not
+release the hand. ``deactivate_on_wrong_length`` restores ros2_control's behavior.
 """
 
 from collections import deque
@@ -16,7 +16,7 @@ from hal.plausible import Time
 from hal.types import FloatArray
 
 COMMAND_TIMEOUT_S = 0.5
-"""Seconds for which a velocity or an effort holds without a new message, unless the file says otherwise."""
+"""Default time for which a velocity or an effort stays valid without a new message, in seconds."""
 
 
 class ForwardParameters(Parameters):
@@ -25,7 +25,10 @@ class ForwardParameters(Parameters):
     joints: tuple[str, ...] = Field(min_length=1)
     interface_name: Literal["position", "velocity", "effort"]
     command_timeout: Time = COMMAND_TIMEOUT_S
-    """Seconds after which a velocity or an effort without a new message falls to 0; 0: never, as upstream."""
+    """Time after which a velocity or an effort without a new message becomes 0, in seconds.
+
+    0 disables the timeout, as in ros2_control.
+    """
     deactivate_on_wrong_length: bool = False
 
     def claims(self) -> tuple[str, ...]:
@@ -33,20 +36,20 @@ class ForwardParameters(Parameters):
 
     def unused(self) -> list[str]:
         idle = self.interface_name == "position" and "command_timeout" in self.model_fields_set
-        return super().unused() + (["command_timeout (a position is held)"] if idle else [])
+        return super().unused() + (["command_timeout (positions have no timeout)"] if idle else [])
 
 
 class Inbox:
-    """The inbox holds the newest command, handed over from any thread."""
+    """Inbox for the latest command. Any thread may submit a command."""
 
     def __init__(self, joints: Sequence[str], strict: bool = False) -> None:
-        """``strict``: a message of the wrong length makes ``take`` raise."""
+        """Create an empty inbox. ``strict``: Whether ``take`` raises after a message of the wrong length."""
         self._joints = tuple(joints)
         self._strict = strict
         self._commands: deque[FloatArray | str] = deque(maxlen=1)
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """Returns why a command is dropped, or None; an empty one means nothing."""
+        """Submit a command. Return None, or the reason why the command is dropped. An empty command is ignored."""
         if not values:
             return None
         if len(values) != len(self._joints):
@@ -57,14 +60,17 @@ class Inbox:
         return None
 
     def take(self) -> FloatArray | None:
-        """The command since the last time, shape (n,). Raises ValueError where upstream does, if strict."""
+        """Return the command (n,) submitted since the last call, or None.
+
+        A strict inbox raises ValueError for a command of the wrong length.
+        """
         newest = self._commands.popleft() if self._commands else None
         if isinstance(newest, str):
             raise ValueError(newest)
         return newest
 
     def clear(self) -> None:
-        """Drop commands from before an activation or a deactivation."""
+        """Drop the waiting command, at an activation or a deactivation."""
         self._commands.clear()
 
     def __bool__(self) -> bool:

@@ -1,4 +1,4 @@
-"""forward_command_controller/ForwardCommandController and upstream's groups: the newest message is the command."""
+"""Implement forward_command_controller/ForwardCommandController and ros2_control's group controllers."""
 
 import logging
 from collections.abc import Sequence
@@ -18,9 +18,10 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ForwardCommandController:
-    """The controller of positions holds the position until the first message comes; then goes to the newest one.
+    """Controller that moves joints to the positions of the latest message.
 
-    The command is a ramp at the joints' velocity limits, and stays at its end.
+    Before the first message, the controller holds the position. The command moves to the goal at the velocity limits of
+    the joints.
     """
 
     kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"
@@ -45,13 +46,13 @@ class ForwardCommandController:
         self._upper = np.array([limit.upper for limit in limits])
         self._velocity = np.array([limit.velocity for limit in limits])
         self._goal = self.command
-        """Where the command is to come to (n,)."""
+        """Goal of the command (n,)."""
         self._inbox = Inbox(joints, strict)
         self._settling = Settling(self.joints, limits, indices(joints, hardware_joints))
 
     @classmethod
     def build(cls, name: str, parameters: ForwardParameters, context: ControllerContext) -> Controller:
-        """Build the controller as the controllers file asks."""
+        """Build the controller from its parameters and the robot."""
         if parameters.interface_name != "position":
             return RateCommandController.build_as(cls.kind, name, parameters, context)
         limits = limits_of(parameters.joints, context.limits)
@@ -61,11 +62,14 @@ class ForwardCommandController:
         return made
 
     def reconfigure(self, parameters: ForwardParameters) -> None:
-        """Raises ValueError: settable parameters are not for positions."""
-        raise ValueError("a position is held: command_timeout is for velocities and efforts")
+        """Reject a change with ValueError, because the settable parameters do not apply to positions."""
+        raise ValueError("positions have no timeout: command_timeout is for velocities and efforts")
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """A command from any thread. Returns why it is dropped, or None; empty ones mean nothing."""
+        """Submit a command from any thread. Return None, or the reason why the command is dropped.
+
+        An empty command is ignored.
+        """
         return self._inbox.submit(values)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
@@ -81,7 +85,7 @@ class ForwardCommandController:
         if wanted is not None:
             self._go(wanted)
         self.command = within_reach(self._goal, self.command, self._velocity, period_s)
-        self._settling.look(self._goal, self.command, state, period_s)
+        self._settling.update(self._goal, self.command, state, period_s)
 
     def settled(self) -> bool:
         return self._settling.settled and not self._inbox
@@ -89,20 +93,20 @@ class ForwardCommandController:
     def _go(self, wanted: FloatArray) -> None:
         clipped = np.clip(wanted, self._lower, self._upper)
         if (clipped != wanted).any():
-            LOG.warning("%s: %s is outside the limits, going to %s", self.name, wanted, clipped)
+            LOG.warning("%s: %s is outside the limits, moving to %s", self.name, wanted, clipped)
         if (clipped != self._goal).any():
             self._settling.command_changed()
         self._goal = clipped
 
 
 class PositionGroupParameters(ForwardParameters):
-    """The interface goes without saying."""
+    """Parameters of a group controller for positions, with a fixed interface."""
 
     interface_name: Literal["position"] = "position"
 
 
 class JointGroupPositionController(ForwardCommandController):
-    """Upstream's name for a forward command controller of positions."""
+    """Forward command controller for positions under its ros2_control type."""
 
     kind: ClassVar[str] = "position_controllers/JointGroupPositionController"
     parameters_type: ClassVar[type[Parameters]] = PositionGroupParameters
@@ -110,26 +114,26 @@ class JointGroupPositionController(ForwardCommandController):
 
 
 class VelocityGroupParameters(ForwardParameters):
-    """The interface goes without saying."""
+    """Parameters of a group controller for velocities, with a fixed interface."""
 
     interface_name: Literal["velocity"] = "velocity"
 
 
 class JointGroupVelocityController(ForwardCommandController):
-    """Upstream's name for a forward command controller of velocities."""
+    """Forward command controller for velocities under its ros2_control type."""
 
     kind: ClassVar[str] = "velocity_controllers/JointGroupVelocityController"
     parameters_type: ClassVar[type[Parameters]] = VelocityGroupParameters
 
 
 class EffortGroupParameters(ForwardParameters):
-    """The interface goes without saying."""
+    """Parameters of a group controller for efforts, with a fixed interface."""
 
     interface_name: Literal["effort"] = "effort"
 
 
 class JointGroupEffortController(ForwardCommandController):
-    """Upstream's name for a forward command controller of efforts."""
+    """Forward command controller for efforts under its ros2_control type."""
 
     kind: ClassVar[str] = "effort_controllers/JointGroupEffortController"
     parameters_type: ClassVar[type[Parameters]] = EffortGroupParameters

@@ -1,7 +1,7 @@
-"""Forward command controllers of velocities and efforts, which end when no client repeats them.
+"""Forward velocities or efforts, which become 0 if the client does not repeat them.
 
-Other than upstream, a command without a successor falls to zero after ``command_timeout``: a client that died, or
-whose message got lost, must not leave the arm running.
+Unlike in ros2_control, a command becomes 0 after ``command_timeout`` without a new message, so that a crashed client or
+a lost message does not leave the arm moving.
 """
 
 import logging
@@ -19,13 +19,16 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class RateCommandController:
-    """The controller commands zero until the first message. Velocities keep to the joints' acceleration limits."""
+    """Controller of velocities or efforts.
+
+    It commands 0 until the first message. Velocities change within the acceleration limits of the joints.
+    """
 
     parameters_type: ClassVar[type[Parameters]] = ForwardParameters
     settable: ClassVar[frozenset[str]] = frozenset({"command_timeout"})
 
     def __init__(self, kind: str, name: str, parameters: ForwardParameters, limits: Sequence[JointLimits]) -> None:
-        """``limits`` in the order of the joints."""
+        """Create a controller. ``limits`` are in the order of its joints."""
         self.kind = kind
         self.name = name
         self.parameters = parameters
@@ -45,15 +48,18 @@ class RateCommandController:
     def build_as(
         cls, kind: str, name: str, parameters: ForwardParameters, context: ControllerContext
     ) -> "RateCommandController":
-        """Build the controller as the controllers file asks, under its type there."""
+        """Build the controller from its parameters and the robot, under the type ``kind``."""
         return cls(kind, name, parameters, limits_of(parameters.joints, context.limits))
 
     def reconfigure(self, parameters: ForwardParameters) -> None:
-        """Another ``command_timeout``."""
+        """Set ``command_timeout``."""
         self.parameters = parameters
 
     def submit(self, values: Sequence[float]) -> str | None:
-        """A command from any thread. Returns why it is dropped, or None; empty ones mean nothing."""
+        """Submit a command from any thread. Return None, or the reason why the command is dropped.
+
+        An empty command is ignored.
+        """
         return self._inbox.submit(values)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
@@ -69,13 +75,13 @@ class RateCommandController:
         if newest is not None:
             self._wanted = self._bounded(newest)
         elif self._is_stale():
-            LOG.warning("%s: no command for %.2f s, going to zero", self.name, self._age_s)
+            LOG.warning("%s: no command for %.2f s, commanding 0", self.name, self._age_s)
             self._wanted = np.zeros_like(self._wanted)
         step = self._quickest * period_s
         self.command = np.clip(self._wanted, self.command - step, self.command + step)
 
     def settled(self) -> bool:
-        """Whether no joint is driven."""
+        """Return whether no joint is driven."""
         return not self._inbox and not self._wanted.any() and not self.command.any()
 
     def _rest(self) -> None:
@@ -86,7 +92,7 @@ class RateCommandController:
     def _bounded(self, wanted: FloatArray) -> FloatArray:
         clipped = np.clip(wanted, self._lowest, self._highest)
         if (clipped != wanted).any():
-            LOG.warning("%s: %s is beyond the limits, going with %s", self.name, wanted, clipped)
+            LOG.warning("%s: %s is beyond the limits, commanding %s", self.name, wanted, clipped)
         return clipped
 
     def _is_stale(self) -> bool:

@@ -1,1 +1,1 @@
-"""The gripper action controller: one joint, closed until it arrives or can go no further."""
+"""Move the joint of a gripper until it reaches its goal or stalls on an object."""

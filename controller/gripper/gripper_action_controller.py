@@ -1,7 +1,7 @@
-"""parallel_gripper_action_controller/GripperActionController: one joint, closed until it arrives or can go no further.
+"""Implement parallel_gripper_action_controller/GripperActionController.
 
-Other than upstream the fingers move within the joint's velocity, acceleration and jerk limits, goals beyond the
-limits are rejected, and a cancel stops them without a step back.
+Unlike in ros2_control, the fingers move within the velocity, acceleration and jerk limits of the joint. Goals beyond
+the position limits are rejected, and a canceled goal stops the fingers without a step back.
 """
 
 import logging
@@ -32,7 +32,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class GripperActionController:
-    """The controller follows one goal at a time; a new one takes over from the reference of the old one."""
+    """Controller of one gripper joint. A new goal starts from the reference of the previous goal."""
 
     kind: ClassVar[str] = "parallel_gripper_action_controller/GripperActionController"
     parameters_type: ClassVar[type[Parameters]] = GripperParameters
@@ -41,7 +41,7 @@ class GripperActionController:
     )
 
     def __init__(self, name: str, parameters: GripperParameters, limits: JointLimits, index: int) -> None:
-        """``index``: where the joint stands in the hardware's order."""
+        """Create a controller. ``index`` is the index of the joint in the hardware's joint order."""
         self.name = name
         self.parameters = parameters
         self.joint = parameters.joint
@@ -49,7 +49,7 @@ class GripperActionController:
         self.state_interfaces = tuple(f"{self.joint}/{name}" for name in parameters.state_interfaces)
         self.command: FloatArray = np.full(1, np.nan)
         self.state: GripperState | None = None
-        """The gripper's state in the newest cycle; None while inactive."""
+        """State of the gripper in the latest cycle, or None while the controller is inactive."""
         self._limits = limits
         self._velocity = np.array([limits.velocity])
         self._index = index
@@ -57,7 +57,7 @@ class GripperActionController:
         self._cancels: deque[GripperHandle] = deque()
         self._active: GripperHandle | None = None
         self.newest_goal: GripperHandle | None = None
-        """The goal that was taken last, under way or decided."""
+        """The latest goal, active or finished."""
         self._motion: Motion | None = None
         self._settling = Settling((self.joint,), (limits,), (index,))
         self._fault_timeout = FaultTimeout((self.joint,))
@@ -67,41 +67,41 @@ class GripperActionController:
 
     @classmethod
     def build(cls, name: str, parameters: GripperParameters, context: ControllerContext) -> "GripperActionController":
-        """Build the controller as the controllers file asks."""
+        """Build the controller from its parameters and the robot."""
         joint = parameters.joint
         return cls(name, parameters, context.limits[joint], context.component.joints.index(joint))
 
-    # Called from any thread.
+    # Any thread may call the following methods.
 
     def check(self, goal: GripperGoal) -> str | None:
-        """The reason why the goal is refused, or None."""
+        """Return why a goal is rejected, or None."""
         if not self._running:
             return NOT_RUNNING
         return reason_to_reject(goal, self.joint, self._limits, self.parameters)
 
     def submit(self, goal: GripperGoal) -> GripperHandle:
-        """Hand over a goal that ``check`` let pass. It takes effect in the next cycle."""
+        """Start a goal that ``check`` has accepted. It takes effect in the next cycle."""
         handle = GripperHandle(goal)
         self._inbox.append(handle)
-        if not self._running:  # stopped since the check
+        if not self._running:  # The controller may have been deactivated since the check.
             handle.decide(GoalStatus.ABORTED, GripperState(), DEACTIVATED)
         return handle
 
     def cancel(self, handle: GripperHandle) -> None:
-        """Stop a goal within the limits, if it is still under way at the next cycle."""
+        """Cancel a goal if it is still active in the next cycle. The fingers stop within their limits."""
         self._cancels.append(handle)
 
     def reconfigure(self, parameters: GripperParameters) -> None:
-        """Tolerances change from now on."""
+        """Set the settable parameters, which apply at once."""
         self.parameters = parameters
 
-    # Called from the loop's thread.
+    # Only the thread of the loop may call the following methods.
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._refuse_waiting()
         self._follow(plan_stop(Kinematics.at_rest(command), (self._limits,)))
         self._last_s = state.stamp_s
-        self._unmeasured.forget()
+        self._unmeasured.reset()
         self.command = command.copy()
         self._settling.begin()
         self.state = None
@@ -132,7 +132,7 @@ class GripperActionController:
         goal = self._sample(period_s).position
         self.command = within_reach(goal, self.command, self._velocity, period_s)
         if self._elapsed_s >= self._duration_s:
-            self._settling.look(goal, self.command, state, period_s)
+            self._settling.update(goal, self.command, state, period_s)
 
     @property
     def _duration_s(self) -> float:
@@ -175,7 +175,7 @@ class GripperActionController:
             if self._active:
                 self._decide(self._active, GoalStatus.ABORTED, PREEMPTED)
             self._active = self.newest_goal = self._inbox.popleft()
-            if not self._inbox:  # else a newer one has come already: this one is not worth planning
+            if not self._inbox:  # A newer goal in the queue would replace this goal at once.
                 self._start(self._active, reference)
 
     def _start(self, handle: GripperHandle, reference: Kinematics) -> None:
@@ -196,7 +196,7 @@ class GripperActionController:
         if fault := self._fault_timeout.lasting(state.faults, period_s):
             self._give_up(handle, self._sample(0.0), fault)
         elif self.joint in state.faults:
-            return  # the last known values say nothing of now: fingers that are not measured do not stand still
+            return  # The last known position of unmeasured fingers does not show a stall.
         elif abs(handle.goal.position - self.state.position) < self.parameters.goal_tolerance:
             self._end(handle, GoalStatus.SUCCEEDED, "the goal is reached", reached_goal=True)
         elif self._stalls(self.state, before, step_s):
@@ -206,15 +206,15 @@ class GripperActionController:
             self._end(handle, status, text, stalled=True)
 
     def _stalls(self, now: GripperState, before: GripperState | None, step_s: float) -> bool:
-        """Whether the fingers have stood still for too long. A hardware that knows no velocity still has positions."""
+        """Return whether the fingers have stalled. The change of position counts, too, if the velocity is unknown."""
         slowest = self.parameters.stall_velocity_threshold
-        way = 0.0 if before is None else abs(now.position - before.position)
-        moves = abs(now.velocity) > slowest or way > slowest * step_s
+        moved = 0.0 if before is None else abs(now.position - before.position)
+        moves = abs(now.velocity) > slowest or moved > slowest * step_s
         self._still_s = 0.0 if moves else self._still_s + step_s
         return self._still_s > self.parameters.stall_timeout
 
     def _end(self, handle: GripperHandle, status: GoalStatus, text: str, **flags: bool) -> None:
-        """Decide the goal. The command stays as it is: fingers that hold something go on holding it."""
+        """Decide the goal. The command does not change, so the fingers continue to hold an object."""
         self._active = None
         self._decide(handle, status, text, **flags)
 
@@ -225,6 +225,6 @@ class GripperActionController:
 
 
 class PositionGripperActionController(GripperActionController):
-    """The same controller behind upstream's older action, GripperCommand."""
+    """The same controller with ros2_control's older action, GripperCommand."""
 
     kind: ClassVar[str] = "position_controllers/GripperActionController"

@@ -1,1 +1,1 @@
-"""The controller manager: the controllers of one robot, their files, plug-ins and life cycles, and their switching."""
+"""Load, configure and switch the controllers of one robot, as ros2_control's controller manager does."""

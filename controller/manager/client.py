@@ -1,4 +1,4 @@
-"""The manager's client asks the manager from another thread: calls return at once, and are served between cycles."""
+"""Call the controller manager from another thread. Calls return at once and are served between two cycles."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,14 +15,15 @@ from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
 from controller.parameters import Parameters
 
 SWITCH_TIMEOUT_S: Final = 1.0
-"""The timeout of a client that names none."""
+"""Default timeout of a switch, in seconds."""
 
 
 class ManagerClient:
-    """The client is for one thread, not the loop's; work that takes long (files, plug-ins) is done in that thread.
+    """Client of the controller manager, for use in one thread other than the loop's.
 
-    Each call raises errors that are known at once; errors that the loop finds, the request's ``result()`` raises. A
-    refused call changes nothing.
+    Slow work, such as reading files and loading plug-ins, runs in the calling thread. A call raises the errors that
+    it finds itself. ``result()`` of the returned request raises the errors that occur in the loop. A call that raises
+    an error changes nothing.
     """
 
     def __init__(self, loop: ControlLoop, factory: Factory) -> None:
@@ -30,10 +31,10 @@ class ManagerClient:
         self._manager = loop.manager
         self._factory = factory
         self._changes: dict[str, tuple[ControllerSpec, Request[None]]] = {}
-        """By controller: the newest change of its parameters, which the loop may not have come to yet."""
+        """Latest parameter change of each controller, by name. The loop may not have applied the change yet."""
 
     def load(self, name: str, settings: Settings) -> Request[None]:
-        """Take a controller in; the arguments as for ``Factory.spec``."""
+        """Load a controller. The arguments are those of ``Factory.spec``."""
         if name in self._manager.registry.loaded:
             raise ManagerError(f"A controller named '{name}' was already loaded inside the controller manager")
         if not name:
@@ -44,28 +45,31 @@ class ManagerClient:
         return self._ask(lambda: self._manager.registry.load(spec))
 
     def configure(self, name: str) -> Request[None]:
-        """Build a controller anew from its spec."""
+        """Build a controller from its current spec and configure it."""
         spec = self._newest(name)
         controller = self._factory.make(spec)
 
         def configure() -> None:
             now = self._manager.registry.loaded.get(name)
             if now is not None and now.spec is not spec:
-                raise ManagerError(f"Controller '{name}' was changed meanwhile: configure it once more")
+                raise ManagerError(f"Controller '{name}' was changed while it was being built: configure it again")
             self._manager.registry.configure(name, controller)
 
         return self._ask(configure)
 
     def cleanup(self, name: str) -> Request[None]:
-        """Bring a controller back to unconfigured."""
+        """Return a controller to the unconfigured state."""
         return self._ask(lambda: self._manager.registry.cleanup(name))
 
     def unload(self, name: str) -> Request[None]:
-        """Forget a controller."""
+        """Unload a controller."""
         return self._ask(lambda: self._manager.registry.unload(name))
 
     def switch(self, request: SwitchRequest, timeout_s: float = 0.0) -> Request[str]:
-        """Switch in one cycle, or not at all if that cycle comes later than ``timeout_s`` (0: a second)."""
+        """Switch controllers in one cycle.
+
+        Nothing is switched if that cycle starts later than ``timeout_s``. A timeout of 0 means ``SWITCH_TIMEOUT_S``.
+        """
         allowed_s = timeout_s if timeout_s > 0.0 else SWITCH_TIMEOUT_S
         latest_s = self._loop.clock.now() + allowed_s
 
@@ -77,33 +81,36 @@ class ManagerClient:
         return self._loop.requests.ask(switch)
 
     def change(self, name: str, parameters: Parameters) -> ControllerSpec:
-        """Other parameters for a controller; returns its spec from then on. Raises ValueError if it refuses them."""
+        """Change the parameters of a controller and return its new spec.
+
+        Raises ValueError if the controller rejects the parameters.
+        """
         entry = self._manager.registry.loaded.get(name)
         if entry is None:
-            raise ValueError(f"{name} is not loaded any more")
+            raise ValueError(f"{name} is no longer loaded")
         if entry.controller is not None:
             reconfigure: Callable[[Parameters], None] | None = getattr(entry.controller, "reconfigure", None)
             if reconfigure is None:
-                raise ValueError(f"{entry.spec.kind} cannot take it while it is configured: clean it up first")
+                raise ValueError(f"{entry.spec.kind} cannot change parameters while configured: clean it up first")
             reconfigure(parameters)
         spec = replace(entry.spec, parameters=parameters)
         self._changes[name] = spec, self._ask(lambda: self._manager.registry.update_spec(spec))
         return spec
 
     def _newest(self, name: str) -> ControllerSpec:
-        """The spec to build a configuration from: as the loop will have it when it comes to that."""
+        """Return the spec of a controller, including a parameter change that the loop has not applied yet."""
         spec, request = self._changes.get(name, (None, None))
-        under_way = request is not None and not request.done  # before the look at what the loop has
+        pending = request is not None and not request.done  # This check must come before the registry is read.
         entry = self._manager.registry.changeable(name, "configured")
-        return spec if under_way and spec is not None else entry.spec
+        return spec if pending and spec is not None else entry.spec
 
     def configured(self, name: str) -> bool:
-        """Whether the controller is loaded and has been built."""
+        """Return whether a controller is loaded and has been configured."""
         entry = self._manager.registry.loaded.get(name)
         return entry is not None and entry.controller is not None
 
     def reload(self, force: bool) -> Request[None]:
-        """Unload all controllers and look for plug-ins again; active ones only by ``force``."""
+        """Unload all controllers and search for plug-ins again. Active controllers are unloaded only with ``force``."""
 
         def reload() -> None:
             self._manager.clear(force)
@@ -112,7 +119,7 @@ class ManagerClient:
         return self._ask(reload)
 
     def controller_types(self) -> list[str]:
-        """The types that can be loaded."""
+        """Return the controller types that can be loaded."""
         return list(controller_types())
 
     def _ask(self, action: Callable[[], None]) -> Request[None]:

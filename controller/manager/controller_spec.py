@@ -1,4 +1,4 @@
-"""The spec of a controller, as a controllers file or a spawner gives it."""
+"""Define the spec of a controller, which comes from a controllers file or a spawner."""
 
 import re
 from collections.abc import Sequence
@@ -11,25 +11,25 @@ ROS_ARGUMENTS: Final = "--ros-args"
 
 
 def name_mistake(name: str) -> str | None:
-    """Why no controller can have that name, or None: its ROS node is called by it, which nobody else checks."""
+    """Return why a controller cannot have this name, or None. The name is also the name of its ROS node."""
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         return None
-    return "cannot be a controller's name: ROS nodes' names are letters, digits and _, and begin with no digit"
+    return "is not a valid controller name: use letters, digits and _, and do not start with a digit"
 
 
 def with_ros_flag(arguments: Sequence[str]) -> tuple[str, ...]:
-    """ROS arguments behind ``--ros-args``, which rcl asks for and the user may leave out."""
+    """Return ROS arguments with a leading ``--ros-args``, which rcl requires but users may omit."""
     return tuple(arguments) if not arguments or ROS_ARGUMENTS in arguments else (ROS_ARGUMENTS, *arguments)
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerSpec:
-    """The name, type and checked parameters of a controller."""
+    """Name, type and checked parameters of a controller."""
 
     name: str
     kind: str
     parameters: Parameters
     fallback: tuple[str, ...] = ()
-    """Controllers that take over when it fails."""
+    """Controllers that take over if this controller fails."""
     node_arguments: tuple[str, ...] = ()
-    """ROS arguments of its node (``--ros-args -r …``)."""
+    """ROS arguments of the controller's node (``--ros-args -r …``)."""

@@ -1,4 +1,4 @@
-"""The controllers file, in ros2_control's own format: read whole, and every mistake told with its line."""
+"""Read and check a controllers file in ros2_control's format. Every mistake is reported with its line."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,23 +23,23 @@ LOG = logging.getLogger("servoloop.controller")
 
 MANAGER = "controller_manager"
 GROUPS = ("defaults", "diagnostics", "hardware_components_initial_state", "overruns", "qos_overrides")
-"""Groups of the manager's own parameters, which look like controllers."""
+"""Groups of manager parameters that look like controllers in the file."""
 DEFAULTS = "controller_defaults"
-"""The robot file's parameters of controllers."""
+"""Key of the robot file for default parameters of controllers."""
 HONORED = ("hardware_components_initial_state", "qos_overrides", "robot_description", "use_sim_time")
-"""Parameters of the manager that have an effect, or that every node has."""
+"""Manager parameters that have an effect or that every node has."""
 
 Defaults = Mapping[str, Mapping[str, Any]]
-"""By controller: the values of parameters that no file gives."""
+"""Default parameter values, by controller name and parameter name."""
 
 
 class ControllersFileError(Exception):
-    """The controllers file has mistakes; the text lists them with file and line."""
+    """The controllers file has mistakes. The message lists each mistake with file and line."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControllersFile:
-    """The whole file, checked; ``content`` is all that it says, also of nodes that the manager does not name."""
+    """A checked controllers file. ``content`` also holds the parameters of nodes that are not controllers."""
 
     yaml: YamlFile
     update_rate_hz: int
@@ -49,18 +49,18 @@ class ControllersFile:
 
     @property
     def path(self) -> Path:
-        """The path of the file."""
+        """Path of the file."""
         return self.yaml.path
 
     @property
     def manager(self) -> Mapping[str, Any]:
-        """The manager's own parameters."""
+        """Parameters of the manager itself."""
         return parameters_of(self.content, MANAGER)
 
 
 @dataclass(frozen=True, slots=True)
 class _FileWithDefaults:
-    """The places of parameters, some of which only the robot file gives."""
+    """Locations of parameters in the controllers file, or in the robot file for default values."""
 
     file: YamlFile
     content: Content
@@ -76,13 +76,20 @@ class _FileWithDefaults:
 def load_controllers_file(
     path: Path, defaults: Defaults, component: HardwareInfo, origin: Places | None = None
 ) -> ControllersFile:
-    """Read and check the file; ``defaults`` by controller fill in missing parameters.
+    """Read and check a controllers file.
 
-    ``origin``: the robot file that gives the defaults. Raises ControllersFileError with every mistake.
+    Args:
+        path: Path of the file.
+        defaults: Default parameter values, by controller name.
+        component: The joints and interfaces of the robot.
+        origin: Robot file that provides the defaults.
+
+    Raises:
+        ControllersFileError: The file has mistakes. The message lists all mistakes.
     """
     file, content = read_parameter_file(path, ControllersFileError)
     if not names(content, MANAGER):
-        raise ControllersFileError(f"{path}:1: the file has no {MANAGER}: add a section with its controllers")
+        raise ControllersFileError(f"{path}:1: the file has no {MANAGER} section: add one that lists the controllers")
     places = file if origin is None else _FileWithDefaults(file, content, origin)
     reader = _Reader(file, content, component, [], places)
     controllers = reader.controllers(defaults)
@@ -91,15 +98,22 @@ def load_controllers_file(
         raise ControllersFileError("\n".join(reader.problems))
     reader.name_unused(manager)
     if not controllers:
-        LOG.warning("%s: %s names no controllers: a spawner has to bring them", path, MANAGER)
+        LOG.warning("%s: %s lists no controllers: load them with a spawner", path, MANAGER)
     return ControllersFile(file, manager.update_rate, tuple(controllers), content, defaults)
 
 
 def load_controller(file: ControllersFile, name: str, settings: Settings, component: HardwareInfo) -> ControllerSpec:
-    """One controller's spec; ``settings`` and their parameter files count more than ``file``.
+    """Build the spec of one controller. Required parameters may still be missing.
 
-    Required parameters may still be missing. Raises ControllersFileError with every other mistake, and ValueError where
-    an argument of the node is no YAML.
+    Args:
+        file: The controllers file of the robot.
+        name: Name of the controller.
+        settings: Settings that override those in ``file``, as do their parameter files.
+        component: The joints and interfaces of the robot.
+
+    Raises:
+        ControllersFileError: The parameters have mistakes. The message lists all mistakes.
+        ValueError: An argument of the node is not valid YAML.
     """
     source = _Source(file.yaml, file.content, file.defaults, file.manager)
     settings = settings.over(Settings.of(source.entry(name)))
@@ -113,54 +127,58 @@ def load_controller(file: ControllersFile, name: str, settings: Settings, compon
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """The controllers file and the robot file's defaults, to which a controller's parameter files add."""
+    """The controllers file and the robot file's defaults, before a controller's parameter files are merged in."""
 
     file: YamlFile
     content: Content
     defaults: Defaults
     manager: Mapping[str, Any]
-    """The manager's own parameters in ``content``."""
+    """Parameters of the manager itself, from ``content``."""
 
     def entry(self, name: str) -> dict[str, Any]:
-        """What the file says of a controller for the manager: in the manager's section, or else in its own."""
+        """Return the settings of a controller. The manager's section overrides the controller's own section."""
         found: dict[str, Any] = {}
-        for _, _, said in self.sections(name):
-            found |= said
+        for _, _, settings in self.sections(name):
+            found |= settings
         return found
 
     def sections(self, name: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """The settings in the controller's own section and in the manager's: the node, the key above them, they."""
-        own, said = parameters_of(self.content, name), self.manager.get(name)
+        """Yield the settings from the controller's own section, then from the manager's section.
+
+        Each item holds the node of the section, the prefix of the keys, and the settings.
+        """
+        own, entry = parameters_of(self.content, name), self.manager.get(name)
         yield name, "", {key: own[key] for key in SETTINGS if key in own}
-        yield MANAGER, f"{name}.", dict(said) if isinstance(said, Mapping) else {}
+        yield MANAGER, f"{name}.", dict(entry) if isinstance(entry, Mapping) else {}
 
     def controllers(self) -> list[str]:
-        """The controllers that the manager names, and those whose own section has a type of controllers."""
-        named = [n for n, said in self.manager.items() if isinstance(said, Mapping)]
+        """Return the names of controllers listed by the manager, and of sections with a controller type."""
+        named = [n for n, entry in self.manager.items() if isinstance(entry, Mapping)]
         own = [n.removeprefix("/") for n in self.content if n.removeprefix("/").isidentifier()]
         known = {*controller_types(), *SUCCESSORS}
         typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
         return [name for name in dict.fromkeys([*named, *typed]) if name not in GROUPS]
 
     def parameters(self, name: str, settings: Settings) -> tuple[YamlFile, Content, dict[str, Any]]:
-        """A controller's parameters, and the file that counts most. Raises ControllersFileError, ValueError."""
+        """Return the file with the highest priority, its content, and the merged parameters of a controller.
+
+        Raises ControllersFileError or ValueError.
+        """
         given, paths = parameters_in(settings.node_arguments, name), settings.files
         for path in files_in(settings.node_arguments):
             check_existing(path, ControllersFileError)
         contents = [read_parameter_file(path, ControllersFileError) for path in paths]
         if paths and not any(names(content, name) or ALL in content for _, content in contents):
             listed = ", ".join(map(str, paths))
-            raise ControllersFileError(
-                f"{listed} says nothing of {name}: give it a section '{name}: ros__parameters: …'"
-            )
+            raise ControllersFileError(f"{listed} has no section for {name}: add '{name}: ros__parameters: …'")
         found = merged(self.defaults.get(name, {}), parameters_of(self.content, name))
-        for said in (*(parameters_of(content, name) for _, content in contents), given):
-            found = merged(found, said)
+        for parameters in (*(parameters_of(content, name) for _, content in contents), given):
+            found = merged(found, parameters)
         return (*(contents[-1] if contents else (self.file, self.content)), found)
 
 
 def no_type(name: str) -> str:
-    """What to say of a controller for which no type is given, in upstream's words."""
+    """Return the error for a controller without a type. The text starts with ros2_control's own message."""
     return (
         f"The 'type' param was not defined for '{name}': set {name}.type on /controller_manager, "
         "or give the controller a section with its type in a parameter file"
@@ -169,7 +187,7 @@ def no_type(name: str) -> str:
 
 @dataclass(slots=True)
 class _Reader:
-    """One file being read, and the mistakes found so far."""
+    """Reader of one file, with the mistakes found so far."""
 
     file: YamlFile
     content: Content
@@ -179,33 +197,35 @@ class _Reader:
     complete: bool = True
     """Whether a required parameter that is missing is a mistake."""
 
-    def say(self, node: str, key: str, text: str) -> None:
-        """A mistake with file and line."""
+    def report(self, node: str, key: str, text: str) -> None:
+        """Record a mistake with its file and line."""
         self.problems.append(f"{self.places.place((node, PARAMETERS, *key.split('.')))}: {node}.{key} {text}")
 
     def controllers(self, defaults: Defaults) -> list[ControllerSpec]:
-        """The controllers of the file whose parameters are right, each with its parameter files and arguments."""
+        """Return the specs of all controllers whose parameters are valid."""
         source = _Source(self.file, self.content, defaults, parameters_of(self.content, MANAGER))
         known = source.controllers()
         if len(known) > MOST_NODES:
             place = self.file.place((MANAGER, PARAMETERS, known[MOST_NODES]))
-            raise ControllersFileError(f"{place}: {MANAGER} has more than {MOST_NODES} controllers: take some out")
+            raise ControllersFileError(f"{place}: {MANAGER} has more than {MOST_NODES} controllers: remove some")
         found: list[ControllerSpec] = []
         for name in known:
             entry = source.entry(name)
             waits = parameters_of(self.content, name).get("wait_for")
-            for other in self._strangers(name, waits, known):
-                self.say(name, "wait_for", f"names {other}, which is no other controller of this file")
+            for other in self._not_in_file(name, waits, known):
+                self.report(name, "wait_for", f"names {other}, which is not another controller in this file")
             if self._settings_wrong(source, name):
                 continue
             settings = Settings.of(entry)
-            for other in self._strangers(name, settings.fallback, known):
+            for other in self._not_in_file(name, settings.fallback, known):
                 key = f"{name}.fallback_controllers"
-                self.say(MANAGER, key, f"names {other}, which is no other controller of this file: correct it")
+                self.report(
+                    MANAGER, key, f"names {other}, which is not another controller in this file: correct the name"
+                )
             try:
                 last, content, parameters = source.parameters(name, settings)
             except (ControllersFileError, ValueError) as error:
-                self.say(MANAGER, name, f"cannot be loaded: {error}")
+                self.report(MANAGER, name, f"cannot be loaded: {error}")
                 continue
             places = self.places if last is self.file else last
             reader = _Reader(last, content, self.component, self.problems, places)
@@ -213,22 +233,22 @@ class _Reader:
         return found
 
     def _settings_wrong(self, source: _Source, name: str) -> bool:
-        """Note the mistakes in a controller's settings; returns whether there are any."""
+        """Record the mistakes in the settings of a controller. Return whether there are mistakes."""
         known = len(self.problems)
-        for node, above, said in source.sections(name):
-            for key, text in setting_mistakes(said):
-                self.say(node, f"{above}{key}", text)
+        for node, prefix, settings in source.sections(name):
+            for key, text in setting_mistakes(settings):
+                self.report(node, f"{prefix}{key}", text)
         return len(self.problems) > known
 
     def name_unused(self, manager: ManagerParameters) -> None:
-        """Name the manager's parameters that have no effect here."""
+        """Log the manager parameters that have no effect."""
         extra = manager.model_extra or {}
         unused = [key for key in manager.unused() if key in GROUPS or not isinstance(extra[key], Mapping)]
         if unused := [key for key in unused if key not in HONORED]:
-            LOG.warning("%s: %s: not used: %s", self.file.path, MANAGER, ", ".join(unused))
+            LOG.warning("%s: %s: parameters without effect: %s", self.file.path, MANAGER, ", ".join(unused))
 
     def checked(self, name: str, model: type[Parameters], parameters: Mapping[str, Any]) -> Parameters | None:
-        """The parameters as ``model``, or None and each mistake noted."""
+        """Return the parameters as a ``model``. If they are invalid, record each mistake and return None."""
         try:
             return model.model_validate(dict(parameters)) if self.complete else model.as_far_as_given(parameters)
         except ValidationError as error:
@@ -236,7 +256,7 @@ class _Reader:
             return None
 
     def controller(self, name: str, settings: Settings, parameters: Mapping[str, Any]) -> Iterator[ControllerSpec]:
-        """The controller, unless there are mistakes."""
+        """Yield the spec of a controller, unless it has mistakes."""
         kind = settings.kind
         if kind in SUCCESSORS and self.complete:
             LOG.error("%s: %s is not loaded: %s", self.file.path, name, outdated(kind))
@@ -251,48 +271,55 @@ class _Reader:
                 or outdated(kind)
                 or f"has {what}, known types are {', '.join(controller_types())}"
             )
-            self.say(MANAGER, name, why)
+            self.report(MANAGER, name, why)
             return
         if mistake := name_mistake(str(name)):
-            self.say(MANAGER, name, mistake)
+            self.report(MANAGER, name, mistake)
             return
         own = {key: value for key, value in parameters.items() if key not in SETTINGS}
         impossible = list(ros_mistakes(own))
         for key, text in impossible:
-            self.say(name, key, text)
+            self.report(name, key, text)
         checked = None if impossible else self.checked(name, controller_types()[kind].parameters_type, own)
         if checked is None:
             return
         if missing := checked.missing():
-            LOG.info("%s is loaded without %s: to be set on its node before it is configured", name, ", ".join(missing))
+            text = "%s is loaded without its required parameters %s: set them on its node before you configure it"
+            LOG.info(text, name, ", ".join(missing))
         else:
             self._check_use(name, checked)
-        if name in settings.fallback and not self.complete:  # of the controllers file it was said before
-            self.say(name, "fallback_controllers", f"names {name} itself: name another controller, or take it out")
+        if name in settings.fallback and not self.complete:  # For the controllers file, ``controllers`` checks this.
+            self.report(
+                name, "fallback_controllers", f"names {name} itself: name another controller or remove the entry"
+            )
         yield ControllerSpec(name, kind, checked, settings.fallback, with_ros_flag(settings.node_arguments))
 
     def _check_use(self, name: str, parameters: Parameters) -> None:
         for key, text in claim_mistakes(parameters, self.component):
-            self.say(name, key, text)
+            self.report(name, key, text)
         if unused := parameters.unused():
-            LOG.warning("%s: %s: not used: %s", self.file.path, name, ", ".join(unused))
+            LOG.warning("%s: %s: parameters without effect: %s", self.file.path, name, ", ".join(unused))
 
     @staticmethod
-    def _strangers(name: str, others: Any, known: Sequence[str]) -> list[str]:
-        """The controllers of a list that the file does not have, and the controller itself."""
-        return [one for one in (others if isinstance(others, list | tuple) else ()) if one == name or one not in known]
+    def _not_in_file(name: str, others: Any, known: Sequence[str]) -> list[str]:
+        """Return the entries of a list that are the controller itself or not a controller of the file."""
+        listed = others if isinstance(others, list | tuple) else ()
+        return [other for other in listed if other == name or other not in known]
 
 
 def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
-    """Each claimed command interface must be one of the URDF's, and claimed once; yields parameter and mistake."""
+    """Check that the URDF has each claimed command interface and that each is claimed once.
+
+    Yields the name of the wrong parameter and a description of the mistake.
+    """
     joints, claims = component.joints, parameters.claims()
     key = "joint" if "joint" in type(parameters).model_fields else "joints"
     block = "the URDF's <ros2_control> block"
     for claim in dict.fromkeys(claims):
         joint = claim.rpartition("/")[0]
         if joint not in joints:
-            yield key, f"names {joint}, which takes no commands in {block} (it has {', '.join(joints)})"
+            yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
         elif claim not in component.commands:
-            yield key, f"wants {claim}, which is no command_interface of {block}"
+            yield key, f"needs {claim}, which is not a command_interface in {block}"
     for claim in sorted({claim for claim in claims if claims.count(claim) > 1}):
         yield key, f"names {claim.rpartition('/')[0]} twice"

@@ -1,4 +1,4 @@
-"""The controllers' cycle updates all active controllers, one after the other, and puts their commands together."""
+"""Update all active controllers, one after the other, and combine their commands."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -14,14 +14,14 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ControllerCycle:
-    """The cycle runs in the loop's thread, the controllers in the order in which they were loaded."""
+    """One update of all active controllers, in the order of loading. It runs in the thread of the loop."""
 
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[Running, FloatArray], None]
     ) -> None:
-        """``fail`` takes a controller out that has failed; it gets the last command (n,) of all interfaces too."""
+        """Create the cycle. ``fail`` deactivates a failed controller, given the last command (n,) of all interfaces."""
         self.seen: JointState | None = None
-        """The newest measurement."""
+        """Latest measurement."""
         self.leaving = LeavingControllers(stops)
         self._registry = registry
         self._stops = stops
@@ -30,10 +30,11 @@ class ControllerCycle:
         self._period_s = 1.0
 
     def update(self, state: JointState, last: FloatArray, now_s: float, period_s: float) -> FloatArray:
-        """Run one cycle; returns the wanted command (n,). An interface that no controller commands keeps its ``last``.
+        """Run one cycle and return the command (n,) of all interfaces.
 
-        A controller that fails is taken out; the others go on. A controller whose joints are still coming to rest
-        from the command of another begins when they stand.
+        An interface without a controller keeps its ``last`` command. A controller that fails is deactivated, and the
+        others continue. A controller whose joints are still stopping from another controller's motion starts after
+        they are at rest.
         """
         self.seen = state
         wanted = last.copy()
@@ -54,30 +55,30 @@ class ControllerCycle:
         return wanted
 
     def sent(self, command: FloatArray, last: FloatArray) -> None:
-        """The command (n,) as the safety gate has passed it, and the one before: joints come to rest from there."""
+        """Record the last two commands (n,) after the safety gate, from which joints stop without a controller."""
         self._command, self._last = command, last
 
     def settled(self, name: str) -> bool:
-        """Whether that controller has settled; for one that is not active there is nothing to wait for."""
+        """Return whether a controller has settled. An inactive controller counts as settled."""
         return all(entry.controller.settled() for entry in self._registry.running if entry.spec.name == name)
 
     def stop(self, index: list[int]) -> None:
-        """The interfaces at ``index`` have lost their controller: those in motion come to rest from here."""
+        """Stop the joints of the interfaces at ``index``, which have lost their controller."""
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
 
     def take(self, index: list[int]) -> None:
-        """A controller takes the interfaces at ``index``: joints that are being relieved come to rest for it."""
+        """End the relief of the interfaces at ``index``, because a controller takes them. Their joints stop first."""
         for ended in self.leaving.end(index):
             self.stop(ended)
 
     def at_rest(self, index: Sequence[int]) -> bool:
-        """Whether no interface at ``index`` is on its way to rest, or to where it presses no more."""
+        """Return whether no joint of the interfaces at ``index`` is being stopped or relieved."""
         return not self._stops.holds(index) and not self.leaving.holds(index)
 
 
 def _shaped(entry: Running) -> FloatArray:
-    """A controller's command, which must be one value for each interface: numpy would spread a single one over all."""
+    """Return the command of a controller after a check of its shape. numpy would broadcast a single value."""
     command = entry.controller.command
     if command.shape != (len(entry.index),):
-        raise ValueError(f"a command of shape {command.shape} for {len(entry.index)} interfaces")
+        raise ValueError(f"the command has shape {command.shape}, expected ({len(entry.index)},)")
     return command

@@ -1,4 +1,4 @@
-"""The factory makes controllers from parameter files and spawners' arguments."""
+"""Build controllers from parameter files and the arguments of spawners."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,24 @@ from controller.manager.settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class Factory:
-    """The factory makes controllers of one robot, those of the file and others."""
+    """Factory for the controllers of one robot, including controllers that are not in its controllers file."""
 
     file: ControllersFile
     context: ControllerContext
 
     def spec(self, name: str, settings: Settings) -> ControllerSpec:
-        """The checked spec of a controller; what ``settings`` leave open, the controllers file may give.
+        """Return the checked spec of a controller. The controllers file provides settings that are not in ``settings``.
 
-        Raises ControllersFileError with every mistake, ValueError where an argument of the node is no YAML.
+        Raises:
+            ControllersFileError: The parameters have mistakes. The message lists all mistakes.
+            ValueError: An argument of the node is not valid YAML.
         """
         if name in settings.fallback:
             raise ControllersFileError(f"{name} cannot be its own fallback: name another controller")
         return load_controller(self.file, name, settings, self.context.component)
 
     def make(self, spec: ControllerSpec) -> Controller:
-        """The controller, inactive. Raises ValueError where it does not fit the robot, or parameters are missing."""
+        """Build an inactive controller. Raises ValueError if it does not fit the robot or lacks parameters."""
         if missing := spec.parameters.missing():
             them = "them" if len(missing) > 1 else "it"
             raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node /{spec.name}")
@@ -38,7 +40,9 @@ class Factory:
     def fill(self, manager: ControllerManager) -> None:
         """Load and configure all controllers of the file, in its order.
 
-        Raises ControllersFileError where one does not fit the robot, ClaimError where it commands too much.
+        Raises:
+            ControllersFileError: A controller does not fit the robot.
+            ClaimError: A controller claims an interface that the hardware does not have.
         """
         for spec in self.file.controllers:
             manager.registry.load(spec)

@@ -1,4 +1,4 @@
-"""Controllers that have been deactivated and still relieve their joints, until another controller has these."""
+"""Run deactivated controllers that still relieve their joints, until another controller takes these joints."""
 
 import logging
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 @dataclass(slots=True)
 class _Leaving:
-    """One of them; ``index``: the places of its commands among the hardware's."""
+    """A deactivated controller. ``index`` holds the indices of its command interfaces."""
 
     controller: Relieving
     index: list[int]
@@ -21,45 +21,48 @@ class _Leaving:
 
 
 class LeavingControllers:
-    """They run in the loop's thread, once their joints have come to rest."""
+    """Deactivated controllers that relieve their joints. They start in the loop after the joints are at rest."""
 
     def __init__(self, stops: DecelerationStops) -> None:
         self.entries: list[_Leaving] = []
-        """Almost always there are none, and then nothing here is called in a cycle."""
+        """Controllers in progress. While this list is empty, the cycle calls no method of this class."""
         self._stops = stops
 
     def add(self, controller: Relieving, index: list[int]) -> None:
-        """This controller has been deactivated: its joints are relieved where they come to rest."""
+        """Add a controller that has been deactivated. The relief starts when its joints are at rest."""
         self.entries.append(_Leaving(controller, index))
 
     def holds(self, index: Sequence[int]) -> bool:
-        """Whether any of these is still being relieved."""
-        return any(i in one.index for one in self.entries for i in index)
+        """Return whether any of the interfaces at ``index`` is still being relieved."""
+        return any(i in entry.index for entry in self.entries for i in index)
 
     def end(self, index: Sequence[int]) -> list[list[int]]:
-        """A controller takes these: whatever relieves one of them ends. Returns the places of all its commands."""
-        ended = [one for one in self.entries if any(i in one.index for i in index)]
-        self.entries = [one for one in self.entries if one not in ended]
-        return [one.index for one in ended]
+        """End every relief that uses an interface at ``index``, because a controller takes it.
+
+        Returns the indices of all interfaces of each ended relief.
+        """
+        ended = [entry for entry in self.entries if any(i in entry.index for i in index)]
+        self.entries = [entry for entry in self.entries if entry not in ended]
+        return [entry.index for entry in ended]
 
     def restart(self) -> None:
-        """The joints have been commanded otherwise meanwhile, and rest: they are relieved from where they are."""
-        for one in self.entries:
-            one.begun = False
+        """Restart each relief at the current positions, because another command has moved the joints."""
+        for entry in self.entries:
+            entry.begun = False
 
     def fill(self, wanted: FloatArray, last: FloatArray, state: JointState, now_s: float, period_s: float) -> None:
-        """Their part of ``wanted`` (n,) for the end of the coming period; ``last`` (n,) is the last command."""
-        for one in tuple(self.entries):
-            if self._stops.moving and self._stops.holds(one.index):
+        """Set the commands of relieved joints in ``wanted`` (n,). ``last`` (n,) is the last command."""
+        for entry in tuple(self.entries):
+            if self._stops.moving and self._stops.holds(entry.index):
                 continue
             try:
-                if not one.begun:
-                    one.begun = True
-                    one.controller.begin_relief(state, last[one.index])
-                goes_on = one.controller.relieve(state, now_s, period_s)
-                wanted[one.index] = one.controller.command
+                if not entry.begun:
+                    entry.begun = True
+                    entry.controller.begin_relief(state, last[entry.index])
+                goes_on = entry.controller.relieve(state, now_s, period_s)
+                wanted[entry.index] = entry.controller.command
             except Exception:
-                LOG.exception("%s cannot relieve its joints: they stay where they are", one.controller.name)
+                LOG.exception("%s cannot relieve its joints: they hold their position", entry.controller.name)
                 goes_on = False
             if not goes_on:
-                self.entries.remove(one)
+                self.entries.remove(entry)

@@ -1,4 +1,4 @@
-"""The controller manager loads controllers and switches which of them command which joints."""
+"""Load controllers and switch which of them command the joints."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -20,22 +20,30 @@ INACTIVE, ACTIVE = LifecycleState.INACTIVE, LifecycleState.ACTIVE
 
 
 class ControllerManager:
-    """The manager has the loaded controllers in its registry, and runs the active ones in its cycle.
+    """The controller manager. ``registry`` holds the loaded controllers, and ``cycle`` runs the active ones.
 
-    Threads as for the registry.
+    The thread rules of ``ControllerRegistry`` apply.
     """
 
     def __init__(self, hardware: Interfaces, limits: Mapping[str, JointLimits]) -> None:
-        """``limits`` by joint: within them joints come to rest when their controller goes."""
+        """Create a manager without controllers. Joints that lose their controller stop within ``limits``."""
         self.registry = ControllerRegistry(hardware.command_interfaces)
         self.stops = DecelerationStops(hardware.command_interfaces, limits)
         self._hardware = hardware
         self.cycle = ControllerCycle(self.registry, self.stops, self._replace)
 
     def switch(self, request: SwitchRequest, command: FloatArray) -> str:
-        """Switch all of the request at once or nothing; returns what was done. The hardware holds ``command`` (n,).
+        """Switch all controllers of a request at once, or none of them.
 
-        Raises SwitchError, whose text says why not.
+        Args:
+            request: Controllers to activate and to deactivate.
+            command: Last command of the hardware, shape (n,).
+
+        Returns:
+            Summary of the switched controllers.
+
+        Raises:
+            SwitchError: Nothing was switched, or not all former controllers could be activated again.
         """
         plan = plan_switch(self.registry.loaded, request, self._hardware)
         for name in plan.deactivate:
@@ -51,7 +59,7 @@ class ControllerManager:
         return summary
 
     def _undo(self, plan: SwitchPlan, command: FloatArray) -> str:
-        """Bring back the controllers of before; returns which could not be brought back."""
+        """Undo a switch that failed halfway. Return the end of the error message."""
         for name in reversed(plan.activate):
             if self.registry.loaded[name].active:
                 self._stop(name)
@@ -59,20 +67,21 @@ class ControllerManager:
             try:
                 self._start(name, command)
             except Exception as error:
-                return f"; and {error}: it stays inactive, its joints hold"
+                return f"; and {error}: the controller stays inactive and its joints hold position"
         return ". Nothing was switched."
 
     def activate(self, state: JointState, command: FloatArray) -> None:
-        """At the start each controller in its turn takes over, but for those whose joints are taken, and fallbacks.
+        """Activate the controllers in the order of loading, at the start of the loop.
 
-        ``command`` (n,) is what the hardware holds.
+        Fallback controllers, and controllers whose joints another controller has claimed, stay inactive. ``command``
+        (n,) is the last command of the hardware.
         """
         fallbacks = {name for entry in self.registry.loaded.values() for name in entry.spec.fallback}
         loaded = self.registry.loaded.items()
         self.activate_each([n for n, entry in loaded if entry.state is INACTIVE and n not in fallbacks], state, command)
 
     def activate_each(self, names: Iterable[str], state: JointState, command: FloatArray) -> None:
-        """Activate these controllers one after the other; a controller that fails to activate stays inactive."""
+        """Activate controllers one after the other. A controller whose activation fails stays inactive."""
         self.cycle.seen = state
         for name in names:
             try:
@@ -81,38 +90,44 @@ class ControllerManager:
                 LOG.warning("%s stays inactive: %s", name, error)
 
     def deactivate(self) -> None:
-        """All controllers give up what is under way, each of them; then raises what the first one raised."""
+        """Deactivate all controllers, then raise the first error if there was one."""
         errors = [error for entry in self.registry.running if (error := self._stop(entry.spec.name))]
         if errors:
             raise errors[0]
 
     def clear(self, force: bool) -> None:
-        """Forget all controllers, active ones only by ``force``."""
+        """Unload all controllers. Active controllers are unloaded only with ``force``."""
         running = [entry.spec.name for entry in self.registry.running]
         if running and not force:
-            raise ManagerError(f"{', '.join(running)} cannot be unloaded while active: deactivate first, or force it")
+            raise ManagerError(f"{', '.join(running)} cannot be unloaded while active: deactivate first, or use force")
         for name in running:
             self._stop(name)
         for name in self.registry.loaded:
             self.registry.unload(name)
 
     def release(self, interfaces: Iterable[str], reason: str, states: bool = False) -> list[str]:
-        """Deactivate all that use one of these command interfaces; with ``states``, one of these state interfaces.
+        """Deactivate the controllers that use any of these command interfaces.
 
-        Returns the names of the deactivated controllers.
+        Args:
+            interfaces: Names of the interfaces.
+            reason: Why the controllers are deactivated, for the log and the results of goals.
+            states: Whether to deactivate controllers that use one of them as a state interface, too.
+
+        Returns:
+            Names of the deactivated controllers.
         """
         lost, names = set(interfaces), list[str]()
         for entry in self.registry.running:
-            looked_at = entry.controller.state_interfaces if states else ()
-            if used := lost.intersection((*entry.controller.command_interfaces, *looked_at)):
+            read = entry.controller.state_interfaces if states else ()
+            if used := lost.intersection((*entry.controller.command_interfaces, *read)):
                 name = entry.spec.name
-                LOG.error("%s is deactivated, it uses %s: %s", name, ", ".join(sorted(used)), reason)
+                LOG.error("%s is deactivated because it uses %s: %s", name, ", ".join(sorted(used)), reason)
                 self._stop(name, reason)
                 names.append(name)
         return names
 
     def _replace(self, failed: Running, last: FloatArray) -> None:
-        """The fallback controllers of a failed one take over, from the next cycle on."""
+        """Deactivate a failed controller and activate its fallback controllers, which start in the next cycle."""
         self._stop(failed.spec.name)
         if failed.spec.fallback:
             try:
@@ -134,7 +149,7 @@ class ControllerManager:
         self.registry.put(replace(entry, state=ACTIVE))
 
     def _stop(self, name: str, reason: str = "") -> Exception | None:
-        """A controller is inactive after this, whatever it raises; that is returned."""
+        """Deactivate a controller, even if it raises an error. Return the error."""
         entry = self.registry.loaded[name]
         self.registry.put(replace(entry, state=INACTIVE))
         error = _deactivated(entry.configured, reason)
@@ -147,7 +162,7 @@ class ControllerManager:
 def _deactivated(controller: Controller, reason: str = "") -> Exception | None:
     try:
         controller.deactivate(reason)
-    except Exception as error:  # the others' clients still wait for a word
+    except Exception as error:  # The clients of the other controllers still wait for their results.
         LOG.exception("%s failed when it was deactivated", controller.name)
         return error
     return None

@@ -1,4 +1,4 @@
-"""The parameters of one node in ROS parameter files, by upstream's rules of which entry counts."""
+"""Find the parameters of one node in ROS parameter files, with the same priorities as rclcpp."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,49 +10,49 @@ from typing import Any
 from controller.manager.parameter_file import ALL, PARAMETERS, parse_value
 
 Content = Mapping[str, Mapping[str, Any]]
-"""A file's nodes (or patterns of nodes) in its order, below each ``ros__parameters``."""
+"""The nodes (or node patterns) of a file in its order, each with its ``ros__parameters``."""
 
 
 def parameters_of(content: Content, node: str) -> dict[str, Any]:
-    """The parameters of ``node``, which is in no namespace: as in rclcpp, later entries of a file count more."""
+    """Return the parameters of a node without a namespace. As in rclcpp, later entries of a file take priority."""
     found: dict[str, Any] = {}
-    for pattern, said in content.items():
+    for pattern, section in content.items():
         if _matches(pattern, node):
-            found = merged(found, said.get(PARAMETERS) or {})
+            found = merged(found, section.get(PARAMETERS) or {})
     return found
 
 
 @lru_cache(4096)
 def _matches(pattern: str, node: str) -> bool:
-    """Whether rclcpp takes a name with the wildcards ``*`` and ``**`` for this node."""
+    """Return whether rclcpp matches a pattern with the wildcards ``*`` and ``**`` to this node."""
     absolute = pattern if pattern.startswith("/") else f"/{pattern}"
     return re.fullmatch(absolute.replace("/*", r"(/\w+)"), f"/{node}") is not None
 
 
 def parameters_in(arguments: Sequence[str], node: str) -> dict[str, Any]:
-    """The parameters of ``node`` in ROS arguments: ``-p name:=value``, or ``-p node:name:=value`` for one node only.
+    """Return the parameters of a node in ROS arguments: ``-p name:=value``, or ``-p node:name:=value`` for one node.
 
-    Raises ValueError where a value is no YAML.
+    Raises ValueError if a value is not valid YAML.
     """
     found: dict[str, Any] = {}
     for flag, rule in pairwise(arguments):
         name, given, value = rule.partition(":=")
-        whose, _, name = name.rpartition(":")
-        if flag in ("-p", "--param") and given and whose in ("", node, f"/{node}", ALL):
+        owner, _, name = name.rpartition(":")
+        if flag in ("-p", "--param") and given and owner in ("", node, f"/{node}", ALL):
             try:
                 found = merged(found, {name: parse_value(value)})
             except ValueError as error:
-                raise ValueError(f"{node} gets the argument '{flag} {rule}', whose value is no YAML") from error
+                raise ValueError(f"{node}: the value in the argument '{flag} {rule}' is not valid YAML") from error
     return found
 
 
 def files_in(arguments: Sequence[str]) -> list[Path]:
-    """The parameter files that ROS arguments name, which rcl reads."""
+    """Return the parameter files that ROS arguments name. rcl reads them."""
     return [Path(value) for flag, value in pairwise(arguments) if flag == "--params-file"]
 
 
 def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
-    """Both groups merged, where ``second`` counts more: name by name also within a group, also of names with dots."""
+    """Merge two groups of parameters recursively. ``second`` takes priority, and dots in a name separate groups."""
     found = dict(first)
     for key, value in second.items():
         group, _, rest = str(key).partition(".")
@@ -65,5 +65,5 @@ def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any
 
 
 def names(content: Content, node: str) -> bool:
-    """Whether the file says anything of this very node."""
+    """Return whether the file has a section with the name of this node, not only a matching wildcard."""
     return any(pattern.rpartition("/")[2] == node and _matches(pattern, node) for pattern in content)

@@ -1,4 +1,4 @@
-"""ROS parameter files, read as rcl reads them: which nodes they name, and the type of each value."""
+"""Read ROS parameter files with rcl's rules for node names and value types."""
 
 import math
 import re
@@ -15,9 +15,9 @@ from hal.yaml_nodes import Loader, YamlFile, compose, listed
 ALL: Final = "/**"
 PARAMETERS: Final = "ros__parameters"
 MOST_NODES: Final = 300
-"""Maximum number of nodes, with patterns of nodes, in one file."""
+"""Maximum number of nodes and node patterns in one file."""
 MOST_VALUES: Final = 2000
-"""Maximum number of values of one node, each entry of a list counted."""
+"""Maximum number of values of one node. Each entry of a list counts."""
 _RESOLVER: Final[Any] = Loader("")
 _NODE: Final = re.compile(r"(/?(\*\*|\*|[A-Za-z_][A-Za-z0-9_]*))(/(\*\*|\*|[A-Za-z_][A-Za-z0-9_]*))*")
 _TEXT: Final = "tag:yaml.org,2002:str"
@@ -29,24 +29,24 @@ _NOT_FINITE: Final = re.compile(r"[+-]?\.?(inf|nan)|[+-]?infinity", re.IGNORECAS
 
 
 class _TooMany(Exception):
-    """The file has more nodes or values than any robot needs. The text follows the file's name."""
+    """The file has too many nodes or values. The message continues the name of the file."""
 
 
 @dataclass(slots=True)
 class _Reader:
-    """One file being read: the parameters of each node, and the mistakes found so far."""
+    """Reader of one file, with the parameters of each node and the mistakes found so far."""
 
     file: YamlFile
     content: dict[str, dict[str, Any]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     _values: dict[str, int] = field(default_factory=dict)
-    """The number of values by node."""
+    """Number of values of each node, by node name."""
 
-    def say(self, node: yaml.Node, text: str) -> None:
+    def report(self, node: yaml.Node, text: str) -> None:
         self.problems.append(f"{self.file.path}:{node.start_mark.line + 1}: {text}")
 
     def nodes(self, mapping: yaml.Node, within: str = "") -> None:
-        """Read a mapping of node names, namespaces or ``ros__parameters``; ``within``: the names above it."""
+        """Read a mapping of node names, namespaces or ``ros__parameters``. ``within`` is the path of parent names."""
         for key, value, name in self._entries(mapping, within):
             if name == PARAMETERS:
                 self._node(key, value, within)
@@ -54,14 +54,16 @@ class _Reader:
                 self.nodes(value, f"{within}/{name}" if within else name)
             else:
                 path = f"{within}.{name}" if within else name
-                self.say(key, f"{path}: a value stands outside {PARAMETERS}: put it below '{PARAMETERS}:'")
+                self.report(key, f"{path}: this value is outside {PARAMETERS}: move it below '{PARAMETERS}:'")
 
     def _node(self, key: yaml.Node, value: yaml.Node, name: str) -> None:
-        """Read the parameters of one node; those of a node that was named before are merged with them."""
+        """Read the parameters of one node. They are merged with earlier parameters of the same node."""
         if not _NODE.fullmatch(name):
-            self.say(key, f"{name or 'nothing'} is not the name of a node: put a node's name above {PARAMETERS}")
+            self.report(key, f"'{name}' is not a valid node name: put the name of a node above {PARAMETERS}")
         elif not isinstance(value, yaml.MappingNode):
-            self.say(key, f"{name}.{PARAMETERS}: this is not a mapping: list parameters by name, or take it out")
+            self.report(
+                key, f"{name}.{PARAMETERS}: this is not a mapping: list parameters by name, or remove the section"
+            )
         else:
             known = self.content.setdefault(name, {PARAMETERS: {}})
             self._count(value, name)
@@ -87,15 +89,15 @@ class _Reader:
                 found[name] = self.value(value, where)
 
     def value(self, node: yaml.Node, where: str) -> Any:
-        """The value of the parameter ``where``: a scalar or a list of scalars."""
+        """Return the value of the parameter named ``where``: a scalar or a list of scalars."""
         return self._list(node, where) if isinstance(node, yaml.SequenceNode) else self._scalar(node, where)
 
     def _entries(self, mapping: yaml.Node, path: str) -> Iterator[tuple[yaml.Node, yaml.Node, str]]:
         for key, value in mapping.value:
             if not isinstance(key, yaml.ScalarNode):
-                self.say(key, "a list or a mapping cannot be a key: write a name")
+                self.report(key, "a list or a mapping cannot be a key: use a name")
             elif not key.value:
-                self.say(key, f"{path}. has an empty name: give the parameter a name")
+                self.report(key, f"{path}. has an empty name: give the parameter a name")
             else:
                 yield key, value, key.value
 
@@ -104,20 +106,21 @@ class _Reader:
         kinds = sorted({type(value).__name__ for value in values})
         if len(kinds) > 1:
             mixed = " and ".join(kinds)
-            self.say(sequence, f"{where} mixes {mixed} in one list: write all in the same way, 0.0 instead of 0")
+            remedy = "use one type for all elements, for example 0.0 instead of 0"
+            self.report(sequence, f"{where} mixes {mixed} in one list: {remedy}")
         return values
 
     def _scalar(self, node: yaml.Node, where: str) -> Any:
         if not isinstance(node, yaml.ScalarNode):
-            self.say(node, f"{where} has a list or a mapping within a list, which no ROS parameter has: take it out")
+            self.report(node, f"{where} has a list or a mapping within a list: ROS parameters do not support this")
             return ""
         if not node.value and not node.style:
-            self.say(node, f"{where} has no value: give it one, or take it out")
+            self.report(node, f"{where} has no value: set one or remove the parameter")
         return scalar(node)
 
 
 def _scalars(node: yaml.Node) -> Iterator[yaml.Node]:
-    """Yields the values within a mapping or a list."""
+    """Yield the scalar values within a mapping or a list."""
     if isinstance(node, yaml.MappingNode | yaml.SequenceNode):
         for part in node.value:
             yield from _scalars(part[1] if isinstance(part, tuple) else part)
@@ -126,7 +129,7 @@ def _scalars(node: yaml.Node) -> Iterator[yaml.Node]:
 
 
 def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
-    """A value with the type that rcl gives it: a quoted one is a text, and ``1e3`` is a number."""
+    """Return a value with the type that rcl assigns: quoted values are strings, and ``1e3`` is a number."""
     text = str(node.value)
     if node.style in ("'", '"') or _tagged_as_text(node):
         return text
@@ -135,17 +138,17 @@ def scalar(node: yaml.ScalarNode) -> bool | int | float | str:
     if (number := _integer(text)) is not None:
         return number
     if _FLOAT.fullmatch(text):
-        return float(text) if math.isfinite(float(text)) else text  # in C, a number out of range is none
+        return float(text) if math.isfinite(float(text)) else text  # rcl reads an out-of-range number as a string.
     return float(text.replace(".", "")) if _NOT_FINITE.fullmatch(text) else text
 
 
 def _tagged_as_text(node: yaml.ScalarNode) -> bool:
-    """Whether ``!!str`` stands before a value that would be of another type without it."""
+    """Return whether a ``!!str`` tag makes a string of a value that would otherwise have another type."""
     return bool(node.tag == _TEXT and _RESOLVER.resolve(yaml.ScalarNode, node.value, (True, False)) != _TEXT)
 
 
 def _integer(text: str) -> int | None:
-    """A whole number of 64 bits; as in C, one that begins with 0 is octal. None for any other text."""
+    """Parse a 64-bit integer, or return None. As in C, a number with a leading 0 is octal."""
     if not _INTEGER.fullmatch(text) or len(text) > 30:
         return None
     digits = text.lstrip("+-")
@@ -157,29 +160,36 @@ def _integer(text: str) -> int | None:
 
 
 def parse_value(text: str) -> Any:
-    """Read one value as rcl reads that of ``-p name:=value``. Raises ValueError."""
+    """Parse a value as rcl parses the value in ``-p name:=value``. Raises ValueError."""
     try:
         aliases = check_size(yaml.parse(text, Loader=Loader))
         root = Loader(text).get_single_node()
     except (yaml.YAMLError, TooLarge, TooDeep) as error:
-        raise ValueError("it is no YAML") from error
+        raise ValueError("the value is not valid YAML") from error
     reader = _Reader(YamlFile(Path("-p"), root))
     value = None if root is None or aliases else reader.value(root, "it")
     if value is None or reader.problems:
-        raise ValueError("it is neither a value nor a list of values of one type")
+        raise ValueError("the value must be a scalar or a list of scalars of one type")
     return value
 
 
 def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, dict[str, dict[str, Any]]]:
-    """Read a parameter file: by node (``arm``, ``/ns/arm``, ``/**``) its ``ros__parameters``, in the file's order.
+    """Read a ROS parameter file.
+
+    Args:
+        path: Path of the file.
+        error: Type of the exception to raise.
+
+    Returns:
+        The YAML file, and the ``ros__parameters`` of each node (``arm``, ``/ns/arm``, ``/**``) in the file's order.
 
     Raises:
-        error: rcl refuses the file, too. The message lists every mistake with its line.
+        error: The file has mistakes that rcl rejects, too. The message lists all mistakes with their lines.
     """
     file = compose(path, error)
     reader = _Reader(file)
     reader.problems += [
-        f"{path}:{line}: an alias (*) is not supported in parameter files: write out what it stands for"
+        f"{path}:{line}: an alias (*) is not supported in parameter files: replace it with its value"
         for line in file.aliases
     ]
     if isinstance(file.root, yaml.MappingNode):
@@ -188,7 +198,7 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         except _TooMany as reason:
             raise error(f"{path}{reason}") from reason
     else:
-        reader.problems.append(f"{path}:1: this is not a mapping: name a node, and below it {PARAMETERS}")
+        reader.problems.append(f"{path}:1: this is not a mapping: start with the name of a node and {PARAMETERS}")
     if reader.problems:
         raise error("\n".join(listed(reader.problems)))
     return file, reader.content

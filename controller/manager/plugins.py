@@ -1,4 +1,4 @@
-"""Plug-ins: the types of controllers that a controllers file can name, ours and those that users install."""
+"""Find the controller types that a controllers file can name: built-in types and installed plug-ins."""
 
 import sys
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from controller.interface import ControllerType
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 
 ENTRY_POINTS: Final = "servoloop.controllers"
-"""The group of entry points in which a user's package names its controllers: ``package/Class = module:Class``."""
+"""Entry-point group of controllers in user packages. An entry reads ``package/Class = module:Class``."""
 
 
 _OURS: Final[tuple[ControllerType, ...]] = (
@@ -45,12 +45,12 @@ SUCCESSORS: Final[Mapping[str, str]] = {
     "position_controllers/JointPositionController": "position_controllers/JointGroupPositionController",
     "effort_controllers/GripperActionController": "parallel_gripper_action_controller/GripperActionController",
 }
-"""Types of older releases, and the types that took their place."""
+"""Controller types of older ros2_control releases, and the types that replace them."""
 
 
 def outdated(kind: str) -> str | None:
-    """The remedy for a type of an older release; None for any other type."""
-    return f"its type {kind} is outdated: write {SUCCESSORS[kind]}" if kind in SUCCESSORS else None
+    """Return the error for a type of an older release, or None for any other type."""
+    return f"its type {kind} is outdated: use {SUCCESSORS[kind]}" if kind in SUCCESSORS else None
 
 
 class PluginError(Exception):
@@ -59,36 +59,36 @@ class PluginError(Exception):
 
 @cache
 def _installed() -> tuple[Mapping[str, ControllerType], Mapping[str, str]]:
-    """Installed controller types, by ``type``; and the reasons why broken ones are broken."""
+    """Return the installed controller types, and the errors of types that cannot be loaded, both by ``type``."""
     sound: dict[str, ControllerType] = {}
     broken_plugins: dict[str, str] = {}
     for point in entry_points(group=ENTRY_POINTS):
         try:
             sound[point.name] = point.load()
-        except Exception as error:  # whatever its module does when it is imported
+        except Exception as error:  # The import of a user's module can raise any error.
             broken_plugins[point.name] = f"the controller {point.name} {why_not_loaded(point, error)}"
     return sound, broken_plugins
 
 
 def why_not_loaded(point: EntryPoint, error: Exception) -> str:
-    """The reason why an installed class cannot be loaded, for a message that begins with its type."""
+    """Return why an installed class cannot be loaded. The text continues a message that starts with its type."""
     remedy = ""
     if point.module.split(".")[0] in sys.stdlib_module_names:
-        remedy = f"; Python's own module {point.module} is found instead: rename {point.module}.py in the package"
+        remedy = f"; Python imports its own module {point.module} instead: rename {point.module}.py in the package"
     return f"({point.value}) cannot be loaded: {error}{remedy}"
 
 
 def controller_types() -> Mapping[str, ControllerType]:
-    """All usable controller types, by their ``type``. A broken one does not keep the arm from its others."""
+    """Return all usable controller types, by ``type``. A broken plug-in does not affect the other types."""
     return {**{kind.kind: kind for kind in _OURS}, **_installed()[0]}
 
 
 def broken_plugins() -> Mapping[str, str]:
-    """The reasons why installed types cannot be used, by their ``type``."""
+    """Return the errors of installed types that cannot be used, by ``type``."""
     return _installed()[1]
 
 
 def look_for_plugins_again() -> None:
-    """Plug-ins that have been installed since count from now on."""
+    """Discard the cached plug-ins, so that newly installed plug-ins are found."""
     invalidate_caches()
     _installed.cache_clear()

@@ -1,4 +1,4 @@
-"""The registry holds the loaded controllers and their life cycles, as far as no joint is concerned."""
+"""Keep the loaded controllers and their lifecycle states. The registry does not command any joint."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -12,16 +12,16 @@ from hal.lifecycle import LifecycleState
 
 UNCONFIGURED, INACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE
 KEPT_TRANSITIONS: Final = 1000
-"""So many transitions are kept for a reader that lags behind."""
+"""Maximum number of transitions kept for a slow reader."""
 
 
 class ClaimError(ManagerError):
-    """A controller commands an interface that the hardware does not have."""
+    """A controller claims an interface that the hardware does not have."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A controller went from one state to another."""
+    """A change of a controller from one state to another."""
 
     name: str
     start: LifecycleState
@@ -30,29 +30,30 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """An active controller as the cycle needs it."""
+    """An active controller, with the data that the cycle needs."""
 
     spec: ControllerSpec
     controller: Controller
     index: list[int]
-    """The places of its commands among the hardware's."""
+    """Indices of the controller's commands among the commands of the hardware."""
 
 
 class ControllerRegistry:
-    """All calls that change something come from the loop's thread, or before that thread begins.
+    """The loaded controllers.
 
-    Any thread may look at ``loaded`` and ``running``, which are replaced as a whole and never changed.
+    Only the thread of the loop may change the registry, except before the loop starts. Any thread may read ``loaded``
+    and ``running``, because a change replaces these objects instead of modifying them.
     """
 
     def __init__(self, command_interfaces: Sequence[str]) -> None:
-        """``command_interfaces`` are the hardware's, in the order of its commands (``joint1/position``)."""
+        """Create an empty registry for the hardware's command interfaces, such as ``joint1/position``, in order."""
         self.command_interfaces = tuple(command_interfaces)
         self.transitions: deque[Transition] = deque(maxlen=KEPT_TRANSITIONS)
-        """For one reader in another thread, which takes them from the left."""
+        """Transitions for one reader in another thread, which removes them from the left."""
         self.loaded: Mapping[str, Loaded] = {}
-        """All loaded controllers by name, in the order in which they were loaded."""
+        """All loaded controllers by name, in the order of loading."""
         self.running: tuple[Running, ...] = ()
-        """The active ones of them, in the same order."""
+        """The active controllers, in the order of loading."""
 
     @property
     def controllers(self) -> Mapping[str, Controller]:
@@ -61,54 +62,60 @@ class ControllerRegistry:
 
     @property
     def claimed(self) -> Mapping[str, str]:
-        """The controller's name by the command interface that it has claimed."""
+        """Name of the controller that has claimed each command interface, by interface."""
         return taken(self.loaded)
 
     def state(self, name: str) -> LifecycleState:
-        """The life cycle state of a controller. Raises KeyError where it is not loaded."""
+        """Return the lifecycle state of a controller. Raises KeyError if it is not loaded."""
         return self.loaded[name].state
 
     def load(self, spec: ControllerSpec) -> None:
-        """Take a controller in, unconfigured."""
+        """Load a controller in the unconfigured state."""
         if spec.name in self.loaded:
             raise ManagerError(f"A controller named '{spec.name}' was already loaded inside the controller manager")
         self.put(Loaded(spec))
 
     def configure(self, name: str, controller: Controller) -> None:
-        """Give a loaded name its controller, built from its spec. An inactive one is cleaned up first."""
+        """Configure a loaded controller with the object built from its spec.
+
+        An inactive controller is cleaned up first.
+        """
         entry = self.changeable(name, "configured")
         unknown = [claim for claim in controller.command_interfaces if claim not in self.command_interfaces]
         if unknown:
             has = ", ".join(self.command_interfaces)
-            raise ClaimError(f"{name} commands {', '.join(unknown)}, which the hardware has not (it has {has})")
+            raise ClaimError(f"{name} claims {', '.join(unknown)}, which the hardware does not have (it has {has})")
         index = indices(controller.command_interfaces, self.command_interfaces)
         self.cleanup(name)
         self.put(Loaded(entry.spec, INACTIVE, controller, index))
 
     def add(self, controller: Controller) -> None:
-        """Load and configure a controller that has been built already."""
+        """Load and configure a controller that is already built."""
         self.load(ControllerSpec(controller.name, controller.kind, controller.parameters))
         self.configure(controller.name, controller)
 
     def cleanup(self, name: str) -> None:
-        """Bring a controller back to unconfigured."""
+        """Return a controller to the unconfigured state."""
         entry = self.changeable(name, "cleaned up")
         if entry.state is not UNCONFIGURED:
             self.put(Loaded(entry.spec))
 
     def unload(self, name: str) -> None:
-        """Forget a controller."""
+        """Unload a controller."""
         self.changeable(name, "unloaded")
         self.cleanup(name)
         self._hold({other: entry for other, entry in self.loaded.items() if other != name})
 
     def update_spec(self, spec: ControllerSpec) -> None:
-        """Other parameters for a loaded controller, from its next configuration on."""
+        """Set the spec that a loaded controller uses from its next configuration on."""
         if spec.name in self.loaded:
             self._hold({**self.loaded, spec.name: replace(self.loaded[spec.name], spec=spec)})
 
     def changeable(self, name: str, verb: str) -> Loaded:
-        """The controller, which must be there and not active to be ``verb``. From any thread. Raises ManagerError."""
+        """Return a loaded controller. Any thread may call this method.
+
+        Raises ManagerError if the controller is not loaded or is active. ``verb`` names the operation in the message.
+        """
         if name not in self.loaded:
             raise ManagerError(f"Controller '{name}' can not be {verb}: no controller with this name exists")
         if self.loaded[name].active:
@@ -116,7 +123,7 @@ class ControllerRegistry:
         return self.loaded[name]
 
     def put(self, entry: Loaded) -> None:
-        """Replace a controller's entry by this one; a change of its state is a transition."""
+        """Replace the entry of a controller. Record a transition if its state changes."""
         before = self.loaded.get(entry.name)
         if before is not None and before.state is not entry.state:
             self.transitions.append(Transition(entry.name, before.state, entry.state))

@@ -1,4 +1,4 @@
-"""Requests of other threads are served in the loop's thread, between two cycles."""
+"""Serve requests from other threads in the thread of the loop, between two cycles."""
 
 from collections import deque
 from collections.abc import Callable
@@ -11,7 +11,7 @@ ENDED = "the control loop has ended"
 
 
 class Request(Generic[Result]):
-    """One request of another thread. The loop's thread fulfils it; any thread may look."""
+    """A request from another thread. The thread of the loop serves it, and any thread may read its state."""
 
     def __init__(self, action: Callable[[], Result]) -> None:
         self._action = action
@@ -20,37 +20,40 @@ class Request(Generic[Result]):
         self._error: Exception | None = None
 
     def serve(self) -> None:
-        """Serve the request. ``done`` comes last, because other threads look at it."""
+        """Serve the request. Other threads poll ``done``, so it is set last."""
         try:
             self._result = self._action()
-        except Exception as error:  # it belongs to the client
+        except Exception as error:  # ``result`` raises the error in the thread of the client.
             self._error = error
         self.done = True
 
     def refuse(self, error: Exception) -> None:
-        """The request will not be served."""
+        """Complete the request with an error, without serving it."""
         self._error = error
         self.done = True
 
     def result(self) -> Result:
-        """The result of the request; raises its error."""
+        """Return the result of the request, or raise its error."""
         assert self.done
         if self._error is not None:
             raise self._error
-        return self._result  # type: ignore[return-value]  # None only where Result allows it
+        return self._result  # type: ignore[return-value]  # It is None only if Result allows None.
 
 
 class Requests:
-    """The loop's inbox."""
+    """Queue of requests that wait for the loop."""
 
     def __init__(self) -> None:
         self.inbox: deque[Request[Any]] = deque()
-        """Whether there is anything to serve may be looked up without the lock."""
-        self._lock = Lock()  # held for an append or a pop, never while something is done
+        """Waiting requests. The loop may check without the lock whether the queue is empty."""
+        self._lock = Lock()  # It is held only while a request is added or removed, never while it is served.
         self._ended = False
 
     def ask(self, action: Callable[[], Result]) -> Request[Result]:
-        """Have ``action`` done at the beginning of the next cycle. From any thread; never waits."""
+        """Request that ``action`` run at the start of the next cycle.
+
+        Any thread may call this method. The call never waits.
+        """
         request = Request(action)
         with self._lock:
             if not self._ended:
@@ -60,12 +63,12 @@ class Requests:
         return request
 
     def serve(self) -> None:
-        """Serve all requests. In the loop's thread."""
+        """Serve all waiting requests. Call this method in the thread of the loop."""
         while request := self._next():
             request.serve()
 
     def end(self) -> None:
-        """Refuse requests that still wait. In the loop's thread, after its last cycle."""
+        """Refuse all waiting and later requests. Call this method in the thread of the loop, after its last cycle."""
         with self._lock:
             self._ended = True
         while request := self._next():

@@ -1,4 +1,4 @@
-"""A switch is planned here: which controllers it starts and stops, decided before anything is touched. Pure."""
+"""Plan a switch: decide which controllers to activate and deactivate, before any of them is changed."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -14,18 +14,18 @@ NOTHING = "After checking the controllers, no controllers need to be activated o
 
 
 class ManagerError(Exception):
-    """The manager refuses: the text says why, and what to do."""
+    """The manager refuses a request. The message explains the reason and the remedy."""
 
 
 class SwitchError(ManagerError):
-    """Nothing was switched."""
+    """A switch failed."""
 
 
 class Strictness(IntEnum):
-    """The strictness says how much of a switch must be possible for any of it to happen; values of SwitchController.
+    """Strictness of a switch, with the values of the SwitchController service.
 
-    BEST_EFFORT drops impossible parts. AUTO would also switch chained controllers, of which there are none, and is the
-    same. FORCE_AUTO also stops controllers that claim a wanted interface.
+    STRICT fails if any part is impossible. BEST_EFFORT skips impossible parts. AUTO equals BEST_EFFORT, because there
+    are no chained controllers. FORCE_AUTO also deactivates controllers that claim a requested interface.
     """
 
     BEST_EFFORT = 1
@@ -36,13 +36,13 @@ class Strictness(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A controller as the manager has it: its spec, and from its configuration on the controller itself."""
+    """A loaded controller: its spec and, after its configuration, the controller object."""
 
     spec: ControllerSpec
     state: LifecycleState = LifecycleState.UNCONFIGURED
     controller: Controller | None = None
     index: list[int] = field(default_factory=list)
-    """The places of its commands among the hardware's."""
+    """Indices of the controller's commands among the commands of the hardware."""
 
     @property
     def name(self) -> str:
@@ -54,24 +54,24 @@ class Loaded:
 
     @property
     def configured(self) -> Controller:
-        """Its controller, where it is known to be configured."""
+        """The controller object of a configured entry."""
         assert self.controller is not None, f"{self.name} is unconfigured"
         return self.controller
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """The command interfaces that it needs; none while it is unconfigured."""
+        """Command interfaces of the controller, empty while it is unconfigured."""
         return self.controller.command_interfaces if self.controller else ()
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The state interfaces that it needs; none while it is unconfigured."""
+        """State interfaces of the controller, empty while it is unconfigured."""
         return self.controller.state_interfaces if self.controller else ()
 
 
 @dataclass(frozen=True, slots=True)
 class SwitchRequest:
-    """The controllers that a client wants switched, by name."""
+    """Names of the controllers that a client wants to switch."""
 
     activate: tuple[str, ...] = ()
     deactivate: tuple[str, ...] = ()
@@ -80,41 +80,41 @@ class SwitchRequest:
 
 @dataclass(frozen=True, slots=True)
 class SwitchPlan:
-    """The controllers that will be switched, by name: first all of ``deactivate``, then all of ``activate``."""
+    """Names of the controllers that will be switched: first all of ``deactivate``, then all of ``activate``."""
 
     activate: tuple[str, ...]
     deactivate: tuple[str, ...]
 
     def summary(self) -> str:
-        """The result of the switch, in upstream's words."""
+        """Return the result of the switch, with ros2_control's own message."""
         if not self.activate and not self.deactivate:
             return NOTHING
         parts = (("Deactivated", self.deactivate), ("Activated", self.activate))
-        return "\n".join([DONE, *(f"{what} controllers: [ {' '.join(names)} ]" for what, names in parts if names)])
+        return "\n".join([DONE, *(f"{verb} controllers: [ {' '.join(names)} ]" for verb, names in parts if names)])
 
 
 Loads = Mapping[str, Loaded]
 
 
 class Interfaces(Protocol):
-    """The hardware's interfaces, and which of them controllers can use now."""
+    """The interfaces of the hardware."""
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """In the order of the hardware's commands (``joint1/position``)."""
+        """Command interfaces, such as ``joint1/position``, in the order of the hardware's commands."""
         ...
 
     def ready(self, interface: str) -> bool:
-        """Whether a controller can use this command interface now."""
+        """Return whether a controller can use this command interface now."""
         ...
 
     def measured(self, interface: str) -> bool:
-        """Whether a controller can use this state interface now."""
+        """Return whether a controller can use this state interface now."""
         ...
 
 
 def plan_switch(loaded: Loads, request: SwitchRequest, hardware: Interfaces) -> SwitchPlan:
-    """The part of ``request`` that is to be done. Raises SwitchError where nothing may be switched."""
+    """Plan the possible part of a request. Raises SwitchError if nothing may be switched."""
     activate, deactivate = dict.fromkeys(request.activate), dict.fromkeys(request.deactivate)
     bad = {name: why for name in deactivate if (why := _why_not_deactivate(loaded, name))}
     bad |= {name: why for name in activate if (why := _why_not_activate(loaded, name, set(deactivate) - set(bad)))}
@@ -130,12 +130,12 @@ def plan_switch(loaded: Loads, request: SwitchRequest, hardware: Interfaces) -> 
 
 
 def taken(loaded: Loads, without: Iterable[str] = ()) -> dict[str, str]:
-    """The claimed command interfaces and the active controllers that claim them, but for those named."""
-    gone = set(without)
+    """Map each claimed command interface to its active controller, except for controllers in ``without``."""
+    excluded = set(without)
     return {
         claim: entry.name
         for entry in loaded.values()
-        if entry.active and entry.name not in gone
+        if entry.active and entry.name not in excluded
         for claim in entry.commands
     }
 
@@ -163,7 +163,7 @@ def _why_not_activate(loaded: Loads, name: str, stopped: set[str]) -> str | None
 
 
 def _rivals(loaded: Loads, start: tuple[str, ...], stop: tuple[str, ...]) -> tuple[str, ...]:
-    """The active controllers that claim what ``start`` wants."""
+    """Return the active controllers that claim an interface of a controller in ``start``."""
     owners = taken(loaded, without=(*start, *stop))
     return tuple(dict.fromkeys(owners[claim] for name in start for claim in loaded[name].commands if claim in owners))
 
@@ -173,7 +173,7 @@ def _check_interfaces(loaded: Loads, start: tuple[str, ...], stop: tuple[str, ..
     for name in start:
         unable = f"Unable to activate controller '{name}' since the"
         commands = loaded[name].commands
-        # A controller without commands may begin at once: the other components' joints are worth seeing too.
+        # A controller without commands may start before all its states are measured, to report the other joints.
         needs = (
             ("command", commands, hardware.ready),
             ("state", loaded[name].states if commands else (), hardware.measured),

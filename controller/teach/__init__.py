@@ -1,1 +1,1 @@
-"""Teaching by hand: the arm gives way to a hand, and what the hand has shown becomes a trajectory."""
+"""Teaching by hand: the arm yields to a hand, and the recorded motion becomes a trajectory."""

@@ -1,4 +1,4 @@
-"""The freedrive controller: each joint stays where it is until a hand turns it, and then goes along."""
+"""Let a hand move the joints of an arm. A joint holds its position until a hand moves it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,14 +14,16 @@ from hal.joint import Joint
 from hal.types import FloatArray, JointLimits, JointState
 
 SMOOTHED_S: Final = 0.04
-"""The time constant of the joints' velocities."""
+"""Time constant of the filter for joint velocities, in seconds."""
 LED_RAD_S: Final = 1.0
-"""Of a servo's shaft: up to so fast it is helped along. A servo that lags less than is known of it must not take that
-for a push, and go on by itself."""
+"""Maximum shaft speed up to which servo lag is compensated, in rad/s.
+
+A servo that lags less than its known lag must not mistake the compensation for a push and keep moving.
+"""
 
 
 SLACK: Final = 0.15
-"""Share of a servo's full drive with which a soft joint resists the hand, beside its gears' friction."""
+"""Share of a servo's full drive with which a free joint resists the hand, in addition to the friction of its gears."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,25 +33,28 @@ class GuidedJoint:
     joint: str
     limits: JointLimits
     slack: float
-    """The set-point is never further from where the joint is measured, as far as no hand moves it."""
+    """Maximum distance of the set point from the measured position while no hand moves the joint."""
     compliance: Compliance | None = None
-    """How far its servo lags; None: it is taken to follow at once."""
+    """Compliance and lag of the servo. None means that the servo follows at once."""
     transmission: float = 1.0
     """Joint units per radian of the servo's shaft."""
 
 
 def guided_joint(joint: Joint) -> GuidedJoint:
-    """The joint as a hand may move it. Its servo pulls with ``SLACK`` of its full drive at most, as far as is known."""
+    """Describe a joint that a hand may move. Its servo pulls with at most ``SLACK`` of its full drive."""
     slack = SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
     return GuidedJoint(joint.name, joint.limits, slack, joint.compliance, joint.transmission)
 
 
 class FreedriveController:
-    """The set-point of a joint stays while it is within the slack. So the servo holds the joint like a brake that
-    slips: a push weaker than the servo's pull at that error moves it no further, a stronger one takes it along, and it
-    stays where it is left.
+    """Controller that lets a hand move the joints.
 
-    The hardware's gravity compensation carries the links' weight; until that has come the joints are only held.
+    The set point of a joint stays constant while the joint is within the slack, so the servo acts as a slipping brake.
+    A push that is weaker than the servo's pull at this error does not move the joint further. A stronger push moves the
+    joint, which then stays where the hand leaves it.
+
+    The gravity compensation of the hardware carries the weight of the links. The joints are held until this
+    compensation has faded in.
     """
 
     kind: ClassVar[str] = "servoloop/FreedriveController"
@@ -57,27 +62,27 @@ class FreedriveController:
     def __init__(self, name: str, joints: Sequence[GuidedJoint], hardware_joints: Sequence[str]) -> None:
         self.name = name
         self.parameters = Parameters()
-        self.joints = tuple(one.joint for one in joints)
+        self.joints = tuple(guided.joint for guided in joints)
         self.command_interfaces = tuple(f"{joint}/position" for joint in self.joints)
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.holds = False
-        """Whether the joints are to be held where they are; another thread sets it."""
+        """Whether the joints must be held at their positions. Another thread sets this flag."""
         self.held = False
-        """Whether they are held so."""
+        """Whether the joints are held because of ``holds``."""
         self.free = False
-        """Whether the joints give way."""
+        """Whether the joints yield to a hand."""
         self._index = indices(self.joints, hardware_joints)
-        self._slack = np.array([one.slack for one in joints])
-        self._lower, self._upper = np.array([(one.limits.lower, one.limits.upper) for one in joints]).T
-        self._fastest = np.array([one.limits.velocity for one in joints])
-        self._led = np.array([LED_RAD_S * one.transmission for one in joints])
-        self._lags = lags([one.compliance for one in joints])
+        self._slack = np.array([guided.slack for guided in joints])
+        self._lower, self._upper = np.array([(guided.limits.lower, guided.limits.upper) for guided in joints]).T
+        self._fastest = np.array([guided.limits.velocity for guided in joints])
+        self._led = np.array([LED_RAD_S * guided.transmission for guided in joints])
+        self._lags = lags([guided.compliance for guided in joints])
         self._free_s = 0.0
         self._last: FloatArray | None = None
-        """Where the joints were in the cycle before."""
+        """Positions of the joints in the previous cycle."""
         self._velocity = np.zeros(len(joints))
-        """Smoothed."""
+        """Smoothed velocities of the joints."""
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.command = command.copy()
@@ -93,7 +98,7 @@ class FreedriveController:
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         measured = state.position[self._index]
         known = np.array([joint not in state.faults for joint in self.joints])
-        self._see(np.where(known, measured, np.nan), period_s)
+        self._update_velocity(np.where(known, measured, np.nan), period_s)
         if self.held or (not self.holds and now_s < self._free_s):
             return
         self.free, self.held = not self.holds, self.holds
@@ -102,14 +107,17 @@ class FreedriveController:
         reach = self._fastest * period_s
         self.command = self.command + np.clip(near - self.command, -reach, reach)
 
-    def _see(self, measured: FloatArray, period_s: float) -> None:
-        """Learn the velocities; of a joint that was not measured (NaN) now or before nothing is learnt."""
-        way = np.full_like(measured, np.nan) if self._last is None else measured - self._last
-        self._velocity += (np.nan_to_num(way) / period_s - self._velocity) * min(1.0, period_s / SMOOTHED_S)
+    def _update_velocity(self, measured: FloatArray, period_s: float) -> None:
+        """Update the velocities. A joint not measured (NaN), now or in the previous cycle, counts as at rest."""
+        moved = np.full_like(measured, np.nan) if self._last is None else measured - self._last
+        self._velocity += (np.nan_to_num(moved) / period_s - self._velocity) * min(1.0, period_s / SMOOTHED_S)
         self._last = measured
 
     def _lead(self, period_s: float) -> FloatArray:
-        """How far the joints have gone on (n,) when their servos pull at the new set-points, which would drag else."""
+        """Return how far the joints move (n,) until their servos act on the new set points.
+
+        Without this lead, the set points would drag on the joints.
+        """
         velocity = np.clip(self._velocity, -self._led, self._led)
         lag_s, profile_acceleration, _ = self._lags
         lead: FloatArray = velocity * (lag_s + period_s) + velocity * np.abs(velocity) / (2.0 * profile_acceleration)

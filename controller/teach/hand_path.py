@@ -1,4 +1,4 @@
-"""The path that a hand has shown: freed of its shaking, and thinned to the knots that it needs."""
+"""Convert a recorded hand motion to a path: remove the shaking and keep only the necessary knots."""
 
 import math
 from collections.abc import Sequence
@@ -11,23 +11,28 @@ from numpy.lib.stride_tricks import sliding_window_view
 from hal.types import FloatArray, JointLimits
 
 GRID_S: Final = 0.02
-"""The time between two samples of a path that is worked on."""
+"""Time between two samples of a path during processing, in seconds."""
 WINDOW: Final = 15
-"""Samples over which a hand's shaking (about 10 Hz) is averaged; a turn within 0.3 s keeps its size."""
+"""Number of samples over which the shaking of a hand (about 10 Hz) is averaged. A turn within 0.3 s keeps its size."""
 ORDER: Final = 3
-"""Of the polynomials that take a hand's movement for what is none of them."""
+"""Order of the polynomials that approximate the motion of a hand."""
 TOLERANCE: Final = 0.001
-"""Share of a joint's range by which the thinned path may be beside the smooth one: 0.2 degrees, two encoder counts."""
+"""Maximum deviation of the thinned from the smooth path, as a share of a joint's range.
+
+It corresponds to 0.2 degrees, or two encoder counts.
+"""
 STIRS: Final = 0.003
-"""Share of a joint's range within which a joint counts as standing."""
+"""Maximum motion of a joint that counts as at rest, as a share of its range."""
 BEFORE_S: Final = 0.3
-"""So much of the standing before the first movement is kept, and behind the last one."""
+"""Time at rest that is kept before the first and after the last motion, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandPath:
-    """A path through m knots of n joints, a cubic from each to the next: ``times_s`` (m,) from 0 on, strictly
-    increasing; ``position`` and ``velocity`` (m, n) in rad or m and per second.
+    """A path through m knots for n joints, with a cubic between each two knots.
+
+    ``times_s`` (m,) starts at 0 and is strictly increasing. ``position`` and ``velocity`` (m, n) are in rad or m, and
+    per second.
     """
 
     times_s: FloatArray
@@ -36,36 +41,41 @@ class HandPath:
 
     @property
     def duration_s(self) -> float:
-        """From the first knot to the last."""
+        """Time from the first to the last knot, in seconds."""
         return float(self.times_s[-1])
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions and velocities (k, n) at these times (k,), which lie within the path."""
+        """Return positions and velocities (k, n) at times (k,) within the path."""
         index = self._knots_before(times_s)
         return _cubic(self, index, index + 1, times_s)
 
     def knot_before(self, time_s: float) -> int:
-        """The number of the knot from which the cubic at this time begins."""
+        """Return the index of the knot at which the cubic for this time starts."""
         return int(self._knots_before(np.array([time_s]))[0])
 
     def _knots_before(self, times_s: FloatArray) -> np.ndarray:
         return np.clip(np.searchsorted(self.times_s, times_s, side="right") - 1, 0, len(self.times_s) - 2)
 
     def sampled(self, step_s: float = GRID_S) -> Self:
-        """The same path with a knot about every ``step_s``."""
+        """Return the same path with a knot about every ``step_s``."""
         times_s = np.linspace(0.0, self.duration_s, max(2, round(self.duration_s / step_s) + 1))
         return type(self)(times_s, *self.at(times_s))
 
     def divided(self, least: int) -> Self:
-        """The same path with so many knots or more: those that it has, and as many between any two."""
+        """Return the same path with at least ``least`` knots.
+
+        Each segment between two knots gets the same number of new knots.
+        """
         parts = math.ceil((least - 1) / (len(self.times_s) - 1))
         places = np.linspace(0.0, len(self.times_s) - 1.0, parts * (len(self.times_s) - 1) + 1)
         times_s = np.interp(places, np.arange(len(self.times_s)), self.times_s)
         return type(self)(times_s, *self.at(times_s))
 
     def thinned(self, tolerance: FloatArray) -> Self:
-        """The path without the knots whose places it keeps anyway, but for ``tolerance`` (n,): a Douglas-Peucker with
-        cubics for chords."""
+        """Return the path without the knots that it passes within ``tolerance`` (n,) anyway.
+
+        This is the Douglas-Peucker algorithm with cubics as chords.
+        """
         kept = {0, len(self.times_s) - 1}
         open_spans = [(0, len(self.times_s) - 1)]
         while open_spans:
@@ -84,7 +94,7 @@ class HandPath:
 
 
 def _cubic(path: HandPath, first: np.ndarray, last: np.ndarray, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Position and velocity (k, n) at ``times_s`` (k,) on the cubics from the knots ``first`` (k,) to ``last`` (k,)."""
+    """Return positions and velocities (k, n) at times (k,) on the cubics from knots ``first`` to ``last`` (k,)."""
     span_s = (path.times_s[last] - path.times_s[first])[:, None]
     u = (times_s - path.times_s[first])[:, None] / span_s
     start, way = path.position[first], path.position[last] - path.position[first]
@@ -96,14 +106,19 @@ def _cubic(path: HandPath, first: np.ndarray, last: np.ndarray, times_s: FloatAr
 
 
 def tolerances(limits: Sequence[JointLimits], share: float = TOLERANCE) -> FloatArray:
-    """A share of each joint's range (n,), rad or m."""
+    """Return a share of each joint's range (n,), in rad or m."""
     return share * np.array([limit.upper - limit.lower for limit in limits])
 
 
 def path_of(times_s: FloatArray, position: FloatArray, limits: Sequence[JointLimits]) -> HandPath | None:
-    """The path of samples: ``position`` (k, n) at the times (k,), which may be uneven. None where nothing moved.
+    """Return the path of a recording, or None if no joint moved.
 
-    The standing before and behind is cut off. What is outside the limits is taken to them.
+    Rest before and after the motion is removed, and positions outside the limits are clipped.
+
+    Args:
+        times_s: Times of the k samples, which need not be evenly spaced.
+        position: Recorded positions, shape (k, n).
+        limits: Limits of the n joints.
     """
     moved = movement(times_s, position, tolerances(limits, STIRS))
     if moved is None:
@@ -112,21 +127,27 @@ def path_of(times_s: FloatArray, position: FloatArray, limits: Sequence[JointLim
 
 
 def kept_inside(path: HandPath, limits: Sequence[JointLimits]) -> HandPath:
-    """The path taken to the limits. Beside them it is slow enough that its cubics do not swing beyond: three times the
-    slower of the slopes around a knot (Fritsch and Carlson)."""
+    """Clip a path to the limits.
+
+    Next to clipped knots, the velocity is limited so that the cubics do not swing beyond the limits: to three times the
+    smaller slope at a knot (Fritsch and Carlson).
+    """
     position = inside(path.position, limits)
     slopes = np.pad(np.diff(position, axis=0) / np.diff(path.times_s)[:, None], ((1, 1), (0, 0)))
-    before, behind = slopes[:-1], slopes[1:]
-    steepest = np.where(before * behind > 0.0, 3.0 * np.minimum(np.abs(before), np.abs(behind)), 0.0)
-    taken = np.pad(position != path.position, ((1, 1), (0, 0)))
-    beside = taken[:-2] | taken[1:-1] | taken[2:]
+    before, after = slopes[:-1], slopes[1:]
+    steepest = np.where(before * after > 0.0, 3.0 * np.minimum(np.abs(before), np.abs(after)), 0.0)
+    clipped = np.pad(position != path.position, ((1, 1), (0, 0)))
+    nearby = clipped[:-2] | clipped[1:-1] | clipped[2:]
     return HandPath(
-        path.times_s, position, np.where(beside, np.clip(path.velocity, -steepest, steepest), path.velocity)
+        path.times_s, position, np.where(nearby, np.clip(path.velocity, -steepest, steepest), path.velocity)
     )
 
 
 def movement(times_s: FloatArray, position: FloatArray, stirs: FloatArray) -> slice | None:
-    """The samples from the first that moves by more than ``stirs`` (n,) to the last, and ``BEFORE_S`` around."""
+    """Return the samples from the first to the last motion of more than ``stirs`` (n,), plus ``BEFORE_S`` around them.
+
+    Returns None if no joint moved.
+    """
     left = np.flatnonzero((np.abs(position - position[0]) > stirs).any(axis=1))
     arrives = np.flatnonzero((np.abs(position - position[-1]) > stirs).any(axis=1))
     if not len(left) and not len(arrives):
@@ -137,8 +158,7 @@ def movement(times_s: FloatArray, position: FloatArray, stirs: FloatArray) -> sl
 
 
 def smoothed(times_s: FloatArray, position: FloatArray) -> HandPath:
-    """The samples at even times from 0 on, each the middle of the cubic that fits its neighbours best (Savitzky and
-    Golay); at rest at both ends."""
+    """Resample at even times from 0 on and smooth with a Savitzky-Golay filter. The path is at rest at both ends."""
     since_s = times_s - times_s[0]
     even_s = np.linspace(0.0, since_s[-1], max(2, round(since_s[-1] / GRID_S) + 1))
     even = np.stack([np.interp(even_s, since_s, column) for column in position.T], axis=1)
@@ -156,22 +176,21 @@ def smoothed(times_s: FloatArray, position: FloatArray) -> HandPath:
 
 
 def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Positions (k, n) taken to the limits where they are beyond; a thinned path's tolerance within them, so that it
-    does not swing beyond either."""
+    """Clip positions (k, n) to the limits, with a margin so that a thinned path stays within the limits, too."""
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     margin = tolerances(limits)
-    taken: FloatArray = np.clip(position, lower + margin, upper - margin)
-    return taken
+    clipped: FloatArray = np.clip(position, lower + margin, upper - margin)
+    return clipped
 
 
 def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """How far positions (k, n) go beyond the limits at the most (n,), rad or m; 0 where they do not."""
+    """Return the largest distance (n,) of positions (k, n) beyond the limits, in rad or m; 0 if none is beyond."""
     most: FloatArray = excess(position, limits).max(axis=0)
     return most
 
 
 def excess(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """How far each of the positions (k, n) is beyond the limits, rad or m; 0 where it is not."""
+    """Return the distance (k, n) of each position beyond the limits, in rad or m; 0 for positions within them."""
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     beyond: FloatArray = np.maximum(np.maximum(lower - position, position - upper), 0.0)
     return beyond

@@ -1,4 +1,4 @@
-"""The speed of a path that a hand has shown: as it was shown or slower, and nowhere faster than the joints can."""
+"""Slow down a taught path to a requested speed and to the limits of the joints."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -12,16 +12,18 @@ from controller.trajectory.paths import FEW
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.9
-"""Of velocity and acceleration limits: the rest makes up for the servos' lag, and is for the smoothing behind this."""
+"""Share of the velocity and acceleration limits in use. Lag compensation and smoothing need the remaining share."""
 LEAST: Final = FEW + 2
-"""Knots of a path, the first one among them."""
+"""Minimum number of knots of a path, including the first."""
 SPREAD: Final = 8
-"""Samples around each that are slowed down with it, and slowly so."""
+"""Number of samples before and after each sample that are gradually slowed down with it."""
 
 
 def slowed(path: HandPath, limits: Sequence[JointLimits], speed: float) -> HandPath:
-    """The path at ``speed`` (0 to 1) times the hand's speed; where joints cannot do that, all together as fast as they
-    can. The way is the same, within the limits."""
+    """Return the path at ``speed`` (0 to 1) times the speed of the hand.
+
+    Where a joint would exceed its limits, all joints slow down together. The path itself is kept within the limits.
+    """
     even = path.sampled(GRID_S * speed)
     times_s, velocity = even.times_s / speed, even.velocity * speed
     stretch = _spread(_needed(times_s, velocity, limits))
@@ -31,7 +33,7 @@ def slowed(path: HandPath, limits: Sequence[JointLimits], speed: float) -> HandP
 
 
 def _needed(times_s: FloatArray, velocity: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """How many times longer than it is each moment (k,) must take for all joints."""
+    """Return the factors (k,) by which the time at each sample must be stretched to keep the limits of all joints."""
     fastest = SHARE * np.array([limit.velocity for limit in limits])
     strongest = SHARE * np.array([limit.acceleration for limit in limits])
     acceleration = np.gradient(velocity, times_s, axis=0)
@@ -42,7 +44,7 @@ def _needed(times_s: FloatArray, velocity: FloatArray, limits: Sequence[JointLim
 
 
 def _spread(needed: FloatArray) -> FloatArray:
-    """No less than ``needed`` (k,) anywhere, and without its edges."""
+    """Return a smooth curve (k,) that is nowhere below ``needed`` (k,)."""
     width = 2 * SPREAD + 1
     largest = sliding_window_view(np.pad(needed, SPREAD, mode="edge"), width).max(axis=1)
     smooth: FloatArray = sliding_window_view(np.pad(largest, SPREAD, mode="edge"), width).mean(axis=1)
@@ -50,9 +52,9 @@ def _spread(needed: FloatArray) -> FloatArray:
 
 
 def goal_points(path: HandPath, limits: Sequence[JointLimits]) -> tuple[GoalPoint, ...]:
-    """The knots behind the first one, where the joints are, as the points of a trajectory goal.
+    """Return the knots after the first as points of a trajectory goal. The joints start at the first knot.
 
-    They are more than the planner would join in ways of its own, which are none of the hand's.
+    The path gets more points than ruckig would plan through, so that the planner follows it with a smoothed spline.
     """
     thin = path.thinned(tolerances(limits)).divided(LEAST)
     rows = zip(thin.times_s[1:], thin.position[1:], thin.velocity[1:], strict=True)

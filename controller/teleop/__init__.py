@@ -1,1 +1,1 @@
-"""Teleoperation: a follower arm goes where a leader arm is."""
+"""Teleoperation: a follower arm copies the motion of a leader arm."""

@@ -1,4 +1,4 @@
-"""The leader-follower controller: each joint of a follower arm goes where the same joint of a leader arm is."""
+"""Move each joint of a follower arm to the position of the corresponding joint of a leader arm."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,17 +14,20 @@ from hal.compensation.servo_compliance import Compliance, lags
 from hal.types import FloatArray, JointLimits, JointState
 
 LEAP_RAD_S: Final = 20.0
-"""No hand turns a joint as fast; an encoder that errs does."""
+"""Maximum plausible speed of the leader, in rad/s. A hand cannot turn a joint faster, so a higher speed is an error."""
 FAR_OUTSIDE: Final = 0.05
-"""Share of a joint's range beyond its limits beyond which a calibration is wrong: both arms have stops at them."""
+"""Maximum distance beyond a limit, as a share of the joint's range.
+
+Both arms have mechanical stops at their limits, so a larger distance shows a wrong calibration.
+"""
 FULL_SPEED_S: Final = 1.0
-"""So long after it has joined, the follower may go as fast as it can: there is still a little way to make up for."""
+"""Time after joining the leader in which the follower's speed limit rises to its maximum, in seconds."""
 SMOOTHED_S: Final = 0.04
-"""The time constant of the leader's velocity, by which the servos' lag is made up for."""
+"""Time constant of the filter for the leader's velocity, in seconds. The velocity compensates for servo lag."""
 
 
 class Phase(StrEnum):
-    """What the follower does."""
+    """Current activity of the follower."""
 
     HOLDING = "holding"
     JOINING = "joining the leader"
@@ -33,7 +36,7 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FollowedJoint:
-    """A joint of the follower: it is to be at ``offset + gain * leader`` (rad or m)."""
+    """A joint of the follower. Its target is ``offset + gain * leader``, in rad or m."""
 
     joint: str
     leader: str
@@ -41,57 +44,60 @@ class FollowedJoint:
     offset: float = 0.0
     gain: float = 1.0
     compliance: Compliance | None = None
-    """How far its servo lags; None: it is taken to follow at once."""
+    """Compliance and lag of the servo. None means that the servo follows at once."""
 
 
-def _beyond(one: FollowedJoint, wanted: float) -> str:
-    """Why a leader's joint that is far outside the limits is wrong. The text stays while the joint is out there."""
+def _beyond(followed: FollowedJoint, wanted: float) -> str:
+    """Return the error for a leader joint that is far outside the follower's limits."""
+    lower, upper = followed.limits.lower, followed.limits.upper
     return (
-        f"{one.leader} takes {one.joint} to {wanted:.3f}, outside its limits {one.limits.lower:.3f} to "
-        f"{one.limits.upper:.3f}: one of the arms is calibrated wrongly. End teleoperation and run servoloop calibrate"
+        f"{followed.leader} would move {followed.joint} to {wanted:.3f}, outside its limits {lower:.3f} to "
+        f"{upper:.3f}: one of the arms is calibrated wrongly. End teleoperation and run servoloop calibrate"
     )
 
 
 class LeaderFollowerController:
-    """The follower joins its leader slowly, and follows as long as it may and all of the leader is measured.
+    """Controller of a follower arm.
 
-    Else it holds, from that very cycle on, and joins anew when it may go on.
+    The follower joins its leader slowly and then follows the leader's motion. The follower holds its position in every
+    cycle in which it is not allowed to move or a joint of the leader is not measured. Afterwards it joins the leader
+    again.
     """
 
     kind: ClassVar[str] = "servoloop/LeaderFollowerController"
 
     def __init__(self, name: str, joints: Sequence[FollowedJoint], hardware_joints: Sequence[str]) -> None:
-        """``hardware_joints``: of both arms, in the order of the measurements."""
+        """Create a controller. ``hardware_joints`` are the joints of both arms, in the order of the measurements."""
         self.name = name
         self.parameters = Parameters()
-        self.command_interfaces = tuple(f"{one.joint}/position" for one in joints)
-        self.state_interfaces = tuple(f"{one.joint}/position" for one in joints)
+        self.command_interfaces = tuple(f"{followed.joint}/position" for followed in joints)
+        self.state_interfaces = tuple(f"{followed.joint}/position" for followed in joints)
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.allowed = False
-        """Whether the follower may move: another thread sets it, by what a person does."""
+        """Whether the follower may move. Another thread sets this flag when the operator allows motion."""
         self.phase = Phase.HOLDING
         self.reason = ""
-        """Why it holds although it may move."""
+        """Why the follower holds its position although it may move."""
         self.joints = tuple(joints)
         self.wanted: FloatArray = np.full(len(joints), np.nan)
-        """Where the leader takes the follower's joints, also beyond their limits (n,); NaN if it is not measured."""
+        """Positions (n,) that the leader requests, before the limits apply. NaN if the leader is not measured."""
         self.beyond: Mapping[str, str] = {}
-        """What is wrong with a leader that is far outside the follower's limits, by the follower's joint."""
-        self._leader = indices([one.leader for one in joints], hardware_joints)
-        self._limits = tuple(one.limits for one in joints)
-        self._lower = np.array([one.limits.lower for one in joints])
-        self._upper = np.array([one.limits.upper for one in joints])
-        self._fastest = np.array([one.limits.velocity for one in joints])
-        self._offset = np.array([one.offset for one in joints])
-        self._gain = np.array([one.gain for one in joints])
-        self._lags = lags([one.compliance for one in joints])
+        """Errors of joints that the leader would move far outside their limits, by name of the follower's joint."""
+        self._leader = indices([followed.leader for followed in joints], hardware_joints)
+        self._limits = tuple(followed.limits for followed in joints)
+        self._lower = np.array([followed.limits.lower for followed in joints])
+        self._upper = np.array([followed.limits.upper for followed in joints])
+        self._fastest = np.array([followed.limits.velocity for followed in joints])
+        self._offset = np.array([followed.offset for followed in joints])
+        self._gain = np.array([followed.gain for followed in joints])
+        self._lags = lags([followed.compliance for followed in joints])
         self._last: FloatArray | None = None
-        """Where the leader was in the cycle before."""
+        """Position of the leader in the previous cycle."""
         self._velocity = np.zeros(len(joints))
-        """Of the target, smoothed."""
+        """Smoothed velocity of the target."""
         self._ramp: RampIn | None = None
         self._share = SHARE
-        """Of each joint's velocity limit, while it follows."""
+        """Share of each joint's velocity limit that the follower may use."""
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.command = command.copy()
@@ -110,7 +116,7 @@ class LeaderFollowerController:
         last, self._last = self._last, None if reason else leader
         self.wanted = np.full(len(leader), np.nan) if reason else self._offset + self._gain * leader
         if not reason:
-            self._look_for_limits()
+            self._check_limits()
         if reason or not self.allowed:
             self._hold(reason)
             return
@@ -123,8 +129,8 @@ class LeaderFollowerController:
         else:
             self._follow(target, period_s)
 
-    def _look_for_limits(self) -> None:
-        """Note which joints the leader takes far outside their limits."""
+    def _check_limits(self) -> None:
+        """Record which joints the leader would move far outside their limits."""
         slack = FAR_OUTSIDE * (self._upper - self._lower)
         far = (self.wanted < self._lower - slack) | (self.wanted > self._upper + slack)
         if not far.any() and not self.beyond:
@@ -136,16 +142,16 @@ class LeaderFollowerController:
         }
 
     def _unfit(self, state: JointState, leader: FloatArray, period_s: float) -> str:
-        """Why the leader cannot be followed in this cycle; empty where it can."""
-        for one in self.joints:
-            if one.leader in state.faults:
-                return state.faults[one.leader].text
+        """Return why the leader cannot be followed in this cycle, or an empty string."""
+        for followed in self.joints:
+            if followed.leader in state.faults:
+                return state.faults[followed.leader].text
         if not np.isfinite(leader).all():
             return "the leader has not been measured yet"
         if self._last is not None:
             leaps = np.abs(leader - self._last) > LEAP_RAD_S * period_s
             if leaps.any():
-                return f"{self.joints[int(np.argmax(leaps))].leader} leapt: that was no hand"
+                return f"{self.joints[int(np.argmax(leaps))].leader} moved faster than a hand can move it"
         return ""
 
     def _hold(self, reason: str) -> None:
@@ -162,7 +168,7 @@ class LeaderFollowerController:
             self.phase, self._ramp, self._share = Phase.FOLLOWING, None, SHARE
 
     def _follow(self, target: FloatArray, period_s: float) -> None:
-        """As fast as the joints may: where the leader will be at the period's end, and when the servos are there."""
+        """Follow the leader within the speed limit, ahead of it by the period and the lag of the servos."""
         lag_s, profile_acceleration, _ = self._lags
         velocity = np.clip(self._velocity, -self._fastest, self._fastest)
         lead = velocity * (lag_s + period_s) + velocity * np.abs(velocity) / (2.0 * profile_acceleration)

@@ -1,4 +1,4 @@
-"""The ramp-in: from where a follower stands to where its leader is, slowly, also while the leader moves."""
+"""Move a follower slowly from its own position to the position of its leader, even if the leader moves."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -9,16 +9,16 @@ from ruckig import InputParameter, OutputParameter, Result, Ruckig, Synchronizat
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.25
-"""Of each joint's velocity limit."""
+"""Share of each joint's velocity limit that the ramp uses."""
 JOINED: Final = 0.01
-"""Within this share of its range a joint counts as being where its leader is."""
+"""Maximum distance at which a joint has joined its leader, as a share of the joint's range."""
 
 
 class RampIn:
-    """One ramp, computed online by ruckig. Arrays (n,) in rad or m."""
+    """A ramp to the leader, computed online by ruckig. Arrays have shape (n,), in rad or m."""
 
     def __init__(self, command: FloatArray, limits: Sequence[JointLimits], period_s: float) -> None:
-        """``command``: where the follower stands, at rest."""
+        """Start at ``command``, at which the follower is at rest."""
         count = len(limits)
         self._ruckig = Ruckig(count, period_s)
         self._task, self._output = InputParameter(count), OutputParameter(count)
@@ -31,14 +31,14 @@ class RampIn:
         self.command = command
 
     def step(self, target: FloatArray) -> None:
-        """Go on towards the target for one period. Raises ArithmeticError where ruckig finds no way."""
+        """Move towards the target for one period. Raises ArithmeticError if ruckig finds no motion."""
         self._task.target_position = target.tolist()
         result = self._ruckig.update(self._task, self._output)
         if result not in (Result.Working, Result.Finished):
-            raise ArithmeticError(f"no way to the leader's pose ({result.name})")
+            raise ArithmeticError(f"no motion to the leader's pose found ({result.name})")
         self._output.pass_to_input(self._task)
         self.command = np.array(self._output.new_position)
 
     def joined(self, target: FloatArray) -> bool:
-        """Whether every joint is where its leader is."""
+        """Return whether every joint has reached its leader."""
         return bool((np.abs(target - self.command) <= self._near).all())

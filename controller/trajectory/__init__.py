@@ -1,1 +1,1 @@
-"""The joint trajectory controller: goals are checked, planned, sampled once a cycle and held against tolerances."""
+"""Execute joint trajectory goals: check and plan a goal, sample its path in each cycle and check the tolerances."""

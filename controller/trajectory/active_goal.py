@@ -1,4 +1,4 @@
-"""The goal under way, and the cycle in which it is looked at."""
+"""Evaluate the active goal of a trajectory controller in each cycle."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,40 +18,48 @@ from controller.trajectory.tolerances import Tolerances, excess
 from hal.types import FloatArray, JointState
 
 NEAR: Final = 3.0
-"""A joint that is further from its reference than so many times what counts as no motion may still come nearer."""
+"""Maximum distance from the reference, in multiples of the still threshold, at which a joint counts as near.
+
+A joint that is further away may still be approaching its reference.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """One cycle of the controller; arrays (n,), ``error`` is the reference less what was measured."""
+    """Data of one controller cycle. Arrays have shape (n,)."""
 
     state: JointState
     reference: Kinematics
     measured: FloatArray
+    """Measured positions."""
     measured_before: FloatArray
-    """In the cycle before."""
+    """Measured positions of the previous cycle."""
     velocity: FloatArray
-    """As measured."""
+    """Measured velocities."""
     error: FloatArray
+    """Position error: reference minus measurement."""
     error_before: FloatArray
-    """The error of the cycle before."""
+    """Position error of the previous cycle."""
     step_s: float
     period_s: float
     parameters: TrajectoryParameters
     tolerances: Tolerances
-    """The defaults for goals that bring none."""
+    """Default tolerances for goals without tolerances."""
     waits: bool
-    """The joints stand: they have not been measured, or are on their way to a command that came late."""
+    """Whether the trajectory waits for joints that are not measured or still move to a late command."""
 
     @property
     def confirmed(self) -> FloatArray:
-        """The measured positions (n,), as far as this reading and the one before it agree on them."""
+        """Median (n,) of this reading, the previous reading and the reference. It rejects a single false reading."""
         position: FloatArray = np.median([self.measured, self.measured_before, self.reference.position], axis=0)
         return position
 
     @property
     def confirmed_error(self) -> FloatArray:
-        """The part of the error (n,) that this reading and the one before it agree on: one of them may be false."""
+        """The smaller error (n,) of this and the previous reading, because either may be false.
+
+        The error is 0 if the two readings differ in sign.
+        """
         agree = self.error * self.error_before > 0.0
         smaller = np.sign(self.error) * np.minimum(np.abs(self.error), np.abs(self.error_before))
         error: FloatArray = np.where(agree, smaller, 0.0)
@@ -60,31 +68,32 @@ class Cycle:
 
 @dataclass(slots=True)
 class ActiveGoal:
-    """The goal under way; until it has ``begun`` it waits for other controllers."""
+    """The active goal. It waits for other controllers until ``begun`` is True."""
 
     handle: GoalHandle
     plan: Plan
     tolerances: Tolerances
     fault_timeout: FaultTimeout
     waited_s: float
-    """Seconds since the cycle for which the goal was planned."""
+    """Time since the cycle for which the goal was planned, in seconds."""
     begun: bool = False
     recall_s: float = 0.0
-    """Seconds for which the goal can still be made to wait."""
+    """Time for which the started goal can still be made to wait, in seconds."""
     ending: GoalResult | None = None
-    """How the goal ends once the joints rest."""
+    """Result to report after the joints have come to rest."""
     rest: Rest | None = None
-    """The rest of joints that are within the goal tolerance; None before."""
+    """Rest detector for joints within the goal tolerance. None before the joints reach the tolerance."""
     near_s: float = 0.0
-    """Seconds for which they have been within it."""
+    """Time for which the joints have been within the goal tolerance, in seconds."""
 
     def settles(self, now: Cycle, still: FloatArray) -> bool:
-        """Whether joints within the goal tolerance rest, or have had their time to; ``still`` (n,) is no motion.
+        """Return whether joints within the goal tolerance are at rest, or have had enough time to come to rest.
 
-        The next plan begins where they are measured now. Joints that follow exactly rest when their reference does.
+        ``still`` (n,) is the largest change of position that does not count as motion. The next goal is planned from
+        the measured positions. Joints that follow exactly are at rest when their reference is at rest.
         """
         self.rest = self.rest or Rest(still)
-        self.rest.look(now.measured, now.step_s)
+        self.rest.update(now.measured, now.step_s)
         self.near_s += now.step_s
         near = np.abs(now.error) <= NEAR * still
         follows = np.maximum(np.abs(now.error), np.abs(now.error_before)) <= still
@@ -92,10 +101,10 @@ class ActiveGoal:
         return bool(rests.all()) or self.near_s > LONGEST_REST_S
 
     def off_path(self, joints: Sequence[str], now: Cycle) -> GoalResult | None:
-        """Return the result if a joint is further off the path than its servo lags; None if none is.
+        """Return the result for a joint that is further off the path than its servo may lag, or None.
 
-        A servo that drives with all it has falls behind a fast path, but its joint moves along. A blocked joint does
-        not, and its tolerance is that of rest.
+        A servo at full power may fall behind a fast path, but its joint moves along the path. A blocked joint does not
+        move, so the tolerance for joints at rest applies to it.
         """
         wanted, moves, lag_time_s = now.reference.velocity, now.velocity, self.tolerances.lag_time_s
         along = np.where(wanted * moves > 0.0, np.minimum(np.abs(wanted), np.abs(moves)), 0.0)
@@ -106,7 +115,7 @@ class ActiveGoal:
 
 
 def commands_timed_out(sampler: TrajectorySampler, parameters: TrajectoryParameters) -> bool:
-    """Time without a new point after which the motion ends, as upstream."""
+    """Return whether no new command has arrived within ``cmd_timeout``, as in ros2_control."""
     allowed_s, path = parameters.cmd_timeout, sampler.path
     if path is None or not sampler.on_goal or allowed_s <= parameters.constraints.goal_time:
         return False

@@ -1,4 +1,4 @@
-"""A trajectory controller executes its goals one after the other: each begins, goes on, and ends with a result."""
+"""Execute the goals of a trajectory controller one after the other, each from its start to its result."""
 
 import logging
 from collections import deque
@@ -28,14 +28,17 @@ from controller.trajectory.tolerances import Tolerances, excess, resolve
 LOG = logging.getLogger("servoloop.controller")
 
 LATE_S: Final = 0.001
-"""From so much on, a first cycle that comes late is worth planning the way to the first point anew."""
+"""Minimum delay of the first cycle that makes the controller plan the motion to the first point again, in seconds."""
 RECALL_S: Final = 0.05
-"""So long after its beginning a goal can be made to wait after all, and one cycle at least: a command that was sent to
-another controller in the same instant as the goal may arrive just behind it. The arm has hardly begun by then."""
+"""Time after its start in which a goal can still be made to wait, in seconds; at least one cycle.
+
+A command sent to another controller at the same instant as the goal may arrive just after the goal. The arm has hardly
+moved by then.
+"""
 
 
 class Execution:
-    """``submit`` and ``cancel`` may be called from any thread; they count from the next cycle on."""
+    """Executor of goals. Any thread may call ``submit`` and ``cancel``, which take effect in the next cycle."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler, settled: Settled) -> None:
         self._name = name
@@ -43,29 +46,29 @@ class Execution:
         self._sampler = sampler
         self._relief = Relief(name, joints, sampler)
         self._unmeasured = FaultTimeout(self._joints)
-        """Of joints that are relieved without a goal."""
+        """Fault timeout for joints that are relieved without a goal."""
         self._others_settled = settled
         self._inbox: deque[tuple[GoalHandle, Plan]] = deque()
         self._cancels: deque[GoalHandle] = deque()
         self.active: ActiveGoal | None = None
         self.newest: GoalHandle | None = None
-        """The goal that was taken last, under way or decided."""
+        """The latest goal, active or finished."""
 
     def submit(self, handle: GoalHandle, plan: Plan) -> None:
-        """A goal that takes the place of the one under way."""
+        """Queue a goal that replaces the active goal."""
         self._inbox.append((handle, plan))
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop a goal, if it is still under way then."""
+        """Cancel a goal if it is still active in the next cycle."""
         self._cancels.append(handle)
 
     @property
     def idle(self) -> bool:
-        """No goal is under way or waiting."""
+        """Whether no goal is active or queued."""
         return self.active is None and not self._inbox
 
     def end(self, reason: str = "") -> None:
-        """All goals end with the controller; ``reason`` is added for their clients."""
+        """Abort all goals because the controller is deactivated. ``reason`` is added to the result text."""
         text = f"{DEACTIVATED} {reason}".rstrip()
         if self.active:
             self._end(self.active, GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text))
@@ -75,12 +78,12 @@ class Execution:
             self._inbox.popleft()[0].decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
 
     def begin_relief(self) -> None:
-        """The controller is inactive, and its joints rest."""
+        """Start the relief of an inactive controller whose joints are at rest."""
         self._relief.begin()
         self._unmeasured = FaultTimeout(self._joints)
 
     def relieve(self, now: Cycle) -> bool:
-        """Run one cycle of the relief; returns whether another one is needed."""
+        """Run one cycle of the relief. Return whether another cycle is needed."""
         faults = now.state.faults
         gone = all(name in faults and faults[name].kind == "component" for name in self._joints)
         if gone or self._unmeasured.lasting(faults, now.period_s):
@@ -89,7 +92,7 @@ class Execution:
         return not self._relief.done
 
     def cycle(self, now: Cycle) -> None:
-        """Cancels, new goals, and the one under way."""
+        """Process cancel requests, new goals and the active goal."""
         self._take_cancels(now)
         self._take_goals(now)
         if self._relief.due:
@@ -111,25 +114,26 @@ class Execution:
                 continue
             if self.active and self.active.handle is handle:
                 self._halt(now)
-            for waiting in [one for one in tuple(self._inbox) if one[0] is handle]:  # other threads append meanwhile
+            # The copy is needed because other threads may append at the same time.
+            for waiting in [entry for entry in tuple(self._inbox) if entry[0] is handle]:
                 self._inbox.remove(waiting)
             handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
 
     def _end(self, active: ActiveGoal, result: GoalResult) -> None:
-        """Tell the client; an end that has come before is the one."""
+        """Report the result to the client. An earlier ending takes precedence."""
         end = active.ending or result
         active.handle.decide(end.status, end.error_code, end.text)
         self.active = None
 
     def _come_to_rest(self, active: ActiveGoal, ending: GoalResult, now: Cycle, fault: str | None) -> None:
-        """A client may plan from where the joints are when it hears of its goal's end: that is told once they rest."""
+        """Report the result after the joints are at rest, because the client may plan its next goal from there."""
         if fault:
-            LOG.error("%s: a goal ends before its joints are seen to rest: %s", self._name, fault)
+            LOG.error("%s: the goal ends before its joints are measured at rest: %s", self._name, fault)
         if fault or self._relief.done:
             self._end(active, ending)
 
     def _halt(self, now: Cycle) -> None:
-        """The goal under way has ended, its path has not."""
+        """Stop the joints, because the active goal has ended before the end of its path."""
         self.active = None
         if now.parameters.constraints.decelerate_on_cancel:
             self._brake(now)
@@ -137,7 +141,7 @@ class Execution:
             self._sampler.hold(now.confirmed)
 
     def _brake(self, now: Cycle) -> None:
-        """Come to rest on the path, and press against nothing there."""
+        """Stop on the path, then relieve joints that press against an obstacle."""
         self._sampler.stop(now.reference, now.parameters, along=True)
         self._relief.begin()
 
@@ -151,18 +155,18 @@ class Execution:
             tolerances = self._tolerances(handle.goal.tolerances, now.tolerances)
             self.active = ActiveGoal(handle, plan, tolerances, FaultTimeout(self._joints), _late_s(handle.goal, now))
             if self._inbox:
-                continue  # a newer one has come already: this one is not worth beginning
-            # One on the topic may be one of a stream: if each waited anew, the arm would never move.
+                continue  # A newer goal in the queue replaces this goal at once.
+            # A trajectory on the topic may belong to a stream. If each trajectory waited, the arm would never move.
             waits = bool(now.parameters.wait_for) and not handle.goal.from_topic
             if not waits or self._ready(now):
-                # Its first cycle is this one, in which nothing can have changed yet.
+                # The first cycle does not count, because the other controllers cannot have changed yet.
                 self.active.recall_s = max(RECALL_S, now.step_s) + now.step_s if waits else 0.0
                 self._begin(self.active, now)
             else:
                 self._sampler.stop(now.reference, now.parameters, along=True)
 
     def _tolerances(self, asked: Tolerances, default: Tolerances) -> Tolerances:
-        """As upstream: a goal whose tolerances make no sense is executed with the defaults."""
+        """Return the tolerances of a goal. As in ros2_control, invalid tolerances are replaced by the defaults."""
         try:
             return resolve(asked, default, self._joints)
         except ValueError as error:
@@ -170,16 +174,16 @@ class Execution:
             return default
 
     def _begin(self, active: ActiveGoal, now: Cycle) -> None:
-        # A stamp is a point in time: waiting has brought it nearer.
+        # A stamp is an absolute time, so the time spent waiting counts.
         waited_s = active.waited_s if active.handle.goal.delay_s else 0.0
         try:
             path = active.plan.join(now.reference, waited_s)
-        except Exception as error:  # whatever a goal asks for, the controller goes on
+        except Exception as error:  # No goal may stop the controller.
             self._finish(active, cannot_begin(self._name, error), now)
             return
         if stretched(path):
-            how_much = f"from {path.asked_s:.2f} s to {path.duration_s:.2f} s"
-            LOG.warning("%s: the limits stretch the motion %s", self._name, how_much)
+            text = "%s: the joint limits stretch the motion from %.2f s to %.2f s"
+            LOG.warning(text, self._name, path.asked_s, path.duration_s)
         active.begun, self._relief.due = True, False
         self._sampler.follow(path, now.reference)
 
@@ -197,14 +201,14 @@ class Execution:
             self._finish(active, found, now)
 
     def _result(self, active: ActiveGoal, path: Path, now: Cycle) -> GoalResult | None:
-        """The goal's result, or None while the goal goes on, or waits."""
+        """Return the result of the goal, or None while it continues or waits."""
         if now.waits:
             return None
         after_end_s = self._sampler.elapsed_s - path.duration_s
         if after_end_s >= 0.0:
             found = result_at_end(self._joints, active.tolerances, path, after_end_s, now.error)
             if found and not found.stop and not now.state.faults.keys().isdisjoint(self._joints):
-                return None  # the last known position of a joint is no sign that it has arrived
+                return None  # The last known position of an unmeasured joint does not show that it has arrived.
             return found if found is None or found.stop or active.settles(now, self._sampler.still) else None
         if excess(self._joints, now.error, active.tolerances.path, now.state.faults):
             return active.off_path(self._joints, now)
@@ -220,18 +224,19 @@ class Execution:
         return all(map(self._others_settled, now.parameters.wait_for))
 
     def _recalled(self, active: ActiveGoal, now: Cycle) -> bool:
-        """Whether a goal has to wait although it has just begun."""
+        """Return whether a goal that has just started must wait after all."""
         active.recall_s -= now.step_s
         active.waited_s += now.step_s
         active.begun = self._ready(now)
         return not active.begun
 
     def _wait(self, active: ActiveGoal, now: Cycle) -> None:
-        """Begin when the others have settled."""
+        """Start the goal when the other controllers have settled, or when the wait times out."""
         ready = self._ready(now)
         late = active.waited_s >= now.parameters.wait_for_timeout
         if late and not ready:
-            LOG.warning("%s: starts although %s has not settled", self._name, ", ".join(now.parameters.wait_for))
+            text = "%s: starting the goal although %s has not settled"
+            LOG.warning(text, self._name, ", ".join(now.parameters.wait_for))
         if ready or late:
             self._begin(active, now)
         else:
@@ -240,7 +245,7 @@ class Execution:
     def _finish(self, active: ActiveGoal, result: GoalResult, now: Cycle) -> None:
         if result.status is GoalStatus.ABORTED:
             LOG.error("%s: %s", self._name, result.text)
-        if result.at_rest and (now.parameters.constraints.decelerate_on_cancel or self._sampler.stands):
+        if result.at_rest and (now.parameters.constraints.decelerate_on_cancel or self._sampler.ended):
             active.ending = result
             self._brake(now)
             return
@@ -250,6 +255,6 @@ class Execution:
 
 
 def _late_s(goal: TrajectoryGoal, now: Cycle) -> float:
-    """Seconds by which this cycle comes later than the one for which the goal was planned."""
+    """Return the delay (s) of this cycle relative to the cycle for which the goal was planned."""
     late_s = 0.0 if goal.begins_s is None else now.state.stamp_s - goal.begins_s
     return late_s if late_s > LATE_S else 0.0

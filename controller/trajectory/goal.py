@@ -1,6 +1,6 @@
-"""A trajectory goal, its handle, and the reasons to reject a goal before anything moves.
+"""Define a trajectory goal and its handle, and check goals before the arm moves.
 
-The texts are ros2_control's where it has some.
+If ros2_control has the same check, the rejection text is that of ros2_control.
 """
 
 import math
@@ -15,18 +15,18 @@ from controller.trajectory.tolerances import Tolerances
 from hal.types import AT_LIMIT, FloatArray, JointLimits, apart, beyond_range
 
 LARGEST_GOAL: Final = 5_000
-"""Points of one goal: the ROS thread prepares them in some tenths of a second."""
+"""Maximum number of points of one goal. The ROS thread prepares this many points in a few tenths of a second."""
 LONGEST_GOAL_S: Final = 3_600.0
-"""Planners make tables by time, and ruckig plans for two hours at most. What ends later is mostly of another clock."""
+"""Maximum time (s) to the end of a goal. Planners build tables over time, and a later end usually has a wrong stamp."""
 ROUNDING: Final = 1e-6
-"""The share by which a value may exceed a limit: planners go up to their limits, and round (MoveIt's by 1e-13)."""
+"""Share by which a value may exceed a limit. Planners use their limits fully and round (MoveIt by 1e-13)."""
 STANDS_STILL: Final = 1.19e-7
-"""Upstream's limit for a last velocity that counts as zero."""
+"""Maximum final velocity that counts as zero, as in ros2_control."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalPoint:
-    """One way-point in the client's joint order; times in seconds from the trajectory's start."""
+    """One waypoint, in the joint order of the client. Times are in seconds from the start of the trajectory."""
 
     positions: tuple[float, ...]
     time_from_start_s: float
@@ -37,27 +37,27 @@ class GoalPoint:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryGoal:
-    """A goal as the client sent it. ``delay_s`` is its stamp relative to now; 0 means now."""
+    """A goal from a client. ``delay_s`` is its stamp relative to now; 0 means now."""
 
     joints: tuple[str, ...]
     points: tuple[GoalPoint, ...]
     tolerances: Tolerances = field(default_factory=Tolerances)
     delay_s: float = 0.0
     from_topic: bool = False
-    """No client waits for the goal's end."""
+    """Whether the goal came from the topic, so that no client waits for its result."""
     next_cycle_s: float = 0.0
-    """Seconds from now to the cycle in which the goal can begin."""
+    """Time from now to the cycle in which the goal can start, in seconds."""
     begins_s: float | None = None
-    """The time of that cycle by the loop's clock; None: the goal is never late."""
+    """Time of that cycle on the loop's clock, in seconds. None means that the goal is never late."""
 
     @property
     def starts_s(self) -> float:
-        """The start of the points' times, seen from that cycle: a stamp is a point in time, 0 is that cycle."""
+        """Start of the trajectory relative to the cycle in which the goal can start, in seconds."""
         return self.delay_s - self.next_cycle_s if self.delay_s else 0.0
 
 
 class GoalHandle:
-    """An accepted goal. The loop's thread decides it; any thread may look."""
+    """An accepted goal. The thread of the loop decides its result, and any thread may read it."""
 
     def __init__(self, goal: TrajectoryGoal) -> None:
         self.goal = goal
@@ -67,11 +67,11 @@ class GoalHandle:
 
     @property
     def done(self) -> bool:
-        """Whether the goal is decided."""
+        """Whether the goal has a result."""
         return self.status is not GoalStatus.EXECUTING
 
     def decide(self, status: GoalStatus, error_code: int, text: str) -> None:
-        """The first decision stands; status comes last, because other threads look at it."""
+        """Set the result, unless the goal already has one. Other threads poll the status, so it is set last."""
         if not self.done:
             self.error_code, self.error_text = error_code, text
             self.status = status
@@ -79,7 +79,7 @@ class GoalHandle:
 
 @dataclass(frozen=True, slots=True)
 class Allowed:
-    """Goals beyond the ordinary that a controller's parameters allow."""
+    """Special kinds of goals that the parameters of a controller allow."""
 
     partial: bool = False
     integration: bool = False
@@ -87,7 +87,7 @@ class Allowed:
 
 
 def reason_to_reject(goal: TrajectoryGoal, joints: Sequence[str], allowed: Allowed) -> str | None:
-    """The reason why this goal makes no sense whatever the limits, or None."""
+    """Return why a goal is invalid regardless of the joint limits, or None."""
     if not goal.points:
         return "Empty trajectory received."
     return (
@@ -102,10 +102,10 @@ def reason_to_reject(goal: TrajectoryGoal, joints: Sequence[str], allowed: Allow
 def limits_reason(
     goal: TrajectoryGoal, joints: Sequence[str], limits: Sequence[JointLimits], stands: Sequence[FloatArray] = ()
 ) -> str | None:
-    """The reason why a point is itself beyond a limit: the first such point, or None.
+    """Return why the first point beyond a limit is invalid, or None if all points are within the limits.
 
-    ``stands``: positions (n,) where the joints stand, as measured and as commanded. One that stands at a limit or
-    beyond may be sent from there: the plan takes such points to the limit.
+    ``stands`` holds the measured and the commanded positions (n,) of the joints. A joint at or beyond a limit may start
+    from there; the plan moves such points to the limit.
     """
     by_name = dict(zip(joints, limits, strict=True))
     ends = {name: _ends(by_name[name], [float(at[i]) for at in stands]) for i, name in enumerate(joints)}
@@ -113,19 +113,19 @@ def limits_reason(
         for name, position in zip(goal.joints, point.positions, strict=False):
             if not ends[name][0] <= position <= ends[name][1]:
                 limit = by_name[name]
-                said, lower, upper = beyond_range(position, limit.lower, limit.upper)
-                return f"{name} would go to {said} at point #{index}, outside its limits {lower} to {upper}"
+                shown, lower, upper = beyond_range(position, limit.lower, limit.upper)
+                return f"{name} would go to {shown} at point #{index}, outside its limits {lower} to {upper}"
         rates = ("move", point.velocities, "velocity"), ("accelerate", point.accelerations, "acceleration")
         for verb, values, kind in rates:
             for name, value in zip(goal.joints, values, strict=False):
                 if abs(value) > (bound := getattr(by_name[name], kind)) * (1.0 + ROUNDING):
-                    said, most = apart(value, math.copysign(bound, value))
-                    return f"{name} would {verb} at {said} at point #{index}, beyond its limit {most.lstrip('-')}"
+                    shown, most = apart(value, math.copysign(bound, value))
+                    return f"{name} would {verb} at {shown} at point #{index}, beyond its limit {most.lstrip('-')}"
     return None
 
 
 def _ends(limit: JointLimits, stands: Sequence[float]) -> tuple[float, float]:
-    """The positions between which a point may lie."""
+    """Return the lowest and the highest position that a point may have."""
     slack = AT_LIMIT * (limit.upper - limit.lower)
     lower, upper = min(stands, default=math.inf), max(stands, default=-math.inf)
     return (
@@ -142,14 +142,14 @@ def _joints_reason(goal: TrajectoryGoal, joints: Sequence[str], partial: bool) -
     for name in goal.joints:
         if name not in joints:
             return f"Incoming joint {name} doesn't match the controller's joints."
-        if goal.joints.count(name) > 1:  # upstream lets the last one win, and sends another joint to 0
+        if goal.joints.count(name) > 1:  # ros2_control uses the last entry and moves another joint to 0.
             return f"Joint {name} is named twice: name each joint once."
     return None
 
 
 def _points_reason(goal: TrajectoryGoal, integration: bool) -> str | None:
     if len(goal.points) > LARGEST_GOAL:
-        return f"{len(goal.points)} points are too many: send at most {LARGEST_GOAL} in one goal"
+        return f"the goal has {len(goal.points)} points: send at most {LARGEST_GOAL} points in one goal"
     for index, point in enumerate(goal.points):
         if point.has_effort:
             return (
@@ -163,18 +163,18 @@ def _points_reason(goal: TrajectoryGoal, integration: bool) -> str | None:
 
 def _size_reason(goal: TrajectoryGoal, index: int, point: GoalPoint, integration: bool) -> str | None:
     derivatives = bool(point.velocities or point.accelerations)
-    for what in ("positions", "velocities", "accelerations"):
-        size = len(getattr(point, what))
-        needed = what == "positions" and not (integration and derivatives)
+    for kind in ("positions", "velocities", "accelerations"):
+        size = len(getattr(point, kind))
+        needed = kind == "positions" and not (integration and derivatives)
         if size != len(goal.joints) and (size or needed):
-            return f"Mismatch between joint_names size ({len(goal.joints)}) and {what} ({size}) at point #{index}."
+            return f"Mismatch between joint_names size ({len(goal.joints)}) and {kind} ({size}) at point #{index}."
     return None
 
 
 def _times_reason(goal: TrajectoryGoal) -> str | None:
     times = [point.time_from_start_s for point in goal.points]
     if not all(map(math.isfinite, times)):
-        return f"times are {', '.join(map(str, times))} s: only finite numbers are executed"
+        return f"times are {', '.join(map(str, times))} s: only finite values are allowed"
     for index, (before_s, time_s) in enumerate(pairwise(times)):
         if time_s <= before_s:
             return (
@@ -186,8 +186,8 @@ def _times_reason(goal: TrajectoryGoal) -> str | None:
         return f"Received trajectory with non-zero start time that ends in the past ({-end_s:.3f} s ago)"
     if max(times[-1], end_s) > LONGEST_GOAL_S:
         return (
-            f"the trajectory would end {end_s:.0f} s from now, and the most is {LONGEST_GOAL_S:.0f} s: the points' "
-            "times count from its start, and its stamp by the stack's clock (simulated time where /clock has it)"
+            f"the trajectory would end {end_s:.0f} s from now, but the maximum is {LONGEST_GOAL_S:.0f} s: check that "
+            "its point times start at 0 and that its stamp uses the stack's clock (or /clock in simulated time)"
         )
     return None
 
@@ -197,7 +197,7 @@ def _not_finite(goal: TrajectoryGoal) -> str | None:
         for values in (point.positions, point.velocities, point.accelerations):
             for name, value in zip(goal.joints, values, strict=False):
                 if not math.isfinite(value):
-                    return f"{name} is {value} at point #{index}: only finite numbers are executed"
+                    return f"{name} is {value} at point #{index}: only finite values are allowed"
     return None
 
 

@@ -1,7 +1,7 @@
-"""The goal planner turns a goal into a plan before anything moves, in the thread that takes goals.
+"""Plan a goal in the thread that accepts goals, before the arm moves.
 
-A plan is prepared from where the joints are then. The loop's thread only joins it: it plans the way to the first point
-anew where the joints have moved since.
+A plan starts from the current joint positions. If the joints have moved when the goal starts, the thread of the loop
+plans the motion to the first point again and joins the rest of the plan.
 """
 
 from collections.abc import Sequence
@@ -21,16 +21,16 @@ from hal.types import FloatArray, JointLimits
 Method = Literal["splines", "none", "ruckig"]
 
 JOINS_S: Final = 0.1
-"""Time in which jerk-limited joints that move reach another path; a point after twice the time is not close."""
+"""Time (s) in which moving, jerk-limited joints reach another path. A point after twice this time is far away."""
 
 
 class GoalRejected(Exception):
-    """A goal is not accepted; the text is for the client."""
+    """A goal is rejected. The message is sent to the client."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalPlanner:
-    """The planner checks and plans the goals of one controller; ``endless`` are the indices of joints without ends."""
+    """Planner that checks and plans the goals of one controller. ``endless`` holds the indices of continuous joints."""
 
     joints: tuple[str, ...]
     limits: tuple[JointLimits, ...]
@@ -40,7 +40,7 @@ class GoalPlanner:
     def plan(
         self, goal: TrajectoryGoal, allowed: Allowed, reference: Kinematics, measured: FloatArray | None = None
     ) -> "Plan":
-        """The goal's plan from about ``reference``; ``measured`` (n,) is where the joints are. Raises GoalRejected."""
+        """Plan a goal that starts near ``reference`` and the ``measured`` positions (n,). Raises GoalRejected."""
         if reason := reason_to_reject(goal, self.joints, allowed):
             raise GoalRejected(reason)
         if allowed.integration:
@@ -62,13 +62,13 @@ class GoalPlanner:
         return plan
 
     def warm_up(self) -> None:
-        """Plan once for nothing: the first goal must not wait until all that planning needs has been loaded."""
+        """Plan a dummy goal, so that the first real goal does not wait for modules to load."""
         here = np.clip(np.zeros(len(self.joints)), *self._ends())
         point = GoalPoint(tuple(here.tolist()), 1.0)
         self.plan(TrajectoryGoal(self.joints, (point,)), Allowed(), Kinematics.at_rest(here))
 
     def _rest(self, named: Sequence[str], reference: Kinematics) -> FloatArray:
-        """The positions of joints that the goal does not name: here, or where they can come to rest."""
+        """Return targets for joints that the goal does not name: current positions, or stop positions if in motion."""
         if len(named) == len(self.joints) or not reference.velocity.any():
             return reference.position
         rest = plan_stop(reference, self.limits)
@@ -79,9 +79,9 @@ class GoalPlanner:
 
 
 def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) -> Waypoints:
-    """The goal's points. A joint that the goal does not name stays at ``rest`` (n,).
+    """Convert the points of a goal to waypoints. Joints that the goal does not name stay at ``rest`` (n,).
 
-    The last point is held, so it is reached at rest whatever velocity the goal gives it.
+    The joints hold the last point, so they reach it at rest, even if the goal gives it a velocity.
     """
     columns = [joints.index(name) for name in goal.joints]
     count = len(goal.points)
@@ -101,18 +101,18 @@ def waypoints_of(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) 
 
 
 def ahead(waypoints: Waypoints) -> Waypoints:
-    """The points whose time has not passed; always the last one."""
+    """Return the waypoints whose time has not passed, and always the last one."""
     first = first_ahead(waypoints.times_s, 0.0)
     return Waypoints(*(getattr(waypoints, field.name)[first:] for field in fields(waypoints)))
 
 
 def at_most(waypoints: Waypoints, limits: Sequence[JointLimits]) -> Waypoints:
-    """The same points, what is beyond a limit by as little as was allowed taken to it."""
+    """Clip the waypoints to the limits. The goal check accepts values slightly beyond the limits."""
     lower, upper, velocity, acceleration = np.array(
         [(limit.lower, limit.upper, limit.velocity, limit.acceleration) for limit in limits]
     ).T
     position = np.clip(waypoints.position, lower, upper)
-    inside = position == waypoints.position  # at a limit a joint stands
+    inside = position == waypoints.position  # A joint at a limit must be at rest.
     return replace(
         waypoints,
         position=position,
@@ -122,27 +122,28 @@ def at_most(waypoints: Waypoints, limits: Sequence[JointLimits]) -> Waypoints:
 
 
 def first_ahead(times_s: FloatArray, now_s: float) -> int:
-    """The first point whose time has not come yet, or else the last one."""
+    """Return the index of the first point whose time has not passed, or of the last point."""
     return min(int(np.searchsorted(times_s, now_s, side="right")), len(times_s) - 1)
 
 
 def joined_at(times_s: FloatArray, now_s: float) -> int:
-    """The point at which joints in motion join a path: the first point that leaves them time, or else one before it.
+    """Return the index of the point at which moving joints join a path.
 
-    The way to a point that is too near ends late, and a stream of short paths would lag further with each message.
+    This is the first point that leaves the joints enough time, or the point before it if that point is far away. A
+    motion to a point that is too near ends late, and a stream of short paths would lag further with each message.
     """
     index = first_ahead(times_s, now_s + JOINS_S)
     return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))
 
 
 def prepare(method: Method, task: Task) -> "Plan":
-    """Prepare a plan by the given method. Raises MotionError where there is no way within the limits."""
+    """Prepare a plan with an interpolation method. Raises MotionError if there is no motion within the limits."""
     if method == "none":
         return StepPlan(task.waypoints)
     if method == "splines" or len(task.waypoints.times_s) > 1:
         path, passes_s = spline_path(task) if method == "splines" else jerk_limited_path(task)
         return PathPlan(task, path, passes_s, smooth=method != "splines")
-    # One point: what most clients send, and wait for.
+    # Most clients send a single point and wait for the result.
     target, asked_s = Kinematics.at_rest(task.waypoints.position[0]), max(float(task.waypoints.times_s[0]), 0.0)
     only = motion_to(task.start, target, task.limits, asked_s, task.names)
     return PathPlan(task, only, np.array([only.duration_s]), smooth=True)
@@ -150,18 +151,19 @@ def prepare(method: Method, task: Task) -> "Plan":
 
 @dataclass(frozen=True, slots=True)
 class PathPlan:
-    """The plan of a whole path, and when (m,) the path passes each point."""
+    """Plan of a whole path. ``passes_s`` (m,) holds the times at which the path passes each point."""
 
     task: Task
     path: Path
     passes_s: FloatArray
     smooth: bool
-    """Whether the way to it is by ruckig."""
+    """Whether ruckig plans the motion to the path."""
 
     def join(self, reference: Kinematics, waited_s: float) -> Path:
-        """The path from where the joints are now; the points' times have come ``waited_s`` nearer. Raises MotionError.
+        """Return the path from the current state of the joints, ``waited_s`` after the planned start.
 
-        The path itself where nothing has changed, or else a way to its first point that lies ahead.
+        This is the planned path if nothing has changed. Otherwise, a new motion leads to the next point of the path.
+        Raises MotionError.
         """
         if not waited_s and self._still_there(reference):
             return self.path
@@ -181,4 +183,4 @@ class PathPlan:
 
 
 Plan = PathPlan | StepPlan
-"""A goal's way, ready when the goal is accepted; the loop's thread joins it."""
+"""Plan of a goal, prepared before the goal is accepted. The thread of the loop joins the plan."""

@@ -1,4 +1,4 @@
-"""A goal's result: the way in which it ended, and the decision at the end of its path. The texts are upstream's."""
+"""Decide the result of a trajectory goal. The texts are those of ros2_control."""
 
 import logging
 from collections.abc import Sequence
@@ -13,11 +13,15 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PREEMPTED_BY_TOPIC: Final = "Current goal preempted by a trajectory on the topic joint_trajectory."
-"""Ours, on purpose: upstream lets the goal succeed with a trajectory that its client never sent."""
+"""Result text of a goal that a trajectory on the topic replaces.
+
+The behavior differs from ros2_control on purpose. In ros2_control, the goal succeeds with a trajectory that its client
+never sent.
+"""
 
 
 class ErrorCode:
-    """error_code of control_msgs/action/FollowJointTrajectory."""
+    """Values of ``error_code`` in control_msgs/action/FollowJointTrajectory."""
 
     SUCCESSFUL = 0
     INVALID_GOAL = -1
@@ -27,16 +31,15 @@ class ErrorCode:
 
 @dataclass(frozen=True, slots=True)
 class GoalResult:
-    """The end of a goal. ``stop``: the joints are still on their way, or not where they should be.
-
-    ``at_rest``: the goal ends once the joints rest and press against nothing.
-    """
+    """Result of a goal."""
 
     status: GoalStatus
     error_code: int
     text: str
     stop: bool = True
+    """Whether the joints must stop, because they still move or are not at their goal."""
     at_rest: bool = False
+    """Whether the result is reported only after the joints are at rest and press against no obstacle."""
 
 
 CANCELED: Final = GoalResult(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "", at_rest=True)
@@ -48,9 +51,9 @@ TIMED_OUT: Final = GoalResult(
 def result_at_end(
     joints: Sequence[str], tolerances: Tolerances, path: Path, after_end_s: float, error: FloatArray
 ) -> GoalResult | None:
-    """The goal's result so long after its path's end, or None while the joints may still come nearer.
+    """Return the result of a goal ``after_end_s`` after the end of its path, or None while the joints still approach.
 
-    ``error`` (n,) is the reference less what was measured last.
+    ``error`` (n,) is the reference minus the latest measurement.
     """
     off = excess(joints, error, tolerances.goal)
     if not off:
@@ -62,15 +65,15 @@ def result_at_end(
 
 
 def cannot_begin(controller: str, error: Exception) -> GoalResult:
-    """The result of a goal whose plan cannot be joined; what is no MotionError is a defect, and logged as one."""
+    """Return the result of a goal whose plan cannot be joined. Errors other than MotionError are logged as defects."""
     if not isinstance(error, MotionError):
-        LOG.error("%s: a goal cannot begin", controller, exc_info=error)
-    text = str(error) if isinstance(error, MotionError) else f"the goal cannot begin: {error!r}"
+        LOG.error("%s: the goal cannot start", controller, exc_info=error)
+    text = str(error) if isinstance(error, MotionError) else f"the goal cannot start: {error!r}"
     return GoalResult(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, text)
 
 
 def path_violated(off: str) -> GoalResult:
-    """The result of a goal whose joints are too far from its path; ``off`` says which, and by how much."""
+    """Return the result of a goal whose joints left its path. ``off`` describes the joint and its deviation."""
     text = f"Aborted due to path tolerance violation: {off}"
     return GoalResult(GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, text, at_rest=True)
 
@@ -78,5 +81,5 @@ def path_violated(off: str) -> GoalResult:
 def _success(path: Path) -> str:
     text = "Goal successfully reached!"
     if stretched(path):
-        text += f" The limits stretched it from {path.asked_s:.2f} s to {path.duration_s:.2f} s."
+        text += f" The limits stretched the motion from {path.asked_s:.2f} s to {path.duration_s:.2f} s."
     return text

@@ -1,4 +1,4 @@
-"""joint_trajectory_controller/JointTrajectoryController: one trajectory at a time, jerk-limited where so configured."""
+"""Implement joint_trajectory_controller/JointTrajectoryController, with optional jerk limits."""
 
 import math
 from collections import deque
@@ -22,13 +22,14 @@ from controller.trajectory.standstill import Standstill
 from hal.types import FloatArray, JointLimits, JointState
 
 UNSEEN = 100
-"""So many cycles are kept for an observer that is behind."""
+"""Maximum number of cycles kept for a slow observer."""
 
 
 class JointTrajectoryController:
-    """The controller follows one trajectory at a time; a new goal takes over from the reference of the old one.
+    """Controller that follows one trajectory at a time.
 
-    Upstream takes over from the measured state, which makes the arm sag or jump at each goal.
+    A new goal starts from the reference of the previous goal. ros2_control starts from the measured state, which makes
+    the arm sag or jump at each goal.
     """
 
     kind: ClassVar[str] = "joint_trajectory_controller/JointTrajectoryController"
@@ -45,7 +46,7 @@ class JointTrajectoryController:
         endless: Sequence[int] = (),
         lags: FloatArray | None = None,
     ) -> None:
-        """``limits`` in the order of the joints; ``endless``: those without ends; ``lags``: the sampler's."""
+        """Create a controller. ``limits`` and ``lags`` are in joint order. ``endless`` lists continuous joints."""
         self.name = name
         self.joints = parameters.joints
         self.command_interfaces = parameters.claims()
@@ -53,7 +54,7 @@ class JointTrajectoryController:
         self.reconfigure(parameters)
         self.command: FloatArray = np.full(len(self.joints), np.nan)
         self.tracking: Tracking | None = None
-        """The newest cycle; None while nothing is followed."""
+        """Data of the latest cycle, or None while the controller is inactive."""
         self._unseen: deque[Tracking] = deque(maxlen=UNSEEN)
         self.running = False
         self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, tuple(endless))
@@ -67,7 +68,7 @@ class JointTrajectoryController:
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
-        """The loop's period; 0 before the first cycle."""
+        """Period of the loop, in seconds. It is 0 before the first cycle."""
         self._last_s = 0.0
         self._standstill = Standstill(self.joints, tuple(endless), self._sampler, self._execution)
 
@@ -75,16 +76,16 @@ class JointTrajectoryController:
     def build(
         cls, name: str, parameters: TrajectoryParameters, context: ControllerContext
     ) -> "JointTrajectoryController":
-        """Build the controller as the controllers file asks."""
+        """Build the controller from its parameters and the robot."""
         limits = limits_of(parameters.joints, context.limits)
         endless = [index for index, limit in enumerate(limits) if math.isinf(limit.upper)]
         lags = context.lags(parameters.joints)
         return cls(name, parameters, limits, context.component.joints, context.settled, endless, lags)
 
-    # Called from any thread.
+    # Any thread may call the following methods.
 
     def check(self, goal: TrajectoryGoal) -> str | None:
-        """The reason why the goal is refused, or None; the goal is planned then, for ``submit``."""
+        """Return why a goal is rejected, or None. An accepted goal is planned for ``submit``."""
         if not self.running:
             return NOT_RUNNING
         try:
@@ -95,33 +96,33 @@ class JointTrajectoryController:
         return None
 
     def _next_reference(self) -> Kinematics:
-        """The reference of the next cycle."""
+        """Return the reference of the next cycle."""
         tracking = self.tracking
         return tracking.at(self.period_s)[0] if tracking is not None else self._start
 
     def submit(self, goal: TrajectoryGoal) -> GoalHandle:
-        """Hand over a goal that ``check`` let pass. It takes effect in the next cycle."""
+        """Start a goal that ``check`` has accepted. It takes effect in the next cycle."""
         handle = GoalHandle(goal)
         reason = self.check(goal) if self._planned is None or self._planned[0] is not goal else None
         if reason is None and self._planned is not None:
             self._execution.submit(handle, self._planned[1])
-        if reason or not self.running:  # stopped since the check
+        if reason or not self.running:  # The controller may have been deactivated since the check.
             handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED if not self.running else str(reason))
         return handle
 
     @property
     def newest_goal(self) -> GoalHandle | None:
-        """The goal that was taken last, under way or decided."""
+        """The latest goal, active or finished."""
         return self._execution.newest
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop a goal, if it is still under way at the next cycle."""
+        """Cancel a goal if it is still active in the next cycle."""
         self._execution.cancel(handle)
 
     def tracked(self, stamp_s: float) -> Iterator[Tracking]:
-        """The tracking of the cycle that measured at ``stamp_s``: once, for one observer that goes from cycle to cycle.
+        """Yield the tracking of the cycle that measured at ``stamp_s``, once, for a single observer.
 
-        Empty where the controller was inactive, or was not updated then.
+        Nothing is yielded if the controller was inactive or was not updated in that cycle.
         """
         while self._unseen and self._unseen[0].stamp_s <= stamp_s:
             tracking = self._unseen.popleft()
@@ -129,23 +130,23 @@ class JointTrajectoryController:
                 yield tracking
 
     def reconfigure(self, parameters: TrajectoryParameters) -> None:
-        """Settable parameters count from the next goal (``cmd_timeout``: the next cycle) on."""
+        """Set the settable parameters. They apply from the next goal on, ``cmd_timeout`` from the next cycle on."""
         self._allowed, self._tolerances = parameters.allowed(), parameters.tolerances()
         self.parameters: TrajectoryParameters = parameters
 
-    # Called from the loop's thread.
+    # Only the thread of the loop may call the following methods.
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._execution.end()
         self._sampler.hold(command)
         self._start = self._sampler.reference()
         self._last_s = state.stamp_s
-        self._standstill.forget()
+        self._standstill.reset()
         self.command = command.copy()
         self.running = True
 
     def deactivate(self, reason: str = "") -> None:
-        """``reason`` is for the clients, where the hardware is lost and no client switched the controller."""
+        """Abort all goals. ``reason`` tells the clients why, if no client requested the deactivation."""
         self.running = False
         self._execution.end(reason)
         self.tracking = None
@@ -155,19 +156,19 @@ class JointTrajectoryController:
 
     def begin_relief(self, state: JointState, command: FloatArray) -> None:
         self._sampler.hold(command)
-        self._standstill.forget()
+        self._standstill.reset()
         self._last_s = state.stamp_s
         self.command = command.copy()
         self._execution.begin_relief()
 
     def relieve(self, state: JointState, now_s: float, period_s: float) -> bool:
-        now = self._look(state, now_s, period_s)
+        now = self._advance(state, now_s, period_s)
         goes_on = self._execution.relieve(now)
         self._put_command(now)
         return goes_on
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
-        now, sampler = self._look(state, now_s, period_s), self._sampler
+        now, sampler = self._advance(state, now_s, period_s), self._sampler
         self._execution.cycle(now)
         self._put_command(now)
         self.period_s = period_s
@@ -178,8 +179,8 @@ class JointTrajectoryController:
         )
         self._unseen.append(self.tracking)
 
-    def _look(self, state: JointState, now_s: float, period_s: float) -> Cycle:
-        """Advance the reference to this cycle, and compare the joints with it."""
+    def _advance(self, state: JointState, now_s: float, period_s: float) -> Cycle:
+        """Advance the reference to this cycle and compare the joints with it."""
         step_s, self._last_s = min(now_s - self._last_s, LONGEST_STEP * period_s), now_s
         parameters, sampler, standstill = self.parameters, self._sampler, self._standstill
         measured, velocity = state.position[self._index], state.velocity[self._index]
@@ -195,9 +196,10 @@ class JointTrajectoryController:
         )
 
     def _put_command(self, now: Cycle) -> None:
-        """Command the reference of the cycle's end, ahead of it by as much as the joints lag."""
+        """Set the command to the reference at the end of the cycle, plus the lag of the joints."""
         sampler, parameters, period_s = self._sampler, now.parameters, now.period_s
-        if not sampler.on_goal or (sampler.stands and self._execution.idle):  # on the way the command would leap
+        # A new lead during a motion would make the command leap.
+        if not sampler.on_goal or (sampler.ended and self._execution.idle):
             self._lead_s = parameters.command_lead
         if not now.waits:
             ahead = sampler.ahead(period_s, self._lead_s)

@@ -1,4 +1,4 @@
-"""The parameters of a joint trajectory controller, under upstream's names and with its defaults."""
+"""Define the parameters of a joint trajectory controller, with ros2_control's names and defaults."""
 
 from typing import Final, Literal
 
@@ -19,38 +19,45 @@ SETTABLE: Final = frozenset(
         "constraints",
     }
 )
-"""The parameters and groups that can be set while the controller runs."""
+"""Parameters and groups that can be changed while the controller runs."""
 
 
 class JointConstraints(BaseModel):
-    """The constraints of one joint: tolerances in rad or m, 0 is none."""
+    """Constraints of one joint. Tolerances are in rad or m; 0 means no tolerance."""
 
     model_config = ConfigDict(frozen=True)
 
     trajectory: Tolerance = 0.0
     goal: Tolerance = 0.0
     lag_time: Time = 0.0
-    """Ours, in s: a joint that moves may be further off its path than ``trajectory`` by its speed times this."""
+    """Lag that is allowed for a moving joint, in seconds (not in ros2_control).
+
+    The joint may exceed ``trajectory`` by its speed times this value.
+    """
     max_deceleration_on_cancel: Deceleration = 0.0
-    """rad/s² or m/s²; 0 is the joint's own limit, which is never exceeded."""
+    """Maximum deceleration in rad/s² or m/s². 0 means the limit of the joint, which is never exceeded."""
 
 
 class Constraints(Parameters):
-    """Tolerances of a trajectory controller: seconds, and by joint."""
+    """Constraints of a trajectory controller. Additional fields hold the constraints of each joint."""
 
     goal_time: Time = 0.0
-    stopped_velocity_tolerance: Speed = 0.01  # upstream's; acts only on velocity commands, which we have not
+    # ros2_control applies this tolerance only to velocity commands, which this controller does not send.
+    stopped_velocity_tolerance: Speed = 0.01
     decelerate_on_cancel: bool = True
-    """Ours, on purpose: upstream's default false steps back to the measured position, at any speed."""
+    """Whether joints brake when a goal is canceled.
+
+    The default differs from ros2_control on purpose: False commands the measured position at once, at any speed.
+    """
     __pydantic_extra__: dict[str, JointConstraints]
 
     def by_joint(self) -> dict[str, JointConstraints]:
-        """The constraints of single joints, by name."""
+        """Return the constraints of each joint, by name."""
         return self.model_extra or {}
 
 
 class Scaling(BaseModel):
-    """Parameters of speed scaling; upstream's exchange with hardware interfaces is not used."""
+    """Parameters of speed scaling. ros2_control's parameters for hardware interfaces have no effect."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -58,11 +65,14 @@ class Scaling(BaseModel):
 
 
 class TrajectoryParameters(Parameters):
-    """Parameters of the trajectory controller. The last three are ours, and so is ``interpolation_method: ruckig``."""
+    """Parameters of the trajectory controller.
+
+    The last three parameters, and ``interpolation_method: ruckig``, do not exist in ros2_control.
+    """
 
     joints: tuple[str, ...] = Field(min_length=1)
     command_interfaces: tuple[Literal["position", "velocity", "acceleration", "effort"], ...] = ("position",)
-    """Servos take positions: the others of a list that has position are not used."""
+    """Command interfaces, which must include position. Other entries are ignored, because servos accept positions."""
     state_interfaces: tuple[Literal["position", "velocity"], ...] = ("position", "velocity")
     allow_partial_joints_goal: bool = False
     allow_integration_in_goal_trajectories: bool = False
@@ -72,26 +82,35 @@ class TrajectoryParameters(Parameters):
     speed_scaling: Scaling = Scaling()
     constraints: Constraints = Field(Constraints.model_validate({}), validate_default=True)
     interpolation_method: Literal["splines", "none", "ruckig"] = "splines"
-    """Upstream's default. Our robot files say ruckig (jerk-limited) where the controllers file says nothing."""
+    """Interpolation method. The default is ros2_control's.
+
+    servoloop's robot files set ruckig (jerk-limited) for controllers files without this parameter.
+    """
     command_lead: Time | None = None
-    """The servos' lag behind their goals (s): so much earlier each goal is sent. None: as is known of each servo."""
+    """Time by which each command is sent early to compensate for servo lag, in seconds.
+
+    None uses the known lag of each servo.
+    """
     wait_for: tuple[str, ...] = ()
-    """Controllers that must have settled before a goal begins. A client's patience counts from acceptance:
-    MoveIt cancels after 1.1 times the duration and 0.5 s, so keep ``wait_for_timeout`` within 0.5 s for it, or
-    raise its ``allowed_goal_duration_margin``."""
+    """Controllers that must have settled before a goal starts.
+
+    The timeout of a client starts when the goal is accepted. MoveIt cancels after 1.1 times the duration plus 0.5 s.
+    For MoveIt, keep ``wait_for_timeout`` below 0.5 s or raise its ``allowed_goal_duration_margin``.
+    """
     wait_for_timeout: Time = 1.5
+    """Maximum time a goal waits for the controllers in ``wait_for``, in seconds. Then the goal starts anyway."""
 
     @field_validator("command_interfaces")
     @classmethod
     def _has_position(cls, kinds: tuple[str, ...]) -> tuple[str, ...]:
         if "position" not in kinds:
-            raise ValueError(f"'position' is not among {', '.join(kinds) or 'no interfaces'}: write [position]")
+            raise ValueError(f"'position' is missing in [{', '.join(kinds)}]: use [position]")
         return kinds
 
     @field_validator("constraints")
     @classmethod
     def _every_joint(cls, constraints: Constraints, info: ValidationInfo) -> Constraints:
-        """Each joint has its parameters, said or not: so they can be set later."""
+        """Add constraints for joints without any, so that their parameters exist and can be set later."""
         known = constraints.by_joint()
         others: dict[str, dict[str, float]] = {n: {} for n in info.data.get("joints", ()) if n not in known}
         return Constraints.model_validate(constraints.model_dump() | others) if others else constraints
@@ -105,7 +124,7 @@ class TrajectoryParameters(Parameters):
         return super().unused() + [f"constraints.{other}" for other in sorted(others)] + kinds
 
     def tolerances(self) -> Tolerances:
-        """The defaults for goals that bring none."""
+        """Return the default tolerances for goals without tolerances."""
         by_joint = self.constraints.by_joint()
         return Tolerances(
             {name: c.trajectory for name, c in by_joint.items()},
@@ -115,7 +134,7 @@ class TrajectoryParameters(Parameters):
         )
 
     def allowed(self) -> Allowed:
-        """The goals beyond the ordinary that are allowed."""
+        """Return the special kinds of goals that are allowed."""
         return Allowed(
             self.allow_partial_joints_goal,
             self.allow_integration_in_goal_trajectories,

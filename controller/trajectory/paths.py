@@ -1,4 +1,4 @@
-"""Paths through several points, and the way to a point of a path from where the joints have moved to meanwhile."""
+"""Plan paths through several points, and motions from the current joint positions to a point of a path."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -12,17 +12,20 @@ from controller.trajectory.waypoints import Bounds, Waypoints, ruckig_motion, wi
 from hal.types import FloatArray, JointLimits
 
 FEW: Final = 50
-"""Up to so many points are tried with ruckig, which passes each of them exactly."""
+"""Maximum number of points for which ruckig is tried. Ruckig passes each point exactly."""
 
 BEGINNING_S: Final = 0.3
-"""Within this time a path is on its plan, wherever it began."""
+"""Time within which a path that starts off its plan is back on the plan, in seconds."""
 NEAR: Final = 0.05
-"""rad or m: as far from the commanded position may lie what is measured, by sag, play and following error."""
+"""Maximum distance of the measured from the commanded position, in rad or m.
+
+It covers sag, backlash and following error.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """All that a plan is made from; ``limits`` and ``names`` in joint order."""
+    """Input of a plan. ``limits`` and ``names`` are in joint order."""
 
     start: Kinematics
     waypoints: Waypoints
@@ -31,10 +34,10 @@ class Task:
 
 
 def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
-    """The same points but for the first ones, which lead from ``here`` (n,) onto the plan.
+    """Shift the first points so that they lead from ``here`` (n,) to the rest of the points.
 
-    Planners begin at what is measured, a little beside what is commanded. A step between the two would cost the
-    whole path its time: bends are as smooth everywhere as the sharpest must be.
+    Planners start from the measured position, which differs slightly from the commanded position. A step between the
+    two would slow down the whole path, because its sharpest bend determines the smoothing.
     """
     times_s, position = waypoints.times_s, waypoints.position
     lasts_s = min(BEGINNING_S, float(times_s[-1]))
@@ -52,14 +55,17 @@ def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
 
 
 def spline_path(task: Task) -> tuple[Path, FloatArray]:
-    """A spline, and when (m,) it passes each point. Raises MotionError."""
+    """Return a spline and the times (m,) at which it passes each point. Raises MotionError."""
     path = spline(task.start, task.waypoints, task.limits, task.names)
     return path, _passes(path)
 
 
 def jerk_limited_path(task: Task) -> tuple[Path, FloatArray]:
-    """A path by ruckig where it passes few points in the time asked for; where limits or close points would hold it
-    up, whichever is the shorter; and when (m,) it passes each point. Raises MotionError."""
+    """Return a jerk-limited path and the times (m,) at which it passes each point. Raises MotionError.
+
+    The path is ruckig's if it passes few points in the requested time. Otherwise, it is ruckig's or a smoothed spline,
+    whichever is shorter.
+    """
     exact = _exact(task)
     if exact is not None:
         passes_s = np.array([*exact.starts_s[1:], exact.duration_s])
@@ -89,7 +95,7 @@ def _passes(path: SplinePath) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """Two paths in one: ``first``, and then ``rest`` from ``from_s`` on."""
+    """A path that consists of ``first``, followed by ``rest`` from ``from_s`` on."""
 
     first: Path
     rest: Path
@@ -98,24 +104,24 @@ class Joined:
 
     @property
     def duration_s(self) -> float:
-        """The duration of both paths together."""
+        """Duration of both parts, in seconds."""
         return self.first.duration_s + max(self.rest.duration_s - self.from_s, 0.0)
 
     def sample(self, time_s: float) -> Kinematics:
-        """The joints' movement ``time_s`` after the start."""
+        """Return the kinematics at ``time_s`` after the start."""
         if time_s < self.first.duration_s:
             return self.first.sample(time_s)
         return self.rest.sample(self.from_s + time_s - self.first.duration_s)
 
 
 def smooth_lead(task: Task, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
-    """The jerk-limited way from ``reference`` to the path's state ``target`` at the point ``index``."""
+    """Plan a jerk-limited motion from ``reference`` to the path's state ``target`` at the point ``index``."""
     return motion_to(reference, within(target, Bounds.of(task.limits)), task.limits, span_s, task.names)
 
 
 def spline_lead(task: Task, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
-    """The same way as a spline, linear, cubic or quintic as the point is."""
-    way = Waypoints(
+    """Plan a spline from ``reference`` to ``target``: linear, cubic or quintic, as the point defines."""
+    waypoint = Waypoints(
         np.array([span_s]),
         target.position[None],
         target.velocity[None],
@@ -123,4 +129,4 @@ def spline_lead(task: Task, reference: Kinematics, target: Kinematics, index: in
         task.waypoints.has_velocity[index : index + 1],
         task.waypoints.has_acceleration[index : index + 1],
     )
-    return spline(reference, way, task.limits, task.names)
+    return spline(reference, waypoint, task.limits, task.names)

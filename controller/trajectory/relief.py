@@ -1,7 +1,8 @@
-"""Relief: after a goal has ended, a joint that something holds gives way until it presses no more.
+"""Relieve joints that press against an obstacle after a goal has ended.
 
-The arm first brakes along its path. Then the command of each joint that rests short of it goes back, slowly, to where
-that joint is measured. A joint that moves along is not held; its command stops, so that a stop never becomes a motion.
+The arm first brakes along its path. Then the command of each joint that rests short of its command moves back slowly to
+the measured position. If the joint moves along with its command, it is free: the command stops, so that the relief
+never becomes a motion.
 """
 
 import logging
@@ -21,52 +22,52 @@ from hal.types import FloatArray
 LOG = logging.getLogger("servoloop.controller")
 
 PRESSES: Final = 15.0
-"""A joint presses if it rests further from its command than so many times what counts as no motion."""
+"""Minimum distance from its command at which a resting joint presses, in multiples of the still threshold."""
 LOOSE: Final = 5.0
-"""A joint is free if it moves by more than so many times what counts as no motion."""
+"""Minimum motion that shows that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
-"""Share of the command's way back that a held joint may move along, because its link and the obstacle are elastic."""
+"""Share of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
 JERK_SHARE: Final = 0.25
-"""Share of the jerk limit with which a command goes back: it begins so slowly that a free joint is noticed in time."""
+"""Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
 
 
 class Relief:
-    """The relief of one trajectory's joints. In the loop's thread."""
+    """Relief of the joints of one trajectory controller. It runs in the thread of the loop."""
 
     def __init__(self, name: str, joints: Sequence[str], sampler: TrajectorySampler) -> None:
         self.due = False
-        """Whether the joints are still to come to rest, or to be relieved."""
+        """Whether joints must still come to rest or be relieved."""
         self._name, self._joints, self._sampler = name, tuple(joints), sampler
         self._limits = [replace(limit, jerk=JERK_SHARE * limit.jerk) for limit in sampler.limits]
         self._rest = Rest(sampler.still)
         self._stood_s = 0.0
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
         self._begun: Cycle | None = None
-        """The cycle in which commands began to go back; None while none does."""
+        """The cycle in which commands started to move back, or None while no command moves back."""
 
     def begin(self) -> None:
-        """A goal has ended, and its joints brake."""
+        """Start the relief after a goal has ended. The joints may still be braking."""
         self.due, self._begun = True, None
         self._relieved[:] = False
         self._rest, self._stood_s = Rest(self._sampler.still), 0.0
 
     @property
     def done(self) -> bool:
-        """Whether a goal may end: the joints rest, or their time to come to rest is over."""
+        """Whether the goal may end, because the joints are at rest or have had enough time to come to rest."""
         return not self.due or self._stood_s > LONGEST_REST_S
 
     def step(self, now: Cycle) -> None:
         """Run one cycle in which relief is due."""
         unknown = np.array([now.waits or name in now.state.faults for name in self._joints])
-        self._rest.look(np.where(unknown, np.nan, measured(now)), now.step_s)
+        self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s)
         if now.waits and self._begun:
-            self._begun, self._relieved = None, np.zeros_like(self._relieved)  # the arm stands at the last command
-        if self._begun and (free := self._come_free(self._begun, now, ~unknown)).any():
-            # All commands stop; a joint that is still held is relieved again, once it is seen to be.
+            self._begun, self._relieved = None, np.zeros_like(self._relieved)  # The arm rests at the last command.
+        if self._begun and (free := self._free_joints(self._begun, now, ~unknown)).any():
+            # All commands stop. A joint that is still blocked is detected and relieved again.
             self._relieved &= free | (now.reference.position == self._begun.reference.position)
             self._sampler.stop(now.reference, now.parameters)
             self._begun = None
-        if not self._sampler.stands:
+        if not self._sampler.ended:
             return
         self._begun = None
         self._stood_s += now.step_s
@@ -74,26 +75,26 @@ class Relief:
         held = off & self._rest.for_at_least(HELD_S) & ~self._relieved
         if held.any():
             self._relieve(held, now)
-        else:  # a joint that creeps may still come to press
+        else:  # A joint that creeps may still reach an obstacle.
             self.due = not (self._rest.for_at_least(RESTS_S) & (~off | self._relieved)).all()
 
     def _relieve(self, held: BoolArray, now: Cycle) -> None:
-        """Begin to bring the commands of the ``held`` joints (n,) back to where these are."""
+        """Start to move the commands of the ``held`` joints (n,) back to their measured positions."""
         for index in np.flatnonzero(held):
-            text = "%s: %s is held %.4f short of its command, which goes back so that it does not press"
+            text = "%s: %s is blocked %.4f short of its command: the command moves back to relieve the joint"
             LOG.warning(text, self._name, self._joints[index], abs(now.error[index]))
         self._relieved |= held
         target = self._sampler.inside(np.where(held, measured(now), now.reference.position))
         try:
             back = motion_to(now.reference, Kinematics.at_rest(target), self._limits, 0.0)
         except MotionError as error:
-            LOG.error("%s: no way back from what holds a joint: %s", self._name, error)
+            LOG.error("%s: cannot relieve the blocked joints: %s", self._name, error)
             return
         self._sampler.follow(back, now.reference, on_goal=False)
         self._begun, self._stood_s = now, 0.0
 
-    def _come_free(self, begun: Cycle, now: Cycle, known: BoolArray) -> BoolArray:
-        """The joints (n,) whose commands go back and that move by more than held ones can."""
+    def _free_joints(self, begun: Cycle, now: Cycle, known: BoolArray) -> BoolArray:
+        """Return which joints (n,) move further during the return of their command than a blocked joint can."""
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)
         loose = LOOSE * self._sampler.still
@@ -103,6 +104,6 @@ class Relief:
 
 
 def measured(now: Cycle) -> FloatArray:
-    """The measured positions (n,); of a joint without ends those in the turn of its reference."""
+    """Return the measured positions (n,). A continuous joint's position is in the same turn as its reference."""
     position: FloatArray = now.reference.position - now.error
     return position

@@ -1,4 +1,4 @@
-"""Rest: whether joints stay where they are measured."""
+"""Detect joints that are at rest."""
 
 from typing import Final
 
@@ -8,29 +8,35 @@ from controller.trajectory.waypoints import BoolArray
 from hal.types import FloatArray
 
 RESTS_S: Final = 0.09
-"""Time that a joint at rest stays in its place; less is where a joint turns round. Two cycles at 20 Hz."""
+"""Time a joint must stay in place to be at rest, in seconds (two cycles at 20 Hz).
+
+A joint that reverses its direction stays in place for less time.
+"""
 HELD_S: Final = 0.25
-"""Time for which a joint rests off its command until it counts as held; a joint that catches up rests for less."""
+"""Time a joint must rest off its command to count as blocked, in seconds.
+
+A joint that catches up with its command rests for less time.
+"""
 LONGEST_REST_S: Final = 1.0
-"""Maximum time that a goal waits for joints to rest; after it the goal ends although they swing."""
+"""Maximum time a goal waits for its joints to come to rest, in seconds. Then it ends, even if joints still swing."""
 
 
 class Rest:
-    """The time for which each joint has stayed in one place."""
+    """Detector of joints at rest. It measures how long each joint has stayed in place."""
 
     def __init__(self, still: FloatArray) -> None:
-        """``still`` (n,): a joint that moves by no more has not left its place."""
+        """Set the largest change of position that does not count as motion, ``still`` (n,)."""
         self._still = still
         self._place = np.full(len(still), np.nan)
         self.stayed_s = np.zeros(len(still))
 
-    def look(self, position: FloatArray, step_s: float) -> None:
-        """Compare a new measurement (n,) with the places of the joints; NaN: not measured."""
+    def update(self, position: FloatArray, step_s: float) -> None:
+        """Add the measured positions (n,) of one cycle. NaN marks a joint that was not measured."""
         moved = ~(np.abs(position - self._place) <= self._still)
         self.stayed_s = np.where(moved, 0.0, self.stayed_s + step_s)
         self._place = np.where(moved, position, self._place)
 
     def for_at_least(self, seconds: float | FloatArray) -> BoolArray:
-        """The joints (n,) that have stayed in one place for so long."""
+        """Return which joints (n,) have stayed in place for at least ``seconds``."""
         stayed: BoolArray = self.stayed_s >= seconds
         return stayed

@@ -1,4 +1,4 @@
-"""The trajectory sampler samples a path once a cycle: it knows the path, and how far along it the joints are to be."""
+"""Sample a path once per cycle, at the requested speed."""
 
 import math
 from collections.abc import Sequence
@@ -16,27 +16,27 @@ from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """One cycle as ``~/controller_state`` shows it; arrays (n,) in rad (m) and seconds."""
+    """Data of one cycle for ``~/controller_state``. Arrays have shape (n,), in rad (m) and seconds."""
 
     stamp_s: float
     reference: Kinematics
     feedback_position: FloatArray
     feedback_velocity: FloatArray
     error: FloatArray
-    """Of the position; the shorter way round for a joint without ends."""
+    """Position error. The error of a continuous joint is measured the shorter way around."""
     output: FloatArray
-    """The command."""
+    """Command."""
     speed_scaling_factor: float
     path: Path
     elapsed_s: float
-    """On the path."""
+    """Time on the path, in seconds."""
     on_goal: bool
-    """Whether the path is a goal's, and not a stop or a hold."""
+    """Whether the path belongs to a goal, not to a stop or a hold."""
     rate: float
-    """The rate at which time passes on the path."""
+    """Rate at which time passes on the path."""
 
     def at(self, later_s: float) -> tuple[Kinematics, bool]:
-        """The reference ``later_s`` (negative: ago) from this cycle, and whether a goal is under way then."""
+        """Return the reference ``later_s`` after (negative: before) this cycle, and whether a goal is active then."""
         time_s = self.elapsed_s + later_s * self.rate
         return _moving(self.path, time_s, self.rate), self.on_goal and 0.0 <= time_s < self.path.duration_s
 
@@ -45,10 +45,10 @@ NO_LAG: Final = np.array([[0.0], [np.inf], [0.0]])
 
 
 class TrajectorySampler:
-    """The sampler follows one path at a time, at the speed that is asked for. In the loop's thread."""
+    """Sampler that follows one path at a time, at the requested speed. It runs in the thread of the loop."""
 
     def __init__(self, limits: Sequence[JointLimits], scaling: float = 1.0, lags: FloatArray | None = None) -> None:
-        """``lags``: how far joints lag behind commands (hal.compensation.servo_compliance); unless said, not at all."""
+        """Create a sampler. ``lags`` are those of hal.compensation.servo_compliance; None means no lag."""
         self.scaling = SpeedScaling(limits, scaling)
         self.on_goal = False
         self.elapsed_s = 0.0
@@ -57,12 +57,12 @@ class TrajectorySampler:
         self.limits = tuple(limits)
         self._lag_s, self._braking, self._inertia_s2 = NO_LAG if lags is None else lags
         self.still = np.array([AT_LIMIT * min(limit.upper - limit.lower, math.tau) / 2.0 for limit in limits])
-        """Joints (n,) that move by no more are at rest: two counts of an encoder."""
+        """Still threshold (n,): largest change of position that does not count as motion (two encoder counts)."""
 
     def advance(self, step_s: float) -> Kinematics:
-        """One cycle further; returns where the joints are to be now.
+        """Advance the path by one cycle and return the current reference.
 
-        The period that has passed was commanded at the former factor; a new one counts from here on.
+        The elapsed period was commanded with the previous scaling factor. A new factor applies from now on.
         """
         assert self.path is not None, "activated before the first update"
         self.elapsed_s += step_s * self.rate
@@ -75,65 +75,66 @@ class TrajectorySampler:
         return self.reference()
 
     def reference(self, later_s: float = 0.0) -> Kinematics:
-        """The reference of now, or later: where the joints are to be, and how they are to move."""
+        """Return the reference now, or ``later_s`` from now."""
         assert self.path is not None, "activated before the first update"
         return _moving(self.path, self.elapsed_s + later_s * self.rate, self.rate)
 
     def ahead(self, period_s: float, lead_s: float | None = None) -> FloatArray:
-        """The command that brings joints to the reference at the cycle's end (n,): beyond it by as much as they lag.
+        """Return the command (n,) that brings the joints to the reference at the end of the cycle.
 
-        A servo brakes for each goal until the next one comes; in the middle of that it is as far behind as it must.
-        ``lead_s``: a lag that is the same for all joints, instead of what is known of each.
+        The command leads the reference by the lag of the joints. A servo brakes for each goal until the next goal
+        arrives, and the lag includes half of this braking. ``lead_s`` replaces the known lags by one value for all
+        joints.
         """
         if lead_s is not None:
             return self.inside(self.reference(period_s + lead_s).position)
         to = self.reference(period_s)
         brakes_from = np.maximum(np.abs(to.velocity) - self._braking * (period_s / 4.0), 0.0)
-        behind = np.sign(to.velocity) * brakes_from**2 / (2.0 * self._braking)
-        lag = self._lag_s * to.velocity + behind + self._inertia_s2 * to.acceleration
+        braking_lag = np.sign(to.velocity) * brakes_from**2 / (2.0 * self._braking)
+        lag = self._lag_s * to.velocity + braking_lag + self._inertia_s2 * to.acceleration
         return self.inside(to.position + lag)
 
     def follow(self, path: Path, reference: Kinematics, on_goal: bool = True) -> None:
-        """Set out on another path, which begins at ``reference``."""
+        """Follow another path, which starts at ``reference``."""
         self.path, self.elapsed_s, self.on_goal = path, 0.0, on_goal
         if self.scaling.asked != 1.0 or self.scaling.factor != 1.0:
             self.scaling.restart(bool(reference.velocity.any()))
         self.rate = self.scaling.factor if on_goal else 1.0
 
     def hold(self, position: FloatArray) -> None:
-        """Stay there, or rather at the nearest place within the limits."""
+        """Hold a position (n,), or the nearest position within the limits."""
         state = Kinematics.at_rest(self.inside(position))
         self.follow(plan_stop(state, self.limits), state, on_goal=False)
 
     def inside(self, position: FloatArray) -> FloatArray:
-        """The nearest position (n,) within the limits."""
+        """Return the nearest position (n,) within the limits."""
         lower, upper = [limit.lower for limit in self.limits], [limit.upper for limit in self.limits]
         inside: FloatArray = np.clip(position, lower, upper)
         return inside
 
     def stop(self, reference: Kinematics, parameters: TrajectoryParameters, along: bool = False) -> None:
-        """Come to rest within the limits, and stay there; ``along`` the goal's path, if that leaves room."""
+        """Stop within the limits and hold. ``along``: Whether to stop on the path of the goal, if possible."""
         gentle = gentle_limits(self.limits, parameters)
         path = self.path if along and self.on_goal else None
         on_path = stop_along(path, self.elapsed_s, self.rate, gentle) if path else None
         if on_path is None or on_path is not path:
             self.follow(on_path or stop_path(reference, self.limits, gentle), reference, on_goal=False)
-        self.on_goal = False  # the path itself may end sooner than any stop on it
+        self.on_goal = False  # The path of the goal continues if it ends sooner than any stop.
 
     @property
-    def stands(self) -> bool:
-        """Whether the path has come to its end."""
+    def ended(self) -> bool:
+        """Whether the path has ended."""
         return self.path is None or self.elapsed_s >= self.path.duration_s
 
 
 def _moving(path: Path, time_s: float, rate: float) -> Kinematics:
-    """The movement on a path where time passes ``rate`` times as fast."""
+    """Return the kinematics on a path on which time passes at ``rate``."""
     state = path.sample(time_s)
     return state if rate == 1.0 else scaled(state, rate)
 
 
 def shorter_way(error: FloatArray, endless: Sequence[int]) -> FloatArray:
-    """An error (n,) where joints without ends (their indices) count the shorter way round."""
+    """Return a position error (n,) with the shorter way around for continuous joints (indices ``endless``)."""
     if endless:
         columns = list(endless)
         error = error.copy()

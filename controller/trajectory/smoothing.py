@@ -1,10 +1,10 @@
-"""Jerk limits for many waypoints: a spline, averaged over two windows of time.
+"""Smooth a spline through many waypoints to limit its jerk.
 
-An average of positions, velocities and accelerations never leaves the range of what is averaged, so
-the limits that the spline keeps are kept. The first window turns steps of velocity into ramps, the second
-one steps of acceleration. It arrives later by both windows (a few tenths of a second), and cuts a
-corner by acceleration * window² / 24. Segments of ruckig would have to meet each of many
-close points within the jerk limit, which can take many times as long.
+The spline is averaged over two time windows. An average never exceeds the range of the averaged values, so the path
+keeps the limits of the spline. The first window turns steps of velocity into ramps, and the second window does the same
+for steps of acceleration. The path ends later by the length of both windows (a few tenths of a second) and cuts corners
+by acceleration * window² / 24. Ruckig would have to meet each of many close points within the jerk limit, which can
+take many times as long.
 """
 
 from bisect import bisect_right
@@ -20,17 +20,17 @@ from controller.trajectory.waypoints import Bounds, Waypoints, estimated_velocit
 from hal.types import FloatArray, JointLimits
 
 GRAIN_S: Final = 0.005
-"""Windows are a multiple of this, and at these instants the limits are looked at."""
+"""Step of the time grid, in seconds. Windows are multiples of this step. Limits are checked at the grid points."""
 MARGIN: Final = 0.95
-"""For the time between two such instants."""
+"""Share of a limit that may be used at the grid points, because values between them can be higher."""
 
 
 @dataclass(frozen=True, slots=True)
 class SmoothPath:
-    """The average of ``spline`` over two windows.
+    """Average of a spline over two time windows.
 
-    To be exact far from 0, ``spline`` is relative to ``origin`` (n,). ``integrals`` (k, 2, n): its first and second
-    integral from the start to the beginning of each segment.
+    ``spline`` is relative to ``origin`` (n,), for accuracy at large positions. ``integrals`` (k, 2, n) holds the first
+    and second integral of the spline from its start to the start of each segment.
     """
 
     spline: SplinePath
@@ -40,16 +40,16 @@ class SmoothPath:
 
     @property
     def asked_s(self) -> float:
-        """The spline's asked duration."""
+        """Requested duration of the spline, in seconds."""
         return self.spline.asked_s
 
     @property
     def duration_s(self) -> float:
-        """The duration: both windows longer than the spline's."""
+        """Duration of the spline plus both windows, in seconds."""
         return self.spline.duration_s + sum(self.windows_s)
 
     def sample(self, time_s: float) -> Kinematics:
-        """The joints' movement ``time_s`` after the start."""
+        """Return the kinematics at ``time_s`` after the start."""
         if time_s > self.duration_s:
             return Kinematics.at_rest(self.origin + self._moments(self.spline.duration_s)[2])
         first, second = self.windows_s
@@ -58,7 +58,7 @@ class SmoothPath:
         return Kinematics(self.origin + position, velocity, acceleration)
 
     def _moments(self, time_s: float) -> FloatArray:
-        """Second and first integral of the position, and the position (3, n)."""
+        """Return the second integral, the first integral and the position itself, shape (3, n)."""
         spline = self.spline
         inside_s = min(max(time_s, 0.0), spline.duration_s)
         index = max(bisect_right(spline.starts_s, inside_s) - 1, 0)
@@ -68,14 +68,14 @@ class SmoothPath:
         moments[1] += once
         moments[0] += twice + once * t
         after_s = time_s - inside_s
-        if after_s > 0.0:  # it stands at the end; before the start all are 0
+        if after_s > 0.0:  # The spline rests at its end. Before its start, all moments are 0.
             moments[0] += moments[1] * after_s + moments[2] * (after_s**2 / 2.0)
             moments[1] += moments[2] * after_s
         return moments
 
 
 def _powers(t: float) -> FloatArray:
-    """The factors of a polynomial's coefficients, by row: in its second integral, its first integral and its value."""
+    """Return the factors of a polynomial's coefficients: rows for the second integral, first integral and value."""
     t2, t3, t4, t5 = t * t, t**3, t**4, t**5
     t6, t7 = t3 * t3, t3 * t4
     return np.array(
@@ -90,7 +90,7 @@ def _powers(t: float) -> FloatArray:
 def smooth_path(
     start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
 ) -> SmoothPath:
-    """A smooth path from rest at ``start`` through all points. Raises MotionError."""
+    """Plan a smooth path from rest at ``start`` through all points. Raises MotionError."""
     bounds = Bounds.of(limits)
     still = Kinematics.at_rest(start.position)
     positions = np.vstack((start.position, waypoints.position))
@@ -112,7 +112,7 @@ def smooth_path(
 
 
 def _integrals(path: SplinePath) -> FloatArray:
-    """At the beginning of each segment (k, 2, n)."""
+    """Return both integrals at the start of each segment, shape (k, 2, n)."""
     count, _, joints = path.coefficients.shape
     found = np.zeros((count, 2, joints))
     for index in range(count - 1):
@@ -131,7 +131,7 @@ def _windows(path: SplinePath, bounds: Bounds) -> tuple[float, float]:
 
 
 def _velocities(path: SplinePath) -> FloatArray:
-    """At all grains of the path (count, n)."""
+    """Return the velocities at all grid points of the path, shape (count, n)."""
     times = np.arange(0.0, path.duration_s, GRAIN_S)
     index = np.searchsorted(path.starts_s, times, side="right") - 1
     t = (times - np.array(path.starts_s)[index])[:, None]
@@ -141,13 +141,13 @@ def _velocities(path: SplinePath) -> FloatArray:
 
 
 def _changes(values: FloatArray, grains: int) -> FloatArray:
-    """The changes of ``values`` within so many grains; before and after all, values are 0."""
+    """Return the changes of ``values`` within a window of ``grains`` grid steps. Values outside the path are 0."""
     still = np.zeros((grains, values.shape[1]))
     return np.vstack((values, still)) - np.vstack((still, values))
 
 
 def _window(values: FloatArray, rate: FloatArray) -> int:
-    """The shortest window, in grains, within which ``values`` (count, n) change no faster than ``rate`` (n,)."""
+    """Return the shortest window, in grid steps, in which ``values`` (count, n) change at most at ``rate`` (n,)."""
     largest = 2.0 * np.abs(values).max(axis=0, initial=0.0)
     longest = int(np.ceil((largest / rate).max() / (MARGIN * GRAIN_S))) + 1
     for grains in range(1, longest):

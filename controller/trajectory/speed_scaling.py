@@ -1,4 +1,4 @@
-"""Speed scaling: how fast time passes on a path, as ``~/speed_scaling_input`` asks, within the acceleration limits."""
+"""Scale the speed of a path as ``~/speed_scaling_input`` requests, within the acceleration limits."""
 
 import math
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ from controller.motion import Kinematics
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.5
-"""The share of the acceleration that the path leaves: the lead that makes up for the servos' lag takes some too."""
+"""Share of the remaining acceleration that a change of speed may use. Lag compensation needs acceleration, too."""
 FASTEST: Final = 5.0
-"""The factor changes by at most so much a second."""
+"""Maximum change of the factor, per second."""
 
 
 class SpeedScaling:
-    """A factor: 0 stands still, 1 is the goal's own time. ``ask`` may be called from any thread."""
+    """Speed scaling factor: 0 pauses a path, and 1 runs it at its planned speed. Any thread may call ``ask``."""
 
     def __init__(self, limits: Sequence[JointLimits], initial: float = 1.0) -> None:
         self.asked = min(initial, 1.0)
@@ -24,43 +24,44 @@ class SpeedScaling:
         self._acceleration = np.array([limit.acceleration for limit in limits])
 
     def ask(self, factor: float) -> str | None:
-        """Returns why it is ignored, or None."""
+        """Request a factor. Return None, or the reason why the factor is ignored or limited."""
         if not (math.isfinite(factor) and factor >= 0.0):
-            return f"speed scaling factor {factor} ignored: send 0 (pause) to 1 (the goal's own time)"
+            return f"speed scaling factor {factor} ignored: send a value from 0 (pause) to 1 (the speed of the goal)"
         self.asked = min(factor, 1.0)
         if factor > 1.0:
-            return f"speed scaling factor {factor} counts as 1: goals have their own times, and limits end above them"
+            return f"speed scaling factor {factor} counts as 1: a goal never runs faster than its own times"
         return None
 
     def idle(self) -> None:
-        """No path is scaled now: the factor is at once what was asked."""
+        """Apply the requested factor at once, because no path is being scaled."""
         self.factor = self.asked
 
     def restart(self, moving: bool) -> None:
-        """A new path begins; one that begins in movement has that movement's speed at factor 1."""
+        """Start with a new path. A path that starts in motion has the right speed at factor 1."""
         self.factor = 1.0 if moving else self.asked
 
     def advance(self, reference: Kinematics, step_s: float) -> None:
-        """Bring the factor one cycle nearer to what was asked; ``reference`` is the path's own, at factor 1."""
+        """Move the factor towards the requested one for one cycle. ``reference`` is unscaled (factor 1)."""
         rate = min(SHARE * self._room(reference, step_s), FASTEST) * step_s
         self.factor += float(np.clip(self.asked - self.factor, -rate, rate))
 
     def _room(self, reference: Kinematics, step_s: float) -> float:
-        """The rate at which the factor may change (1/s): velocity times that is acceleration, on top of the path's own.
+        """Return the rate (1/s) at which the factor may change within the acceleration limits.
 
-        Never 0: a pause must come, if slowly, on a path that uses all acceleration (upstream's linear splines
-        have unlimited steps anyway).
+        A change of the factor accelerates the joints by their velocity times this rate, in addition to the acceleration
+        of the path. The rate is never 0, so that even a path at its acceleration limit can be paused. (The linear
+        splines of ros2_control have unlimited steps anyway.)
         """
-        way = math.copysign(1.0, self.asked - self.factor) * np.sign(reference.velocity)
-        own = reference.acceleration * self.factor**2 * way
-        soon = reference.velocity + reference.acceleration * step_s  # where the command is already
+        direction = math.copysign(1.0, self.asked - self.factor) * np.sign(reference.velocity)
+        own = reference.acceleration * self.factor**2 * direction
+        soon = reference.velocity + reference.acceleration * step_s  # The command is already one step ahead.
         speed = np.maximum(np.abs(reference.velocity), np.abs(soon))
         left = np.clip(self._acceleration - own, 0.1 * self._acceleration, self._acceleration)
         return float((left / np.maximum(speed, 1e-9)).min())
 
 
 def scaled(state: Kinematics, factor: float) -> Kinematics:
-    """The movement of a path's state where time passes ``factor`` times as fast."""
+    """Return the kinematics of a path's state on which time passes ``factor`` times as fast."""
     if factor == 1.0:
         return state
     velocity: FloatArray = state.velocity * factor

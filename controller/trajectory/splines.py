@@ -1,4 +1,4 @@
-"""Splines, as upstream calls paths of polynomials, one a segment. Units: rad (m) and seconds."""
+"""Plan splines: paths with one polynomial per segment, as in ros2_control. Units are rad (m) and seconds."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -12,17 +12,20 @@ from controller.trajectory.waypoints import BoolArray, Waypoints
 from hal.types import FloatArray, JointLimits, beyond_range
 
 ATTEMPTS: Final = 20
-"""So often a segment that is too fast is given more time before the goal is refused."""
-LOOKS: Final = 33
-"""At so many instants of a segment its velocity and position are held against the limits."""
+"""Maximum number of attempts to give segments more time before the goal is rejected."""
+SAMPLES: Final = 33
+"""Number of instants at which the velocity and position of a segment are compared with the limits."""
 SLACK: Final = 2e-3
-"""The share by which a curve may exceed a limit between two looks."""
+"""Share by which a curve may exceed a limit between two samples."""
 _ROUNDING: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class SplinePath:
-    """k segments of n joints. ``coefficients`` (k, 6, n), lowest power first, of the time since ``starts_s`` (k)."""
+    """A spline of k segments for n joints.
+
+    ``coefficients`` (k, 6, n) belong to the powers of the time since the segment's start in ``starts_s``, lowest first.
+    """
 
     starts_s: tuple[float, ...]
     coefficients: FloatArray
@@ -30,7 +33,7 @@ class SplinePath:
     asked_s: float
 
     def sample(self, time_s: float) -> Kinematics:
-        """The joints' movement ``time_s`` after the start, at rest outside."""
+        """Return the kinematics at ``time_s`` after the start, at rest after the end."""
         inside_s = min(max(time_s, 0.0), self.duration_s)
         index = max(bisect_right(self.starts_s, inside_s) - 1, 0)
         t = inside_s - self.starts_s[index]
@@ -51,39 +54,43 @@ class SplinePath:
 def spline(
     start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
 ) -> SplinePath:
-    """A spline from ``start`` through all points, linear, cubic or quintic by what both ends of a segment have.
+    """Plan a spline from ``start`` through all points.
 
-    Segments that would be faster than the limits get more time, and their ends' velocities are slowed
-    down with them. Raises MotionError where a segment would still leave the position limits.
+    A segment is quintic if both its ends have accelerations, cubic if both have velocities, and otherwise linear.
+    Segments that would exceed the velocity limits get more time, and the velocities at their ends are reduced. Raises
+    MotionError if a segment would still leave the position limits.
     """
     positions = np.vstack((start.position, waypoints.position))
     asked_s = np.maximum(np.diff(waypoints.times_s, prepend=0.0), 0.0)
-    ways = np.abs(np.diff(positions, axis=0))
+    distances = np.abs(np.diff(positions, axis=0))
     top = np.array([limit.velocity for limit in limits])
-    # A segment of no length still needs a duration to divide by.
-    spans_s = np.maximum(np.maximum(asked_s, (ways / top).max(axis=1)), 1e-9)
+    # A segment without length still needs a duration above 0 for the divisions.
+    spans_s = np.maximum(np.maximum(asked_s, (distances / top).max(axis=1)), 1e-9)
     smooth = np.append(True, waypoints.has_velocity), np.append(True, waypoints.has_acceleration)
     curved = smooth[0][:-1] & smooth[0][1:]
     for _ in range(ATTEMPTS):
         velocity, acceleration = _slowed(start, waypoints, asked_s, spans_s)
         coefficients = _coefficients(positions, velocity, acceleration, smooth, spans_s)
-        seen, speeds = _look(coefficients, spans_s)
+        sampled, speeds = _sample(coefficients, spans_s)
         excess = (speeds / top).max(axis=1) * np.where(curved, 1.0 + SLACK, 1.0)
         if (excess <= 1.0 + _ROUNDING).all():
-            _check_positions(seen, limits, names)
+            _check_positions(sampled, limits, names)
             starts_s = tuple(np.append(0.0, np.cumsum(spans_s)[:-1]).tolist())
             return SplinePath(starts_s, coefficients, float(spans_s.sum()), max(float(waypoints.times_s[-1]), 0.0))
         spans_s = spans_s * np.maximum(excess, 1.0)
     worst = int(np.argmax(excess))
     raise MotionError(
-        f"the way to point #{worst} is {excess[worst]:.1f} times too fast: start at rest, or give it time"
+        f"the motion to point #{worst} is {excess[worst]:.1f} times too fast: start at rest or allow more time"
     )
 
 
 def _slowed(
     start: Kinematics, waypoints: Waypoints, asked_s: FloatArray, spans_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocities and accelerations (m + 1, n), where segments take longer than asked; the start's are what they are."""
+    """Return velocities and accelerations (m + 1, n), reduced at segments that take longer than requested.
+
+    The values at the start are not changed.
+    """
     slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=asked_s > 0.0)
     slower = np.minimum(slower, np.append(slower[1:], 1.0))[:, None]
     return (
@@ -99,7 +106,7 @@ def _coefficients(
     smooth: tuple[BoolArray, BoolArray],
     spans_s: FloatArray,
 ) -> FloatArray:
-    """The coefficients of each segment between two of the (m + 1, n) states: shape (m, 6, n)."""
+    """Return the coefficients (m, 6, n) of the segments between the (m + 1, n) states."""
     t = spans_s[:, None]
     p, v, a = position[:-1], velocity[:-1], acceleration[:-1]
     way, v2, a2 = position[1:] - p, velocity[1:], acceleration[1:]
@@ -120,9 +127,9 @@ def _coefficients(
     return chosen
 
 
-def _look(coefficients: FloatArray, spans_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (m, LOOKS, n) of all segments, and their largest speeds (m, n)."""
-    times = np.linspace(0.0, 1.0, LOOKS)[None, :] * spans_s[:, None]
+def _sample(coefficients: FloatArray, spans_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the positions (m, SAMPLES, n) of all segments, and their highest speeds (m, n)."""
+    times = np.linspace(0.0, 1.0, SAMPLES)[None, :] * spans_s[:, None]
     powers = times[:, :, None] ** np.arange(6)
     positions: FloatArray = powers @ coefficients
     slopes = coefficients[:, 1:] * np.arange(1.0, 6.0)[:, None]
@@ -138,8 +145,8 @@ def _check_positions(positions: FloatArray, limits: Sequence[JointLimits], names
     row, _, joint = (int(found[0]) for found in np.nonzero(outside))
     reached = positions[row, :, joint]
     far = reached[np.argmax(np.maximum(reached - upper[joint], lower[joint] - reached))]
-    said, low, high = beyond_range(float(far), limits[joint].lower, limits[joint].upper)
+    position, low, high = beyond_range(float(far), limits[joint].lower, limits[joint].upper)
     raise MotionError(
-        f"{names[joint] if names else f'joint {joint + 1}'} would swing to {said} on the way to point #{row}, "
-        f"outside its limits {low} to {high}: pass the points near it slower"
+        f"{names[joint] if names else f'joint {joint + 1}'} would swing to {position} on the way to point #{row}, "
+        f"outside its limits {low} to {high}: reduce the speed at the points near this limit"
     )

@@ -1,4 +1,4 @@
-"""Stop paths bring a trajectory's joints to rest within the limits: along their path, or each joint for itself."""
+"""Plan paths that stop the joints of a trajectory within the limits, on their path or each joint separately."""
 
 import logging
 import math
@@ -15,23 +15,24 @@ from hal.types import FloatArray, JointLimits
 LOG = logging.getLogger("servoloop.controller")
 
 SHARES: Final = (1.0, 0.7, 0.5, 0.35, 0.25)
-"""Shares of the acceleration and jerk limits that are tried for a stop on a path, which needs some for itself."""
+"""Shares of the acceleration and jerk limits tried for a stop on a path. The path itself needs the remaining share."""
 DELAYS_S: Final = (0.0, 0.05, 0.1, 0.15, 0.2)
-"""Times after which such a stop may begin: a path that brakes a joint with all it has leaves nothing for the stop."""
+"""Delays that are tried for a stop on a path, in seconds. No stop can start while the path brakes at a limit."""
 LONGEST_STOP: Final = 2.0
-"""A stop on a path may take so many times as long as one that has the limits for itself, and ``STOP_MARGIN_S`` more."""
+"""Maximum duration of a stop on a path, in multiples of the duration of the quickest stop."""
 STOP_MARGIN_S: Final = 0.2
+"""Time added to the maximum duration of a stop on a path, in seconds."""
 TRIES: Final = 12
-"""Number of stops, the quickest first, whose accelerations are compared with the limits: the loop's thread waits."""
-LOOKS: Final = 40
-"""At so many instants of a stop its accelerations are held against the limits."""
+"""Maximum number of stops that are checked against the limits, quickest first. The loop waits for these checks."""
+SAMPLES: Final = 40
+"""Number of instants at which the accelerations of a stop are compared with the limits."""
 SLACK: Final = 1.001
-"""How much more than a limit may be seen: paths are planned up to their limits."""
+"""Factor by which a sampled acceleration may exceed its limit, because paths use their limits fully."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """A path that stops dead where it would leave ``lower`` to ``upper`` (n,)."""
+    """A path that ends at once at the position limits ``lower`` and ``upper`` (n,)."""
 
     path: Path
     lower: FloatArray
@@ -39,16 +40,16 @@ class Bounded:
 
     @property
     def duration_s(self) -> float:
-        """The path's duration."""
+        """Duration of the path, in seconds."""
         return self.path.duration_s
 
     @property
     def asked_s(self) -> float:
-        """The path's asked duration."""
+        """Requested duration of the path, in seconds."""
         return self.path.asked_s
 
     def sample(self, time_s: float) -> Kinematics:
-        """The joints' movement ``time_s`` after the start."""
+        """Return the kinematics at ``time_s`` after the start."""
         state = self.path.sample(time_s)
         inside = np.clip(state.position, self.lower, self.upper)
         free = inside == state.position
@@ -57,9 +58,9 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True)
 class Slowing:
-    """A path on which time comes to a stop; ``progress`` is a motion of one joint, the path's own time.
+    """A path on which time slows down and stops.
 
-    Until ``delay_s`` time goes on as it did, at ``rate``.
+    ``progress`` is a motion of one dimension: the time on the path. Until ``delay_s``, time passes at ``rate``.
     """
 
     path: Path
@@ -69,16 +70,16 @@ class Slowing:
 
     @property
     def duration_s(self) -> float:
-        """Until the joints stand still."""
+        """Time until the joints are at rest, in seconds."""
         return self.delay_s + self.progress.duration_s
 
     @property
     def asked_s(self) -> float:
-        """The same: no client asked for a duration."""
+        """The duration itself, because no client requests a duration for a stop."""
         return self.duration_s
 
     def on_path(self, time_s: float) -> tuple[float, float, float]:
-        """The path's own time ``time_s`` after the start (s), how fast it passes, and how that changes (1/s)."""
+        """Return the time on the path (s) at ``time_s`` after the start, its rate, and the change of the rate (1/s)."""
         later_s = time_s - self.delay_s
         now = self.progress.sample(later_s)
         if later_s < 0.0:
@@ -86,7 +87,7 @@ class Slowing:
         return float(now.position[0]), float(now.velocity[0]), float(now.acceleration[0])
 
     def sample(self, time_s: float) -> Kinematics:
-        """The joints' movement ``time_s`` after the start."""
+        """Return the kinematics at ``time_s`` after the start."""
         at_s, rate, change = self.on_path(time_s)
         state = self.path.sample(at_s)
         acceleration: FloatArray = state.acceleration * rate**2 + state.velocity * change
@@ -94,14 +95,14 @@ class Slowing:
 
 
 def stop_along(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Path | None:
-    """The quickest stop on the path from where the joints are, at ``elapsed_s`` with time passing ``rate`` times.
+    """Return the quickest stop on a path from ``elapsed_s``, at which time passes at ``rate``.
 
-    The path itself where that ends sooner; None where it leaves no room to brake soon and within the limits.
+    Returns the path itself if it ends sooner, and None if the path leaves no room to brake soon within the limits.
     """
-    stops = sorted(_stops(path, elapsed_s, rate, limits), key=lambda one: one.duration_s)
+    stops = sorted(_stops(path, elapsed_s, rate, limits), key=lambda stop: stop.duration_s)
     left_s = (path.duration_s - elapsed_s) / rate if rate > 0.0 else math.inf
     longest_s = LONGEST_STOP * stops[0].duration_s + STOP_MARGIN_S
-    for stop in [one for one in stops if one.duration_s <= longest_s][:TRIES]:
+    for stop in [candidate for candidate in stops if candidate.duration_s <= longest_s][:TRIES]:
         if left_s <= stop.duration_s:
             return path
         if _fits(stop, limits):
@@ -110,7 +111,7 @@ def stop_along(path: Path, elapsed_s: float, rate: float, limits: Sequence[Joint
 
 
 def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimits]) -> Iterator[Slowing]:
-    """Stops on the path, whether they keep the limits or not."""
+    """Yield candidate stops on the path, which may exceed the limits."""
     for delay_s in DELAYS_S:
         at_s = min(elapsed_s + rate * delay_s, path.duration_s)
         speed = np.maximum(np.abs(path.sample(at_s).velocity), 1e-6)
@@ -123,11 +124,12 @@ def _stops(path: Path, elapsed_s: float, rate: float, limits: Sequence[JointLimi
 
 
 def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
-    """Whether braking accelerates no joint beyond its limit, or beyond what the path does anyway.
+    """Return whether a stop accelerates each joint within its limit, or no more than the path itself does.
 
-    Jerk has its limit twice, in the path and in the braking: where both are at it, nothing could be braked at once.
+    The jerk limit applies to the path and the stop separately. With a limit on their sum, a path at its jerk limit
+    could not be stopped at once.
     """
-    times_s = np.linspace(0.0, slowing.duration_s, LOOKS)
+    times_s = np.linspace(0.0, slowing.duration_s, SAMPLES)
     braked = np.array([slowing.sample(time_s).acceleration for time_s in times_s])
     on_path_s = [slowing.on_path(time_s)[0] for time_s in times_s]
     own = np.array([slowing.path.sample(at_s).acceleration for at_s in on_path_s]) * slowing.rate**2
@@ -136,7 +138,10 @@ def _fits(slowing: Slowing, limits: Sequence[JointLimits]) -> bool:
 
 
 def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequence[JointLimits]) -> Path:
-    """A gentle stop; where that, or any stop (splines have no acceleration limit), ends outside, the limit ends it."""
+    """Plan a gentle stop, or the fastest stop if the gentle one would end outside the position limits.
+
+    If even the fastest stop ends outside (splines have no acceleration limit), the joint stops at once at its limit.
+    """
     lower = np.array([limit.lower for limit in limits])
     upper = np.array([limit.upper for limit in limits])
     try:
@@ -146,12 +151,12 @@ def stop_path(reference: Kinematics, limits: Sequence[JointLimits], gentle: Sequ
                 return path
         return Bounded(path, lower, upper)
     except MotionError as error:
-        LOG.error("no way to a stop, holding at once: %s", error)
+        LOG.error("cannot plan a stop within the limits, so the joints hold at once: %s", error)
         return plan_stop(Kinematics.at_rest(reference.position), limits)
 
 
 def gentle_limits(limits: Sequence[JointLimits], parameters: TrajectoryParameters) -> list[JointLimits]:
-    """``max_deceleration_on_cancel`` (0: none) can ask for a gentler stop, not for a harder one."""
+    """Return limits with ``max_deceleration_on_cancel`` applied, which can only lower the acceleration limits."""
     by_joint = parameters.constraints.by_joint()
     asked = [by_joint[name].max_deceleration_on_cancel for name in parameters.joints]
     pairs = zip(limits, asked, strict=True)

@@ -1,4 +1,4 @@
-"""Tolerances: how far the joints may be from a goal's path, and from its end."""
+"""Check the distance of joints from the path and the end of a goal against tolerances."""
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,26 +7,26 @@ from typing import Final
 from hal.types import FloatArray, apart
 
 ERASE: Final = -1.0
-"""A tolerance that a goal switches off (control_msgs/JointTolerance)."""
+"""Value with which a goal disables a tolerance (control_msgs/JointTolerance)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Largest deviations by joint name (rad, m); a joint that is not named has none.
+    """Maximum deviations in rad or m, by joint name. A joint without an entry has no tolerance.
 
-    In a goal 0 stands for the controller's default and ERASE for none at all.
+    In a goal, 0 means the controller's default, and ERASE means no tolerance.
     """
 
     path: Mapping[str, float] = field(default_factory=dict)
     goal: Mapping[str, float] = field(default_factory=dict)
     goal_time_s: float = 0.0
-    """How long after the end the goal tolerance may stay violated; 0: for ever."""
+    """Maximum time after the end of the path for which the goal tolerance may be violated, in seconds; 0: no limit."""
     lag_time_s: Mapping[str, float] = field(default_factory=dict)
-    """Time by which a moving joint may lag behind its path, on top of the controller's path tolerance."""
+    """Time by which a moving joint may lag behind its path, in addition to the path tolerance, in seconds."""
 
 
 def resolve(asked: Tolerances, default: Tolerances, joints: Sequence[str]) -> Tolerances:
-    """The goal's tolerances over the defaults. Raises ValueError, saying why, where a tolerance makes no sense."""
+    """Combine the tolerances of a goal with the defaults. Raises ValueError if a tolerance is invalid."""
     for kind, named in (("path", asked.path), ("goal", asked.goal)):
         for name in named:
             if name not in joints:
@@ -43,16 +43,16 @@ def _resolved(asked: float, default: float) -> float:
     if asked == ERASE:
         return 0.0
     if not asked >= 0.0:
-        raise ValueError(f"{asked} is no tolerance: more than 0 sets one, 0 is the default and -1 erases it")
+        raise ValueError(f"{asked} is not a valid tolerance: use a positive value, 0 for the default or -1 for none")
     return asked or default
 
 
 def excess(
     joints: Sequence[str], error: FloatArray, tolerance: Mapping[str, float], unmeasured: Container[str] = ()
 ) -> str:
-    """Which joint's error (n,) exceeds its tolerance most, in words; empty where none does.
+    """Describe the joint whose error (n,) exceeds its tolerance most, or return an empty string.
 
-    Of a joint that is ``unmeasured`` that is not known.
+    Joints in ``unmeasured`` are ignored.
     """
     found = [
         (abs(off) / allowed, "{} is off by {}, allowed is {}".format(name, *apart(abs(off), allowed)))

@@ -1,4 +1,4 @@
-"""Waypoints of a goal, and the jerk-limited motion that ruckig plans through few of them, passing each."""
+"""Plan a jerk-limited motion through a few waypoints with ruckig."""
 
 import math
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from controller.motion import Kinematics, Motion, segment
 from hal.types import FloatArray, JointLimits
 
 ATTEMPTS: Final = 4
-"""So often the planner chooses velocities anew where the time between two points has turned out too short."""
+"""Maximum number of times that the planner chooses new velocities if the time between two points is too short."""
 ACCELERATION_SHARE: Final = 0.5
-"""The share of the acceleration limit that chosen velocities use; the rest is for the ramps of the jerk limit."""
+"""Share of the acceleration limit that chosen velocities use. The ramps of the jerk limit need the remaining share."""
 
 BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """m points of n joints: ``times_s`` (m,) from now, the others (m, n) in rad or m and seconds.
+    """m points for n joints: ``times_s`` (m,) from now, the others (m, n) in rad or m and seconds.
 
-    ``has_velocity`` and ``has_acceleration`` (m,) say where the goal gives them; elsewhere they are 0.
-    Accelerations count only beside velocities (upstream stands still on those without, and then leaps).
+    ``has_velocity`` and ``has_acceleration`` (m,) mark the points for which the goal contains these values; elsewhere
+    the values are 0. Accelerations without velocities are ignored (ros2_control waits at such points, then leaps).
     """
 
     times_s: FloatArray
@@ -36,7 +36,10 @@ class Waypoints:
     has_acceleration: BoolArray
 
     def by_shortest_turn(self, start: FloatArray, endless: Sequence[int]) -> "Waypoints":
-        """The same points, to which joints without ends (their indices) set out from ``start`` (n,) the shorter way."""
+        """Return the points shifted by full turns so that continuous joints start from ``start`` (n,) the shorter way.
+
+        ``endless`` holds the indices of the continuous joints.
+        """
         columns = list(endless)
         turns = np.round((start[columns] - self.position[0, columns]) / math.tau)
         position = self.position.copy()
@@ -64,10 +67,10 @@ class Bounds:
 def ruckig_motion(
     start: Kinematics, waypoints: Waypoints, limits: Sequence[JointLimits], names: Sequence[str] = ()
 ) -> Motion:
-    """Ruckig's motion from ``start`` through every point without stopping. Raises MotionError.
+    """Plan a motion with ruckig from ``start`` through every point without a stop. Raises MotionError.
 
-    Where a way takes longer than the goal says, it and the velocities at its ends are slowed down
-    together, so that all joints stay on the way.
+    If a segment takes longer than the goal requests, the velocities at its ends are reduced with it, so that all joints
+    stay on the path.
     """
     bounds = Bounds.of(limits)
     positions = np.vstack((start.position, waypoints.position))
@@ -93,7 +96,10 @@ def _states(
     spans_s: FloatArray,
     bounds: Bounds,
 ) -> list[Kinematics]:
-    """The states at the start and at each point: the goal's, slowed down where need be, or else estimates."""
+    """Return the states at the start and at each point.
+
+    Values that the goal does not contain are estimated. At segments that take longer than requested, they are reduced.
+    """
     slower = np.divide(asked_s, spans_s, out=np.ones_like(spans_s), where=(asked_s > 0.0) & (spans_s > 0.0))
     slower = np.minimum(slower, np.append(slower[1:], 1.0))[:, None]
     velocity = np.where(
@@ -102,25 +108,28 @@ def _states(
     acceleration = np.where(
         waypoints.has_acceleration[:, None],
         waypoints.acceleration * slower**2,
-        estimated_velocities(np.vstack((start.velocity, velocity)), spans_s),  # 0 would stop accelerating at each
+        # An acceleration of 0 would interrupt the acceleration at each point.
+        estimated_velocities(np.vstack((start.velocity, velocity)), spans_s),
     )
     velocity[-1], acceleration[-1] = 0.0, 0.0
     return [start, *(within(Kinematics(*s), bounds) for s in zip(positions[1:], velocity, acceleration, strict=True))]
 
 
 def within(state: Kinematics, bounds: Bounds) -> Kinematics:
-    """A state that ruckig takes for a target: where velocity is near its limit, acceleration must have
-    time to go before and after."""
+    """Limit a state so that ruckig accepts it as a target.
+
+    Near the velocity limit, the jerk limit must be able to bring the acceleration to 0 in time.
+    """
     velocity = np.clip(state.velocity, -bounds.velocity, bounds.velocity)
     room = np.minimum(bounds.acceleration, np.sqrt(2.0 * bounds.jerk * (bounds.velocity - np.abs(velocity))))
     return Kinematics(state.position, velocity, np.clip(state.acceleration, -room, room))
 
 
 def _velocities(positions: FloatArray, start: Kinematics, spans_s: FloatArray, bounds: Bounds) -> FloatArray:
-    """Estimates that are never so fast that the next point could not be met at its velocity (m, n)."""
-    ways = np.abs(np.diff(positions, axis=0))
+    """Estimate velocities (m, n) that are low enough to meet the next point at its velocity."""
+    distances = np.abs(np.diff(positions, axis=0))
     chosen = estimated_velocities(positions, spans_s)
-    speed, reach = np.abs(chosen), 2.0 * ACCELERATION_SHARE * bounds.acceleration * ways
+    speed, reach = np.abs(chosen), 2.0 * ACCELERATION_SHARE * bounds.acceleration * distances
     for row in range(len(speed) - 2, -1, -1):
         speed[row] = np.minimum(speed[row], np.sqrt(speed[row + 1] ** 2 + reach[row + 1]))
     previous = np.abs(start.velocity)
@@ -130,7 +139,10 @@ def _velocities(positions: FloatArray, start: Kinematics, spans_s: FloatArray, b
 
 
 def estimated_velocities(positions: FloatArray, spans_s: FloatArray) -> FloatArray:
-    """The smaller slope beside each point but the first (m, n), 0 where a joint turns round and at the end."""
+    """Return the smaller of the two slopes at each point except the first, shape (m, n).
+
+    The velocity is 0 where a joint reverses its direction, and at the end.
+    """
     slopes = np.diff(positions, axis=0) / np.maximum(spans_s, 1e-6)[:, None]
     before, after = slopes, np.vstack((slopes[1:], np.zeros_like(slopes[:1])))
     smaller = np.where(np.abs(before) < np.abs(after), before, after)

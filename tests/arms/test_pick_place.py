@@ -16,7 +16,7 @@ from servoloop.stack.pick_place import load_pick_place
         ("ready: [0.0", "ready: [-.inf", "poses.ready.0: Input should be a finite number"),
         ("hand_open_m: 0.0", "hand_open_m: .nan", "hand_open_m: Input should be a finite number"),
         ("A: [0.4", "A: [9.2e18", "bins.A.0: 9.2e+18 is not a plausible position: write -2000 to 2000 rad or m"),
-        ("A: [0.4,", "A: [0,", "bins.A mixes float and int in one list: write all in the same way"),
+        ("A: [0.4,", "A: [0,", "bins.A mixes float and int in one list: use one type for all elements"),
         ("vision_pick_place_controller:", "picker:", "vision_pick_place_controller is missing: put the parameters"),
         ("grades: [A, B, C]", "grades: [A, B, C, ' c']", "grade  c has no pose under bins"),
         ("      C:", "      c:", "grade C has no pose under bins"),

@@ -1,4 +1,4 @@
-"""Controllers on a mock arm with simulated time: two joints and a hand, every cycle by hand."""
+"""Test bench: controllers on a mock arm with two joints and a hand, in simulated time."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,22 +28,22 @@ LIMITS = {**dict.fromkeys(ARM, ARM_LIMITS), HAND: HAND_LIMITS}
 
 
 class ScriptedHardware(MockHardware):
-    """A mock whose joints can be stuck, slow or silent, and whose calls can fail."""
+    """Mock hardware whose joints can be stuck, slow or silent, and whose calls can fail."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         super().__init__("scripted", JOINTS, clock, calculate_dynamics=True)
         self.faults: dict[str, JointFault] = {}
         self.stuck: set[str] = set()
         self.slow: dict[str, float] = {}
-        """How far a joint gets in one period."""
+        """Maximum motion of a slow joint in one period, by joint name."""
         self.objects: dict[str, float] = {}
-        """Where a joint meets something and can go no further up."""
+        """Position at which an obstacle blocks a joint's upward motion, by joint name."""
         self.failing: dict[str, Exception] = {}
-        """Call → what it raises."""
+        """Error that a call raises, by name of the call."""
         self.calls: list[str] = []
         self.written: list[FloatArray] = []
         self.deadlines: list[float | None] = []
-        """By when each measurement that was asked for was to be there."""
+        """Deadline of each requested measurement."""
 
     def request(self, deadline_s: float | None = None) -> None:
         self.deadlines.append(deadline_s)
@@ -83,13 +83,13 @@ class ScriptedHardware(MockHardware):
 
 
 def arm_parameters(**said: object) -> TrajectoryParameters:
-    """The arm's, under their names in the controllers file; ruckig where nothing is said, as in our robot files."""
+    """Return the arm's parameters, with ruckig as the default interpolation method."""
     return TrajectoryParameters.model_validate({"joints": ARM, "interpolation_method": "ruckig"} | said)
 
 
 @dataclass(slots=True)
 class Bench:
-    """The loop with an arm and a hand controller."""
+    """A loop with an arm controller and a hand controller."""
 
     settings: TrajectoryParameters = field(default_factory=arm_parameters)
     wrap: Callable[[Controller], Controller] = lambda controller: controller
@@ -111,19 +111,19 @@ class Bench:
         self.loop = ControlLoop(components, self.manager, LIMITS, self.clock, PERIOD_S)
 
     def up(self) -> "Bench":
-        """Configured and active, standing at zero."""
+        """Configure and activate the hardware, at rest at zero."""
         self.hardware.configure()
         self.loop.activate()
         return self
 
     def cycle(self, count: int = 1) -> None:
-        """So many cycles, each a period after the last."""
+        """Run cycles at the rate of the loop."""
         for _ in range(count):
             self.clock.sleep_until(self.clock.now() + PERIOD_S)
             self.loop.step()
 
     def cycles_until(self, done: Callable[[], bool], longest: int = 400) -> int:
-        """How many cycles it takes."""
+        """Run cycles until ``done`` returns True. Return their number."""
         for count in range(longest):
             if done():
                 return count
@@ -131,17 +131,17 @@ class Bench:
         raise AssertionError(f"not within {longest} cycles")
 
     def send(self, goal: TrajectoryGoal) -> GoalHandle:
-        """A goal that must be acceptable."""
+        """Submit a goal that must be accepted."""
         assert self.arm.check(goal) is None
         return self.arm.submit(goal)
 
     def path(self) -> FloatArray:
-        """All commands that were written, shape (cycles, joints)."""
+        """Return all written commands, shape (cycles, joints)."""
         return np.array(self.hardware.written)
 
     @property
     def velocity(self) -> FloatArray:
-        """Of the reference, now."""
+        """Current velocity of the reference."""
         assert self.arm.tracking is not None
         return self.arm.tracking.reference.velocity
 
@@ -154,11 +154,11 @@ def to(
     goal_time_s: float = 0.0,
     delay_s: float = 0.0,
 ) -> TrajectoryGoal:
-    """One point, as most clients send it."""
+    """Return a goal with one point."""
     tolerances = Tolerances(path or {}, goal or {}, goal_time_s)
     return TrajectoryGoal(ARM, (GoalPoint(tuple(position), after_s),), tolerances, delay_s)
 
 
 def through(*points: GoalPoint, delay_s: float = 0.0) -> TrajectoryGoal:
-    """Several points."""
+    """Return a goal with several points."""
     return TrajectoryGoal(ARM, points, delay_s=delay_s)

@@ -1,4 +1,4 @@
-"""Controllers that do nothing but what a test says, and a manager of three joints."""
+"""Puppet controllers for tests, and a manager of three joints."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ STANDING = JointState(0.0, np.zeros(3), np.zeros(3), np.zeros(3))
 
 @dataclass
 class Interfaces:
-    """Of a hardware that offers all of them but ``lost``."""
+    """Interfaces of hardware on which all interfaces except ``lost`` are available."""
 
     command_interfaces: tuple[str, ...] = tuple(f"{joint}/position" for joint in JOINTS)
     lost: str | None = None
@@ -30,7 +30,7 @@ class Interfaces:
 
 
 class Puppet:
-    """Claims the positions of its joints and wants ``wanted`` of each; ``failing`` names the calls that raise."""
+    """Controller that commands ``wanted`` for each of its joints. ``failing`` lists the calls that raise an error."""
 
     kind = "test/Puppet"
     parameters = Parameters()
@@ -71,7 +71,7 @@ def managing(
     limits: Mapping[str, JointLimits] | None = None,
     hardware: Interfaces | None = None,
 ) -> ControllerManager:
-    """A manager that has seen the joints stand, with these controllers inactive but for ``active``."""
+    """Return a manager of joints at rest, with these controllers. Only those in ``active`` are active."""
     made = ControllerManager(hardware or Interfaces(), limits or {})
     made.activate(STANDING, HELD)
     for puppet in puppets:
@@ -87,6 +87,6 @@ def managing(
 
 
 def cycle(manager: ControllerManager, last: FloatArray = HELD) -> list[float]:
-    """What is wanted of the three joints."""
+    """Run one cycle and return the commands of the three joints."""
     wanted: list[float] = manager.cycle.update(STANDING, last, 0.0, 0.05).tolist()
     return wanted

@@ -1,4 +1,4 @@
-"""Plans as MoveIt makes them: 100 Hz, with velocities and accelerations up to the limits, rounded."""
+"""Generate plans like those of MoveIt: 100 Hz, with rounded velocities and accelerations up to the limits."""
 
 from collections.abc import Callable, Sequence
 
@@ -9,26 +9,26 @@ from hal.types import FloatArray, JointLimits
 
 STEP_S = 0.01
 ROUNDING = 1.0 + 2e-11
-"""By so much the peaks of real plans were above the limits."""
+"""Relative excess over the limits at the peaks of real plans."""
 
 Curve = Callable[[FloatArray], FloatArray]
-"""Positions (n, m) by the way along the path (m,), 0 to 1."""
+"""Function that returns positions (n, m) for distances (m,) along the path, from 0 to 1."""
 
 
 def straight(start: Sequence[float], end: Sequence[float]) -> Curve:
-    """A straight line through joint space."""
+    """Return a straight line through joint space."""
     first, way = np.array(start)[:, None], (np.array(end) - np.array(start))[:, None]
     return lambda along: first + way * along
 
 
 def curved(start: Sequence[float], end: Sequence[float], bow: Sequence[float]) -> Curve:
-    """A line that leaves the straight one by ``bow`` in its middle, as around an obstacle."""
+    """Return a curve that deviates from a straight line by ``bow`` in its middle, as around an obstacle."""
     line, far = straight(start, end), np.array(bow)[:, None]
     return lambda along: line(along) + far * np.sin(np.pi * along) ** 2
 
 
 def plan(curve: Curve, limits: Sequence[JointLimits], scale: float = 1.0) -> list[GoalPoint]:
-    """The curve in as little time as ``scale`` of the limits allows with a smooth speed."""
+    """Return the fastest plan along a curve with a smooth speed, at ``scale`` times the limits."""
     velocity, acceleration = scale * np.array([(limit.velocity, limit.acceleration) for limit in limits]).T
     duration_s = 0.2
     while True:
@@ -50,7 +50,7 @@ def plan(curve: Curve, limits: Sequence[JointLimits], scale: float = 1.0) -> lis
 
 
 def trapezoid(start: Sequence[float], end: Sequence[float], limits: Sequence[JointLimits]) -> list[GoalPoint]:
-    """A straight line at the limits all the way, as MoveIt's time parameterization makes it: its jerk is unlimited."""
+    """Return a straight line that always moves at a limit, like MoveIt's time parameterization without a jerk limit."""
     first, way = np.array(start), np.array(end) - np.array(start)
     share = np.maximum(np.abs(way), 1e-9)
     velocity, acceleration = (
@@ -72,7 +72,7 @@ def trapezoid(start: Sequence[float], end: Sequence[float], limits: Sequence[Joi
 
 
 def _sampled(curve: Curve, share: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, velocities and accelerations (n, m) with a smooth speed along the curve, at rest at both ends."""
+    """Return positions, velocities and accelerations (n, m) with a smooth speed along a curve, at rest at both ends."""
     fine = np.linspace(0.0, 1.0, 4001)
     along = fine**3 * (10.0 - 15.0 * fine + 6.0 * fine**2)
     position = curve(along)
@@ -85,12 +85,12 @@ def _sampled(curve: Curve, share: FloatArray, duration_s: float) -> tuple[FloatA
 
 
 def off_path(positions: FloatArray, points: Sequence[GoalPoint]) -> float:
-    """The largest distance (rad, of any joint) of these positions (k, n) from the nearest place of a plan."""
+    """Return the largest distance (rad, any joint) of positions (k, n) from the nearest point of a plan."""
     return off_line(positions, np.array([point.positions for point in points]))
 
 
 def off_line(positions: FloatArray, corners: FloatArray) -> float:
-    """The largest distance (rad, of any joint) of these positions (k, n) from a line through ``corners`` (m, n)."""
+    """Return the largest distance (rad, any joint) of positions (k, n) from a line through ``corners`` (m, n)."""
     fine = np.linspace(0.0, len(corners) - 1.0, 40 * len(corners))
     line = np.array([np.interp(fine, np.arange(len(corners)), column) for column in corners.T]).T
     return max(float(np.abs(line - at).max(axis=1).min()) for at in positions)

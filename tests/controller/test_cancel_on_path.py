@@ -1,4 +1,4 @@
-"""A cancel brakes along the path, whatever its shape: a plan around an obstacle is left by nobody."""
+"""Test that a cancel brakes along a path of any shape, as a plan around an obstacle requires."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ PATHS = {
     "there and back": curved((0.0, 0.0), (0.3, 0.0), (1.4, -1.4)),
 }
 MOMENTS = [0.05 + 0.1 * n for n in range(10)]
-"""As shares of a plan's duration."""
+"""Times of the cancels, as shares of a plan's duration."""
 
 
 def sent(bench: Bench, points: Sequence[GoalPoint]) -> GoalHandle:
@@ -31,7 +31,7 @@ def sent(bench: Bench, points: Sequence[GoalPoint]) -> GoalHandle:
 
 
 def driven(points: Sequence[GoalPoint], method: str) -> FloatArray:
-    """The commands of a plan that nobody cancels, (k, 2)."""
+    """Return the commands (k, 2) of a plan that is not canceled."""
     bench = Bench(arm_parameters(interpolation_method=method)).up()
     handle = sent(bench, points)
     bench.cycles_until(lambda: handle.done)
@@ -43,10 +43,12 @@ def driven(points: Sequence[GoalPoint], method: str) -> FloatArray:
 @pytest.mark.parametrize("method", ["ruckig", "splines"])
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("curve", PATHS.values(), ids=PATHS)
-def test_a_plan_up_to_the_limits_is_driven_and_a_cancel_stays_on_it(curve: Curve, scale: float, method: str) -> None:
+def test_a_plan_at_the_limits_is_executed_and_a_cancel_stays_on_its_path(
+    curve: Curve, scale: float, method: str
+) -> None:
     points = plan(curve, LIMITS, scale)
     whole = driven(points, method)
-    # Plans know no jerk limits: what ruckig makes of one cuts its sharpest bends.
+    # Plans have no jerk limits, so the jerk-limited path cuts their sharpest bends.
     assert off_path(whole, points) < (0.02 if scale == 1.0 else 0.005)
     for moment in MOMENTS:
         bench = Bench(arm_parameters(interpolation_method=method)).up()
@@ -66,7 +68,7 @@ def test_a_plan_up_to_the_limits_is_driven_and_a_cancel_stays_on_it(curve: Curve
 @pytest.mark.parametrize(
     "curve", [straight((0.015, -0.015), (1.8, -0.9)), curved((0.015, 0.0), (0.3, 0.0), (1.4, -1.4))]
 )
-def test_a_plan_that_begins_where_a_sagging_arm_is_measured_takes_no_longer(curve: Curve, method: str) -> None:
+def test_a_plan_from_the_measured_position_of_a_sagging_arm_takes_no_longer(curve: Curve, method: str) -> None:
     bent = plan(curve, LIMITS)
     beside = [0.0, 0.0] - np.array(bent[0].positions)
     fitting = [replace(bent[0], positions=(0.0, 0.0)), *bent[1:]]
@@ -77,7 +79,7 @@ def test_a_plan_that_begins_where_a_sagging_arm_is_measured_takes_no_longer(curv
     assert len(driven(fitting, method)) >= len(path), "the first point alone is no better"
 
 
-def test_a_new_plan_from_where_a_canceled_one_ended_is_taken() -> None:
+def test_a_new_plan_from_the_end_of_a_canceled_plan_is_accepted() -> None:
     bench = Bench().up()
     for moment in MOMENTS * 2:
         points = plan(curved((0.0, 0.0), (1.0, 0.5), (0.3, 0.4)), LIMITS)
@@ -92,7 +94,7 @@ def test_a_new_plan_from_where_a_canceled_one_ended_is_taken() -> None:
         assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_joint_that_was_sent_to_its_limit_and_rests_beyond_is_no_dead_end() -> None:
+def test_a_joint_that_rests_beyond_its_limit_can_still_move() -> None:
     bench = Bench().up()
     handle = sent(bench, plan(straight((0.0, 0.0), (-2.0, 0.0)), LIMITS))
     bench.cycles_until(lambda: handle.done)
@@ -118,7 +120,7 @@ def test_a_stop_on_a_path_never_raises(rate: float, share: float, acceleration: 
 
 
 def moving_paths(count: int) -> list[Path]:
-    """Paths of four joints, some of which move, and may have to turn round, when the path begins."""
+    """Return paths of four joints, some of which are moving at the start and may have to reverse."""
     random = np.random.default_rng(1)
     paths: list[Path] = []
     while len(paths) < count:
@@ -132,8 +134,8 @@ def moving_paths(count: int) -> list[Path]:
     return paths
 
 
-def test_a_stop_on_a_path_is_not_much_longer_than_one_beside_it() -> None:
-    """When one joint braked with all it has, the others once went on for seconds, far slower than they could stop."""
+def test_a_stop_on_a_path_takes_little_longer_than_a_stop_off_the_path() -> None:
+    """In a former version, other joints continued for seconds while one joint braked at its limit."""
     for path in moving_paths(60):
         for share in (0.05, 0.15, 0.3, 0.5, 0.7):
             elapsed_s = share * path.duration_s

@@ -1,4 +1,4 @@
-"""Hardware components that are lost or switched while the others go on."""
+"""Test components that are lost or change their state while the others continue."""
 
 from collections.abc import Callable, Sequence
 
@@ -30,7 +30,7 @@ SPEED_RAD_S = 2.0
 
 
 class Breakable(MockHardware):
-    """A mock whose calls can fail, and that remembers them."""
+    """Mock hardware that records its calls, which can be made to fail."""
 
     def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
         super().__init__(name, joints, clock)
@@ -69,12 +69,12 @@ class Breakable(MockHardware):
         self._call("write")
 
     def changes(self) -> list[str]:
-        """The calls that change its state."""
+        """Return the recorded calls that change the state."""
         return [call for call in self.calls if call not in ("read", "write")]
 
 
 class Mover(Puppet):
-    """Commands one joint, at a constant speed once it is told to go."""
+    """Controller that moves one joint at a constant speed."""
 
     def __init__(self, joint: str) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ class Mover(Puppet):
 
 
 class Two:
-    """An arm of two joints and a hand of one, each a component with its controllers."""
+    """An arm with two joints and a hand with one joint, each a component with its own controllers."""
 
     def __init__(self, keep_alive: bool = False, cycles_per_update: Sequence[int] = (1, 1)) -> None:
         self.clock = SimulatedClock(5.0)
@@ -119,7 +119,7 @@ class Two:
         return self
 
     def going(self) -> "Two":
-        """All joints at speed."""
+        """Move all joints at constant speed."""
         self.up()
         for mover in self.movers.values():
             mover.speed = SPEED_RAD_S
@@ -132,14 +132,14 @@ class Two:
             self.loop.step()
 
     def work(self) -> None:
-        """The background worker does its work, and the cycle in which they are back."""
+        """Do the background work, then run the cycle in which the components return."""
         for work in self.background:
             work()
         self.background.clear()
         self.cycle()
 
     def set(self, target: LifecycleState, name: str = "hand") -> ComponentTransition:
-        """Until it is decided."""
+        """Request a state and run until the request completes."""
         change = self.loop.component_transitions.ask(name, target)
         for _ in range(40):
             self.cycle()
@@ -153,12 +153,12 @@ class Two:
 
 
 def gentle(path: Sequence[FloatArray]) -> bool:
-    """Whether no joint was braked harder than it may be."""
+    """Return whether all joints braked within their acceleration limits."""
     velocity = np.diff(np.array(path), axis=0) / PERIOD_S
     return bool(np.abs(np.diff(velocity, axis=0)).max() <= LIMIT.acceleration * PERIOD_S * 1.2)
 
 
-def test_one_behind_the_other_in_state_and_command() -> None:
+def test_components_are_concatenated_in_state_and_command() -> None:
     two = Two().going()
     assert two.components.command_interfaces == ("shoulder/position", "elbow/position", "finger/position")
     np.testing.assert_allclose(two.states[-1].position, 3 * SPEED_RAD_S * PERIOD_S)
@@ -168,7 +168,7 @@ def test_one_behind_the_other_in_state_and_command() -> None:
 
 @pytest.mark.parametrize("kind", [PortLost, RuntimeError], ids=["lost", "a defect"])
 @pytest.mark.parametrize("call", ["read", "write"])
-def test_a_lost_component_takes_its_controllers_with_it_in_the_same_cycle_and_nothing_else(
+def test_a_lost_component_deactivates_only_its_own_controllers_in_the_same_cycle(
     call: str, kind: type[Exception]
 ) -> None:
     two = Two().going()
@@ -186,7 +186,7 @@ def test_a_lost_component_takes_its_controllers_with_it_in_the_same_cycle_and_no
 
 
 @pytest.mark.parametrize("kind", [PortLost, PartLost])
-def test_what_is_left_of_a_lost_component_is_braked_and_not_stopped_dead(kind: type[PortLost]) -> None:
+def test_the_reachable_joints_of_a_lost_component_brake_within_their_limits(kind: type[PortLost]) -> None:
     two = Two().going()
     two.hand.failing["write"] = kind(GONE)
     two.cycle(30)
@@ -196,7 +196,7 @@ def test_what_is_left_of_a_lost_component_is_braked_and_not_stopped_dead(kind: t
 
 
 @pytest.mark.parametrize("state", [INACTIVE, UNCONFIGURED])
-def test_a_component_that_stops_working_by_itself_is_lost(state: LifecycleState) -> None:
+def test_a_component_that_leaves_the_active_state_on_its_own_is_lost(state: LifecycleState) -> None:
     two = Two().going()
     two.hand.state = state
     two.cycle()
@@ -209,14 +209,14 @@ def test_a_component_that_stops_working_by_itself_is_lost(state: LifecycleState)
     assert two.components.lost == []
 
 
-def test_with_the_last_component_the_loop_ends() -> None:
+def test_the_loop_ends_when_the_last_component_is_lost() -> None:
     two = Two().up()
     two.hand.failing["read"] = PortLost(GONE)
     two.cycle(2)
     two.arm.failing["read"] = PortLost("/dev/arm is gone")
     with pytest.raises(PortLost, match="/dev/arm is gone"):
         two.cycle()
-    assert two.arm.state is ACTIVE  # whoever ends the loop still has it to stop
+    assert two.arm.state is ACTIVE  # The end of the loop must still be able to stop the arm.
 
 
 def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() -> None:
@@ -229,7 +229,7 @@ def test_a_component_that_was_never_configured_does_not_keep_the_loop_alive() ->
         two.cycle()
 
 
-def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are() -> None:
+def test_a_lost_component_resumes_at_its_measured_positions() -> None:
     two = Two(keep_alive=True).going()
     for hardware in (two.arm, two.hand):
         hardware.failing["read"] = PortLost(GONE)
@@ -237,7 +237,7 @@ def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are()
     assert (two.arm.state, two.hand.state, two.active()) == (UNCONFIGURED, UNCONFIGURED, [])
     assert set(two.states[-1].faults) == {"shoulder", "elbow", "finger"}
     two.hand.failing.clear()
-    two.hand._position[:] = -0.7  # somebody has moved it by hand
+    two.hand._position[:] = -0.7  # The joint was moved by hand.
     written = len(two.hand.written)
     assert two.set(ACTIVE).result() is None
     assert two.hand.state is ACTIVE
@@ -248,7 +248,7 @@ def test_it_stays_where_it_is_told_to_and_comes_back_from_where_the_joints_are()
     assert two.components.lost == [two.components.components[0]]
 
 
-def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
+def test_a_component_whose_cleanup_fails_is_finalized() -> None:
     two = Two().up()
     two.hand.failing = {"read": PortLost(GONE), "cleanup": RuntimeError("a defect")}
     two.hand.cleanup = lambda: two.hand._call("cleanup")  # type: ignore[method-assign]
@@ -257,12 +257,12 @@ def test_a_component_that_cannot_even_be_given_up_is_finalized() -> None:
     written = len(two.hand.written)
     two.cycle(3)
     assert len(two.hand.written) == written
-    with pytest.raises(Exception, match="hand is finalized, which is its end"):
+    with pytest.raises(Exception, match="hand is finalized for good"):
         two.set(ACTIVE).result()
 
 
 WAYS = {
-    # from, to: calls, where it ends
+    # start, target: calls, final state
     (UNCONFIGURED, UNCONFIGURED): ([], UNCONFIGURED),
     (UNCONFIGURED, INACTIVE): (["configure"], INACTIVE),
     (UNCONFIGURED, ACTIVE): (["configure", "activate"], ACTIVE),
@@ -280,7 +280,7 @@ WAYS = {
 
 
 @pytest.mark.parametrize(("begin", "target"), WAYS)
-def test_the_way_from_state_to_state(begin: LifecycleState, target: LifecycleState) -> None:
+def test_each_transition_calls_the_right_steps(begin: LifecycleState, target: LifecycleState) -> None:
     two = Two().up()
     two.set(begin).result()
     two.hand.calls.clear()
@@ -290,21 +290,21 @@ def test_the_way_from_state_to_state(begin: LifecycleState, target: LifecycleSta
 
 
 @pytest.mark.parametrize("target", [UNCONFIGURED, INACTIVE, ACTIVE])
-def test_finalized_is_the_end(target: LifecycleState) -> None:
+def test_a_finalized_component_cannot_change_its_state(target: LifecycleState) -> None:
     two = Two().up()
     two.set(FINALIZED).result()
     with pytest.raises(Exception, match="hand is finalized"):
         two.set(target).result()
 
 
-def test_deactivating_a_component_in_mid_motion_ends_its_controllers_and_brakes_it_first() -> None:
+def test_deactivating_a_moving_component_ends_its_controllers_and_brakes_first() -> None:
     two = Two().going()
     change = two.loop.component_transitions.ask("hand", INACTIVE)
     two.cycle()
     assert two.active() == ["shoulder", "elbow"]
     assert not change.done and two.hand.state is ACTIVE
     two.cycle(20)
-    assert "hold" not in two.hand.calls  # that is done in the background
+    assert "hold" not in two.hand.calls  # The deactivation runs in the background.
     two.work()
     assert change.done and two.hand.state is INACTIVE
     assert gentle(two.hand.written)
@@ -313,7 +313,7 @@ def test_deactivating_a_component_in_mid_motion_ends_its_controllers_and_brakes_
     assert (two.hand.calls.count("read"), len(two.hand.written)) == (reads + 3, writes)
 
 
-def test_while_a_component_is_configured_aside_the_others_have_their_cycles() -> None:
+def test_other_components_keep_their_cycles_while_a_component_is_configured() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     change = two.loop.component_transitions.ask("hand", ACTIVE)
@@ -326,7 +326,7 @@ def test_while_a_component_is_configured_aside_the_others_have_their_cycles() ->
     assert change.done and two.states[-1].faults == {}
 
 
-def test_what_a_user_cannot_do_is_said_and_the_component_stays_where_it_got() -> None:
+def test_a_failed_transition_is_reported_and_its_completed_steps_remain() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     two.hand.failing["configure"] = PortMissing("/dev/hand is not there: plug it in")
@@ -341,7 +341,7 @@ def test_what_a_user_cannot_do_is_said_and_the_component_stays_where_it_got() ->
         two.set(ACTIVE, "foot").result()
 
 
-def test_wishes_for_one_component_are_fulfilled_one_after_the_other() -> None:
+def test_requests_for_one_component_are_served_one_after_the_other() -> None:
     two = Two().up()
     changes = [
         two.loop.component_transitions.ask("hand", target) for target in (INACTIVE, ACTIVE, UNCONFIGURED, ACTIVE)
@@ -353,7 +353,7 @@ def test_wishes_for_one_component_are_fulfilled_one_after_the_other() -> None:
     assert two.hand.changes()[2:] == ["hold", "activate", "hold", "cleanup", "configure", "activate"]
 
 
-def test_an_activated_component_that_measures_nothing_is_let_go_again() -> None:
+def test_an_activated_component_without_a_measurement_is_deactivated_again() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     two.hand._position[:] = np.nan
@@ -362,7 +362,7 @@ def test_an_activated_component_that_measures_nothing_is_let_go_again() -> None:
     assert two.hand.changes()[-1] == "relax"
 
 
-def test_one_that_cannot_be_let_go_again_either_keeps_nobody_from_the_cycle(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_component_that_cannot_be_deactivated_again_does_not_stop_the_loop(caplog: pytest.LogCaptureFixture) -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     two.hand._position[:] = np.nan
@@ -375,7 +375,7 @@ def test_one_that_cannot_be_let_go_again_either_keeps_nobody_from_the_cycle(capl
     assert two.active() == ["shoulder", "elbow"]
 
 
-def test_a_defect_in_the_first_reading_is_told_to_whoever_wanted_it() -> None:
+def test_an_error_in_the_first_reading_is_reported_to_the_client() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     two.hand.failing["read"] = RuntimeError("a defect")
@@ -385,7 +385,7 @@ def test_a_defect_in_the_first_reading_is_told_to_whoever_wanted_it() -> None:
     assert two.active() == ["shoulder", "elbow"]
 
 
-def test_a_component_lost_on_its_way_out_is_given_up() -> None:
+def test_a_component_lost_during_its_deactivation_is_dropped() -> None:
     two = Two().going()
     change = two.loop.component_transitions.ask("hand", INACTIVE)
     two.cycle()
@@ -396,7 +396,7 @@ def test_a_component_lost_on_its_way_out_is_given_up() -> None:
         change.result()
 
 
-def test_a_slow_component_is_read_and_written_in_every_so_many_cycles() -> None:
+def test_a_slow_component_is_read_and_written_at_its_own_rate() -> None:
     two = Two(cycles_per_update=(1, 4)).up()
     two.cycle(16)
     begin = 2  # readings that must agree before a component is commanded
@@ -409,7 +409,7 @@ def test_a_slow_component_is_read_and_written_in_every_so_many_cycles() -> None:
     np.testing.assert_allclose(steps, 4 * SPEED_RAD_S * PERIOD_S)
 
 
-def test_controllers_are_kept_from_what_is_not_there() -> None:
+def test_a_controller_cannot_use_an_unavailable_component() -> None:
     two = Two().up()
     ready, measured = two.components.ready, two.components.measured
     assert ready("finger/position") and measured("finger/velocity")
@@ -421,7 +421,7 @@ def test_controllers_are_kept_from_what_is_not_there() -> None:
         two.manager.switch(SwitchRequest(activate=("finger_controller",)), two.loop.command)
 
 
-def test_an_onlooker_looks_on_whatever_is_there() -> None:
+def test_a_controller_without_commands_stays_active_without_the_component() -> None:
     two = Two().up()
     onlooker = Mover("eye")
     onlooker.command_interfaces, onlooker.state_interfaces = (), ("finger/position", "elbow/position")
@@ -433,7 +433,7 @@ def test_an_onlooker_looks_on_whatever_is_there() -> None:
     assert two.manager.registry.state("eye_controller") is ACTIVE
 
 
-def test_whoever_waits_at_the_end_is_told() -> None:
+def test_open_requests_are_refused_at_the_end() -> None:
     two = Two().up()
     waiting = two.loop.component_transitions.ask("hand", INACTIVE)
     two.loop.component_transitions.end()
@@ -444,7 +444,7 @@ def test_whoever_waits_at_the_end_is_told() -> None:
             change.result()
 
 
-def test_what_comes_back_after_the_last_cycle_does_not_leap_to_where_it_once_was() -> None:
+def test_a_component_that_returns_after_the_last_cycle_does_not_leap() -> None:
     two = Two().up()
     two.set(UNCONFIGURED).result()
     change = two.loop.component_transitions.ask("hand", ACTIVE)
@@ -455,7 +455,7 @@ def test_what_comes_back_after_the_last_cycle_does_not_leap_to_where_it_once_was
     assert two.hand.changes()[-2:] == ["hold", "cleanup"]
 
 
-def test_at_the_end_the_others_stand_before_anybody_is_waited_for() -> None:
+def test_at_the_end_joints_stop_before_background_work_is_awaited() -> None:
     two = Two().going()
     two.set(UNCONFIGURED).result()
     two.loop.component_transitions.ask("hand", ACTIVE)
@@ -472,7 +472,7 @@ def test_at_the_end_the_others_stand_before_anybody_is_waited_for() -> None:
     assert gentle(two.arm.written)
 
 
-def test_kept_alive_the_loop_begins_without_a_component_that_cannot_be_activated(
+def test_a_loop_kept_alive_starts_without_a_component_that_cannot_be_activated(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     two = Two(keep_alive=True)
@@ -491,7 +491,7 @@ def test_kept_alive_the_loop_begins_without_a_component_that_cannot_be_activated
 
 
 class Limping(Breakable):
-    """A mock whose joints can lose their torque."""
+    """Mock hardware whose joints can lose their torque."""
 
     def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
         super().__init__(name, joints, clock)
@@ -508,7 +508,7 @@ class Limping(Breakable):
 
 
 class Asking(Limping):
-    """One that knows of lost torque only once it has asked its joints."""
+    """Mock hardware that notices lost torque only after a torque check."""
 
     def __init__(self, name: str, joints: Sequence[str], clock: SimulatedClock) -> None:
         super().__init__(name, joints, clock)
@@ -522,7 +522,7 @@ class Asking(Limping):
 
 
 def limping() -> tuple[Two, Limping]:
-    """The elbow has lost its torque, and has sunk to -0.7, while all joints are under way."""
+    """Return a rig in which all joints move and the elbow has lost its torque and sunk to -0.7."""
     two = Two()
     arm = Limping("arm", ("shoulder", "elbow"), two.clock)
     two.components.components[0].hardware = two.arm = arm
@@ -533,7 +533,7 @@ def limping() -> tuple[Two, Limping]:
 
 
 def asking() -> tuple[Two, Asking]:
-    """All joints are under way, and hold their torque."""
+    """Return a rig in which all joints move under torque."""
     two = Two()
     arm = Asking("arm", ("shoulder", "elbow"), two.clock)
     two.components.components[0].hardware = two.arm = arm
@@ -551,7 +551,7 @@ def test_a_joint_without_torque_is_activated_again_while_its_component_stays_act
     assert gentle(arm.written)
     held = arm.written[-1].copy()
     written = len(arm.written)
-    arm._position[:] = held[0] - 0.01, -0.7  # the one gives way a little under its load, the other has sunk
+    arm._position[:] = held[0] - 0.01, -0.7  # One joint yields slightly under its load, and the other has sunk.
     for mover in two.movers.values():
         mover.speed = 0.0
     two.work()
@@ -562,7 +562,7 @@ def test_a_joint_without_torque_is_activated_again_while_its_component_stays_act
     np.testing.assert_allclose(arm.written[written:], [(held[0], -0.7)] * 3)
 
 
-def test_where_that_fails_all_is_as_it_was_before() -> None:
+def test_a_failed_reactivation_leaves_the_component_as_before() -> None:
     two, arm = limping()
     arm.failing["reactivate"] = ActivationError("not activated: elbow is silent")
     change = two.set(ACTIVE, "arm")
@@ -572,7 +572,7 @@ def test_where_that_fails_all_is_as_it_was_before() -> None:
     assert two.active() == ["shoulder", "elbow", "finger"]
 
 
-def test_a_joint_that_cannot_be_commanded_afterwards_drops_none_of_the_others() -> None:
+def test_a_reactivated_joint_that_cannot_be_commanded_does_not_release_the_others() -> None:
     two, arm = limping()
     change = two.loop.component_transitions.ask("arm", ACTIVE)
     two.cycle(20)
@@ -584,7 +584,7 @@ def test_a_joint_that_cannot_be_commanded_afterwards_drops_none_of_the_others() 
     assert two.active() == ["finger"]
 
 
-def test_an_active_component_that_has_all_its_torque_keeps_its_controllers() -> None:
+def test_an_active_component_with_full_torque_keeps_its_controllers() -> None:
     two, arm = limping()
     arm.lost = frozenset()
     assert two.set(ACTIVE, "arm").result() is None
@@ -592,7 +592,7 @@ def test_an_active_component_that_has_all_its_torque_keeps_its_controllers() -> 
     assert two.active() == ["shoulder", "elbow", "finger"]
 
 
-def test_a_request_asks_for_torque_before_it_is_answered() -> None:
+def test_a_request_checks_the_torque_before_it_completes() -> None:
     two, arm = asking()
     arm.limp = frozenset({"elbow"})
     change = two.loop.component_transitions.ask("arm", ACTIVE)
@@ -605,7 +605,7 @@ def test_a_request_asks_for_torque_before_it_is_answered() -> None:
     assert arm.changes() == ["ask", "reactivate"]
 
 
-def test_a_request_waits_for_an_answer_that_was_lost() -> None:
+def test_a_request_repeats_a_torque_check_whose_answer_was_lost() -> None:
     two, arm = asking()
     arm.unanswered = [frozenset({"elbow"})]
     change = two.loop.component_transitions.ask("arm", ACTIVE)
@@ -616,17 +616,17 @@ def test_a_request_waits_for_an_answer_that_was_lost() -> None:
     assert two.active() == ["shoulder", "elbow", "finger"], "nothing ends meanwhile"
 
 
-def test_a_joint_that_never_says_whether_it_has_torque_is_named() -> None:
+def test_a_joint_that_never_reports_its_torque_is_named() -> None:
     two, arm = asking()
     arm.unanswered = [frozenset({"elbow"})] * 100
     change = two.loop.component_transitions.ask("arm", ACTIVE)
     two.cycle(10)
-    with pytest.raises(LifecycleError, match=r"^arm: elbow does not say whether it has torque"):
+    with pytest.raises(LifecycleError, match=r"^arm: elbow did not report whether torque is enabled"):
         change.result()
     assert two.active() == ["shoulder", "elbow", "finger"]
 
 
-def test_a_component_whose_port_is_gone_is_lost_by_the_question() -> None:
+def test_a_torque_check_on_a_lost_port_loses_the_component() -> None:
     two, arm = asking()
     arm.failing["ask"] = PortLost(GONE)
     change = two.loop.component_transitions.ask("arm", ACTIVE)

@@ -1,4 +1,4 @@
-"""A controller's settings mean the same in the controllers file, in the service and from the spawner."""
+"""Test that settings have the same effect in the controllers file, in a service call and from the spawner."""
 
 from pathlib import Path
 from typing import Any, cast
@@ -18,20 +18,20 @@ HERE = {"type": HAND_TYPE}
 
 
 def in_the_entry(settings: dict[str, Any]) -> str:
-    """The controllers file with the settings in the manager's section."""
+    """Return a controllers file with the settings in the manager's section."""
     lines = "".join(f"\n      {key}: {value}" for key, value in settings.items())
     return PLAIN.replace(f"    hand_controller:\n      type: {HAND_TYPE}", f"    hand_controller:{lines}")
 
 
 def in_its_section(settings: dict[str, Any]) -> str:
-    """The controllers file with the settings in the controller's own section."""
+    """Return a controllers file with the settings in the controller's own section."""
     lines = "".join(f"    {key}: {value}\n" for key, value in settings.items())
     text = PLAIN.replace(f"    hand_controller:\n      type: {HAND_TYPE}\n", "    hand_controller: {}\n")
     return text.replace("    joints: [right]\n", f"    joints: [right]\n{lines}")
 
 
 def loaded(tmp_path: Path, text: str, settings: Settings | None = None) -> ControllerSpec:
-    """The hand's spec as the service makes it beside this file."""
+    """Return the hand's spec that a service call creates with this controllers file."""
     context = ControllerContext(*description(), {}, lambda name: True)
     return Factory(load(tmp_path, text), cast(Any, context)).spec("hand_controller", settings or Settings())
 
@@ -49,7 +49,7 @@ def settings(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
     }
 
 
-def test_settings_mean_the_same_wherever_they_are(settings: dict[str, Any], tmp_path: Path) -> None:
+def test_settings_have_the_same_effect_from_every_source(settings: dict[str, Any], tmp_path: Path) -> None:
     entry, section = in_the_entry(settings), in_its_section(settings)
     asked = Settings.of(settings | {"node_options_args": ARGUMENTS})
     specs = [
@@ -67,14 +67,14 @@ def test_settings_mean_the_same_wherever_they_are(settings: dict[str, Any], tmp_
     assert specs[0].fallback == ("arm_controller",)
 
 
-def test_a_clients_settings_count_more_than_the_files(tmp_path: Path) -> None:
+def test_the_settings_of_a_client_override_those_of_the_file(tmp_path: Path) -> None:
     text = in_the_entry({"type": HAND_TYPE, "node_options_args": ARGUMENTS})
     spec = loaded(tmp_path, text, Settings(node_arguments=("-p", "joints:=[joint1]")))
     assert spec.parameters.claims() == ("joint1/position",)
     assert spec.node_arguments == ("--ros-args", "-p", "joints:=[joint1]")
 
 
-def test_without_a_type_nothing_is_loaded(tmp_path: Path) -> None:
+def test_a_controller_without_a_type_is_not_loaded(tmp_path: Path) -> None:
     context = ControllerContext(*description(), {}, lambda name: True)
     factory = Factory(load(tmp_path, PLAIN), cast(Any, context))
     with pytest.raises(ControllersFileError, match=r"^The 'type' param was not defined for 'elbow': set elbow.type on"):
@@ -94,7 +94,7 @@ def test_without_a_type_nothing_is_loaded(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("written", [in_the_entry, in_its_section])
-def test_a_setting_that_is_no_text_is_a_mistake_with_its_line(
+def test_a_setting_that_is_not_a_string_is_reported_with_its_line(
     name: str, value: str, written: Any, tmp_path: Path
 ) -> None:
     with pytest.raises(ControllersFileError) as error:

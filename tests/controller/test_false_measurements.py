@@ -1,4 +1,4 @@
-"""A position that a joint cannot have reached is not believed, whatever the hardware, until a reading confirms it."""
+"""Test that an implausible position is ignored until a second reading confirms it, on any hardware."""
 
 import logging
 from collections.abc import Callable
@@ -23,7 +23,7 @@ WORDS = "no joint moves as fast, so a second reading must confirm it"
 
 
 def falsify(hardware: Hardware, number: Callable[[int], float], joint: int = ELBOW) -> None:
-    """Add ``number(n)`` to the position of a joint in the n-th reading from now on."""
+    """Add ``number(n)`` to the position of a joint in the n-th reading from now."""
     read, count = hardware.read, 0
 
     def falsified() -> JointState:
@@ -43,7 +43,7 @@ def once(at: int, leap: float = LEAP) -> Callable[[int], float]:
 
 @pytest.mark.parametrize("leap", [LEAP, -LEAP, 0.7])
 @pytest.mark.parametrize("at", [0, 6, 12, 20, 30])
-def test_one_false_reading_ends_no_goal_and_moves_nothing(at: int, leap: float) -> None:
+def test_one_false_reading_does_not_end_a_goal_or_move_a_joint(at: int, leap: float) -> None:
     truth, bench = Bench().up(), Bench().up()
     falsify(bench.hardware, once(at, leap))
     states: list[JointState] = []
@@ -60,7 +60,7 @@ def test_one_false_reading_ends_no_goal_and_moves_nothing(at: int, leap: float) 
     assert np.abs(np.diff([state.position[ELBOW] for state in states])).max() < 2 * ARM_LIMITS.velocity * PERIOD_S
 
 
-def test_a_leap_that_lasts_is_believed_with_the_second_reading(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_leap_is_accepted_when_a_second_reading_confirms_it(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().up()
     falsify(bench.hardware, lambda n: LEAP if n >= 3 else 0.0)
     states: list[JointState] = []
@@ -74,7 +74,7 @@ def test_a_leap_that_lasts_is_believed_with_the_second_reading(caplog: pytest.Lo
     ]
 
 
-def test_whatever_a_joint_can_do_is_believed() -> None:
+def test_every_possible_motion_of_a_joint_is_accepted() -> None:
     bench = Bench().up()
     states: list[JointState] = []
     bench.loop.on_cycle = states.append
@@ -84,7 +84,7 @@ def test_whatever_a_joint_can_do_is_believed() -> None:
     assert not any(state.faults for state in states)
 
 
-def test_a_component_that_comes_back_begins_anew() -> None:
+def test_a_reactivated_component_forgets_old_readings() -> None:
     bench = Bench().up()
     bench.cycle(3)
     for target in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
@@ -97,8 +97,8 @@ def test_a_component_that_comes_back_begins_anew() -> None:
     assert not states[-1].faults
 
 
-def test_a_reading_is_compared_when_it_is_new_and_not_when_it_is_shown_again() -> None:
-    """A component that is read in every third cycle confirms nothing meanwhile."""
+def test_only_new_readings_confirm_a_leap() -> None:
+    """A component that is read in every third cycle does not confirm a leap in the other cycles."""
     clock = SimulatedClock(5.0)
     hardware = MockHardware("slow", ("a",), clock)
     components = ComponentSet([hardware, MockHardware("other", ("b",), clock)], clock, [3, 1])
@@ -115,7 +115,7 @@ def test_a_reading_is_compared_when_it_is_new_and_not_when_it_is_shown_again() -
     assert seen == [(0.0, False)] * 3 + [(0.0, True)] * 3 + [(LEAP, False)] * 3
 
 
-def test_a_joint_without_ends_has_no_leap_at_its_turn() -> None:
+def test_a_continuous_joint_does_not_leap_at_a_full_turn() -> None:
     clock = SimulatedClock(5.0)
     hardware = MockHardware("wheel", ("a",), clock)
     components = ComponentSet([hardware], clock)
@@ -129,7 +129,7 @@ def test_a_joint_without_ends_has_no_leap_at_its_turn() -> None:
 
 
 @pytest.mark.parametrize("at", [3, 10, 18])
-def test_the_arm_in_mujoco_is_moved_by_no_false_reading(at: int) -> None:
+def test_false_readings_do_not_move_the_arm_in_mujoco(at: int) -> None:
     paths = []
     for leap in (0.0, LEAP):
         stack = SimulatedStack(wire=False).up()

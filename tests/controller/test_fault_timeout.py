@@ -1,4 +1,4 @@
-"""A goal is given up after so many cycles with a fault, at each rate."""
+"""Test that a goal is aborted after the same duration of a fault at every rate."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from hal.types import JointFault
 
 SILENT = {"elbow": JointFault("silent", "servo 2 does not answer")}
 STALL_S = 0.2
-"""A line may stall for so long."""
+"""Duration of a bus stall that must not abort a goal, in seconds."""
 
 
 def cycles_until_given_up(period_s: float) -> int:
@@ -16,12 +16,12 @@ def cycles_until_given_up(period_s: float) -> int:
 
 
 @pytest.mark.parametrize(("rate_hz", "cycles"), [(5, 7), (20, 7), (50, 18), (100, 35), (400, 140)])
-def test_seven_cycles_or_as_many_as_make_0_35_s_whichever_is_more(rate_hz: int, cycles: int) -> None:
+def test_the_timeout_is_seven_cycles_or_0_35_s_whichever_is_longer(rate_hz: int, cycles: int) -> None:
     assert cycles_until_given_up(1.0 / rate_hz) == cycles
-    assert cycles - 1 > STALL_S * rate_hz + 1  # those that a stall can take, and one for what it has left behind
+    assert cycles - 1 > STALL_S * rate_hz + 1  # The cycles of a stall, and one for its late answers.
 
 
-def test_the_cycles_must_come_in_a_row() -> None:
+def test_only_consecutive_cycles_count() -> None:
     timeout = FaultTimeout(("shoulder", "elbow"))
     for faults in ([SILENT] * 6 + [{}]) * 3:
         assert timeout.lasting(faults, 0.05) is None
@@ -31,7 +31,7 @@ SHOULDER = {"shoulder": JointFault("silent", "servo 1 does not answer")}
 FINGER = {"finger": JointFault("silent", "servo 7 does not answer")}
 
 
-def test_each_joint_counts_for_itself_and_others_not_at_all() -> None:
+def test_joints_are_counted_separately_and_other_joints_are_ignored() -> None:
     timeout = FaultTimeout(("shoulder", "elbow"))
     alternating = [
         {

@@ -1,4 +1,4 @@
-"""The hand's commands, and when the hand has settled."""
+"""Test the commands of a hand, and when the hand has settled."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def hand_commands(bench: Bench) -> list[float]:
     ],
     ids=["wrong length", "NaN", "inf", "-inf", "empty"],
 )
-def test_what_is_no_command_is_dropped_and_the_hand_goes_on(values: list[float], reason: str | None) -> None:
+def test_an_invalid_command_is_dropped_and_the_hand_continues(values: list[float], reason: str | None) -> None:
     bench = Bench().up()
     bench.hand.submit([0.002])
     bench.cycle(2)
@@ -51,7 +51,7 @@ def test_a_command_beyond_the_limits_goes_to_the_limit(
     assert ("outside the limits" in caplog.text) == (wanted != expected)
 
 
-def test_it_holds_where_it_is_until_the_first_command() -> None:
+def test_the_hand_holds_its_position_until_the_first_command() -> None:
     bench = Bench()
     bench.hardware._position = np.array([0.0, 0.0, 0.03])
     bench.up().cycle(3)
@@ -65,7 +65,7 @@ def test_the_last_command_is_repeated_in_every_cycle() -> None:
     assert hand_commands(bench) == pytest.approx([0.004] * 5)
 
 
-def test_of_several_commands_in_a_cycle_the_newest_counts() -> None:
+def test_the_latest_of_several_commands_in_a_cycle_is_used() -> None:
     bench = Bench().up()
     for value in (0.001, 0.002, 0.003):
         bench.hand.submit([value])
@@ -73,14 +73,14 @@ def test_of_several_commands_in_a_cycle_the_newest_counts() -> None:
     assert hand_commands(bench) == pytest.approx([0.003])
 
 
-def test_a_command_from_before_the_activation_is_not_obeyed() -> None:
+def test_a_command_from_before_the_activation_is_ignored() -> None:
     bench = Bench()
     bench.hand.submit([0.05])
     bench.up().cycle(3)
     assert hand_commands(bench) == [0.0] * 3
 
 
-# Settled
+# Settling
 
 
 def slow_bench(way_per_cycle: float = 0.004) -> Bench:
@@ -90,7 +90,7 @@ def slow_bench(way_per_cycle: float = 0.004) -> Bench:
     return bench
 
 
-def test_it_is_unsettled_from_the_moment_in_which_the_command_is_handed_over() -> None:
+def test_the_hand_is_unsettled_as_soon_as_a_command_is_submitted() -> None:
     bench = slow_bench()
     assert bench.hand.settled()
     bench.hand.submit([0.05])
@@ -99,14 +99,14 @@ def test_it_is_unsettled_from_the_moment_in_which_the_command_is_handed_over() -
     assert not bench.hand.settled()
 
 
-def test_it_is_settled_on_arrival() -> None:
+def test_the_hand_is_settled_on_arrival() -> None:
     bench = slow_bench()
     bench.hand.submit([0.05])
     bench.cycles_until(bench.hand.settled)
     assert bench.hardware.read().position[2] == pytest.approx(0.05, abs=0.02 * HAND_LIMITS.upper + 1e-9)
 
 
-def test_it_is_settled_when_the_fingers_stall_but_not_before_they_could_have_begun_to_move() -> None:
+def test_the_hand_is_settled_when_its_fingers_stall_but_not_before_they_can_move() -> None:
     bench = slow_bench()
     bench.hardware.stuck = {HAND}
     bench.hand.submit([0.05])
@@ -114,8 +114,8 @@ def test_it_is_settled_when_the_fingers_stall_but_not_before_they_could_have_beg
     assert 0.1 < cycles * PERIOD_S <= 0.2
 
 
-def test_fingers_that_let_go_are_not_settled_while_their_goal_is_on_its_way_back_to_them() -> None:
-    """The gate brings the goal from deep in the object to the fingers first, and meanwhile they stand."""
+def test_releasing_fingers_are_not_settled_until_the_command_reaches_them() -> None:
+    """The command first moves from inside the object back to the fingers, which are at rest until then."""
     bench = slow_bench()
     bench.hardware.objects = {HAND: 0.02}
     bench.hand.submit([0.05])
@@ -127,7 +127,7 @@ def test_fingers_that_let_go_are_not_settled_while_their_goal_is_on_its_way_back
     assert bench.hardware.read().position[2] == pytest.approx(0.0, abs=0.02 * HAND_LIMITS.upper + 1e-9)
 
 
-def test_fingers_that_stall_and_slip_on_are_not_settled_in_between() -> None:
+def test_fingers_that_stall_briefly_and_slip_are_not_settled() -> None:
     bench = slow_bench()
     bench.hand.submit([0.05])
     for _ in range(3):
@@ -139,7 +139,7 @@ def test_fingers_that_stall_and_slip_on_are_not_settled_in_between() -> None:
         assert not bench.hand.settled()
 
 
-def test_the_same_command_again_does_not_unsettle_it() -> None:
+def test_a_repeated_command_does_not_unsettle_the_hand() -> None:
     bench = slow_bench()
     bench.hand.submit([0.05])
     bench.cycles_until(bench.hand.settled)
@@ -148,7 +148,7 @@ def test_the_same_command_again_does_not_unsettle_it() -> None:
     assert bench.hand.settled()
 
 
-def test_a_hand_that_is_not_measured_never_settles() -> None:
+def test_an_unmeasured_hand_never_settles() -> None:
     bench = Bench().up()
     bench.hand.submit([0.05])
     for _ in range(20):
@@ -158,7 +158,7 @@ def test_a_hand_that_is_not_measured_never_settles() -> None:
 
 
 @pytest.mark.parametrize("period_s", [0.001, 0.01, 0.05, 0.1, 0.5, 1.0])
-def test_at_no_rate_is_it_settled_by_what_was_measured_before_the_command(period_s: float) -> None:
+def test_a_measurement_from_before_the_command_never_settles_the_hand(period_s: float) -> None:
     hand = ForwardCommandController("hand", (HAND,), (HAND_LIMITS,), (HAND,))
     standing = JointState(0.0, np.zeros(1), np.zeros(1), np.zeros(1))
     hand.activate(standing, np.zeros(1))

@@ -1,4 +1,4 @@
-"""Velocities through the whole cycle: controller, manager, gate, and a mock whose joints they move."""
+"""Test velocity commands through controller, manager, safety gate and mock hardware."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,12 +19,12 @@ from sim_backend.clock import SimulatedClock
 from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S
 
 LIMITS = dict.fromkeys(ARM, replace(ARM_LIMITS, lower=-100.0, upper=100.0))
-"""The gate brakes a joint before the end of its range: here it is far away."""
+"""Limits far away, because the safety gate brakes a joint before the end of its range."""
 
 
 @dataclass
 class Drive:
-    """Two joints that take velocities."""
+    """A drive with two joints that accept velocities."""
 
     parameters: dict[str, Any] = field(default_factory=dict)
     clock: SimulatedClock = field(default_factory=lambda: SimulatedClock(10.0))
@@ -42,7 +42,7 @@ class Drive:
         self.loop.activate()
 
     def cycle(self, count: int) -> FloatArray:
-        """The measured velocities, shape (cycles, 2)."""
+        """Run cycles and return the measured velocities, shape (cycles, 2)."""
         measured = []
         for _ in range(count):
             self.clock.sleep_until(self.clock.now() + PERIOD_S)
@@ -51,11 +51,11 @@ class Drive:
 
 
 def steps(velocities: FloatArray) -> float:
-    """The largest acceleration."""
+    """Return the largest acceleration."""
     return float(np.abs(np.diff(velocities, axis=0)).max() / PERIOD_S)
 
 
-def test_joints_move_as_they_are_told_and_stand_when_nobody_says_so_any_more() -> None:
+def test_joints_follow_commands_and_stop_after_the_last_one() -> None:
     drive = Drive()
     assert drive.cycle(5).tolist() == [[0.0, 0.0]] * 5
     drive.controller.submit([0.5, -1.0])
@@ -66,7 +66,7 @@ def test_joints_move_as_they_are_told_and_stand_when_nobody_says_so_any_more() -
 
 
 @pytest.mark.parametrize("strict", [False, True])
-def test_after_a_message_of_the_wrong_length_it_is_active_or_as_upstream_not(strict: bool) -> None:
+def test_a_message_of_the_wrong_length_deactivates_only_in_strict_mode(strict: bool) -> None:
     drive = Drive({"deactivate_on_wrong_length": strict, "command_timeout": 0.0})
     drive.controller.submit([0.5, -1.0])
     drive.cycle(5)

@@ -1,4 +1,4 @@
-"""Forward command controllers of positions, velocities and efforts, under upstream's names for them."""
+"""Test forward command controllers of positions, velocities and efforts, under all their ros2_control types."""
 
 import math
 from dataclasses import replace
@@ -42,7 +42,7 @@ def rates(interface: str = "velocity", limits: JointLimits = AT_ONCE, **paramete
 
 
 def cycles(controller: RateCommandController, count: int) -> list[list[float]]:
-    """The commands of so many cycles."""
+    """Run cycles and return their commands."""
     commands = []
     for _ in range(count):
         controller.update(STANDING, 0.0, PERIOD_S)
@@ -58,7 +58,7 @@ def cycles(controller: RateCommandController, count: int) -> list[list[float]]:
         (JointGroupEffortController, "effort"),
     ],
 )
-def test_upstreams_groups_know_their_interface(kind: type[ForwardCommandController], interface: str) -> None:
+def test_group_controllers_have_a_fixed_interface(kind: type[ForwardCommandController], interface: str) -> None:
     parameters = kind.parameters_type.model_validate({"joints": JOINTS})
     assert isinstance(parameters, ForwardParameters)
     assert parameters.unused() == []
@@ -71,27 +71,27 @@ def test_upstreams_groups_know_their_interface(kind: type[ForwardCommandControll
 @pytest.mark.parametrize(
     "kind", [JointGroupPositionController, JointGroupVelocityController, JointGroupEffortController]
 )
-def test_a_group_of_another_interface_is_refused(kind: type[ForwardCommandController]) -> None:
+def test_a_group_controller_rejects_another_interface(kind: type[ForwardCommandController]) -> None:
     with pytest.raises(ValueError, match="interface_name"):
         kind.parameters_type.model_validate({"joints": JOINTS, "interface_name": "acceleration"})
 
 
 @pytest.mark.parametrize("interface", ["position", "velocity", "effort"])
-def test_the_plain_kind_takes_each_interface(interface: str) -> None:
+def test_the_forward_command_controller_supports_every_interface(interface: str) -> None:
     parameters = ForwardParameters.model_validate({"joints": JOINTS, "interface_name": interface})
     made = ForwardCommandController.build("plain", parameters, context())
     assert made.kind == "forward_command_controller/ForwardCommandController"
     assert made.command_interfaces == tuple(f"{joint}/{interface}" for joint in JOINTS)
 
 
-def test_a_time_out_means_nothing_to_positions() -> None:
+def test_positions_have_no_timeout() -> None:
     parameters = ForwardParameters(joints=JOINTS, interface_name="position", command_timeout=1.0)
-    assert parameters.unused() == ["command_timeout (a position is held)"]
+    assert parameters.unused() == ["command_timeout (positions have no timeout)"]
     assert ForwardParameters(joints=JOINTS, interface_name="velocity", command_timeout=1.0).unused() == []
 
 
 @pytest.mark.parametrize("interface", ["velocity", "effort"])
-def test_it_is_zero_until_the_first_command(interface: str) -> None:
+def test_the_command_is_zero_until_the_first_message(interface: str) -> None:
     controller = rates(interface)
     assert cycles(controller, 2) == [[0.0, 0.0]] * 2
     assert controller.settled()
@@ -119,7 +119,7 @@ def test_velocities_change_no_faster_than_the_acceleration_limits() -> None:
     assert path[-1].tolist() == [4.0, -0.3]
 
 
-def test_it_takes_over_joints_that_still_move_and_brings_them_to_rest() -> None:
+def test_joints_that_still_move_at_activation_are_brought_to_rest() -> None:
     controller = rates(limits=LIMITS)
     controller.activate(STANDING, np.array([1.0, -0.7]))
     np.testing.assert_allclose(cycles(controller, 3), [[0.4, -0.1], [0.0, 0.0], [0.0, 0.0]], atol=1e-12)
@@ -128,10 +128,10 @@ def test_it_takes_over_joints_that_still_move_and_brings_them_to_rest() -> None:
 @pytest.mark.parametrize(
     ("timeout_s", "driven"),
     [(0.0, 40), (0.5, 11), (0.12, 3)],
-    ids=["0: never, as upstream", "as by default", "another"],
+    ids=["0: never, as in ros2_control", "default", "another"],
 )
 @pytest.mark.parametrize("interface", ["velocity", "effort"])
-def test_a_command_without_a_successor_falls_to_zero(
+def test_a_command_that_is_not_repeated_becomes_zero(
     interface: str, timeout_s: float, driven: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     controller = rates(interface, command_timeout=timeout_s)
@@ -142,7 +142,7 @@ def test_a_command_without_a_successor_falls_to_zero(
     assert controller.settled() == (driven < 40)
 
 
-def test_the_default_time_out_is_half_a_second_and_commands_in_time_keep_it_going() -> None:
+def test_the_default_timeout_is_half_a_second() -> None:
     controller = rates()
     for _ in range(6):
         controller.submit([1.0, 1.0])
@@ -150,17 +150,17 @@ def test_the_default_time_out_is_half_a_second_and_commands_in_time_keep_it_goin
     assert cycles(controller, 2) == [[1.0, 1.0], [0.0, 0.0]]
 
 
-def test_the_time_out_can_be_set_while_it_runs() -> None:
+def test_the_timeout_can_be_set_while_the_controller_runs() -> None:
     controller = rates()
     controller.reconfigure(ForwardParameters(joints=JOINTS, interface_name="velocity", command_timeout=0.0))
     controller.submit([1.0, 1.0])
     assert cycles(controller, 40)[-1] == [1.0, 1.0]
 
 
-def test_a_time_out_of_positions_cannot_be_set() -> None:
+def test_the_timeout_of_positions_cannot_be_set() -> None:
     parameters = ForwardParameters(joints=JOINTS, interface_name="position")
     made: Any = ForwardCommandController.build("plain", parameters, context())
-    with pytest.raises(ValueError, match="a position is held"):
+    with pytest.raises(ValueError, match="positions have no timeout"):
         made.reconfigure(parameters)
 
 
@@ -173,18 +173,18 @@ def test_a_time_out_of_positions_cannot_be_set() -> None:
         (JointGroupPositionController, set()),
     ],
 )
-def test_the_time_out_is_all_that_can_be_set(kind: type[ForwardCommandController], settable: set[str]) -> None:
+def test_only_the_timeout_can_be_set(kind: type[ForwardCommandController], settable: set[str]) -> None:
     assert kind.settable == settable
 
 
-def test_deactivated_it_is_at_zero_and_forgets_what_was_asked_for() -> None:
+def test_deactivation_resets_the_command_to_zero() -> None:
     controller = rates()
     controller.submit([1.0, 1.0])
     cycles(controller, 1)
     controller.submit([2.0, 2.0])
     controller.deactivate()
     assert controller.command.tolist() == [0.0, 0.0]
-    controller.submit([3.0, 3.0])  # nobody is in command
+    controller.submit([3.0, 3.0])  # The controller is inactive.
     controller.activate(STANDING, np.full(2, NAN))
     assert cycles(controller, 1) == [[0.0, 0.0]]
 
@@ -202,7 +202,7 @@ def test_deactivated_it_is_at_zero_and_forgets_what_was_asked_for() -> None:
         ([], None),
     ],
 )
-def test_what_is_no_command_is_dropped_and_does_not_keep_the_last_one_alive(
+def test_an_invalid_command_is_dropped_and_does_not_extend_the_last_one(
     values: list[float], reason: str | None
 ) -> None:
     controller = rates(command_timeout=0.12)
@@ -213,7 +213,7 @@ def test_what_is_no_command_is_dropped_and_does_not_keep_the_last_one_alive(
 
 
 @pytest.mark.parametrize("interface", ["position", "velocity", "effort"])
-def test_upstreams_way_with_a_wrong_length_is_one_setting_away(interface: str) -> None:
+def test_a_setting_restores_ros2_controls_reaction_to_a_wrong_length(interface: str) -> None:
     parameters = ForwardParameters.model_validate(
         {"joints": JOINTS, "interface_name": interface, "deactivate_on_wrong_length": True}
     )

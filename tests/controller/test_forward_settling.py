@@ -1,4 +1,4 @@
-"""When joints have settled, with limits on both sides of zero."""
+"""Test when joints have settled, with limits on both sides of zero."""
 
 from dataclasses import replace
 
@@ -13,17 +13,17 @@ PERIOD_S = 0.05
 
 
 def state(position: float, velocity: float = 0.0) -> JointState:
-    """Of two joints, the second of which is watched."""
+    """Return a state of two joints, of which the second is watched."""
     return JointState(0.0, np.array([9.0, position]), np.array([9.0, velocity]), np.zeros(2))
 
 
 def looked(command: float, *states: JointState) -> list[bool]:
-    """Whether it has settled after each cycle."""
+    """Return whether the joint has settled after each cycle."""
     settling = Settling(["finger"], [LIMITS], [1])
     settling.command_changed()
     settled = []
     for seen in states:
-        settling.look(np.array([command]), np.array([command]), seen, PERIOD_S)
+        settling.update(np.array([command]), np.array([command]), seen, PERIOD_S)
         settled.append(settling.settled)
     return settled
 
@@ -42,14 +42,14 @@ def test_a_joint_that_hardly_moves_has_stalled(velocity: float, stalls: bool) ->
     assert looked(0.5, *[state(0.0, velocity)] * 10)[-1] == stalls
 
 
-def test_it_must_stand_still_for_a_while_and_not_be_about_to_begin() -> None:
+def test_a_joint_settles_only_after_resting_for_some_time() -> None:
     settled = looked(0.5, *[state(0.0)] * 10)
     assert settled.index(True) * PERIOD_S > STILL_S
     assert settled == [False] * 4 + [True] * 6 or settled == [False] * 3 + [True] * 7
 
 
-def test_a_joint_that_is_not_measured_has_neither_stalled_nor_arrived() -> None:
-    """A line that stalls for four cycles must not let the arm go with open fingers."""
+def test_an_unmeasured_joint_has_neither_stalled_nor_arrived() -> None:
+    """A stall of four cycles must not start the arm while its fingers are still open."""
     silent = replace(state(0.0), faults={"finger": JointFault("silent", "servo 7 does not answer")})
     moving, there = state(0.2, 0.9), state(0.5)
     assert looked(0.5, state(0.0), *[silent] * 4, moving, there) == [False] * 6 + [True]
@@ -58,7 +58,7 @@ def test_a_joint_that_is_not_measured_has_neither_stalled_nor_arrived() -> None:
     assert looked(0.5, elsewhere) == [True]
 
 
-def test_who_was_told_nothing_has_settled() -> None:
+def test_a_joint_without_a_command_is_settled() -> None:
     settling = Settling(["finger"], [LIMITS], [1])
-    settling.look(np.array([0.5]), np.array([0.5]), state(0.0, 0.5), PERIOD_S)
+    settling.update(np.array([0.5]), np.array([0.5]), state(0.0, 0.5), PERIOD_S)
     assert settling.settled

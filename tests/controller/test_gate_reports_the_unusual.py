@@ -1,4 +1,4 @@
-"""Controllers keep their own commands within a period's reach, so the safety gate reports only what is unusual."""
+"""Test that controllers keep the velocity limits themselves, so that the safety gate logs only unusual commands."""
 
 from collections.abc import Callable, Iterator
 
@@ -52,7 +52,7 @@ def test_a_hand_command_is_a_ramp_at_the_velocity_limit(gate_lines: Callable[[],
 
 
 @pytest.mark.parametrize("method", ["ruckig", "splines", "none"])
-def test_a_late_cycle_of_a_fast_trajectory_is_none_of_the_gates_business(
+def test_the_gate_does_not_change_a_fast_trajectory_in_a_late_cycle(
     method: str, gate_lines: Callable[[], list[str]]
 ) -> None:
     bench = Bench(arm_parameters(interpolation_method=method)).up()
@@ -67,7 +67,7 @@ def test_a_late_cycle_of_a_fast_trajectory_is_none_of_the_gates_business(
     assert gate_lines() == []
 
 
-def test_a_late_cycle_of_a_gripper_goal_is_none_either(gate_lines: Callable[[], list[str]]) -> None:
+def test_the_gate_does_not_change_a_gripper_goal_in_a_late_cycle(gate_lines: Callable[[], list[str]]) -> None:
     clock = SimulatedClock(10.0)
     components = ComponentSet([ScriptedHardware(clock)], clock)
     manager = ControllerManager(components, LIMITS)
@@ -86,7 +86,7 @@ def test_a_late_cycle_of_a_gripper_goal_is_none_either(gate_lines: Callable[[], 
 
 def test_a_controller_that_leaps_is_reported(gate_lines: Callable[[], list[str]]) -> None:
     class Leaping:
-        """A controller of somebody who forgot that joints take time."""
+        """Controller that ignores the velocity limits."""
 
         def __init__(self, wrapped: Controller) -> None:
             self._wrapped = wrapped
@@ -103,7 +103,7 @@ def test_a_controller_that_leaps_is_reported(gate_lines: Callable[[], list[str]]
     assert gate_lines() == ["safety gate: finger: 0.0400 is too far for one period: going to 0.0050"]
 
 
-def test_a_hand_that_begins_outside_its_limits_is_reported(gate_lines: Callable[[], list[str]]) -> None:
+def test_a_hand_that_starts_outside_its_limits_is_reported(gate_lines: Callable[[], list[str]]) -> None:
     bench = Bench()
     bench.hardware._position = np.array([0.0, 0.0, 0.051])
     bench.up().cycle(20)

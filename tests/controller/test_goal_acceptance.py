@@ -1,4 +1,4 @@
-"""Which goals are refused, and in which words; the texts of ros2_control where it has some."""
+"""Test which goals are rejected, and their texts, which are those of ros2_control if it has the same check."""
 
 import dataclasses
 
@@ -40,14 +40,14 @@ def goal(*points: GoalPoint, joints: tuple[str, ...] = JOINTS, delay_s: float = 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
 
 FAR = (
-    "the trajectory would end {} s from now, and the most is 3600 s: the points' times count from its start, "
-    "and its stamp by the stack's clock (simulated time where /clock has it)"
+    "the trajectory would end {} s from now, but the maximum is 3600 s: check that its point times start at 0 "
+    "and that its stamp uses the stack's clock (or /clock in simulated time)"
 )
 ORDINARY = Allowed()
 
 
 def reason(asked: TrajectoryGoal, allowed: Allowed = ORDINARY) -> str | None:
-    """Why it is refused, by itself or by the limits."""
+    """Return why a goal is rejected, by its own content or by the limits."""
     return reason_to_reject(asked, JOINTS, allowed) or limits_reason(asked, JOINTS, LIMITS)
 
 
@@ -89,30 +89,30 @@ REFUSED = {
         goal(point(), point(after_s=0.5)),
         "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 0.500000 respectively",
     ),
-    "a time that is none": (goal(point(after_s=NAN)), "times are nan s: only finite numbers are executed"),
-    "a time without end": (
+    "a NaN time": (goal(point(after_s=NAN)), "times are nan s: only finite values are allowed"),
+    "an infinite time": (
         goal(point(), point(after_s=INF)),
-        "times are 1.0, inf s: only finite numbers are executed",
+        "times are 1.0, inf s: only finite values are allowed",
     ),
-    "its end has passed": (
+    "an end in the past": (
         goal(point(after_s=1.0), delay_s=-1.5),
         "Received trajectory with non-zero start time that ends in the past (0.500 s ago)",
     ),
     "times since 1970": (goal(point(after_s=1.76e9)), FAR.format(1760000000)),
     "a stamp of another clock": (goal(point(after_s=1.0), delay_s=1.76e9), FAR.format(1760000001)),
-    "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite numbers are executed"),
-    "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite numbers are executed"),
+    "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite values are allowed"),
+    "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite values are allowed"),
     "NaN in the middle": (
         goal(point(), point((0.0, NAN), 2.0), point(after_s=3.0)),
-        "joint2 is nan at point #1: only finite numbers are executed",
+        "joint2 is nan at point #1: only finite values are allowed",
     ),
     "NaN velocity": (
         goal(point(velocities=(NAN, 0.0))),
-        "joint1 is nan at point #0: only finite numbers are executed",
+        "joint1 is nan at point #0: only finite values are allowed",
     ),
     "inf acceleration": (
         goal(point(accelerations=(0.0, -INF))),
-        "joint2 is -inf at point #0: only finite numbers are executed",
+        "joint2 is -inf at point #0: only finite values are allowed",
     ),
     "beyond a position limit": (
         goal(point((0.0, 1.5))),
@@ -130,7 +130,7 @@ REFUSED = {
         goal(point(accelerations=(13.0, 0.0)), point(after_s=2.0)),
         "joint1 would accelerate at 13.0000 at point #0, beyond its limit 12.0000",
     ),
-    "a last velocity that is not allowed": (
+    "a final velocity that is not allowed": (
         goal(point(velocities=(0.2, 0.0))),
         "Velocity of last trajectory point of joint joint1 is not zero: 0.200000000000000",
     ),
@@ -158,16 +158,16 @@ ACCEPTED = {
 
 
 @pytest.mark.parametrize(("asked", "text"), REFUSED.values(), ids=REFUSED.keys())
-def test_refused_in_these_words(asked: TrajectoryGoal, text: str) -> None:
+def test_an_invalid_goal_is_rejected_with_its_text(asked: TrajectoryGoal, text: str) -> None:
     assert reason(asked) == text
 
 
 @pytest.mark.parametrize("asked", ACCEPTED.values(), ids=ACCEPTED.keys())
-def test_accepted(asked: TrajectoryGoal) -> None:
+def test_a_valid_goal_is_accepted(asked: TrajectoryGoal) -> None:
     assert reason(asked) is None
 
 
-def test_a_last_velocity_is_accepted_where_the_controllers_file_allows_it() -> None:
+def test_a_final_velocity_is_accepted_if_the_controllers_file_allows_it() -> None:
     moving = goal(point(velocities=(0.2, 0.0)))
     assert reason(moving, Allowed(moving_end=True)) is None
 
@@ -175,7 +175,7 @@ def test_a_last_velocity_is_accepted_where_the_controllers_file_allows_it() -> N
 PARTIAL = Allowed(partial=True)
 
 
-def test_a_part_of_the_joints_is_accepted_where_the_controllers_file_allows_it() -> None:
+def test_a_partial_goal_is_accepted_if_the_controllers_file_allows_it() -> None:
     part = goal(point((0.5,)), joints=("joint2",))
     assert reason(part, PARTIAL) is None
     assert reason(goal(point(()), joints=()), PARTIAL) == "Empty joint names on incoming trajectory."
@@ -191,13 +191,13 @@ def test_a_part_of_the_joints_is_accepted_where_the_controllers_file_allows_it()
         (point((0.1,), velocities=(0.0, 0.0)), False),
     ],
 )
-def test_positions_may_be_missing_where_they_can_be_integrated(asked: GoalPoint, accepted: bool) -> None:
+def test_positions_may_be_missing_if_they_can_be_integrated(asked: GoalPoint, accepted: bool) -> None:
     assert (reason(goal(asked), Allowed(integration=True)) is None) == accepted
 
 
-def test_more_points_than_can_be_prepared_are_refused_in_words() -> None:
+def test_a_goal_with_too_many_points_is_rejected() -> None:
     many = goal(*(point(after_s=float(i)) for i in range(LARGEST_GOAL + 1)))
-    assert reason(many) == "5001 points are too many: send at most 5000 in one goal"
+    assert reason(many) == "the goal has 5001 points: send at most 5000 points in one goal"
 
 
 DEFAULTS = Tolerances({"joint1": 0.1}, {"joint1": 0.2, "joint2": 0.3}, 0.5)
@@ -213,7 +213,7 @@ DEFAULTS = Tolerances({"joint1": 0.1}, {"joint1": 0.2, "joint2": 0.3}, 0.5)
     ],
     ids=["none", "zero is the default", "positive overrides", "-1 erases"],
 )
-def test_tolerances_of_a_goal(
+def test_tolerances_of_a_goal_are_combined_with_the_defaults(
     asked: Tolerances, path: tuple[float, ...], at_goal: tuple[float, ...], time_s: float
 ) -> None:
     resolved = resolve(asked, DEFAULTS, JOINTS)
@@ -225,20 +225,20 @@ def test_tolerances_of_a_goal(
 @pytest.mark.parametrize(
     ("asked", "text"),
     [
-        (Tolerances({"joint1": -2.0}), "-2.0 is no tolerance"),
-        (Tolerances({}, {"joint1": -0.5}), "-0.5 is no tolerance"),
-        (Tolerances({}, {}, -2.0), "-2.0 is no tolerance"),
-        (Tolerances({"joint1": NAN}), "nan is no tolerance"),
+        (Tolerances({"joint1": -2.0}), "-2.0 is not a valid tolerance"),
+        (Tolerances({}, {"joint1": -0.5}), "-0.5 is not a valid tolerance"),
+        (Tolerances({}, {}, -2.0), "-2.0 is not a valid tolerance"),
+        (Tolerances({"joint1": NAN}), "nan is not a valid tolerance"),
         (Tolerances({"foo": 0.1}), "joint 'foo' specified in goal.path_tolerance does not exist"),
         (Tolerances({}, {"foo": 0.1}), "joint 'foo' specified in goal.goal_tolerance does not exist"),
     ],
 )
-def test_tolerances_that_make_no_sense(asked: Tolerances, text: str) -> None:
+def test_invalid_tolerances_are_rejected(asked: Tolerances, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         resolve(asked, DEFAULTS, JOINTS)
 
 
-def test_the_first_decision_on_a_goal_stands() -> None:
+def test_the_first_result_of_a_goal_is_final() -> None:
     handle = GoalHandle(goal(point()))
     assert not handle.done
     handle.decide(GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, "")
@@ -247,7 +247,7 @@ def test_the_first_decision_on_a_goal_stands() -> None:
     assert handle.done
 
 
-def test_goals_cannot_be_changed_after_they_were_checked() -> None:
+def test_a_goal_cannot_be_changed_after_its_check() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         goal(point()).delay_s = 1.0  # type: ignore[misc]
 
@@ -260,7 +260,7 @@ ROUNDED = {
 
 
 @pytest.mark.parametrize("rounded", ROUNDED.values(), ids=ROUNDED)
-def test_a_planner_s_rounding_at_a_limit_is_no_excess(rounded: GoalPoint) -> None:
+def test_the_rounding_of_a_planner_does_not_exceed_a_limit(rounded: GoalPoint) -> None:
     assert reason(goal(rounded, point(after_s=2.0))) is None
 
 
@@ -273,11 +273,11 @@ def test_the_reason_shows_the_difference(value: float, shown: str) -> None:
 
 
 def from_where(stands: float, position: float) -> str | None:
-    """What is said to a point at ``position`` of joint1, which stands there; its lower limit is -2."""
+    """Return why a point at ``position`` is rejected for joint1 at its current position. Its lower limit is -2."""
     return limits_reason(goal(point((position, 0.0))), JOINTS, LIMITS, [np.array((stands, 0.0))])
 
 
-def test_who_stands_at_a_limit_or_beyond_may_be_sent_from_there_and_no_further() -> None:
+def test_a_joint_at_or_beyond_a_limit_may_start_from_there() -> None:
     assert from_where(-2.0008, -2.0008) is from_where(-2.0008, -2.0) is from_where(-2.0008, -2.003) is None
     assert from_where(-2.0, -2.0008) is None  # commanded to the limit, measured beyond
     assert from_where(-2.05, -2.05) is from_where(-2.05, -2.01) is None

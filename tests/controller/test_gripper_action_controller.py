@@ -1,4 +1,4 @@
-"""A gripper from its goals to its commands, over fingers that follow, meet an object, or fall silent."""
+"""Test a gripper controller with fingers that follow, touch an object or stop answering."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -27,7 +27,7 @@ def gripper(**parameters: Any) -> GripperActionController:
 
 @dataclass
 class Fingers:
-    """A gripper and its fingers, cycle by cycle; ``wall`` is where they can go no further."""
+    """A gripper and its fingers. An object blocks the fingers at ``wall``."""
 
     controller: GripperActionController = field(default_factory=gripper)
     wall: float = 1.0
@@ -71,7 +71,7 @@ class Fingers:
         return np.diff([0.0, *self.path]) / PERIOD_S
 
 
-def test_it_arrives_and_says_so_with_what_was_measured() -> None:
+def test_a_goal_succeeds_with_the_measured_position() -> None:
     fingers = Fingers()
     handle = fingers.send(0.05)
     fingers.cycles_until_done(handle)
@@ -84,14 +84,14 @@ def test_it_arrives_and_says_so_with_what_was_measured() -> None:
     assert fingers.path[-1] == pytest.approx(0.05)
 
 
-def test_it_holds_where_it_was_told_to_be_until_the_first_goal() -> None:
+def test_the_gripper_holds_the_last_command_until_the_first_goal() -> None:
     fingers = Fingers(position=0.03)
     fingers.cycle(5)
     assert fingers.path == pytest.approx([0.03] * 5)
     assert fingers.controller.settled()
 
 
-def test_the_motion_keeps_to_the_limits_of_the_joint() -> None:
+def test_the_motion_keeps_the_limits_of_the_joint() -> None:
     fingers = Fingers()
     fingers.send(0.05)
     fingers.cycle(40)
@@ -117,19 +117,22 @@ def test_the_velocity_is_bounded_by_goal_parameter_and_joint(asked: float, param
 @pytest.mark.parametrize(
     ("goal", "words"),
     [
-        (GripperGoal(NAN), "position nan for finger: it must be finite"),
-        (GripperGoal(INF), "position inf for finger: it must be finite"),
+        (GripperGoal(NAN), "position nan for finger: the value must be finite"),
+        (GripperGoal(INF), "position inf for finger: the value must be finite"),
         (GripperGoal(0.06), "position 0.06 is outside the limits 0 to 0.05 of finger"),
         (GripperGoal(-0.01), "position -0.01 is outside the limits 0 to 0.05 of finger"),
-        (GripperGoal(0.01, NAN), "max velocity nan for finger: it must be finite and not negative"),
-        (GripperGoal(0.01, -1.0), "max velocity -1.0 for finger: it must be finite and not negative"),
-        (GripperGoal(0.01, 0.001), "max velocity 0.001 would count as a stall, which begins at 0.001: ask for more"),
-        (GripperGoal(0.01, 0.0, INF), "max effort inf for finger: it must be finite and not negative"),
-        (GripperGoal(0.01, 0.0, -5.0), "max effort -5.0 for finger: it must be finite and not negative"),
+        (GripperGoal(0.01, NAN), "max velocity nan for finger: the value must be finite and not negative"),
+        (GripperGoal(0.01, -1.0), "max velocity -1.0 for finger: the value must be finite and not negative"),
+        (
+            GripperGoal(0.01, 0.001),
+            "max velocity 0.001 is not above the stall_velocity_threshold 0.001: use a higher velocity",
+        ),
+        (GripperGoal(0.01, 0.0, INF), "max effort inf for finger: the value must be finite and not negative"),
+        (GripperGoal(0.01, 0.0, -5.0), "max effort -5.0 for finger: the value must be finite and not negative"),
         (GripperGoal(0.05, 0.1, 40.0), None),
     ],
 )
-def test_what_is_no_goal_is_rejected_with_the_numbers(goal: GripperGoal, words: str | None) -> None:
+def test_an_invalid_goal_is_rejected_with_its_values(goal: GripperGoal, words: str | None) -> None:
     assert Fingers().controller.check(goal) == words
 
 
@@ -153,7 +156,7 @@ def test_fingers_on_an_object_have_stalled_and_go_on_holding_it(
     assert fingers.path[-1] == pytest.approx(0.05)
 
 
-def test_a_stall_is_one_only_after_the_time_out() -> None:
+def test_a_stall_counts_only_after_the_timeout() -> None:
     cycles = {}
     for timeout_s in (0.3, 1.0):
         fingers = Fingers(gripper(stall_timeout=timeout_s), wall=0.0)
@@ -171,7 +174,7 @@ def test_slow_fingers_are_not_stalled(says_velocity: bool) -> None:
     assert len(fingers.path) * PERIOD_S > 4.0
 
 
-def test_tolerances_can_be_set_while_it_runs() -> None:
+def test_tolerances_can_be_set_while_the_controller_runs() -> None:
     fingers = Fingers(gripper(stall_timeout=0.3), wall=0.02)
     parameters = fingers.controller.parameters
     fingers.controller.reconfigure(parameters.model_copy(update={"allow_stalling": True}))
@@ -184,7 +187,7 @@ def test_tolerances_can_be_set_while_it_runs() -> None:
 # One goal at a time
 
 
-def test_a_new_goal_takes_over_without_a_jump() -> None:
+def test_a_new_goal_starts_without_a_jump() -> None:
     fingers = Fingers()
     first = fingers.send(0.05)
     fingers.cycle(6)
@@ -208,7 +211,7 @@ def test_a_slower_goal_brakes_within_the_limits() -> None:
     assert max(fingers.path) <= LIMITS.upper + 1e-9
 
 
-def test_of_two_goals_in_a_cycle_the_second_is_followed() -> None:
+def test_the_second_of_two_goals_in_a_cycle_is_executed() -> None:
     fingers = Fingers()
     first, second = fingers.send(0.05), fingers.send(0.02)
     fingers.cycle()
@@ -217,7 +220,7 @@ def test_of_two_goals_in_a_cycle_the_second_is_followed() -> None:
     assert max(fingers.path) <= 0.02 + 1e-9
 
 
-def test_cancel_stops_without_a_step_back() -> None:
+def test_a_cancel_stops_without_a_step_back() -> None:
     fingers = Fingers()
     handle = fingers.send(0.05)
     fingers.cycle(6)
@@ -231,7 +234,7 @@ def test_cancel_stops_without_a_step_back() -> None:
     assert fingers.path[-1] == fingers.path[-2]
 
 
-def test_cancel_of_a_goal_that_is_over_changes_nothing() -> None:
+def test_a_cancel_of_a_finished_goal_has_no_effect() -> None:
     fingers = Fingers()
     handle = fingers.send(0.02)
     fingers.cycles_until_done(handle)
@@ -241,7 +244,7 @@ def test_cancel_of_a_goal_that_is_over_changes_nothing() -> None:
     assert fingers.path[-1] == pytest.approx(0.02)
 
 
-def test_cancel_of_a_goal_that_has_not_begun() -> None:
+def test_a_goal_can_be_canceled_before_it_starts() -> None:
     fingers = Fingers()
     handle = fingers.send(0.02)
     fingers.controller.cancel(handle)
@@ -250,10 +253,10 @@ def test_cancel_of_a_goal_that_has_not_begun() -> None:
     assert fingers.path == pytest.approx([0.0] * 3)
 
 
-# The life cycle and faults
+# Lifecycle and faults
 
 
-def test_inactive_it_takes_no_goals() -> None:
+def test_an_inactive_gripper_rejects_goals() -> None:
     controller = gripper()
     assert controller.check(GripperGoal(0.02)) == NOT_RUNNING
     handle = controller.submit(GripperGoal(0.02))
@@ -263,7 +266,7 @@ def test_inactive_it_takes_no_goals() -> None:
     assert fingers.path == pytest.approx([0.0] * 5)
 
 
-def test_deactivated_it_gives_up_what_is_under_way_and_what_waits() -> None:
+def test_deactivation_aborts_the_active_and_the_queued_goals() -> None:
     fingers = Fingers()
     first = fingers.send(0.05)
     fingers.cycle(3)
@@ -279,7 +282,7 @@ def test_deactivated_it_gives_up_what_is_under_way_and_what_waits() -> None:
     assert fingers.controller.settled()
 
 
-def test_a_lasting_silence_ends_the_goal_with_the_fault_and_a_short_one_does_not() -> None:
+def test_a_lasting_silence_aborts_the_goal_and_a_short_one_does_not() -> None:
     fingers = Fingers()
     handle = fingers.send(0.05)
     fingers.silent = True
@@ -297,7 +300,7 @@ def test_a_lasting_silence_ends_the_goal_with_the_fault_and_a_short_one_does_not
     assert fingers.path[-1] == fingers.path[-2] < 0.05
 
 
-def test_fingers_that_are_not_measured_do_not_stand_still() -> None:
+def test_unmeasured_fingers_do_not_stall() -> None:
     fingers = Fingers(gripper(allow_stalling=True, stall_timeout=0.1))
     handle = fingers.send(0.05)
     for _ in range(2):
@@ -310,7 +313,7 @@ def test_fingers_that_are_not_measured_do_not_stand_still() -> None:
     assert handle.status is GoalStatus.SUCCEEDED and handle.state.reached_goal
 
 
-def test_a_goal_to_which_there_is_no_way_is_aborted_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_goal_without_a_possible_motion_is_aborted_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def no_way(*arguments: object) -> None:
         raise MotionError("no motion within the limits")
 
@@ -323,7 +326,7 @@ def test_a_goal_to_which_there_is_no_way_is_aborted_with_the_reason(monkeypatch:
     assert fingers.controller.settled()
 
 
-def test_after_a_stall_of_the_computer_it_goes_on_without_a_leap() -> None:
+def test_a_goal_continues_without_a_leap_after_the_loop_has_stalled() -> None:
     fingers = Fingers()
     fingers.send(0.05)
     fingers.cycle(4)
@@ -332,10 +335,10 @@ def test_after_a_stall_of_the_computer_it_goes_on_without_a_leap() -> None:
     assert fingers.path[-1] - fingers.path[-2] <= 2.0 * LIMITS.velocity * PERIOD_S + 1e-9
 
 
-# Who waits for it
+# Settling
 
 
-def test_it_is_unsettled_from_the_goal_until_it_has_arrived() -> None:
+def test_the_gripper_is_unsettled_from_the_goal_to_its_arrival() -> None:
     fingers = Fingers()
     handle = fingers.send(0.05)
     assert not fingers.controller.settled()
@@ -344,14 +347,14 @@ def test_it_is_unsettled_from_the_goal_until_it_has_arrived() -> None:
     assert fingers.controller.settled()
 
 
-def test_it_is_settled_once_the_fingers_hold_something() -> None:
+def test_the_gripper_is_settled_when_its_fingers_hold_an_object() -> None:
     fingers = Fingers(gripper(stall_timeout=0.3), wall=0.02)
     fingers.cycles_until_done(fingers.send(0.05))
     fingers.cycle(10)
     assert fingers.controller.settled()
 
 
-def test_it_is_not_settled_in_a_slow_motion_that_is_within_the_tolerance() -> None:
+def test_a_slow_motion_within_the_tolerance_is_not_settled() -> None:
     fingers = Fingers(gripper(goal_tolerance=0.05))
     handle = fingers.send(0.04, max_velocity=0.0015)
     fingers.cycle(20)
@@ -362,7 +365,7 @@ def test_it_is_not_settled_in_a_slow_motion_that_is_within_the_tolerance() -> No
 # Parameters
 
 
-def test_the_defaults_are_upstreams_but_for_the_velocity_which_is_the_joints() -> None:
+def test_the_defaults_are_those_of_ros2_control_except_for_the_velocity() -> None:
     assert GripperParameters(joint="finger").model_dump() == {
         "joint": "finger",
         "action_monitor_rate": 20.0,
@@ -383,30 +386,30 @@ def test_the_defaults_are_upstreams_but_for_the_velocity_which_is_the_joints() -
     [
         ({}, []),
         ({"max_effort": 10.0}, ["max_effort (torque_limit in the robot file bounds the force)"]),
-        ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the motion itself keeps to the velocity)"]),
+        ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the planned motion keeps the velocity)"]),
         ({"gains": {}}, ["gains"]),
     ],
 )
-def test_what_has_no_effect_is_named(parameters: dict[str, Any], unused: list[str]) -> None:
+def test_parameters_without_effect_are_listed(parameters: dict[str, Any], unused: list[str]) -> None:
     assert gripper(**parameters).parameters.unused() == unused
 
 
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"max_effort_interface": "finger/max_effort"}, "no finger/max_effort to pass an effort to: take it out"),
+        ({"max_effort_interface": "finger/max_effort"}, "no interface finger/max_effort for efforts: remove"),
         ({"goal_tolerance": -1.0}, "goal_tolerance"),
         ({"stall_timeout": NAN}, "stall_timeout"),
         ({"action_monitor_rate": 0.01}, "action_monitor_rate"),
     ],
 )
-def test_what_would_not_be_heeded_is_refused(parameters: dict[str, Any], words: str) -> None:
+def test_unsupported_parameters_are_rejected(parameters: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         gripper(**parameters)
 
 
 @pytest.mark.parametrize("kind", [GripperActionController, PositionGripperActionController])
-def test_it_is_built_from_the_controllers_file(kind: type[GripperActionController]) -> None:
+def test_the_controller_is_built_from_the_controllers_file(kind: type[GripperActionController]) -> None:
     interfaces = dict.fromkeys(("joint1", "finger"), ("position",))
     component = HardwareInfo("arm", "system", "mock", {}, interfaces, interfaces)
     limits = {"joint1": replace(LIMITS, upper=9.0), "finger": LIMITS}

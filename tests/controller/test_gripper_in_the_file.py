@@ -1,4 +1,4 @@
-"""Grippers and broadcasters in the controllers file: what they become, and their mistakes with file and line."""
+"""Test grippers and broadcasters in a controllers file, and messages for mistakes."""
 
 from pathlib import Path
 
@@ -45,7 +45,7 @@ servos:
 
 
 def filled(folder: Path, text: str) -> ControllerManager:
-    """A manager with the file's controllers."""
+    """Return a manager with the controllers of a file."""
     description = parse_urdf(URDF)
     (component,) = description.components
     path = folder / "controllers.yaml"
@@ -57,7 +57,9 @@ def filled(folder: Path, text: str) -> ControllerManager:
     return manager
 
 
-def test_they_are_made_and_what_has_no_effect_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_controllers_are_built_and_parameters_without_effect_are_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     manager = filled(tmp_path, FILE)
     assert isinstance(manager.registry.controllers["gripper"], GripperActionController)
     assert isinstance(manager.registry.controllers["servos"], ServoStateBroadcaster)
@@ -67,13 +69,17 @@ def test_they_are_made_and_what_has_no_effect_is_named(tmp_path: Path, caplog: p
 @pytest.mark.parametrize(
     ("right", "wrong", "words"),
     [
-        ("joint: finger", "joint: thumb", r":9: gripper.joint names thumb, which takes no commands"),
+        ("joint: finger", "joint: thumb", r":9: gripper.joint names thumb, which has no command_interface"),
         ("joint: finger", "stall_timeout: 2.0", r"gripper.joint: Field required"),
-        ("max_effort: 20.0", "max_effort_interface: f/e", r":10: gripper.max_effort_interface: .*no f/e to pass"),
-        ("joints: [finger]", "joints: [thumb]", r"controllers.yaml: servos: joints names thumb: take out"),
+        (
+            "max_effort: 20.0",
+            "max_effort_interface: f/e",
+            r":10: gripper.max_effort_interface: .*no interface f/e for efforts",
+        ),
+        ("joints: [finger]", "joints: [thumb]", r"controllers.yaml: servos: joints has unknown entries thumb"),
         ("joints: [finger]", "rate: -1.0", r":13: servos.rate: "),
     ],
 )
-def test_a_mistake_is_told_with_its_place(tmp_path: Path, right: str, wrong: str, words: str) -> None:
+def test_a_mistake_is_reported_with_its_line(tmp_path: Path, right: str, wrong: str, words: str) -> None:
     with pytest.raises(ControllersFileError, match=words):
         filled(tmp_path, FILE.replace(right, wrong))

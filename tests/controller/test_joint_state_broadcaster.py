@@ -1,4 +1,4 @@
-"""What /joint_states and /dynamic_joint_states are made of."""
+"""Test the values of /joint_states and /dynamic_joint_states."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ def sampled(**parameters: Any) -> JointStates:
     return broadcaster(**parameters).sample(state())
 
 
-def test_joints_are_alphabetical_mimics_follow_and_what_is_not_there_is_nan() -> None:
+def test_joints_are_sorted_mimics_are_computed_and_missing_values_are_nan() -> None:
     sample = sampled()
     assert sample.stamp_s == 7.0
     assert sample.names == ("base", "left", "right", "wrist")
@@ -78,7 +78,7 @@ def test_joints_are_alphabetical_mimics_follow_and_what_is_not_there_is_nan() ->
     ],
     ids=["all", "no URDF order", "chosen", "chosen, not these", "only joints", "only interfaces", "extra", "both"],
 )
-def test_joints_and_their_order_are_upstreams(
+def test_joints_and_their_order_match_ros2_control(
     parameters: dict[str, Any], names: tuple[str, ...], velocity: list[float]
 ) -> None:
     sample = sampled(**parameters)
@@ -87,8 +87,10 @@ def test_joints_and_their_order_are_upstreams(
     assert len(sample.position) == len(sample.effort) == len(names)
 
 
-def test_an_interface_that_is_not_there_is_refused_with_those_that_are() -> None:
-    with pytest.raises(ValueError, match=r"wrist/velocity, wrist/effort is no state interface.*base/effort"):
+def test_a_missing_interface_is_rejected_with_the_existing_ones() -> None:
+    with pytest.raises(
+        ValueError, match=r"the URDF has no state interface wrist/velocity, wrist/effort: .*base/effort"
+    ):
         broadcaster(joints=["wrist"], interfaces=["position", "velocity", "effort"])
 
 
@@ -98,26 +100,26 @@ def test_fields_can_be_filled_from_other_interfaces() -> None:
     np.testing.assert_allclose(sample.position, [1.0, -5.9, 3.0, 2.0])
 
 
-def test_a_joint_whose_only_interface_fills_a_field_is_shown() -> None:
+def test_a_joint_with_only_a_mapped_interface_is_published() -> None:
     sample = sampled(map_interface_to_joint_state={"effort": "voltage"})
     assert "lamp" in sample.names
 
 
-def test_an_interface_that_is_asked_for_by_name_is_not_mapped() -> None:
+def test_a_requested_interface_is_not_mapped() -> None:
     sample = sampled(
         joints=["base"], interfaces=["effort", "velocity"], map_interface_to_joint_state={"effort": "velocity"}
     )
     assert sample.effort == [10.0]
 
 
-def test_a_mapping_counts_where_only_one_of_joints_and_interfaces_is_said() -> None:
+def test_a_mapping_applies_if_only_joints_or_only_interfaces_are_set() -> None:
     controller = broadcaster(interfaces=["effort"], map_interface_to_joint_state={"effort": "velocity"})
     sample = controller.sample(state())
     np.testing.assert_allclose(sample.effort, [0.1, -0.6, 0.3, NAN])
-    assert controller.parameters.unused() == ["interfaces (only joints and interfaces together choose)"]
+    assert controller.parameters.unused() == ["interfaces (joints and interfaces must be set together)"]
 
 
-def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_so() -> None:
+def test_mimic_joints_of_the_urdf_are_used_if_the_hardware_has_them() -> None:
     def joint(name: str, mimic: Mimic | None) -> UrdfJoint:
         return UrdfJoint(name, "prismatic", "a", name, (0, 0, 0), (0, 0, 0), (1, 0, 0), 0.0, 1.0, 1.0, mimic)
 
@@ -142,20 +144,20 @@ def test_it_is_built_with_the_urdfs_mimic_joints_where_the_hardware_drives_them_
     ("parameters", "unused"),
     [
         ({}, []),
-        ({"joints": ["base"]}, ["joints (only joints and interfaces together choose)"]),
-        ({"interfaces": ["position"]}, ["interfaces (only joints and interfaces together choose)"]),
+        ({"joints": ["base"]}, ["joints (joints and interfaces must be set together)"]),
+        ({"interfaces": ["position"]}, ["interfaces (joints and interfaces must be set together)"]),
         ({"update_rate": 50}, ["update_rate"]),
         (
             {"joints": ["base"], "interfaces": ["effort"], "map_interface_to_joint_state": {"effort": "load"}},
-            ["map_interface_to_joint_state.effort (effort itself is among interfaces)"],
+            ["map_interface_to_joint_state.effort (effort itself is listed in interfaces)"],
         ),
     ],
 )
-def test_what_has_no_effect_is_named(parameters: dict[str, Any], unused: list[str]) -> None:
+def test_parameters_without_effect_are_listed(parameters: dict[str, Any], unused: list[str]) -> None:
     assert BroadcasterParameters(**parameters).unused() == unused
 
 
-def test_dynamic_joint_states_have_every_interface_also_those_of_the_servo() -> None:
+def test_dynamic_joint_states_include_the_interfaces_of_the_servo() -> None:
     controller = broadcaster(extra_joints=["wheel"])
     assert dict(controller.interfaces) == {
         "base": ALL,
@@ -171,21 +173,21 @@ def test_dynamic_joint_states_have_every_interface_also_those_of_the_servo() -> 
         np.testing.assert_allclose(seen, expected)
 
 
-def test_it_claims_nothing_and_is_always_settled() -> None:
+def test_the_broadcaster_claims_nothing_and_is_always_settled() -> None:
     controller = broadcaster()
     assert controller.command_interfaces == ()
     assert controller.command.shape == (0,)
     assert controller.settled()
 
 
-def test_every_cycle_is_one_sample_of_its_own() -> None:
+def test_every_cycle_is_a_new_sample() -> None:
     controller, now = broadcaster(), state()
     assert controller.sample(now) is controller.sample(now)
     assert controller.sample(state(7.05)).stamp_s == 7.05
     assert controller.sample(now).stamp_s == 7.0
 
 
-def test_nothing_old_is_there_after_the_life_cycle_turned() -> None:
+def test_a_reactivated_broadcaster_has_no_old_state() -> None:
     controller = broadcaster()
     controller.update(state(), 7.0, 0.05)
     assert controller.state is not None
@@ -199,12 +201,18 @@ def test_nothing_old_is_there_after_the_life_cycle_turned() -> None:
 @pytest.mark.parametrize(
     ("measured", "reported"),
     [
-        ((2.0008, 9.0, -1.004), (2.0, 2.1, -1.0, 9.0)),  # the mimic follows what is reported; a wrist has no limits
+        (
+            (2.0008, 9.0, -1.004),
+            (2.0, 2.1, -1.0, 9.0),
+        ),  # The mimic joint follows the reported position. The wrist has no limits.
         ((-2.003, 9.0, 4.0), (-2.0, -7.9, 4.0, 9.0)),
-        ((2.005, 9.0, -1.006), (2.005, 2.112, -1.006, 9.0)),  # further out than steps of an encoder and sag
+        (
+            (2.005, 9.0, -1.006),
+            (2.005, 2.112, -1.006, 9.0),
+        ),  # Further out than sag and the encoder's resolution explain.
     ],
 )
-def test_a_joint_that_rests_a_little_beyond_its_limit_is_at_it(
+def test_a_joint_slightly_beyond_its_limit_is_reported_at_the_limit(
     measured: tuple[float, ...], reported: tuple[float, ...]
 ) -> None:
     ours = broadcaster()

@@ -1,4 +1,4 @@
-"""What becomes of trajectory goals, cycle by cycle."""
+"""Test the execution of trajectory goals, cycle by cycle."""
 
 import logging
 import re
@@ -26,7 +26,7 @@ def outcome(handle: GoalHandle) -> tuple[GoalStatus, int, str]:
 
 
 def assert_smooth(path: FloatArray) -> None:
-    """Velocity within its limit, and changing no more than acceleration allows."""
+    """Check that a velocity keeps its limit and changes within the acceleration limit."""
     velocity = np.diff(path[:, :2], axis=0) / PERIOD_S
     assert np.abs(velocity).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
     assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
@@ -35,7 +35,7 @@ def assert_smooth(path: FloatArray) -> None:
 # One goal
 
 
-def test_it_arrives_at_its_time_and_says_so() -> None:
+def test_a_goal_arrives_on_time_and_succeeds() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, -0.5, after_s=2.0))
     cycles = bench.cycles_until(lambda: handle.done)
@@ -45,7 +45,7 @@ def test_it_arrives_at_its_time_and_says_so() -> None:
     assert_smooth(bench.path())
 
 
-def test_it_moves_in_the_very_next_cycle() -> None:
+def test_a_goal_moves_the_joints_in_the_next_cycle() -> None:
     bench = Bench().up()
     bench.cycle()
     bench.send(to(1.0, 0.0))
@@ -53,18 +53,18 @@ def test_it_moves_in_the_very_next_cycle() -> None:
     assert bench.path()[-1][0] > 0.0
 
 
-def test_a_goal_that_asks_too_much_takes_longer_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_goal_that_is_too_fast_takes_longer_and_reports_it(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().up()
     handle = bench.send(to(1.9, 0.0, after_s=0.1))
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert handle.error_text.startswith(f"{REACHED} The limits stretched it from 0.10 s to ")
+    assert handle.error_text.startswith(f"{REACHED} The limits stretched the motion from 0.10 s to ")
     assert "stretch the motion from 0.10 s to" in caplog.text
     assert_smooth(bench.path())
 
 
 @pytest.mark.parametrize("after_s", [0.0, -1.0, 0.01])
-def test_a_goal_without_time_goes_as_fast_as_the_limits_allow(after_s: float) -> None:
+def test_a_goal_without_a_duration_moves_as_fast_as_the_limits_allow(after_s: float) -> None:
     bench = Bench().up()
     handle = bench.send(to(0.5, 0.0, after_s=after_s))
     bench.cycles_until(lambda: handle.done)
@@ -73,7 +73,7 @@ def test_a_goal_without_time_goes_as_fast_as_the_limits_allow(after_s: float) ->
     assert_smooth(bench.path())
 
 
-def test_a_goal_where_it_already_stands_succeeds_without_moving() -> None:
+def test_a_goal_at_the_current_position_succeeds_without_a_motion() -> None:
     bench = Bench().up()
     handle = bench.send(to(0.0, 0.0, after_s=0.0))
     bench.cycles_until(lambda: handle.done, 3)
@@ -88,7 +88,7 @@ def test_joints_are_mapped_by_name() -> None:
     assert bench.path()[-1][:2] == pytest.approx([0.7, 0.1])
 
 
-def test_the_command_leads_by_as_much_as_the_servos_lag() -> None:
+def test_the_command_leads_by_the_lag_of_the_servos() -> None:
     plain, leading = Bench().up(), Bench(arm_parameters(command_lead=0.02)).up()
     for bench in (plain, leading):
         bench.send(to(1.0, 0.0))
@@ -101,7 +101,7 @@ def test_the_command_leads_by_as_much_as_the_servos_lag() -> None:
 # Several points
 
 
-def test_way_points_are_passed_on_time_without_stopping() -> None:
+def test_waypoints_are_passed_on_time_without_stopping() -> None:
     bench = Bench().up()
     handle = bench.send(through(*(GoalPoint((0.4 * i, 0.0), float(i)) for i in range(4))))
     seen: dict[float, float] = {}
@@ -117,7 +117,7 @@ def test_way_points_are_passed_on_time_without_stopping() -> None:
     assert_smooth(bench.path())
 
 
-def test_it_ends_at_rest_whatever_velocity_the_last_point_has() -> None:
+def test_a_goal_ends_at_rest_even_if_its_last_point_has_a_velocity() -> None:
     bench = Bench(arm_parameters(allow_nonzero_velocity_at_trajectory_end=True)).up()
     handle = bench.send(through(GoalPoint((0.5, 0.0), 1.0, velocities=(0.5, 0.0))))
     bench.cycles_until(lambda: handle.done)
@@ -138,17 +138,19 @@ def test_it_ends_at_rest_whatever_velocity_the_last_point_has() -> None:
     ],
     ids=["started a second ago", "starts in a second", "first point has passed", "first negative", "first at zero"],
 )
-def test_stamps_and_points_in_past_and_future(points: tuple[GoalPoint, ...], delay_s: float, expected_s: float) -> None:
+def test_stamps_and_points_in_the_past_and_the_future(
+    points: tuple[GoalPoint, ...], delay_s: float, expected_s: float
+) -> None:
     bench = Bench().up()
     handle = bench.send(through(*points, delay_s=delay_s))
     cycles = bench.cycles_until(lambda: handle.done)
     assert expected_s <= (cycles - 1) * PERIOD_S + 1e-9 <= expected_s + PERIOD_S
     assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
-    assert bench.path()[0][0] > 0.0  # it moves at once
+    assert bench.path()[0][0] > 0.0  # The arm moves at once.
     assert_smooth(bench.path())
 
 
-def test_a_stamp_counts_from_when_it_was_read_not_from_the_cycle_that_begins() -> None:
+def test_a_stamp_is_relative_to_the_time_of_its_receipt() -> None:
     bench = Bench().up()
     bench.send(replace(to(0.5, 0.0, after_s=0.5, delay_s=1.0), next_cycle_s=0.04))
     bench.cycle()
@@ -158,7 +160,7 @@ def test_a_stamp_counts_from_when_it_was_read_not_from_the_cycle_that_begins() -
 
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("late_s", [0.0, 0.03, 0.12])
-def test_a_stamp_is_kept_also_where_the_first_cycle_comes_late(late_s: float, moving: bool) -> None:
+def test_a_stamp_is_kept_if_the_first_cycle_is_late(late_s: float, moving: bool) -> None:
     bench = Bench().up()
     bench.cycle()
     if moving:
@@ -177,8 +179,8 @@ def test_a_stamp_is_kept_also_where_the_first_cycle_comes_late(late_s: float, mo
     assert start.velocity == pytest.approx(tracking.reference.velocity) and start.velocity.any() == moving
 
 
-def test_a_way_point_that_cannot_be_passed_within_the_limits_is_refused_in_words() -> None:
-    """Each point is within its limits; found when the motion is planned, before anything moves."""
+def test_a_waypoint_that_cannot_be_passed_within_the_limits_is_rejected() -> None:
+    """Each point is within its limits. The planner rejects the goal before the arm moves."""
     bench = Bench().up()
     goal = through(GoalPoint((1.95, 0.0), 2.0, velocities=(4.0, 0.0)), GoalPoint((0.0, 0.0), 4.0))
     reason = bench.arm.check(goal)
@@ -189,7 +191,7 @@ def test_a_way_point_that_cannot_be_passed_within_the_limits_is_refused_in_words
 # Preemption, cancel, deactivation
 
 
-def test_a_new_goal_takes_over_without_a_jump_and_the_old_one_is_aborted() -> None:
+def test_a_new_goal_starts_without_a_jump_and_aborts_the_old_goal() -> None:
     bench = Bench().up()
     first = bench.send(to(1.5, 0.0))
     bench.cycle(12)
@@ -201,7 +203,7 @@ def test_a_new_goal_takes_over_without_a_jump_and_the_old_one_is_aborted() -> No
     assert_smooth(bench.path())
 
 
-def test_of_two_goals_in_one_cycle_the_second_wins() -> None:
+def test_the_second_of_two_goals_in_one_cycle_is_executed() -> None:
     bench = Bench().up()
     first, second = bench.send(to(1.0, 0.0)), bench.send(to(-1.0, 0.0))
     bench.cycle()
@@ -211,7 +213,7 @@ def test_of_two_goals_in_one_cycle_the_second_wins() -> None:
     assert second.status is GoalStatus.SUCCEEDED
 
 
-def test_a_cancel_decelerates_within_limits() -> None:
+def test_a_cancel_decelerates_within_the_limits() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.5, 0.0))
     bench.cycle(12)
@@ -229,7 +231,7 @@ def test_a_cancel_decelerates_within_limits() -> None:
     assert_smooth(bench.path())
 
 
-def test_a_cancel_in_the_same_cycle_as_the_goal() -> None:
+def test_a_goal_can_be_canceled_in_its_first_cycle() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     bench.arm.cancel(handle)
@@ -238,13 +240,13 @@ def test_a_cancel_in_the_same_cycle_as_the_goal() -> None:
     assert np.abs(bench.path()).max() == 0.0
 
 
-def test_goals_may_come_while_the_loop_looks_for_one_that_is_canceled() -> None:
+def test_goals_may_arrive_while_the_loop_searches_for_a_canceled_goal() -> None:
     bench = Bench().up()
     first = bench.send(to(1.0, 0.0))
     inbox = bench.arm._execution._inbox
 
     class Comes(tuple):  # type: ignore[type-arg]
-        """Another thread's goal comes when this one is looked at."""
+        """Goal during whose comparison another thread submits a goal."""
 
         def __getitem__(self, index: Any) -> Any:
             inbox.append(entry)
@@ -258,7 +260,7 @@ def test_goals_may_come_while_the_loop_looks_for_one_that_is_canceled() -> None:
     assert bench.arm.running
 
 
-def test_a_goal_that_cannot_be_joined_ends_and_the_controller_goes_on(
+def test_a_goal_that_cannot_be_joined_is_aborted_and_the_controller_continues(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench = Bench().up()
@@ -273,7 +275,7 @@ def test_a_goal_that_cannot_be_joined_ends_and_the_controller_goes_on(
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_a_cancel_of_a_goal_that_is_over_disturbs_nobody() -> None:
+def test_a_cancel_of_a_finished_goal_has_no_effect() -> None:
     bench = Bench().up()
     old = bench.send(to(0.1, 0.0, after_s=0.5))
     bench.cycles_until(lambda: old.done)
@@ -285,7 +287,7 @@ def test_a_cancel_of_a_goal_that_is_over_disturbs_nobody() -> None:
     assert new.status is GoalStatus.SUCCEEDED
 
 
-def test_deactivation_aborts_what_is_under_way_and_what_is_waiting() -> None:
+def test_deactivation_aborts_the_active_and_the_waiting_goals() -> None:
     bench = Bench().up()
     under_way = bench.send(to(1.0, 0.0))
     bench.cycle(5)
@@ -295,7 +297,7 @@ def test_deactivation_aborts_what_is_under_way_and_what_is_waiting() -> None:
         assert outcome(handle) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED)
 
 
-def test_an_inactive_controller_refuses_goals() -> None:
+def test_an_inactive_controller_rejects_goals() -> None:
     bench = Bench()
     text = "Can't accept new action goals. Controller is not running."
     assert bench.arm.check(to(0.1, 0.1)) == text
@@ -305,7 +307,7 @@ def test_an_inactive_controller_refuses_goals() -> None:
     assert bench.arm.check(to(0.1, 0.1)) == text
 
 
-def test_a_goal_that_is_handed_over_just_after_deactivation_is_decided_too() -> None:
+def test_a_goal_submitted_just_after_deactivation_is_aborted() -> None:
     bench = Bench().up()
     goal = to(0.1, 0.1)
     assert bench.arm.check(goal) is None
@@ -351,7 +353,7 @@ PATH, GOAL = "path", "goal"
     ids=["default", "zero: default", "wider", "-1: erased", "-2: default", "unknown joint: default", "other joint"],
 )
 @pytest.mark.parametrize("kind", [PATH, GOAL])
-def test_the_files_tolerance_holds_unless_the_goal_says_otherwise(
+def test_the_tolerance_of_the_file_applies_unless_the_goal_overrides_it(
     kind: str, asked: dict[str, float], status: GoalStatus
 ) -> None:
     own = {"elbow": {"trajectory": 0.05}} if kind == PATH else {"elbow": {"goal": 0.05}, "goal_time": 0.2}
@@ -370,7 +372,7 @@ def test_without_tolerances_a_stuck_joint_succeeds() -> None:
     assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
 
 
-def test_outside_the_goal_tolerance_without_goal_time_it_stays_executing_until_cancelled() -> None:
+def test_without_goal_time_a_goal_outside_its_tolerance_executes_until_canceled() -> None:
     bench = Bench().up()
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.0, 1.0, goal={"elbow": 0.01}))
@@ -382,7 +384,7 @@ def test_outside_the_goal_tolerance_without_goal_time_it_stays_executing_until_c
 
 
 @pytest.mark.parametrize("goal_time_s", [0.5, 0.0, -2.0], ids=["from the goal", "from the file", "-2: from the file"])
-def test_when_goal_time_is_over_it_aborts(goal_time_s: float) -> None:
+def test_a_goal_is_aborted_after_its_goal_time(goal_time_s: float) -> None:
     bench = Bench(arm_parameters(constraints={"elbow": {"goal": 0.01}, "goal_time": 0.5})).up()
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.0, 1.0, goal_time_s=goal_time_s))
@@ -392,7 +394,7 @@ def test_when_goal_time_is_over_it_aborts(goal_time_s: float) -> None:
     assert off == "elbow is off by 1.0000, allowed is 0.0100"
     text, seconds, unit = text.rsplit(" ", 2)
     assert (text, unit) == ("Aborted due to goal_time_tolerance exceeding by", "seconds")
-    assert 0.5 <= float(seconds) <= 0.5 + PERIOD_S + 1e-6  # since the end, as upstream counts
+    assert 0.5 <= float(seconds) <= 0.5 + PERIOD_S + 1e-6  # Since the end of the path, as in ros2_control.
 
 
 def test_goal_time_minus_one_erases_the_default() -> None:
@@ -415,7 +417,7 @@ def test_a_late_joint_within_goal_time_succeeds() -> None:
 # Faults and late cycles
 
 
-def test_a_lasting_servo_fault_aborts_and_is_named() -> None:
+def test_a_lasting_servo_fault_aborts_the_goal_with_its_text() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(5)
@@ -426,7 +428,7 @@ def test_a_lasting_servo_fault_aborts_and_is_named() -> None:
     assert_smooth(bench.path())
 
 
-def test_a_goal_does_not_succeed_by_a_position_from_before_its_servo_fell_silent() -> None:
+def test_a_goal_does_not_succeed_with_the_last_position_of_a_silent_servo() -> None:
     bench = Bench().up()
     handle = bench.send(to(0.5, -0.5, after_s=1.0, goal={"elbow": 0.01}))
     bench.cycle(18)
@@ -439,7 +441,7 @@ def test_a_goal_does_not_succeed_by_a_position_from_before_its_servo_fell_silent
 
 
 @pytest.mark.parametrize("canceled", [True, False], ids=["a cancel", "a violated path"])
-def test_a_goal_that_comes_to_rest_ends_also_where_its_servos_fall_silent(
+def test_a_stopping_goal_ends_even_if_its_servos_become_silent(
     canceled: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench = Bench().up()
@@ -457,7 +459,7 @@ def test_a_goal_that_comes_to_rest_ends_also_where_its_servos_fall_silent(
     assert "shoulder does not answer; elbow does not answer" in caplog.text
 
 
-def test_a_short_servo_fault_disturbs_nobody() -> None:
+def test_a_short_servo_fault_does_not_affect_a_goal() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.0, 0.0))
     for _ in range(5):
@@ -469,8 +471,8 @@ def test_a_short_servo_fault_disturbs_nobody() -> None:
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_joint_that_is_not_measured_has_not_left_its_path() -> None:
-    """The reference goes on while the last known position stands."""
+def test_an_unmeasured_joint_does_not_violate_the_path_tolerance() -> None:
+    """The reference moves on while the last known position stays constant."""
     bench = Bench().up()
     handle = bench.send(to(1.0, 1.0, path={"elbow": 0.15}))
     bench.cycle(6)
@@ -483,7 +485,7 @@ def test_a_joint_that_is_not_measured_has_not_left_its_path() -> None:
     assert (handle.status, handle.error_code) == (GoalStatus.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED)
 
 
-def test_a_fault_of_somebody_elses_joint_disturbs_nobody() -> None:
+def test_a_fault_of_another_controllers_joint_does_not_affect_a_goal() -> None:
     bench = Bench().up()
     bench.hardware.faults = {"finger": JointFault("silent", "finger: servo 7 does not answer")}
     handle = bench.send(to(1.0, 0.0))
@@ -491,7 +493,7 @@ def test_a_fault_of_somebody_elses_joint_disturbs_nobody() -> None:
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_fault_while_waiting_aborts_too() -> None:
+def test_a_fault_aborts_a_waiting_goal() -> None:
     bench = waiting_bench()
     bench.hand.submit([0.05])
     handle = bench.send(to(1.0, 0.0))
@@ -553,13 +555,13 @@ def test_a_goal_waits_until_the_fingers_have_stalled_on_an_object() -> None:
 
 
 @pytest.mark.parametrize("cycles_later", [0, 1])
-def test_a_hand_command_just_behind_the_goal_is_waited_for(cycles_later: int) -> None:
+def test_a_goal_waits_for_a_hand_command_that_arrives_just_after_it(cycles_later: int) -> None:
     bench = waiting_bench()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(cycles_later)
     bench.hand.submit([0.05])
     bench.cycles_until(lambda: abs(bench.hardware.read().position[2] - 0.05) < 0.002)
-    assert np.abs(bench.path()[:-1, 0]).max() < 0.035  # it stops at once, within its limits
+    assert np.abs(bench.path()[:-1, 0]).max() < 0.035  # The arm stops at once, within its limits.
     bench.cycles_until(lambda: handle.done)
     assert outcome(handle) == (GoalStatus.SUCCEEDED, 0, REACHED)
     assert_smooth(bench.path())
@@ -586,17 +588,17 @@ def test_a_hand_that_moves_later_does_not_stop_the_arm() -> None:
     assert bench.cycles_until(lambda: handle.done) < 25
 
 
-def test_the_wait_is_bounded_and_then_says_for_whom(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_wait_times_out_with_the_name_of_the_controller(caplog: pytest.LogCaptureFixture) -> None:
     bench = waiting_bench(timeout_s=0.5)
     bench.hardware.slow = {"finger": 0.06 * HAND_LIMITS.velocity * PERIOD_S}
     bench.hand.submit([0.05])
     bench.send(to(1.0, 0.0))
     cycles = cycles_before_it_moves(bench)
     assert 10 <= cycles <= 12
-    assert "starts although hand has not settled" in caplog.text
+    assert "starting the goal although hand has not settled" in caplog.text
 
 
-def test_while_waiting_a_new_goal_takes_the_old_ones_place() -> None:
+def test_a_new_goal_replaces_a_waiting_goal() -> None:
     bench = waiting_bench()
     bench.hand.submit([0.05])
     first = bench.send(to(1.0, 0.0))
@@ -609,7 +611,7 @@ def test_while_waiting_a_new_goal_takes_the_old_ones_place() -> None:
     assert bench.path()[:, 0].max() == 0.0
 
 
-def test_a_cancel_while_waiting() -> None:
+def test_a_waiting_goal_can_be_canceled() -> None:
     bench = waiting_bench()
     bench.hand.submit([0.05])
     handle = bench.send(to(1.0, 0.0))
@@ -620,7 +622,7 @@ def test_a_cancel_while_waiting() -> None:
     assert np.abs(bench.path()[:, :2]).max() == 0.0
 
 
-def test_a_goal_that_has_to_wait_while_moving_decelerates_within_limits() -> None:
+def test_a_goal_that_must_wait_during_a_motion_decelerates_within_the_limits() -> None:
     bench = waiting_bench()
     bench.send(to(1.5, 0.0))
     bench.cycle(12)
@@ -631,7 +633,7 @@ def test_a_goal_that_has_to_wait_while_moving_decelerates_within_limits() -> Non
     assert_smooth(bench.path())
 
 
-def test_the_time_that_a_stamped_goal_waits_is_not_added_to_its_end() -> None:
+def test_the_waiting_time_of_a_stamped_goal_is_not_added_to_its_end() -> None:
     bench = waiting_bench()
     bench.hand.submit([0.05])
     handle = bench.send(to(0.5, 0.0, after_s=1.0, delay_s=1.0))
@@ -639,7 +641,7 @@ def test_the_time_that_a_stamped_goal_waits_is_not_added_to_its_end() -> None:
     assert 2.0 <= (cycles - 1) * PERIOD_S + 1e-9 <= 2.0 + PERIOD_S
 
 
-def test_a_controller_that_is_not_there_is_not_waited_for(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_goal_does_not_wait_for_a_missing_controller(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING)
     bench = Bench(arm_parameters(wait_for=["nobody"])).up()
     bench.send(to(1.0, 0.0))
@@ -647,7 +649,7 @@ def test_a_controller_that_is_not_there_is_not_waited_for(caplog: pytest.LogCapt
     assert caplog.text == ""
 
 
-def test_an_onlooker_who_is_behind_gets_every_cycle_once() -> None:
+def test_a_slow_observer_gets_every_cycle_once() -> None:
     bench = Bench().up()
     states: list[JointState] = []
     bench.loop.on_cycle = states.append
@@ -660,7 +662,7 @@ def test_an_onlooker_who_is_behind_gets_every_cycle_once() -> None:
     assert [list(bench.arm.tracked(state.stamp_s)) for state in states] == [[], [], [], []]
 
 
-def test_what_an_onlooker_has_left_out_does_not_come_later_and_what_he_has_not_come_to_stays() -> None:
+def test_cycles_that_an_observer_skips_are_dropped_and_later_cycles_are_kept() -> None:
     bench = Bench().up()
     states: list[JointState] = []
     bench.loop.on_cycle = states.append

@@ -1,4 +1,4 @@
-"""What the parameters and the topics change, cycle by cycle."""
+"""Test the effect of parameters and topics on trajectories, cycle by cycle."""
 
 import math
 import random
@@ -35,7 +35,7 @@ def speeds(path: FloatArray) -> FloatArray:
 
 
 def assert_gentle(path: FloatArray) -> None:
-    """Within the velocity limit and changing no faster than acceleration allows."""
+    """Check that a velocity keeps its limit and changes within the acceleration limit."""
     assert np.abs(speeds(path)).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
     assert np.abs(np.diff(speeds(path), axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
 
@@ -44,7 +44,7 @@ def assert_gentle(path: FloatArray) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_arrives_at_its_time(method: str) -> None:
+def test_every_interpolation_method_arrives_on_time(method: str) -> None:
     bench = bench_with(interpolation_method=method)
     handle = bench.send(through(GoalPoint((0.5, 0.1), 1.0), GoalPoint((0.8, -0.5), 2.0)))
     cycles = finish(bench, handle)
@@ -55,7 +55,7 @@ def test_every_method_arrives_at_its_time(method: str) -> None:
     assert np.abs(speeds(bench.path())).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
 
 
-def test_splines_with_positions_only_go_at_one_speed_and_ask_for_what_is_due_a_period_later() -> None:
+def test_splines_with_positions_only_move_at_constant_speed() -> None:
     bench = bench_with(interpolation_method="splines")
     handle = bench.send(to(1.0, -0.5, after_s=1.0))
     finish(bench, handle)
@@ -63,23 +63,23 @@ def test_splines_with_positions_only_go_at_one_speed_and_ask_for_what_is_due_a_p
     assert bench.path()[0][0] == pytest.approx(0.05)
 
 
-def test_splines_that_are_too_fast_are_stretched_and_say_so() -> None:
+def test_splines_that_are_too_fast_are_stretched_and_report_it() -> None:
     bench = bench_with(interpolation_method="splines")
     handle = bench.send(to(1.6, 0.0, after_s=0.1))
     finish(bench, handle)
-    assert handle.error_text.endswith("The limits stretched it from 0.10 s to 0.40 s.")
+    assert handle.error_text.endswith("The limits stretched the motion from 0.10 s to 0.40 s.")
     assert np.abs(speeds(bench.path())).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
 
 
-def test_zero_time_does_not_leap_with_splines_either() -> None:
+def test_a_spline_with_zero_duration_does_not_leap() -> None:
     bench = bench_with(interpolation_method="splines")
     handle = bench.send(to(1.0, 0.0, after_s=0.0))
     assert finish(bench, handle) >= 5
     assert np.abs(speeds(bench.path())).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
 
 
-def test_accelerations_without_velocities_are_as_if_not_said() -> None:
-    """Upstream stands still until the end, and then steps."""
+def test_accelerations_without_velocities_are_ignored() -> None:
+    """ros2_control stands still until the end, then steps to the goal."""
     paths = []
     for accelerations in ((), (1.0, 1.0)):
         bench = bench_with(interpolation_method="splines")
@@ -112,7 +112,7 @@ def test_joints_that_a_goal_does_not_name_hold(method: str) -> None:
     assert bench.path()[-1][:2] == pytest.approx((0.3, 0.1))
 
 
-def test_a_joint_that_moves_and_is_not_named_comes_to_rest_without_turning_back() -> None:
+def test_a_moving_joint_that_a_goal_does_not_name_stops_without_reversing() -> None:
     bench = bench_with(allow_partial_joints_goal=True)
     bench.send(to(1.5, 0.0))
     bench.cycle(12)
@@ -122,7 +122,7 @@ def test_a_joint_that_moves_and_is_not_named_comes_to_rest_without_turning_back(
     assert bench.path()[-1][1] == pytest.approx(0.5)
 
 
-def test_velocities_alone_are_integrated_where_allowed() -> None:
+def test_velocities_without_positions_are_integrated_if_allowed() -> None:
     bench = bench_with(allow_integration_in_goal_trajectories=True, interpolation_method="splines")
     goal = through(
         GoalPoint((), 1.0, velocities=(0.4, 0.0)),
@@ -135,13 +135,13 @@ def test_velocities_alone_are_integrated_where_allowed() -> None:
     assert bench.path()[-1][0] == pytest.approx(0.2 + 0.4 + 0.2)
 
 
-def test_integrated_positions_are_held_against_the_limits_too() -> None:
+def test_integrated_positions_are_compared_with_the_limits() -> None:
     bench = bench_with(allow_integration_in_goal_trajectories=True)
     goal = through(GoalPoint((), 1.0, velocities=(3.0, 0.0)), GoalPoint((), 2.0, velocities=(0.0, 0.0)))
     assert bench.arm.check(goal) == ("shoulder would go to 3.0000 at point #1, outside its limits -2.0000 to 2.0000")
 
 
-def test_a_joint_without_ends_goes_the_shorter_way_round() -> None:
+def test_a_continuous_joint_moves_the_shorter_way_around() -> None:
     limits = [JointLimits(-math.inf, math.inf, 4.0, 12.0, 120.0), ARM_LIMITS]
     arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True, endless=[0])
     position = np.array([3.0, 0.0])
@@ -156,11 +156,11 @@ def test_a_joint_without_ends_goes_the_shorter_way_round() -> None:
     assert arm.command[0] == pytest.approx(math.tau - 3.0)
 
 
-def test_errors_of_joints_without_ends_count_the_shorter_way_round() -> None:
+def test_the_error_of_a_continuous_joint_is_the_shorter_way_around() -> None:
     assert shorter_way(np.array([6.2, 6.2]), [0]) == pytest.approx((6.2 - math.tau, 6.2))
 
 
-def test_a_joint_without_ends_that_is_held_is_given_way_to_by_the_shorter_way_round() -> None:
+def test_a_blocked_continuous_joint_is_relieved_the_shorter_way_around() -> None:
     limits = [JointLimits(-math.inf, math.inf, 4.0, 12.0, 120.0), ARM_LIMITS]
     arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True, [0])
     held = np.array((3.0, 0.0))
@@ -176,10 +176,10 @@ def test_a_joint_without_ends_that_is_held_is_given_way_to_by_the_shorter_way_ro
     assert min(commands) > 2.9 and commands[-1] == pytest.approx(3.0)
 
 
-# Cancel, time-out, topic
+# Cancel, timeout, topic
 
 
-def test_a_cancel_can_hold_the_measured_position_as_upstream_does() -> None:
+def test_a_cancel_can_hold_the_measured_position_as_in_ros2_control() -> None:
     bench = bench_with(constraints={"decelerate_on_cancel": False})
     bench.hardware.slow = {"shoulder": 0.02}
     handle = bench.send(to(1.0, 0.0))
@@ -191,7 +191,7 @@ def test_a_cancel_can_hold_the_measured_position_as_upstream_does() -> None:
     assert np.abs(speeds(bench.path())).max() <= ARM_LIMITS.velocity * (1 + 1e-6)
 
 
-def test_a_cancel_decelerates_as_gently_as_it_is_told() -> None:
+def test_a_cancel_applies_the_configured_deceleration() -> None:
     stops = []
     for limit in (0.0, 3.0, 100.0):
         bench = bench_with(constraints={"shoulder": {"max_deceleration_on_cancel": limit}})
@@ -213,7 +213,7 @@ def test_a_cancel_decelerates_as_gently_as_it_is_told() -> None:
     ],
     ids=["too fast to stop", "too gentle"],
 )
-def test_a_stop_near_a_limit_ends_there_and_the_joint_is_not_stuck(said: dict[str, object]) -> None:
+def test_a_stop_near_a_limit_ends_there_and_the_joint_can_move_again(said: dict[str, object]) -> None:
     bench = bench_with(**said)
     handle = bench.send(to(2.0, 0.0, after_s=0.6))
     bench.cycle()
@@ -222,13 +222,13 @@ def test_a_stop_near_a_limit_ends_there_and_the_joint_is_not_stuck(said: dict[st
     bench.cycle(40)
     assert bench.arm.tracking is not None
     assert bench.arm.tracking.reference.position[0] <= 2.0
-    assert bench.arm.tracking.output == pytest.approx(bench.path()[-1][:2])  # the gate has nothing to do
+    assert bench.arm.tracking.output == pytest.approx(bench.path()[-1][:2])  # The safety gate changes nothing.
     handle = bench.send(to(0.0, 0.0))
     finish(bench, handle)
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_when_the_command_has_timed_out_what_is_measured_is_held() -> None:
+def test_a_command_timeout_holds_the_measured_position() -> None:
     bench = bench_with(cmd_timeout=0.5)
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.1, 0.5, goal={"elbow": 0.01}))
@@ -238,7 +238,7 @@ def test_when_the_command_has_timed_out_what_is_measured_is_held() -> None:
     assert bench.path()[-1][:2] == pytest.approx((0.1, 0.0))
 
 
-def test_a_time_out_shorter_than_the_goal_time_is_ignored() -> None:
+def test_a_command_timeout_shorter_than_the_goal_time_is_ignored() -> None:
     bench = bench_with(cmd_timeout=0.2, constraints={"goal_time": 0.5})
     bench.hardware.stuck = {"elbow"}
     handle = bench.send(to(0.1, 0.5, goal={"elbow": 0.01}))
@@ -246,7 +246,7 @@ def test_a_time_out_shorter_than_the_goal_time_is_ignored() -> None:
     assert handle.error_text.startswith("Aborted due to goal_time_tolerance")
 
 
-def test_a_trajectory_on_the_topic_ends_the_goal_in_words() -> None:
+def test_a_trajectory_on_the_topic_aborts_the_goal_with_a_text() -> None:
     bench = bench_with()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(5)
@@ -258,7 +258,7 @@ def test_a_trajectory_on_the_topic_ends_the_goal_in_words() -> None:
     assert_gentle(bench.path())
 
 
-def test_a_goal_over_a_trajectory_of_the_topic_just_takes_over() -> None:
+def test_a_goal_replaces_a_trajectory_from_the_topic() -> None:
     bench = bench_with()
     topic = bench.send(replace(to(0.0, 0.5), from_topic=True))
     bench.cycle(5)
@@ -269,7 +269,7 @@ def test_a_goal_over_a_trajectory_of_the_topic_just_takes_over() -> None:
 
 
 @pytest.mark.parametrize("refused", [to(9.0, 0.0), TrajectoryGoal(ARM, ()), TrajectoryGoal(("elbow",), ())])
-def test_what_is_refused_leaves_the_goal_alone(refused: TrajectoryGoal) -> None:
+def test_a_rejected_goal_does_not_affect_the_active_goal(refused: TrajectoryGoal) -> None:
     bench = bench_with()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(5)
@@ -281,7 +281,7 @@ def test_what_is_refused_leaves_the_goal_alone(refused: TrajectoryGoal) -> None:
 # Speed scaling
 
 
-def test_at_half_speed_it_takes_twice_as_long() -> None:
+def test_a_goal_takes_twice_as_long_at_half_speed() -> None:
     bench = bench_with()
     bench.arm.scaling.ask(0.5)
     handle = bench.send(to(1.0, 0.0))
@@ -292,7 +292,7 @@ def test_at_half_speed_it_takes_twice_as_long() -> None:
 
 @pytest.mark.parametrize("method", ["ruckig", "splines"])
 @pytest.mark.parametrize("asked", [0.0, 0.3])
-def test_a_change_in_mid_way_is_gentle_and_the_goal_arrives(asked: float, method: str) -> None:
+def test_a_change_of_speed_keeps_the_limits_and_the_goal_arrives(asked: float, method: str) -> None:
     bench = bench_with(interpolation_method=method)
     velocities = (0.0, 0.0)
     handle = bench.send(through(GoalPoint((1.8, 0.0), 1.5, velocities, (0.0, 0.0))))
@@ -306,7 +306,7 @@ def test_a_change_in_mid_way_is_gentle_and_the_goal_arrives(asked: float, method
     assert_gentle(bench.path())
 
 
-def test_a_pause_stands_still() -> None:
+def test_a_pause_stops_the_joints() -> None:
     bench = bench_with()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(10)
@@ -317,7 +317,7 @@ def test_a_pause_stands_still() -> None:
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.3])
-def test_cancels_and_new_goals_while_slowed_down_are_gentle(factor: float) -> None:
+def test_cancels_and_new_goals_at_reduced_speed_keep_the_limits(factor: float) -> None:
     for cancel in (True, False):
         bench = bench_with()
         handle = bench.send(to(1.5, 0.0))
@@ -335,15 +335,15 @@ def test_cancels_and_new_goals_while_slowed_down_are_gentle(factor: float) -> No
             assert bench.path()[-1] == pytest.approx(bench.path()[-2])
 
 
-# What can be asked
+# Queries
 
 
-def test_the_reference_of_another_time() -> None:
+def test_the_reference_can_be_read_at_another_time() -> None:
     bench = bench_with(interpolation_method="splines")
     bench.cycle()
     tracking = bench.arm.tracking
     assert tracking is not None
-    assert tracking.at(0.0)[1] is False  # it holds
+    assert tracking.at(0.0)[1] is False  # The controller holds the position.
     bench.send(to(1.0, 0.0))
     bench.cycle(11)
     tracking = bench.arm.tracking
@@ -356,7 +356,7 @@ def test_the_reference_of_another_time() -> None:
     assert tracking is not None and tracking.at(0.0)[1] is False
 
 
-def test_parameters_count_from_the_next_goal_on() -> None:
+def test_parameters_apply_from_the_next_goal_on() -> None:
     bench = bench_with()
     part = TrajectoryGoal(("elbow",), (GoalPoint((0.1,), 0.5),))
     assert bench.arm.check(part) is not None
@@ -364,13 +364,13 @@ def test_parameters_count_from_the_next_goal_on() -> None:
     assert bench.arm.check(part) is None
 
 
-def test_every_joints_constraints_are_parameters_said_or_not() -> None:
+def test_every_joint_has_constraint_parameters() -> None:
     constraints = arm_parameters(constraints={"elbow": {"goal": 0.1}}).constraints
     assert set(constraints.by_joint()) == set(ARM)
     assert constraints.by_joint()["elbow"].goal == 0.1
 
 
-def test_lost_hardware_ends_the_goal_with_its_reason() -> None:
+def test_lost_hardware_aborts_the_goal_with_its_reason() -> None:
     bench = bench_with()
     handle = bench.send(to(1.0, 0.0))
     bench.cycle(3)
@@ -379,7 +379,7 @@ def test_lost_hardware_ends_the_goal_with_its_reason() -> None:
     assert bench.arm.tracking is None
 
 
-def test_activated_again_it_begins_where_the_joints_are() -> None:
+def test_a_reactivated_controller_starts_at_the_current_positions() -> None:
     bench = bench_with()
     bench.send(to(1.0, 0.0))
     bench.cycle(10)
@@ -390,11 +390,11 @@ def test_activated_again_it_begins_where_the_joints_are() -> None:
     assert bench.arm.command == pytest.approx(somewhere)
 
 
-# All together
+# Random sequences
 
 
 def restless_goal(dice: random.Random) -> TrajectoryGoal:
-    """One point or several, a part of the joints, or a planner's many points."""
+    """Return a random goal: one or several points, some of the joints, or many points from a planner."""
     kind = dice.randint(0, 3)
     if kind == 0:
         return TrajectoryGoal(ARM[1:], (GoalPoint((dice.uniform(-2.0, 2.0),), dice.uniform(0.0, 2.0)),))
@@ -407,7 +407,7 @@ def restless_goal(dice: random.Random) -> TrajectoryGoal:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_whatever_follows_upon_whatever_velocity_never_changes_faster_than_the_limit(seed: int) -> None:
+def test_no_sequence_of_goals_exceeds_the_acceleration_limit(seed: int) -> None:
     dice = random.Random(seed)
     bench = bench_with(allow_partial_joints_goal=True, command_lead=0.013)
     handles: list[GoalHandle] = []

@@ -1,4 +1,4 @@
-"""Whatever a client does and whatever goes wrong: commands stay sane and every goal is decided, once."""
+"""Test that commands keep the limits and every goal ends exactly once, for random clients and faults."""
 
 from itertools import pairwise
 from unittest.mock import patch
@@ -26,7 +26,7 @@ points = st.builds(GoalPoint, pairs, st.floats(-1.0, 5.0), extras, extras)
 
 
 class CountingHandle(GoalHandle):
-    """Knows every status that it ever had."""
+    """Goal handle that records every status."""
 
     def __init__(self, goal: TrajectoryGoal) -> None:
         self.seen: list[GoalStatus] = []
@@ -39,7 +39,7 @@ class CountingHandle(GoalHandle):
 
 
 class Client(RuleBasedStateMachine):
-    """Goals, trajectories of the topic, cancels, speed scaling, hand commands, faults, late cycles, life cycle."""
+    """Random sequences of goals, topic messages, cancels, speed changes, hand commands, faults and late cycles."""
 
     method = "ruckig"
 
@@ -140,7 +140,7 @@ class Client(RuleBasedStateMachine):
 
 
 class SplineClient(Client):
-    """The same on upstream's splines."""
+    """The same test with ros2_control's splines."""
 
     method = "splines"
 

@@ -1,4 +1,4 @@
-"""The lead: how far ahead of the reference the servos are commanded."""
+"""Test the lead of the commands over the reference."""
 
 import numpy as np
 import pytest
@@ -23,10 +23,10 @@ lags = st.tuples(st.floats(0.0, 0.1), st.one_of(st.just(np.inf), st.floats(10.0,
 
 
 @given(lags, lags, st.floats(0.0, 2.5), st.sampled_from([1.0, 0.5]), st.floats(0.0, 0.1))
-def test_each_joint_is_commanded_as_far_ahead_as_its_servo_lags(
+def test_each_command_leads_by_the_lag_of_its_servo(
     one: tuple[float, ...], other: tuple[float, ...], at_s: float, rate: float, lead_s: float
 ) -> None:
-    """By a time, by the way that braking takes, and by the rotor's inertia; never out of the limits."""
+    """The lead consists of a time, the braking distance and the rotor's inertia, and never leaves the limits."""
     limits, of_joints = [ARM_LIMITS] * 2, np.array([one, other]).T
     start, end = (Kinematics.at_rest(np.array(position)) for position in ((0.0, 1.9), (1.95, -1.9)))
     sampler = TrajectorySampler(limits, rate, of_joints)
@@ -47,7 +47,7 @@ def test_each_joint_is_commanded_as_far_ahead_as_its_servo_lags(
 
 
 def arm_with(command_lead: float | None) -> JointTrajectoryController:
-    """An active controller at zero."""
+    """Return an active controller at position zero."""
     known = compliances(FILES.robot.joints)
     context = ControllerContext(FILES.description, FILES.component, FILES.limits, lambda name: True, known)
     parameters = TrajectoryParameters(joints=JOINTS, interpolation_method="ruckig", command_lead=command_lead)
@@ -57,7 +57,7 @@ def arm_with(command_lead: float | None) -> JointTrajectoryController:
 
 
 def command_after_a_while(arm: JointTrajectoryController, set_on_the_way: float | None = None) -> float:
-    """Where joint1 is sent 0.4 s after the beginning of its way up."""
+    """Return the command of joint1 0.4 s after the start of its upward motion."""
     goal = TrajectoryGoal(JOINTS, (GoalPoint((1.0, *[0.0] * 5), 1.0),))
     assert arm.check(goal) is None
     arm.submit(goal)
@@ -68,13 +68,13 @@ def command_after_a_while(arm: JointTrajectoryController, set_on_the_way: float 
     return float(arm.command[0])
 
 
-def test_a_lead_that_the_parameters_name_counts_instead_of_what_is_known_of_the_servos() -> None:
+def test_the_command_lead_parameter_overrides_the_known_lag() -> None:
     none, some, known = (command_after_a_while(arm_with(lead)) for lead in (0.0, 0.02, None))
     assert none < some < known
     assert command_after_a_while(arm_with(PERIOD_S)) == pytest.approx(none + 0.05 * 1.5, abs=0.04)
 
 
-def test_a_lead_that_is_set_on_the_way_counts_from_the_next_goal_on() -> None:
+def test_a_new_command_lead_applies_from_the_next_goal_on() -> None:
     assert command_after_a_while(arm_with(0.0), set_on_the_way=0.05) == command_after_a_while(arm_with(0.0))
     arm = arm_with(0.0)
     arm.reconfigure(arm.parameters.model_copy(update={"command_lead": 0.05}))
@@ -82,7 +82,7 @@ def test_a_lead_that_is_set_on_the_way_counts_from_the_next_goal_on() -> None:
     assert command_after_a_while(arm) == command_after_a_while(arm_with(0.05))
 
 
-def test_a_lead_that_is_set_where_the_arm_stands_behind_a_goal_counts_from_then_on() -> None:
+def test_a_new_command_lead_applies_at_once_while_the_arm_is_at_rest() -> None:
     bench = Bench(arm_parameters(command_lead=0.0)).up()
     for lead_s in (0.0, 0.1):
         bench.arm.reconfigure(arm_parameters(command_lead=lead_s))
@@ -97,7 +97,7 @@ def test_a_lead_that_is_set_where_the_arm_stands_behind_a_goal_counts_from_then_
         bench.cycles_until(lambda handle=handle: handle.done)  # type: ignore[misc]
 
 
-def test_a_joint_of_whose_servo_nothing_is_known_follows_at_once() -> None:
+def test_a_joint_without_a_known_lag_has_no_lead() -> None:
     context = ControllerContext(FILES.description, FILES.component, FILES.limits, lambda name: True)
     lag_s, braking, inertia_s2 = context.lags(JOINTS)
     assert not lag_s.any() and not inertia_s2.any() and np.isinf(braking).all()

@@ -1,4 +1,4 @@
-"""One cycle after the other, the gate in between, and what late cycles do."""
+"""Test the loop: its cycles, the safety gate, late cycles and lost hardware."""
 
 import logging
 from collections.abc import Callable
@@ -26,7 +26,7 @@ NAN = float("nan")
 
 
 class Puppet:
-    """A controller of all joints that wants whatever the test says."""
+    """Controller of all joints that commands the values of a test."""
 
     name = "puppet"
     kind = "test"
@@ -74,7 +74,7 @@ def puppet_loop() -> tuple[Puppet, ControlLoop, ScriptedHardware, SimulatedClock
     ],
     ids=["fine", "NaN", "inf", "too far", "way off"],
 )
-def test_between_controllers_and_hardware_is_the_gate(wanted: tuple[float, ...], sent: tuple[float, ...]) -> None:
+def test_commands_pass_the_safety_gate(wanted: tuple[float, ...], sent: tuple[float, ...]) -> None:
     puppet, loop, hardware, _ = puppet_loop()
     puppet.command = np.array(wanted)
     loop.step()
@@ -82,7 +82,7 @@ def test_between_controllers_and_hardware_is_the_gate(wanted: tuple[float, ...],
     np.testing.assert_allclose(loop.command, sent)
 
 
-def test_the_gate_speaks_once_an_episode(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_gate_logs_once_per_episode(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     puppet, loop, _, _ = puppet_loop()
     for command in (NAN, NAN, 0.0, NAN):
@@ -91,7 +91,7 @@ def test_the_gate_speaks_once_an_episode(caplog: pytest.LogCaptureFixture) -> No
     assert caplog.messages.count("safety gate: shoulder: the command is nan: holding") == 2
 
 
-def test_joints_that_the_gate_stops_for_one_reason_are_one_line(caplog: pytest.LogCaptureFixture) -> None:
+def test_joints_stopped_for_the_same_reason_share_a_log_line(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     puppet, loop, _, _ = puppet_loop()
     puppet.command = np.array([NAN, NAN, 0.0])
@@ -101,7 +101,7 @@ def test_joints_that_the_gate_stops_for_one_reason_are_one_line(caplog: pytest.L
     ]
 
 
-def test_cycles_come_at_the_rate() -> None:
+def test_cycles_run_at_the_rate() -> None:
     _, loop, hardware, _ = puppet_loop()
     times: list[float] = []
     loop.on_cycle = lambda state: times.append(state.stamp_s)
@@ -120,10 +120,8 @@ def test_cycles_come_at_the_rate() -> None:
         (1.01, [1.05, 1.10, 1.15], 20),
     ],
 )
-def test_missed_cycles_are_counted_and_not_made_up_for_in_a_burst(
-    stall_s: float, then_at: list[float], missed: int
-) -> None:
-    """The first cycle takes ``stall_s``; what was due meanwhile is gone."""
+def test_missed_cycles_are_counted_and_not_run_in_a_burst(stall_s: float, then_at: list[float], missed: int) -> None:
+    """The first cycle takes ``stall_s``. Cycles that were due in this time are skipped."""
     puppet, loop, _, clock = puppet_loop()
     times: list[float] = []
 
@@ -139,8 +137,8 @@ def test_missed_cycles_are_counted_and_not_made_up_for_in_a_burst(
     assert loop.figures.longest_cycle_s == pytest.approx(stall_s)
 
 
-def test_a_measurement_may_take_what_the_other_steps_leave_of_the_period() -> None:
-    """They get a tenth at least, half at most, and between those what they have taken of late."""
+def test_a_measurement_may_take_the_time_that_other_steps_leave() -> None:
+    """The other steps get their recent duration, but at least a tenth and at most half of the period."""
     puppet, loop, hardware, clock = puppet_loop()
     hardware.deadlines.clear()
     busy_s = iter([0.0, 0.02, 0.0, 0.04, 0.0])
@@ -154,10 +152,8 @@ def test_a_measurement_may_take_what_the_other_steps_leave_of_the_period() -> No
 
 
 @pytest.mark.parametrize(("late_s", "left_s"), [(0.0, 0.045), (0.01, 0.035), (0.04, 0.02), (0.2, 0.02)])
-def test_in_a_late_cycle_a_measurement_may_take_less_but_never_less_than_half_a_period(
-    late_s: float, left_s: float
-) -> None:
-    """Of the half, too, the other steps get their tenth of a period."""
+def test_a_measurement_in_a_late_cycle_gets_at_least_half_a_period(late_s: float, left_s: float) -> None:
+    """Even of this half, a tenth of a period is reserved for the other steps."""
     _, loop, hardware, clock = puppet_loop()
     hardware.deadlines.clear()
     sleep = clock.sleep_until
@@ -166,7 +162,7 @@ def test_in_a_late_cycle_a_measurement_may_take_less_but_never_less_than_half_a_
     np.testing.assert_allclose(np.array(hardware.deadlines), [100.0 + late_s + left_s])
 
 
-def test_a_late_wake_up_is_in_the_figures() -> None:
+def test_a_late_wake_up_is_counted() -> None:
     _, loop, _, clock = puppet_loop()
     sleep = clock.sleep_until
     clock.sleep_until = lambda deadline_s: sleep(deadline_s + 0.01)  # type: ignore[method-assign]
@@ -175,7 +171,7 @@ def test_a_late_wake_up_is_in_the_figures() -> None:
     assert loop.figures.missed == 0
 
 
-def test_a_cycle_without_a_measurement_is_counted_and_not_on_time(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_cycle_without_a_measurement_is_counted_as_not_on_time(caplog: pytest.LogCaptureFixture) -> None:
     _, loop, hardware, _ = puppet_loop()
     assert loop.figures.summary == "every cycle on time"
     hardware.faults = dict.fromkeys(JOINTS[:-1], JointFault("silent", "servo 1: silent"))
@@ -190,10 +186,10 @@ def test_a_cycle_without_a_measurement_is_counted_and_not_on_time(caplog: pytest
     loop.step()
     assert (loop.figures.unmeasured, loop.figures.summary) == (6, "6 cycles without a measurement")
     assert "no joint has been measured" not in caplog.text
-    assert caplog.text.count("joints are measured again, after 3 cycles") == 2
+    assert caplog.text.count("joints are measured again after 3 cycles") == 2
 
 
-def test_where_a_joint_is_measured_the_log_tells_of_no_episode(caplog: pytest.LogCaptureFixture) -> None:
+def test_no_episode_is_logged_while_a_joint_is_measured(caplog: pytest.LogCaptureFixture) -> None:
     _, loop, hardware, _ = puppet_loop()
     hardware.faults = dict.fromkeys(JOINTS[:-1], JointFault("silent", "servo 1: silent"))
     loop.step()
@@ -201,7 +197,7 @@ def test_where_a_joint_is_measured_the_log_tells_of_no_episode(caplog: pytest.Lo
     assert caplog.messages == []
 
 
-def test_a_component_that_nobody_asks_is_not_missed() -> None:
+def test_an_inactive_component_does_not_count_as_unmeasured() -> None:
     _, loop, hardware, _ = puppet_loop()
     loop.component_transitions.ask("scripted", LifecycleState.UNCONFIGURED)
     for _ in range(5):
@@ -211,7 +207,7 @@ def test_a_component_that_nobody_asks_is_not_missed() -> None:
 
 
 @pytest.mark.parametrize("where", ["read", "write"])
-def test_a_defect_comes_out_of_the_loop_and_nothing_was_written_behind_it(where: str) -> None:
+def test_a_defect_leaves_the_loop_before_anything_is_written(where: str) -> None:
     _, loop, hardware, _ = puppet_loop()
     loop.step()
     hardware.failing[where] = RuntimeError("a defect")
@@ -221,7 +217,7 @@ def test_a_defect_comes_out_of_the_loop_and_nothing_was_written_behind_it(where:
 
 
 @pytest.mark.parametrize("where", ["read", "write"])
-def test_with_the_only_component_the_loop_ends(where: str) -> None:
+def test_the_loop_ends_when_its_only_component_is_lost(where: str) -> None:
     _, loop, hardware, _ = puppet_loop()
     loop.step()
     hardware.failing[where] = PortLost("the port is gone")
@@ -238,7 +234,7 @@ def test_inactive_hardware_is_read_and_not_written() -> None:
     assert hardware.calls[-1] == "read"
 
 
-def test_it_starts_where_the_arm_stands_and_returns_slowly_to_the_limits() -> None:
+def test_the_loop_starts_at_the_current_position_and_returns_slowly_to_the_limits() -> None:
     bench = Bench()
     bench.hardware._position = np.array([0.3, 2.05, -0.001])
     bench.up()
@@ -249,8 +245,8 @@ def test_it_starts_where_the_arm_stands_and_returns_slowly_to_the_limits() -> No
     np.testing.assert_allclose(bench.path()[-1], [0.3, 2.0, 0.0])
 
 
-def test_it_does_not_start_blind() -> None:
-    """A joint that was never measured has no place to start from: let go again and say which."""
+def test_the_loop_does_not_start_with_an_unmeasured_joint() -> None:
+    """A joint that was never measured has no start position. Its torque is disabled and its name is reported."""
     bench = Bench()
     bench.hardware._position = np.array([0.3, NAN, 0.0])
     bench.hardware.configure()
@@ -260,10 +256,10 @@ def test_it_does_not_start_blind() -> None:
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
-def test_a_start_that_fails_lets_go_and_says_where_torque_may_still_be_on(
+def test_a_failed_start_disables_the_torque_and_logs_where_it_may_still_be_on(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Hardware of somebody's own may be active although its activation has failed."""
+    """User-written hardware may be active although its activation has failed."""
     bench = Bench()
     bench.hardware.configure()
     activate = bench.hardware.activate
@@ -281,7 +277,7 @@ def test_a_start_that_fails_lets_go_and_says_where_torque_may_still_be_on(
 
 
 class Wheels(Puppet):
-    """Commands a velocity and an effort."""
+    """Controller that commands a velocity and an effort."""
 
     command_interfaces = ("wheel/velocity", "motor/effort")
     state_interfaces = ("wheel/velocity",)
@@ -302,7 +298,7 @@ def wheels() -> tuple[Wheels, ControlLoop, MockHardware]:
     return made, loop, hardware
 
 
-def test_velocities_and_efforts_go_through_the_gate_too() -> None:
+def test_velocities_and_efforts_pass_the_gate() -> None:
     made, loop, hardware = wheels()
     np.testing.assert_array_equal(loop.command, [0.0, 0.0, 0.0])
     made.command = np.array([9.0, 9.0])
@@ -318,13 +314,13 @@ def test_velocities_and_efforts_go_through_the_gate_too() -> None:
     np.testing.assert_allclose(loop.command, [3.5, 0.0, 0.0])
 
 
-def test_a_speed_can_be_sent_before_anything_was_measured_in_a_cycle() -> None:
+def test_a_velocity_can_be_sent_before_the_first_measurement() -> None:
     _, loop, _ = wheels()
     loop.send(np.array([9.0, 0.0, 0.0]))
     np.testing.assert_allclose(loop.command, [0.5, 0.0, 0.0])
 
 
-def test_what_nobody_commands_any_more_neither_moves_nor_pushes() -> None:
+def test_an_interface_without_a_controller_neither_moves_nor_pushes() -> None:
     made, loop, _ = wheels()
     made.command = np.array([2.0, 2.0])
     for _ in range(5):
@@ -335,7 +331,7 @@ def test_what_nobody_commands_any_more_neither_moves_nor_pushes() -> None:
     np.testing.assert_allclose(loop.command, [0.0, 0.0, 0.0], atol=1e-9)
 
 
-def test_a_controller_that_ends_in_mid_motion_leaves_its_joints_to_come_to_rest() -> None:
+def test_joints_come_to_rest_after_their_controller_ends_during_a_motion() -> None:
     bench = Bench().up()
     bench.send(to(1.5, 0.0))
     bench.cycle(12)
@@ -347,7 +343,7 @@ def test_a_controller_that_ends_in_mid_motion_leaves_its_joints_to_come_to_rest(
     assert velocity[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_controller_that_takes_over_begins_where_the_joints_come_to_rest() -> None:
+def test_a_new_controller_starts_where_the_joints_come_to_rest() -> None:
     puppet, loop, hardware, _ = puppet_loop()
     for step in range(1, 6):
         puppet.command = np.array([0.1 * step, 0.0, 0.0])
@@ -355,7 +351,7 @@ def test_a_controller_that_takes_over_begins_where_the_joints_come_to_rest() -> 
     loop.manager.release(["shoulder/position"], "the test")
     loop.step()
     loop.manager.switch(SwitchRequest(activate=("puppet",)), loop.command)
-    rest = puppet.command.copy()  # as it was activated
+    rest = puppet.command.copy()  # The command at activation.
     assert 0.5 < rest[0] < 1.5
     while loop.manager.stops.holds([0]):
         loop.step()
@@ -367,8 +363,8 @@ def test_a_controller_that_takes_over_begins_where_the_joints_come_to_rest() -> 
     np.testing.assert_allclose(hardware.written[-1], rest + np.array([0.01, 0.0, 0.0]))
 
 
-def test_a_goal_survives_the_gate_unchanged() -> None:
-    """The controller stays within the limits by itself; the gate is for bugs."""
+def test_the_gate_does_not_change_a_goal() -> None:
+    """The controller keeps the limits itself. The gate only catches bugs."""
     bench = Bench().up()
     handle = bench.send(to(1.9, -1.9, after_s=0.0))
     while not handle.done:
@@ -376,7 +372,7 @@ def test_a_goal_survives_the_gate_unchanged() -> None:
         assert bench.loop.command[:2] == pytest.approx(bench.arm.command, abs=1e-9)
 
 
-def test_times_and_misses_add_up_over_the_cycles(caplog: pytest.LogCaptureFixture) -> None:
+def test_times_and_missed_cycles_are_accumulated(caplog: pytest.LogCaptureFixture) -> None:
     puppet, loop, _, clock = puppet_loop()
     stalls = iter([0.12, 0.0, 0.07, 0.01])
     puppet.during_update = lambda: clock.sleep_until(clock.now() + next(stalls))
@@ -387,19 +383,19 @@ def test_times_and_misses_add_up_over_the_cycles(caplog: pytest.LogCaptureFixtur
     assert caplog.messages == ["missed 2 cycles: the loop was 0 ms late, busy 120 ms"]
 
 
-def test_a_loop_that_misses_all_the_time_says_so_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_loop_that_always_misses_cycles_logs_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
     puppet, loop, _, clock = puppet_loop()
     stalls = iter([0.07, 0.07, 0.12, *[0.07] * 13])
     puppet.during_update = lambda: clock.sleep_until(clock.now() + next(stalls))
     loop.run(lambda: loop.figures.cycles == 16)
     assert caplog.messages == [
         "missed 1 cycle: the loop was 0 ms late, busy 70 ms",
-        "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last such line)",
-        "missed 1 cycle: the loop was 0 ms late, busy 70 ms (10 more since the last such line)",
+        "missed 2 cycles: the loop was 0 ms late, busy 120 ms (1 more since the last warning)",
+        "missed 1 cycle: the loop was 0 ms late, busy 70 ms (10 more since the last warning)",
     ]
 
 
-def test_a_stall_is_told_to_the_millisecond_and_the_next_one_after_a_whole_second(
+def test_a_stall_is_logged_and_the_next_one_a_full_second_later(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     figures = LoopFigures()
@@ -411,7 +407,7 @@ def test_a_stall_is_told_to_the_millisecond_and_the_next_one_after_a_whole_secon
     ]
 
 
-def test_the_log_says_how_late_a_wake_up_was(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_contains_the_delay_of_a_late_wake_up(caplog: pytest.LogCaptureFixture) -> None:
     _, loop, _, clock = puppet_loop()
     sleep = clock.sleep_until
     clock.sleep_until = lambda deadline_s: sleep(deadline_s + 0.06)  # type: ignore[method-assign]
@@ -419,14 +415,14 @@ def test_the_log_says_how_late_a_wake_up_was(caplog: pytest.LogCaptureFixture) -
     assert caplog.messages == ["missed 1 cycle: the loop was 60 ms late, busy 0 ms"]
 
 
-def test_joints_that_are_limp_are_measured_nevertheless() -> None:
+def test_joints_without_torque_are_still_measured() -> None:
     _, loop, hardware, _ = puppet_loop()
     hardware.faults = dict.fromkeys(JOINTS, JointFault("no_torque", "servo 1 came back without torque"))
     loop.step()
     assert loop.figures.summary == "every cycle on time"
 
 
-def test_an_episode_without_a_measurement_that_lasts_is_told_while_it_lasts(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_long_episode_without_a_measurement_is_logged_while_it_lasts(caplog: pytest.LogCaptureFixture) -> None:
     _, loop, hardware, _ = puppet_loop()
     hardware.faults = dict.fromkeys(JOINTS, JointFault("silent", "servo 1: silent"))
     for _ in range(3 * FAULT_CYCLES):
@@ -434,16 +430,16 @@ def test_an_episode_without_a_measurement_that_lasts_is_told_while_it_lasts(capl
     assert caplog.messages == [f"no joint has been measured for {FAULT_CYCLES} cycles: servo 1: silent"]
 
 
-def test_an_episode_of_one_cycle_without_a_measurement_is_told_at_its_end(caplog: pytest.LogCaptureFixture) -> None:
+def test_one_cycle_without_a_measurement_is_logged_at_its_end(caplog: pytest.LogCaptureFixture) -> None:
     _, loop, hardware, _ = puppet_loop()
     hardware.faults = dict.fromkeys(JOINTS, JointFault("silent", "servo 1: silent"))
     loop.step()
     hardware.faults = {}
     loop.step()
-    assert caplog.messages == ["joints are measured again, after 1 cycle without a measurement"]
+    assert caplog.messages == ["joints are measured again after 1 cycle without a measurement"]
 
 
-def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failing_callback_is_logged_once_and_ends_no_cycle(caplog: pytest.LogCaptureFixture) -> None:
     seen: list[JointState] = []
 
     def observe(state: JointState) -> None:
@@ -458,7 +454,7 @@ def test_an_observer_that_fails_is_told_once_counted_and_ends_no_cycle(caplog: p
     for _ in range(3):
         loop.step()
     assert len(seen) == loop.figures.observer_errors == 3
-    assert caplog.messages == ["the observer of the cycle failed; the loop goes on"]
+    assert caplog.messages == ["the on_cycle callback failed; the loop continues"]
 
 
 def test_a_velocity_brakes_before_the_end_of_the_measured_range() -> None:
@@ -468,13 +464,13 @@ def test_a_velocity_brakes_before_the_end_of_the_measured_range() -> None:
     for _ in range(3):
         loop.step()
     assert 0.0 < loop.command[0] < 0.2
-    made.command = np.array([-4.0, 0.0])  # back there is room
+    made.command = np.array([-4.0, 0.0])  # There is room in this direction.
     for _ in range(10):
         loop.step()
     assert loop.command[0] == -4.0
 
 
-def test_at_the_start_nothing_is_commanded_but_to_stand() -> None:
+def test_the_first_commands_hold_the_current_position() -> None:
     _, loop, _ = wheels()
     np.testing.assert_array_equal(loop.previous_command, loop.command)
     clock = SimulatedClock(100.0)
@@ -486,7 +482,7 @@ def test_at_the_start_nothing_is_commanded_but_to_stand() -> None:
     np.testing.assert_array_equal(fresh.command, [0.0, NAN])
 
 
-def test_all_joints_that_were_not_measured_are_named() -> None:
+def test_all_unmeasured_joints_are_named() -> None:
     clock = SimulatedClock(100.0)
     hardware = ScriptedHardware(clock)
     hardware._position[:2] = NAN
@@ -497,7 +493,7 @@ def test_all_joints_that_were_not_measured_are_named() -> None:
         loop.activate()
 
 
-def test_a_joint_that_was_not_measured_is_named_in_full() -> None:
+def test_an_unmeasured_joint_is_named_in_full() -> None:
     clock = SimulatedClock(100.0)
     hardware = MockHardware("arm", ("left/arm",), clock)
     hardware._position[:] = NAN
@@ -509,7 +505,7 @@ def test_a_joint_that_was_not_measured_is_named_in_full() -> None:
         loop.activate()
 
 
-def test_hardware_that_takes_no_commands_is_read_all_the_same() -> None:
+def test_hardware_without_command_interfaces_is_read() -> None:
     clock = SimulatedClock(100.0)
     hardware = MockHardware("sensors", JOINTS, clock, command_interfaces=())
     components = ComponentSet([hardware], clock)

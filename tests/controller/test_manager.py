@@ -1,4 +1,4 @@
-"""Life cycles of controllers, who commands which joint, and what happens when one misbehaves."""
+"""Test the lifecycles of controllers, their claims and the handling of failing controllers."""
 
 import logging
 
@@ -20,10 +20,10 @@ def states(manager: ControllerManager) -> dict[str, LifecycleState]:
     return {name: entry.state for name, entry in manager.registry.loaded.items()}
 
 
-# Life cycles
+# Lifecycles
 
 
-def test_from_loading_to_unloading() -> None:
+def test_a_controller_can_be_loaded_and_unloaded() -> None:
     manager, puppet = managing(), Puppet("p", "a")
     manager.registry.load(ControllerSpec("p", puppet.kind, Parameters()))
     assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (UNCONFIGURED, {})
@@ -31,12 +31,12 @@ def test_from_loading_to_unloading() -> None:
     assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (INACTIVE, {"p": puppet})
     manager.registry.cleanup("p")
     assert (manager.registry.state("p"), dict(manager.registry.controllers)) == (UNCONFIGURED, {})
-    manager.registry.cleanup("p")  # upstream lets it be
+    manager.registry.cleanup("p")  # ros2_control accepts this, too.
     manager.registry.unload("p")
     assert states(manager) == {}
 
 
-def test_configuring_again_takes_the_new_controller() -> None:
+def test_configuring_again_replaces_the_controller() -> None:
     first, second = Puppet("p", "a"), Puppet("p", "b")
     manager = managing(first)
     manager.registry.transitions.clear()
@@ -70,7 +70,7 @@ def test_configuring_again_takes_the_new_controller() -> None:
     ],
     ids=["load twice", "configure active", "cleanup active", "unload active", "configure", "cleanup", "unload"],
 )
-def test_what_is_refused_changes_nothing(what, text: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_refused_request_changes_nothing(what, text: str) -> None:  # type: ignore[no-untyped-def]
     puppet = Puppet("p", "a")
     manager = managing(puppet, active=["p"])
     before = manager.registry.loaded
@@ -79,15 +79,17 @@ def test_what_is_refused_changes_nothing(what, text: str) -> None:  # type: igno
     assert manager.registry.loaded is before and manager.registry.controllers["p"] is puppet
 
 
-def test_what_the_hardware_has_not_cannot_be_commanded() -> None:
+def test_an_interface_that_the_hardware_lacks_cannot_be_claimed() -> None:
     manager = managing()
     manager.registry.load(ControllerSpec("p", "test", Parameters()))
-    with pytest.raises(ClaimError, match=r"p commands d/position, which the hardware has not \(it has a/position, b/"):
+    with pytest.raises(
+        ClaimError, match=r"p claims d/position, which the hardware does not have \(it has a/position, b/"
+    ):
         manager.registry.configure("p", Puppet("p", "a", "d"))
     assert states(manager) == {"p": UNCONFIGURED}
 
 
-def test_a_reader_of_another_thread_keeps_a_whole_picture() -> None:
+def test_another_thread_reads_a_consistent_state() -> None:
     manager = managing(Puppet("p", "a"), Puppet("q", "b"))
     seen = manager.registry.loaded
     manager.switch(SwitchRequest(("p", "q")), HELD)
@@ -99,7 +101,7 @@ def test_a_reader_of_another_thread_keeps_a_whole_picture() -> None:
 # The start
 
 
-def test_at_the_start_the_first_takes_the_joint_and_the_log_says_who_stays_inactive(
+def test_the_first_controller_gets_the_joint_at_the_start_and_the_others_are_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     manager = ControllerManager(Interfaces(), {})
@@ -113,7 +115,7 @@ def test_at_the_start_the_first_takes_the_joint_and_the_log_says_who_stays_inact
     )
 
 
-def test_before_the_first_measurement_none_takes_over() -> None:
+def test_no_controller_is_activated_before_the_first_measurement() -> None:
     manager = ControllerManager(Interfaces(), {})
     manager.registry.add(Puppet("p", "a"))
     with pytest.raises(SwitchError, match="Could not activate controller 'p': its joints have not been measured yet"):
@@ -121,7 +123,7 @@ def test_before_the_first_measurement_none_takes_over() -> None:
     assert states(manager) == {"p": INACTIVE}
 
 
-def test_at_the_start_a_broken_one_stays_inactive_and_a_fallback_waits(caplog: pytest.LogCaptureFixture) -> None:
+def test_broken_and_fallback_controllers_stay_inactive_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
     spare, broken, main = Puppet("spare", "a"), Puppet("broken", "b", failing=["activate"]), Puppet("main", "a")
     manager = ControllerManager(Interfaces(), {})
     for puppet in (spare, broken):
@@ -136,14 +138,14 @@ def test_at_the_start_a_broken_one_stays_inactive_and_a_fallback_waits(caplog: p
 # One cycle
 
 
-def test_each_commands_its_own_and_the_rest_stays() -> None:
+def test_controllers_command_only_their_own_joints() -> None:
     manager = managing(Puppet("p", "c", wanted=0.7), Puppet("q", "a", wanted=-0.7), active=["p", "q"])
     last = HELD.copy()
     assert cycle(manager, last) == [-0.7, 0.2, 0.7]
     np.testing.assert_array_equal(last, HELD)
 
 
-def test_an_inactive_controller_commands_nothing_and_takes_over_where_the_hardware_is() -> None:
+def test_a_controller_starts_at_the_last_command_and_commands_nothing_before() -> None:
     puppet = Puppet("p", "c", "b")
     manager = managing(puppet)
     assert cycle(manager) == HELD.tolist()
@@ -154,16 +156,16 @@ def test_an_inactive_controller_commands_nothing_and_takes_over_where_the_hardwa
     assert cycle(manager) == HELD.tolist()
 
 
-def test_settled_is_the_controllers_own_word_while_it_is_active() -> None:
+def test_an_active_controller_reports_whether_it_has_settled() -> None:
     manager = managing(Puppet("p", "a"))
     assert manager.cycle.settled("nobody")
-    assert manager.cycle.settled("p")  # inactive: there is nothing to wait for
+    assert manager.cycle.settled("p")  # An inactive controller counts as settled.
     manager.switch(SwitchRequest(("p",)), HELD)
     assert not manager.cycle.settled("p")
 
 
 @pytest.mark.parametrize("failing", [["update"], ["update", "deactivate"]])
-def test_a_controller_that_fails_is_deactivated_and_the_others_go_on(
+def test_a_failing_controller_is_deactivated_and_the_others_continue(
     failing: list[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     broken, sound = Puppet("broken", "a", failing=failing), Puppet("sound", "b")
@@ -175,7 +177,7 @@ def test_a_controller_that_fails_is_deactivated_and_the_others_go_on(
     assert cycle(manager) == [0.1, 0.7, 0.3]
 
 
-def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_joints(
+def test_a_command_of_the_wrong_length_is_an_error(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     class Short(Puppet):
@@ -185,10 +187,10 @@ def test_a_command_of_the_wrong_length_is_a_failure_and_not_spread_over_all_join
     manager = managing(Short("short", "a", "b"), active=["short"])
     assert cycle(manager) == HELD.tolist()
     assert states(manager) == {"short": INACTIVE}
-    assert "a command of shape (1,) for 2 interfaces" in caplog.text
+    assert "the command has shape (1,), expected (2,)" in caplog.text
 
 
-def test_the_fallback_takes_over_from_the_next_cycle_on() -> None:
+def test_the_fallback_starts_in_the_next_cycle() -> None:
     broken, spare = Puppet("broken", "a", failing=["update"]), Puppet("spare", "a", wanted=0.5)
     manager = managing(broken, spare, active=["broken"], fallback={"broken": ("spare",)})
     assert cycle(manager) == HELD.tolist()
@@ -197,13 +199,13 @@ def test_the_fallback_takes_over_from_the_next_cycle_on() -> None:
     assert cycle(manager) == [0.5, 0.2, 0.3]
 
 
-def test_a_fallback_that_cannot_take_over_leaves_the_joints_held(caplog: pytest.LogCaptureFixture) -> None:
+def test_joints_hold_if_the_fallback_cannot_start(caplog: pytest.LogCaptureFixture) -> None:
     manager = managing(Puppet("p", "a", failing=["update"]), active=["p"], fallback={"p": ("gone",)})
     assert cycle(manager) == HELD.tolist()
     assert "the fallback of p cannot take over: Could not activate controller with name 'gone'" in caplog.text
 
 
-# The hardware is lost, and the end
+# Lost hardware and shutdown
 
 
 @pytest.mark.parametrize(
@@ -216,21 +218,25 @@ def test_a_fallback_that_cannot_take_over_leaves_the_joints_held(caplog: pytest.
         (set(), True, {"p", "q"}),
     ],
 )
-def test_release(interfaces: set[str], with_states: bool, left: set[str], caplog: pytest.LogCaptureFixture) -> None:
+def test_release_deactivates_the_controllers_of_lost_interfaces(
+    interfaces: set[str], with_states: bool, left: set[str], caplog: pytest.LogCaptureFixture
+) -> None:
     manager = managing(Puppet("p", "a"), Puppet("q", "b"), active=["p", "q"])
     manager.release(interfaces, "the bus is gone", with_states)
     assert {name for name, state in states(manager).items() if state is ACTIVE} == left
-    assert ("p is deactivated, it uses a/" in caplog.text and "the bus is gone" in caplog.text) == ("p" not in left)
+    assert ("p is deactivated because it uses a/" in caplog.text and "the bus is gone" in caplog.text) == (
+        "p" not in left
+    )
 
 
-def test_one_that_cannot_be_deactivated_does_not_keep_the_others_active() -> None:
+def test_a_controller_that_cannot_be_deactivated_does_not_block_the_others() -> None:
     manager = managing(Puppet("stubborn", "a", failing=["deactivate"]), Puppet("q", "b"), active=["stubborn", "q"])
     with pytest.raises(RuntimeError, match="stubborn is broken"):
         manager.deactivate()
     assert states(manager) == {"stubborn": INACTIVE, "q": INACTIVE}
 
 
-def test_nothing_starts_on_joints_that_were_never_measured() -> None:
+def test_no_controller_starts_on_unmeasured_joints() -> None:
     manager = managing(Puppet("p", "a"), Puppet("q", "b"))
     unknown = np.array([np.nan, 0.2, 0.3])
     with pytest.raises(SwitchError, match="'p': its joints have not been measured yet"):
@@ -239,7 +245,7 @@ def test_nothing_starts_on_joints_that_were_never_measured() -> None:
     assert states(manager) == {"p": INACTIVE, "q": ACTIVE}
 
 
-def test_every_transition_is_told(caplog: pytest.LogCaptureFixture) -> None:
+def test_every_transition_is_recorded(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)
     manager = managing(Puppet("p", "a", failing=["update"]), active=["p"])
     cycle(manager)

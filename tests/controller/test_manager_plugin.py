@@ -1,4 +1,4 @@
-"""The controller of docs/write-a-controller.md, installed as a package of a user's own, through the manager."""
+"""Test the controller of docs/write-a-controller.md, installed as a user's package, in the manager."""
 
 import sys
 import tomllib
@@ -38,12 +38,12 @@ PAGE = "write-a-controller.md"
 
 
 def block(language: str) -> str:
-    """The document's code in that language."""
+    """Return the code of the document in a language."""
     return code(PAGE, language)
 
 
 def install(folder: Path, module: str, source: str, entry_points: str) -> None:
-    """What pip leaves behind: the module, and beside it what it offers."""
+    """Install a module with its entry points, as pip does."""
     (folder / f"{module}.py").write_text(source)
     info = folder / f"{module}-1.0.dist-info"
     info.mkdir()
@@ -53,9 +53,9 @@ def install(folder: Path, module: str, source: str, entry_points: str) -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder at the end of Python's path, as pip's is; what is installed there is not offered afterwards.
+    """Create a folder at the end of Python's path, like pip's. Its packages are not found after the test.
 
-    Python keeps modules that it has imported, so each test's module has another name.
+    Python keeps imported modules, so the module of each test needs its own name.
     """
     monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     yield tmp_path
@@ -64,7 +64,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def made(path: Path, settings: str) -> tuple[ControlLoop, ControllerManager, ManagerClient]:
-    """A loop on the joints of the house's arm, with the controllers of a file."""
+    """A loop for the joints of the default arm, with the controllers of a file."""
     path.write_text(settings)
     description = parse_urdf(URDF.read_text())
     component = description.components[0]
@@ -85,7 +85,7 @@ def made(path: Path, settings: str) -> tuple[ControlLoop, ControllerManager, Man
 
 
 def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
-    """Where the joint is told to be."""
+    """Run cycles and return the commands of a joint."""
     told = []
     for _ in range(count):
         loop.clock.sleep_until(loop.clock.now() + PERIOD_S)
@@ -95,7 +95,7 @@ def cycles(loop: ControlLoop, count: int, joint: str = "joint6") -> list[float]:
 
 
 @pytest.mark.runs(*named(PAGE, "python", "toml", "yaml"))
-def test_the_documents_controller_runs_through_the_manager(site: Path) -> None:
+def test_the_documented_controller_runs_in_the_manager(site: Path) -> None:
     ((kind, place),) = tomllib.loads(block("toml"))["project"]["entry-points"]["servoloop.controllers"].items()
     install(site, "joint_wave", block("python"), f"{kind} = {place}")
     look_for_plugins_again()
@@ -110,7 +110,7 @@ def test_the_documents_controller_runs_through_the_manager(site: Path) -> None:
     assert cycles(loop, 1) == [pytest.approx(0.0, abs=1e-12)]
 
 
-def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site: Path) -> None:
+def test_a_plugin_that_fails_during_a_motion_is_deactivated(site: Path) -> None:
     broken = block("python").replace(
         "self.elapsed_s += period_s", "self.elapsed_s += 1 / (self.elapsed_s < 0.3) * period_s"
     )
@@ -129,9 +129,7 @@ def test_one_that_fails_in_mid_motion_is_deactivated_and_the_cycle_goes_on(site:
         ("empty_wave", "x = 1", "has no attribute 'Wave'"),
     ],
 )
-def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(
-    site: Path, module: str, source: str, why: str
-) -> None:
+def test_a_broken_plugin_is_reported_and_does_not_affect_others(site: Path, module: str, source: str, why: str) -> None:
     install(site, module, source, f"joint_wave/Wave = {module}:Wave")
     look_for_plugins_again()
     assert "joint_wave/Wave" not in controller_types() and len(controller_types()) > 3
@@ -140,20 +138,20 @@ def test_a_broken_plugin_is_named_and_keeps_nobody_else_from_work(
         made(site / "controllers.yaml", block("yaml"))
 
 
-def test_a_module_that_python_has_itself_is_named_with_the_remedy(site: Path) -> None:
+def test_a_plugin_named_like_a_standard_module_is_reported_with_the_remedy(site: Path) -> None:
     install(site, "wave", block("python"), "joint_wave/Wave = wave:Wave")
     look_for_plugins_again()
-    with pytest.raises(ControllersFileError, match=r"Python's own module wave is found instead: rename wave\.py"):
+    with pytest.raises(ControllersFileError, match=r"Python imports its own module wave instead: rename wave\.py"):
         made(site / "controllers.yaml", block("yaml"))
 
 
-def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> None:
+def test_a_plugin_installed_later_is_found_after_a_reload(site: Path) -> None:
     loop, manager, manager_client = made(site / "controllers.yaml", HAND)
     install(site, "later_wave", block("python"), "joint_wave/Wave = later_wave:Wave")
     assert "joint_wave/Wave" not in manager_client.controller_types()
     refused, forced = manager_client.reload(force=False), manager_client.reload(force=True)
     cycles(loop, 1)
-    with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or force it"):
+    with pytest.raises(ManagerError, match="hand cannot be unloaded while active: deactivate first, or use force"):
         refused.result()
     forced.result()
     assert (dict(manager.registry.loaded), "joint_wave/Wave" in manager_client.controller_types()) == ({}, True)
@@ -167,10 +165,10 @@ def test_a_plugin_that_is_installed_later_counts_after_a_reload(site: Path) -> N
     assert manager.registry.state("wave") is LifecycleState.INACTIVE
 
 
-# The desk, where clients of other threads ask
+# Requests from other threads
 
 
-def test_a_switch_that_comes_too_late_is_not_done() -> None:
+def test_a_switch_after_its_timeout_is_not_done() -> None:
     bench = Bench().up()
     manager_client = ManagerClient(bench.loop, None)  # type: ignore[arg-type]
     late, soon = (
@@ -188,7 +186,7 @@ def test_a_switch_that_comes_too_late_is_not_done() -> None:
 
 
 @pytest.mark.parametrize("name", ["spare-arm", "2nd", "a/b", "bräter"])
-def test_a_name_that_no_ros_node_can_have_is_refused(name: str) -> None:
+def test_an_invalid_node_name_is_rejected(name: str) -> None:
     manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
-    with pytest.raises(ManagerError, match=f"^{name} cannot be a controller's name: ROS nodes' names are letters"):
+    with pytest.raises(ManagerError, match=f"^{name} is not a valid controller name: use letters, digits and _"):
         manager_client.load(name, Settings("joint_wave/Wave"))

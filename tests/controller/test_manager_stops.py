@@ -1,4 +1,4 @@
-"""A controller that goes in mid-motion leaves its joints on their way to rest, within the limits."""
+"""Test that joints come to rest within their limits after their controller is deactivated during a motion."""
 
 import logging
 from collections.abc import Callable
@@ -18,7 +18,7 @@ ALL = dict.fromkeys("abc", LIMITS)
 
 
 class Runner(Puppet):
-    """Goes on at 1 rad/s."""
+    """Controller that always moves at 1 rad/s."""
 
     def update(self, state: JointState, now_s: float, period_s: float) -> None:
         self._called("update")
@@ -26,7 +26,7 @@ class Runner(Puppet):
 
 
 def run(manager: ControllerManager, last: FloatArray, cycles: int) -> FloatArray:
-    """The commands of so many cycles, shape (cycles, 3), as if the hardware did what it is told."""
+    """Return the commands of several cycles, shape (cycles, 3), on ideal hardware."""
     rows = []
     for _ in range(cycles):
         last = manager.cycle.update(STANDING, last, 0.0, PERIOD_S)
@@ -47,7 +47,7 @@ def failing(manager: ControllerManager, runner: Runner) -> None:
 
 
 @pytest.mark.parametrize("go", [switched_off, released, failing])
-def test_it_comes_to_rest_within_the_limits(
+def test_joints_without_a_controller_come_to_rest_within_the_limits(
     go: Callable[[ControllerManager, Runner], None], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.CRITICAL)
@@ -67,7 +67,7 @@ def test_it_comes_to_rest_within_the_limits(
     assert not manager.stops.holds([0, 1, 2])
 
 
-def test_whoever_takes_moving_joints_over_begins_where_they_come_to_rest() -> None:
+def test_a_controller_of_moving_joints_starts_where_they_come_to_rest() -> None:
     runner, heir = Runner("runner", "a", "b"), Runner("heir", "a")
     manager = managing(runner, heir, active=["runner"], limits=ALL)
     before = run(manager, np.zeros(3), 3)
@@ -75,14 +75,16 @@ def test_whoever_takes_moving_joints_over_begins_where_they_come_to_rest() -> No
     assert manager.registry.state("heir") is LifecycleState.ACTIVE
     path = np.vstack([before, run(manager, before[-1], 20)])
     velocity = np.diff(path, axis=0) / PERIOD_S
-    rested = int(np.argmax(velocity[3:, 1] == 0.0)) + 3  # joint b has nobody: it shows how long the way to rest is
+    rested = (
+        int(np.argmax(velocity[3:, 1] == 0.0)) + 3
+    )  # Joint b has no controller, so it shows the duration of the stop.
     assert (np.abs(np.diff(velocity[:rested], axis=0)) <= LIMITS.acceleration * PERIOD_S + 1e-6).all()
     assert path[rested, 0] - before[-1, 0] > 0.03
-    np.testing.assert_allclose(velocity[rested + 1 :, 0], 1.0)  # the heir goes on from there as it likes
+    np.testing.assert_allclose(velocity[rested + 1 :, 0], 1.0)  # The new controller continues from there.
     assert heir.calls[0] == "activate" and "update" in heir.calls
 
 
-def test_a_controller_that_waits_for_a_joint_to_stand_holds_no_other_up() -> None:
+def test_a_controller_that_waits_for_a_stop_does_not_delay_others() -> None:
     runner, heir, other = Runner("runner", "a"), Runner("heir", "a"), Runner("other", "b")
     manager = managing(runner, heir, other, active=["runner", "other"], limits=ALL)
     before = run(manager, np.zeros(3), 3)
@@ -92,7 +94,7 @@ def test_a_controller_that_waits_for_a_joint_to_stand_holds_no_other_up() -> Non
     np.testing.assert_allclose(np.diff(path[:, 1]) / PERIOD_S, 1.0)
 
 
-def test_whoever_lets_go_of_joints_that_coast_lets_them_coast() -> None:
+def test_deactivating_a_waiting_controller_does_not_interrupt_a_stop() -> None:
     runner, heir = Runner("runner", "a"), Runner("heir", "a")
     manager = managing(runner, heir, active=["runner"], limits=ALL)
     path = [*run(manager, np.zeros(3), 3)]
@@ -106,7 +108,7 @@ def test_whoever_lets_go_of_joints_that_coast_lets_them_coast() -> None:
     assert "update" not in heir.calls
 
 
-def test_joints_that_stand_stay() -> None:
+def test_joints_at_rest_stay_at_rest() -> None:
     puppet = Puppet("p", "a", wanted=0.4)
     manager = managing(puppet, active=["p"], limits=ALL)
     last = run(manager, np.zeros(3), 3)[-1]

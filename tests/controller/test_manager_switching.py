@@ -1,4 +1,4 @@
-"""Switching: what is done, what is refused, and that it is never half done."""
+"""Test that a switch is done completely or not at all."""
 
 import logging
 
@@ -16,7 +16,7 @@ UNKNOWN = "Could not activate controller with name 'nope' because no controller 
 
 
 def four(hardware: Interfaces | None = None) -> ControllerManager:
-    """arm is active on a and b; rival wants b; hand wants c; raw is unconfigured."""
+    """Return a manager: arm is active on a and b, rival uses b, hand uses c, and raw is unconfigured."""
     puppets = Puppet("arm", "a", "b"), Puppet("rival", "b"), Puppet("hand", "c"), Puppet("raw")
     manager = managing(*puppets, active=["arm"], hardware=hardware)
     manager.registry.cleanup("raw")
@@ -72,14 +72,16 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("start", "stop", "strictness", "text", "then"), ANSWERED)
-def test_what_is_done(start: list[str], stop: list[str], strictness: Strictness, text: str, then: set[str]) -> None:
+def test_a_switch_changes_the_expected_controllers(
+    start: list[str], stop: list[str], strictness: Strictness, text: str, then: set[str]
+) -> None:
     manager = four()
     assert manager.switch(SwitchRequest(tuple(start), tuple(stop), strictness), HELD) == text
     assert active(manager) == then
 
 
 @pytest.mark.parametrize(("start", "stop", "strictness", "text"), REFUSED)
-def test_what_is_refused_switches_nothing(start: list[str], stop: list[str], strictness: Strictness, text: str) -> None:
+def test_a_refused_switch_changes_nothing(start: list[str], stop: list[str], strictness: Strictness, text: str) -> None:
     manager = four()
     before = manager.registry.loaded
     with pytest.raises(SwitchError) as refusal:
@@ -88,7 +90,7 @@ def test_what_is_refused_switches_nothing(start: list[str], stop: list[str], str
     assert manager.registry.loaded is before
 
 
-def test_two_that_are_started_together_cannot_share_a_joint() -> None:
+def test_two_controllers_activated_together_cannot_share_a_joint() -> None:
     manager = managing(Puppet("arm", "a", "b"), Puppet("rival", "b"))
     with pytest.raises(SwitchError, match="'rival' since the command interface 'b/position' is currently claimed"):
         manager.switch(SwitchRequest(("arm", "rival"), strictness=FORCE), HELD)
@@ -97,9 +99,7 @@ def test_two_that_are_started_together_cannot_share_a_joint() -> None:
 
 @pytest.mark.parametrize(("lost", "kind"), [("c/position", "command"), ("c/velocity", "state")])
 @pytest.mark.parametrize("strictness", list(Strictness))
-def test_an_interface_that_the_hardware_has_not_ready_refuses_the_switch(
-    lost: str, kind: str, strictness: Strictness
-) -> None:
+def test_an_unavailable_interface_prevents_a_switch(lost: str, kind: str, strictness: Strictness) -> None:
     manager = four(Interfaces(lost=lost))
     with pytest.raises(
         SwitchError, match=f"controller 'hand' since the {kind} interface '{lost}' is not available: is its"
@@ -108,10 +108,10 @@ def test_an_interface_that_the_hardware_has_not_ready_refuses_the_switch(
     assert active(manager) == {"arm"}
 
 
-# Never half
+# Undo
 
 
-def test_where_an_activation_fails_everything_is_as_before(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failed_activation_undoes_the_switch(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)
     old, fine, broken = Puppet("old", "a"), Puppet("fine", "b"), Puppet("broken", "c", "a", failing=["activate"])
     manager = managing(old, fine, broken, active=["old"])
@@ -120,11 +120,11 @@ def test_where_an_activation_fails_everything_is_as_before(caplog: pytest.LogCap
     assert str(refusal.value) == "Could not activate controller 'broken': broken is broken. Nothing was switched."
     assert active(manager) == {"old"}
     assert fine.calls == ["activate", "deactivate"]
-    assert broken.calls == ["activate", "deactivate"]  # whatever it had begun
+    assert broken.calls == ["activate", "deactivate"]  # The failed activation is undone.
     assert cycle(manager) == [0.7, 0.2, 0.3]
 
 
-def test_where_what_was_stopped_does_not_come_back_the_answer_says_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_incomplete_undo_is_reported(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)
     old, broken = Puppet("old", "a"), Puppet("broken", "a", failing=["activate"])
     manager = managing(old, broken, active=["old"])
@@ -133,7 +133,8 @@ def test_where_what_was_stopped_does_not_come_back_the_answer_says_so(caplog: py
         manager.switch(SwitchRequest(("broken",), ("old",), STRICT), HELD)
     assert str(refusal.value) == (
         "Could not activate controller 'broken': broken is broken; "
-        "and Could not activate controller 'old': old is broken: it stays inactive, its joints hold"
+        "and Could not activate controller 'old': old is broken: "
+        "the controller stays inactive and its joints hold position"
     )
     assert active(manager) == set()
     assert cycle(manager) == HELD.tolist()
@@ -145,7 +146,7 @@ SOME = st.lists(st.sampled_from(NAMES), max_size=4).map(tuple)
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.builds(SwitchRequest, SOME, SOME, st.sampled_from(Strictness)), max_size=6))
-def test_whatever_is_asked_no_joint_ever_has_two_masters_and_a_refusal_changes_nothing(
+def test_no_sequence_of_switches_gives_a_joint_two_controllers(
     wishes: list[SwitchRequest],
 ) -> None:
     manager = four()

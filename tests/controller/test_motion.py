@@ -1,4 +1,4 @@
-"""Motions stay within every limit, arrive exactly, and take the time that was asked for."""
+"""Test that motions keep all limits, arrive exactly and take the requested time."""
 
 import itertools
 
@@ -12,7 +12,7 @@ from hal.types import FloatArray, JointLimits
 
 LOWER, UPPER = -3.0, 3.0
 SLACK = 1e-6
-"""Relative: rounding only."""
+"""Relative tolerance for rounding."""
 
 
 def limits_of(velocity: float, acceleration: float, jerk: float) -> JointLimits:
@@ -25,7 +25,7 @@ positions = st.floats(LOWER, UPPER)
 
 @st.composite
 def tasks(draw: st.DrawFn) -> tuple[list[JointLimits], FloatArray, FloatArray]:
-    """Limits, start and target of one to six joints."""
+    """Return random limits, starts and targets of one to six joints."""
     count = draw(st.integers(1, 6))
     vectors = st.lists(positions, min_size=count, max_size=count).map(np.array)
     return draw(st.lists(bounds, min_size=count, max_size=count)), draw(vectors), draw(vectors)
@@ -36,7 +36,7 @@ def at_rest(*position: float) -> Kinematics:
 
 
 def through(start: Kinematics, points: list[tuple[Kinematics, float]], limits: list[JointLimits]) -> Motion:
-    """Segment by segment through states at their times."""
+    """Join segments through states at their times."""
     before_s, trajectories = 0.0, []
     for state, time_s in points:
         trajectories.append(segment(start, state, limits, time_s - before_s))
@@ -64,7 +64,9 @@ def assert_within(motion: Motion, limits: list[JointLimits]) -> None:
 
 @given(tasks(), st.floats(0.0, 8.0))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_from_rest_to_rest(task: tuple[list[JointLimits], FloatArray, FloatArray], asked_s: float) -> None:
+def test_a_motion_from_rest_to_rest_keeps_all_limits(
+    task: tuple[list[JointLimits], FloatArray, FloatArray], asked_s: float
+) -> None:
     limits, start, target = task
     motion = motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, asked_s)
     fastest_s = motion_to(Kinematics.at_rest(start), Kinematics.at_rest(target), limits, 0.0).duration_s
@@ -78,7 +80,7 @@ def test_from_rest_to_rest(task: tuple[list[JointLimits], FloatArray, FloatArray
 
 @given(tasks(), st.floats(0.0, 1.0), st.floats(0.0, 5.0), st.data())
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_a_motion_that_takes_over_another_goes_on_from_its_state_and_stays_between_the_limits(
+def test_a_motion_continues_from_the_state_of_another_within_the_limits(
     task: tuple[list[JointLimits], FloatArray, FloatArray], share: float, asked_s: float, data: st.DataObject
 ) -> None:
     limits, start, target = task
@@ -99,7 +101,7 @@ def test_a_motion_that_takes_over_another_goes_on_from_its_state_and_stays_betwe
 
 @given(tasks(), st.floats(0.0, 1.0))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_a_stop_ends_at_rest_within_limits(
+def test_a_stop_ends_at_rest_within_the_limits(
     task: tuple[list[JointLimits], FloatArray, FloatArray], share: float
 ) -> None:
     limits, start, target = task
@@ -124,7 +126,7 @@ def test_a_stop_from_rest_takes_no_time() -> None:
     st.floats(0.2, 2.0),
 )
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_way_points_are_passed_without_a_step_in_position_or_velocity(
+def test_waypoints_are_passed_without_a_step_in_position_or_velocity(
     points: list[tuple[float, float]], apart_s: float
 ) -> None:
     limits = [limits_of(2.0, 10.0, 100.0)]
@@ -145,7 +147,7 @@ def test_way_points_are_passed_without_a_step_in_position_or_velocity(
     assert motion.sample(motion.duration_s).position == pytest.approx([last], abs=1e-6)
 
 
-def test_way_points_are_passed_at_their_times_when_the_limits_allow() -> None:
+def test_waypoints_are_passed_on_time_if_the_limits_allow() -> None:
     limits = [limits_of(2.0, 10.0, 100.0)]
     way = Kinematics(np.array([0.5]), np.array([0.4]), np.zeros(1))
     motion = through(at_rest(0.0), [(way, 1.0), (at_rest(1.0), 2.5)], limits)
@@ -155,7 +157,7 @@ def test_way_points_are_passed_at_their_times_when_the_limits_allow() -> None:
     assert not stretched(motion)
 
 
-def test_before_its_start_and_after_its_end_it_stands() -> None:
+def test_a_motion_is_at_rest_before_its_start_and_after_its_end() -> None:
     motion = motion_to(at_rest(0.0), at_rest(1.0), [limits_of(2.0, 10.0, 100.0)], 1.5)
     assert motion.sample(-1.0).position == pytest.approx([0.0])
     assert motion.sample(9.0).position == pytest.approx([1.0])
@@ -163,20 +165,20 @@ def test_before_its_start_and_after_its_end_it_stands() -> None:
 
 
 def test_a_motion_never_swings_beyond_the_position_limits() -> None:
-    """A way-point may lie within them and yet be passed too fast to stay within."""
+    """A waypoint may lie within the limits but be passed too fast to stay within them."""
     near_the_end = Kinematics(np.array([2.95]), np.array([4.0]), np.zeros(1))
     points = [(near_the_end, 3.0), (at_rest(0.0), 6.0)]
     with pytest.raises(MotionError, match=r"joint 1 would swing to 3\.\d+, outside its limits -3\.0+ to 3\.0+"):
         through(at_rest(0.0), points, [limits_of(4.0, 12.0, 120.0)])
 
 
-def test_a_joint_that_stands_outside_its_limits_may_come_back_in() -> None:
+def test_a_joint_outside_its_limits_may_return() -> None:
     motion = motion_to(at_rest(3.1), at_rest(0.0), [limits_of(4.0, 12.0, 120.0)], 3.0)
     assert motion.sample(0.0).position == pytest.approx([3.1])
     assert motion.sample(3.0).position == pytest.approx([0.0])
 
 
-def test_in_a_stop_no_joint_waits_for_another() -> None:
+def test_no_joint_waits_for_another_in_a_stop() -> None:
     limits = [limits_of(4.0, 12.0, 120.0), limits_of(4.0, 1.0, 120.0)]
     both = Kinematics(np.zeros(2), np.array([2.0, 2.0]), np.zeros(2))
     alone = plan_stop(Kinematics(np.zeros(1), np.array([2.0]), np.zeros(1)), limits[:1])
@@ -184,7 +186,7 @@ def test_in_a_stop_no_joint_waits_for_another() -> None:
     assert stop.sample(stop.duration_s).position[0] == pytest.approx(alone.sample(alone.duration_s).position[0])
 
 
-def test_a_duration_beyond_ruckigs_is_an_error_of_ours() -> None:
+def test_a_duration_that_ruckig_rejects_raises_motion_error() -> None:
     with pytest.raises(MotionError, match="no motion within the limits"):
         motion_to(at_rest(0.0), at_rest(0.5), [limits_of(2.0, 10.0, 100.0)], 1e9)
 
@@ -197,7 +199,7 @@ NAN, INF = float("nan"), float("inf")
     [(NAN, 0, 0), (INF, 0, 0), (0, NAN, 0), (0, 3.0, 0), (0, 0, NAN), (0, 0, 20.0)],
     ids=["NaN", "inf", "NaN v", "too fast", "NaN a", "too much a"],
 )
-def test_an_impossible_target_is_an_error_of_ours(position: float, velocity: float, acceleration: float) -> None:
+def test_an_impossible_target_raises_motion_error(position: float, velocity: float, acceleration: float) -> None:
     target = Kinematics(np.array([position]), np.array([velocity]), np.array([acceleration]))
     with pytest.raises(MotionError):
         motion_to(at_rest(0.0), target, [limits_of(2.0, 10.0, 100.0)], 1.0)

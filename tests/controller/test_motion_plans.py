@@ -1,4 +1,4 @@
-"""What a controller prepares from a goal, by each method: within the limits, and joined from wherever it moves."""
+"""Test that the plans of each interpolation method keep the limits and can be joined from any motion."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def task(way: Waypoints, start: Kinematics = START) -> Task:
 @pytest.mark.soak
 @given(random_waypoints())
 @settings(max_examples=CYCLES // 40, deadline=None, derandomize=True)
-def test_smoothed_courses_keep_all_limits_and_both_ends(way: Waypoints) -> None:
+def test_smoothed_paths_keep_all_limits_and_both_ends(way: Waypoints) -> None:
     try:
         path = smooth_path(START, way, LIMITS, JOINTS)
     except MotionError:
@@ -41,7 +41,7 @@ def test_smoothed_courses_keep_all_limits_and_both_ends(way: Waypoints) -> None:
 
 @given(random_waypoints(largest=6))
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_ruckig_keeps_all_limits_and_ends_where_it_should(way: Waypoints) -> None:
+def test_ruckig_keeps_all_limits_and_ends_at_the_last_point(way: Waypoints) -> None:
     try:
         path = prepare("ruckig", task(way)).join(START, 0.0)
     except MotionError:
@@ -58,7 +58,7 @@ def test_ruckig_keeps_all_limits_and_ends_where_it_should(way: Waypoints) -> Non
     positions_ := st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
 )
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_a_plan_is_joined_from_any_movement_without_a_step(
+def test_a_plan_is_joined_from_any_motion_without_a_step(
     way: Waypoints, share: float, target: tuple[float, float]
 ) -> None:
     before = prepare("ruckig", task(waypoints(GoalPoint(target, 0.5)))).join(START, 0.0)
@@ -78,10 +78,10 @@ def test_a_plan_is_joined_from_any_movement_without_a_step(
 @pytest.mark.parametrize("fields", [1, 2, 3], ids=["positions", "velocities", "accelerations"])
 @pytest.mark.parametrize("apart_s", [0.01, 0.02, 0.05, 0.1, 0.3])
 @pytest.mark.parametrize(("velocity", "acceleration"), [(1.0, 1.0), (2.0, 6.0), (3.0, 10.0)])
-def test_a_planners_many_points_take_no_more_than_its_client_waits_for(
+def test_the_path_of_a_planner_ends_within_the_timeout_of_its_client(
     fields: int, apart_s: float, velocity: float, acceleration: float
 ) -> None:
-    """MoveIt cancels after 1.1 times the duration and 0.5 s."""
+    """MoveIt cancels after 1.1 times the duration plus 0.5 s."""
     profile = Trapezoid(1.9, velocity, acceleration)
     path = prepare("ruckig", task(profile.waypoints(apart_s, fields))).join(START, 0.0)
     assert_within(path)
@@ -91,7 +91,7 @@ def test_a_planners_many_points_take_no_more_than_its_client_waits_for(
     assert max(deviation) < 0.12
 
 
-def test_few_points_are_passed_exactly_on_time_and_without_stopping_even_the_first() -> None:
+def test_few_points_are_passed_exactly_on_time_without_stopping() -> None:
     way = waypoints(*(GoalPoint((0.4 * i, 0.2 * i), float(i)) for i in (1, 2, 3)))
     path = prepare("ruckig", task(way)).join(START, 0.0)
     for i in (1, 2):
@@ -111,7 +111,7 @@ def test_many_points_are_sampled_as_cheaply_as_few(count: int) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_what_has_passed_while_waiting_is_left_out(method: Method) -> None:
+def test_points_that_passed_during_a_wait_are_skipped(method: Method) -> None:
     way = waypoints(GoalPoint((0.3, 0.0), 1.0), GoalPoint((0.6, 0.0), 3.0))
     path = prepare(method, task(way)).join(START, 1.5)
     assert path.asked_s == pytest.approx(1.5)
@@ -119,14 +119,14 @@ def test_what_has_passed_while_waiting_is_left_out(method: Method) -> None:
     assert path.sample(1.51).position == pytest.approx((0.6, 0.0), abs=1e-3)
 
 
-def test_none_leaps_to_the_next_point_at_each_points_time() -> None:
+def test_the_method_none_leaps_to_the_next_point_at_each_points_time() -> None:
     way = waypoints(GoalPoint((0.1, 0.0), 1.0), GoalPoint((0.2, 0.0), 2.0), GoalPoint((0.3, 0.0), 3.0))
     path = prepare("none", task(way)).join(at_rest(0.5, 0.5), 0.0)
     seen = [float(path.sample(t).position[0]) for t in (0.0, 0.9, 1.0, 1.9, 2.0, 2.9, 3.0, 9.0)]
     assert seen == [0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 0.3, 0.3]
 
 
-def test_splines_take_over_a_movement_that_the_goal_did_not_know_of() -> None:
+def test_splines_continue_from_an_unexpected_motion() -> None:
     way = waypoints(GoalPoint((0.5, 0.0), 1.0, (0.2, 0.0)), GoalPoint((0.6, 0.0), 2.0, (0.0, 0.0)))
     moving = Kinematics(np.array([0.1, 0.0]), np.array([0.3, 0.0]), np.zeros(2))
     path = prepare("splines", task(way)).join(moving, 0.0)

@@ -1,4 +1,4 @@
-"""Speed scaling: reached within the acceleration limits, and refused where it makes no sense."""
+"""Test that speed scaling keeps the acceleration limits and rejects invalid factors."""
 
 import numpy as np
 import pytest
@@ -13,20 +13,20 @@ CRUISING = Kinematics(np.zeros(2), np.array([2.0, -1.0]), np.zeros(2))
 
 
 @pytest.mark.parametrize("factor", [-1.0, float("nan"), float("inf")])
-def test_nonsense_is_ignored_and_said(factor: float) -> None:
+def test_an_invalid_factor_is_ignored_with_a_reason(factor: float) -> None:
     scaling = SpeedScaling(LIMITS)
     assert "ignored" in (scaling.ask(factor) or "")
     assert scaling.asked == 1.0
 
 
-def test_faster_than_the_goal_is_not_done_and_said() -> None:
+def test_a_factor_above_one_is_limited_with_a_reason() -> None:
     scaling = SpeedScaling(LIMITS, initial=0.5)
     assert "counts as 1" in (scaling.ask(2.0) or "")
     assert scaling.asked == 1.0
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, 1.0])
-def test_what_makes_sense_is_taken(factor: float) -> None:
+def test_a_valid_factor_is_applied(factor: float) -> None:
     scaling = SpeedScaling(LIMITS)
     assert scaling.ask(factor) is None
     assert scaling.asked == factor
@@ -34,7 +34,7 @@ def test_what_makes_sense_is_taken(factor: float) -> None:
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-2.0, 2.0), st.floats(-8.0, 8.0), st.floats(0.001, 0.1))
 @settings(max_examples=200, deadline=None, derandomize=True)
-def test_a_change_never_takes_more_acceleration_than_there_is(
+def test_a_change_of_speed_keeps_the_acceleration_limit(
     before: float, asked: float, velocity: float, acceleration: float, step_s: float
 ) -> None:
     scaling = SpeedScaling(LIMITS, initial=before)
@@ -45,7 +45,7 @@ def test_a_change_never_takes_more_acceleration_than_there_is(
     assert abs(rate * velocity) <= LIMITS[1].acceleration + abs(acceleration) + 1e-9
 
 
-def test_a_pause_comes_to_its_end_and_so_does_a_resume() -> None:
+def test_a_pause_and_a_resume_complete() -> None:
     scaling = SpeedScaling(LIMITS)
     for asked in (0.0, 1.0):
         scaling.ask(asked)
@@ -54,7 +54,7 @@ def test_a_pause_comes_to_its_end_and_so_does_a_resume() -> None:
         assert scaling.factor == asked
 
 
-def test_what_begins_in_movement_begins_at_full_rate() -> None:
+def test_a_path_that_starts_in_motion_starts_at_full_rate() -> None:
     scaling = SpeedScaling(LIMITS, initial=0.25)
     scaling.restart(moving=True)
     assert scaling.factor == 1.0

@@ -18,12 +18,12 @@ from controller.manager.node_parameters import merged, parameters_in, parameters
         ([], {}),
     ],
 )
-def test_parameters_in_arguments(arguments: list[str], found: dict[str, Any]) -> None:
+def test_parameters_are_read_from_ros_arguments(arguments: list[str], found: dict[str, Any]) -> None:
     assert parameters_in(arguments, "arm") == found
 
 
-def test_an_argument_that_is_no_yaml_is_told() -> None:
-    with pytest.raises(ValueError, match=r"arm gets the argument '-p joints:=\[a', whose value is no YAML"):
+def test_an_argument_with_invalid_yaml_is_reported() -> None:
+    with pytest.raises(ValueError, match=r"arm: the value in the argument '-p joints:=\[a' is not valid YAML"):
         parameters_in(["-p", "joints:=[a"], "arm")
 
 
@@ -38,13 +38,13 @@ def test_an_argument_that_is_no_yaml_is_told() -> None:
         ({}, {"a.b": 1}, {"a": {"b": 1}}),
     ],
 )
-def test_merged(first: dict[str, Any], second: dict[str, Any], both: dict[str, Any]) -> None:
+def test_parameters_are_merged_recursively(first: dict[str, Any], second: dict[str, Any], both: dict[str, Any]) -> None:
     before = repr(first)
     assert merged(first, second) == both
     assert repr(first) == before
 
 
-def test_what_is_said_of_all_nodes_is_filled_up_by_what_is_said_of_one() -> None:
+def test_parameters_of_all_nodes_are_merged_with_those_of_one_node() -> None:
     content = {
         "/**": {"ros__parameters": {"constraints": {"goal_time": 1.0, "stopped_velocity_tolerance": 0.1}}},
         "arm": {"ros__parameters": {"constraints": {"goal_time": 2.0}}},

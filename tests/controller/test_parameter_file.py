@@ -1,4 +1,4 @@
-"""Parameter files as rcl reads them: what it merges, the types of values, and what it refuses."""
+"""Test that parameter files are read as in rcl: merging, value types and rejected values."""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ def parameters(tmp_path: Path, text: str, node: str = "arm") -> dict[str, Any]:
     return parameters_of(read_parameter_file(path, ControllersFileError)[1], node)
 
 
-def test_a_node_that_is_named_again_is_merged(tmp_path: Path) -> None:
+def test_repeated_sections_of_a_node_are_merged(tmp_path: Path) -> None:
     assert parameters(tmp_path, NAMED_AGAIN) == {"a": 1, "group": {"b": 2, "d": 4}, "c": 3}
     assert parameters(tmp_path, NAMED_AGAIN, "hand") == {"c": 3}
 
@@ -46,7 +46,7 @@ def test_a_node_that_is_named_again_is_merged(tmp_path: Path) -> None:
         ("hand", False),
     ],
 )
-def test_wildcards_and_namespaces(tmp_path: Path, name: str, meant: bool) -> None:
+def test_wildcards_and_namespaces_match_as_in_rcl(tmp_path: Path, name: str, meant: bool) -> None:
     text = f"{name}: {{ros__parameters: {{a: 1}}}}"
     assert parameters(tmp_path, text) == ({"a": 1} if meant else {})
 
@@ -58,7 +58,7 @@ def test_namespaces_may_be_nested(tmp_path: Path) -> None:
     assert not names({"/**": {}}, "arm")
 
 
-def test_later_entries_count_more_whichever_node_they_name(tmp_path: Path) -> None:
+def test_later_entries_override_earlier_ones(tmp_path: Path) -> None:
     text = "arm: {ros__parameters: {a: 1}}\n/**: {ros__parameters: {a: 2}}"
     assert parameters(tmp_path, text) == {"a": 2}
 
@@ -85,7 +85,7 @@ def test_later_entries_count_more_whichever_node_they_name(tmp_path: Path) -> No
         ("1e400", "1e400"),
     ],
 )
-def test_values_have_the_types_of_rcl(tmp_path: Path, text: str, value: Any) -> None:
+def test_values_have_the_same_types_as_in_rcl(tmp_path: Path, text: str, value: Any) -> None:
     found = parameters(tmp_path, f"arm: {{ros__parameters: {{a: {text}}}}}")["a"]
     assert (type(found), found) == (type(value), value)
 
@@ -93,20 +93,20 @@ def test_values_have_the_types_of_rcl(tmp_path: Path, text: str, value: Any) -> 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("arm:\n  ros_parameters:\n    joints: [a]", ":3: arm/ros_parameters.joints: a value stands outside ros__"),
+        ("arm:\n  ros_parameters:\n    joints: [a]", ":3: arm/ros_parameters.joints: this value is outside ros__"),
         ("arm:\n  ros__parameters: {a: [0, -0.35]}", ":2: arm.a mixes float and int in one list"),
         ("arm:\n  ros__parameters:\n    a:", ":3: arm.a has no value"),
         ("arm:\n  ros__parameters: 7", ":2: arm.ros__parameters: this is not a mapping"),
-        ("ros__parameters: {a: 1}", ":1: nothing is not the name of a node"),
+        ("ros__parameters: {a: 1}", ":1: '' is not a valid node name"),
         ("arm: {ros__parameters: {a: &x 1, b: *x}}", ":1: an alias"),
         ("arm: {ros__parameters: {a: [[1]]}}", ":1: arm.a has a list or a mapping within a list"),
         ("arm: {ros__parameters: {'': 1}}", ":1: arm. has an empty name"),
-        ("a b: {ros__parameters: {c: 1}}", ":1: a b is not the name of a node"),
+        ("a b: {ros__parameters: {c: 1}}", ":1: 'a b' is not a valid node name"),
         ("? [a]\n: 1", "a list or a mapping cannot be a key"),
         ("", ":1: this is not a mapping"),
     ],
 )
-def test_what_rcl_refuses_is_refused_with_its_line(tmp_path: Path, text: str, says: str) -> None:
+def test_values_that_rcl_rejects_are_rejected_with_their_line(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(ControllersFileError) as error:
         parameters(tmp_path, text)
     assert says in str(error.value)

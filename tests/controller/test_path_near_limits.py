@@ -1,4 +1,4 @@
-"""Plans that pass close to a position limit are driven, and no command leaves the limits."""
+"""Test that plans close to a position limit are executed and no command leaves the limits."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ from tests.controller.bench import ARM, ARM_LIMITS, Bench, arm_parameters, throu
 from tests.controller.moveit_plans import trapezoid
 
 STEP_S = 0.1
-"""Time between two points of a plan by MoveIt's time parameterization."""
+"""Time between two points of a MoveIt plan, in seconds."""
 
 
 def turn(lowest: float, accelerations: bool) -> list[GoalPoint]:
-    """Points of a smooth way down to ``lowest`` and back up, which turns between two of the points."""
+    """Return points of a smooth motion down to ``lowest`` and back up, with the turn between two points."""
     points = []
     for number in range(1, 17):
         at_s = (number - 8.5) * STEP_S
@@ -36,7 +36,7 @@ def turn(lowest: float, accelerations: bool) -> list[GoalPoint]:
 @pytest.mark.parametrize("accelerations", [True, False])
 @pytest.mark.parametrize("method", ["ruckig", "splines"])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_path_that_turns_a_count_beyond_a_limit_is_driven_within_it(
+def test_a_path_slightly_beyond_a_limit_is_executed_within_the_limit(
     method: str, accelerations: bool, side: float
 ) -> None:
     bench = Bench(arm_parameters(interpolation_method=method)).up()
@@ -57,15 +57,15 @@ def test_a_path_that_turns_a_count_beyond_a_limit_is_driven_within_it(
 
 
 @pytest.mark.parametrize("method", ["ruckig", "splines"])
-def test_a_path_that_swings_further_beyond_is_refused(method: str) -> None:
+def test_a_path_far_beyond_a_limit_is_rejected(method: str) -> None:
     bench = Bench(arm_parameters(interpolation_method=method)).up()
     near = GoalPoint((-1.99, 0.0), 1.0, (-1.0, 0.0)), GoalPoint((-1.99, 0.0), 1.1, (1.0, 0.0))
     reason = bench.arm.check(through(*near, GoalPoint((0.0, 0.0), 3.0, (0.0, 0.0))))
     assert reason is not None and reason.startswith("shoulder would swing to -2.0")
 
 
-def test_lines_that_begin_near_a_limit_are_planned_within_the_limits() -> None:
-    """The arm is measured a little beside its command, and so begins the plan."""
+def test_lines_that_start_near_a_limit_are_planned_within_the_limits() -> None:
+    """The plan starts at the measured position, slightly off the command."""
     limits, random = (ARM_LIMITS, ARM_LIMITS), np.random.default_rng(20)
     planner = GoalPlanner(ARM, limits, "ruckig")
     for _ in range(40):

@@ -1,4 +1,4 @@
-"""After a goal has ended the arm stops, travels nowhere, and presses against nothing."""
+"""Test that an arm stops after the end of a goal and presses against no obstacle."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ from tests.controller.moveit_plans import off_line
 
 ELBOW = 1
 PRESSES_RAD = 0.02
-"""A joint of this bench that is further from its command presses against what holds it."""
+"""Minimum distance from its command at which a joint of this bench presses on an obstacle."""
 
 
 def measured(bench: Bench) -> FloatArray:
@@ -26,7 +26,7 @@ def measured(bench: Bench) -> FloatArray:
 
 
 def ended(bench: Bench, handle: GoalHandle, least_s: float = 2.0) -> FloatArray:
-    """The measured positions (k, 2) from now on, until the goal has ended, and then for some time."""
+    """Return the measured positions (k, 2) until the goal has ended, and for some time after it."""
     seen = []
     bench.loop.on_cycle = lambda state: seen.append(state.position[:2].copy())
     bench.cycles_until(lambda: handle.done)
@@ -35,13 +35,13 @@ def ended(bench: Bench, handle: GoalHandle, least_s: float = 2.0) -> FloatArray:
 
 
 def aborts(bench: Bench) -> None:
-    """Run until the end of the goal is decided, before its client receives it."""
+    """Run until the result of the goal is decided, before its client receives it."""
     bench.cycles_until(lambda: (active := bench.arm._execution.active) is not None and active.ending is not None)
 
 
 @pytest.mark.parametrize("per_cycle", [0.06, 0.1, 0.14])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_joint_that_lags_behind_its_path_brakes_on_it_and_never_comes_back(per_cycle: float, sign: float) -> None:
+def test_a_lagging_joint_brakes_on_its_path_and_never_moves_back(per_cycle: float, sign: float) -> None:
     bench = Bench().up()
     bench.send(to(0.9, 1.8, after_s=0.7))
     bench.cycle(40)
@@ -88,7 +88,7 @@ ENDINGS: dict[str, tuple[dict[str, object], Callable[[Bench, GoalHandle], None],
 
 @pytest.mark.parametrize(("said", "then", "status"), ENDINGS.values(), ids=ENDINGS)
 @pytest.mark.parametrize("held_at", [0.0, 0.3, 0.5])
-def test_whatever_ends_a_goal_a_joint_that_something_holds_does_not_press_on(
+def test_a_blocked_joint_stops_pressing_after_every_kind_of_goal_end(
     said: dict[str, object], then: Callable[[Bench, GoalHandle], None], status: GoalStatus, held_at: float
 ) -> None:
     bench = Bench(arm_parameters(**said)).up()
@@ -105,7 +105,7 @@ def test_whatever_ends_a_goal_a_joint_that_something_holds_does_not_press_on(
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_the_client_is_told_when_the_arm_rests_and_presses_no_more() -> None:
+def test_the_client_gets_the_result_after_the_arm_is_relieved() -> None:
     bench = Bench().up()
     bench.hardware.objects = {"elbow": 0.3}
     handle = bench.send(to(0.4, 0.8, goal={"elbow": 0.03}, goal_time_s=0.3))
@@ -117,8 +117,8 @@ def test_the_client_is_told_when_the_arm_rests_and_presses_no_more() -> None:
 
 
 @pytest.mark.parametrize("offset", [-0.4, 0.4])
-def test_a_joint_whose_readings_are_wrong_is_not_driven_after_them(offset: float) -> None:
-    """It follows its command; its measurement has a constant error."""
+def test_a_joint_with_a_constant_measurement_error_is_not_moved(offset: float) -> None:
+    """The joint follows its command, but its measurement has a constant error."""
     bench = Bench().up()
     handle = bench.send(to(1.0, 1.0, path={"elbow": 0.2}))
     bench.cycle(10)
@@ -139,7 +139,7 @@ def test_a_joint_whose_readings_are_wrong_is_not_driven_after_them(offset: float
     assert bench.path()[-1] == pytest.approx(bench.path()[-2])
 
 
-def test_a_joint_that_sags_is_not_lowered_at_each_cancel() -> None:
+def test_a_cancel_does_not_lower_a_sagging_joint() -> None:
     bench = Bench().up()
     read = bench.hardware.read
 
@@ -158,7 +158,7 @@ def test_a_joint_that_sags_is_not_lowered_at_each_cancel() -> None:
         assert abs(bench.loop.command[ELBOW] - before) < 0.04
 
 
-def test_a_joint_that_comes_free_while_it_is_relieved_stops() -> None:
+def test_a_joint_that_becomes_free_during_its_relief_stops() -> None:
     bench = Bench().up()
     bench.hardware.objects = {"elbow": 0.3}
     handle = bench.send(to(0.0, 0.9, goal={"elbow": 0.03}, goal_time_s=0.3))
@@ -171,7 +171,7 @@ def test_a_joint_that_comes_free_while_it_is_relieved_stops() -> None:
     assert 0.5 < bench.path()[-1][ELBOW] < highest
 
 
-def test_a_joint_that_comes_free_leaves_no_other_joint_pressing() -> None:
+def test_a_joint_that_becomes_free_does_not_leave_another_joint_pressing() -> None:
     bench = Bench().up()
     bench.hardware.objects = {"shoulder": 0.3, "elbow": 0.3}
     handle = bench.send(to(0.9, 0.9, goal={"elbow": 0.03}, goal_time_s=0.3))
@@ -203,7 +203,7 @@ def deactivate(bench: Bench) -> None:
 
 
 def pressing(bench: Bench, at_rest: bool = True) -> Bench:
-    """The elbow presses against an object at 0.3, on its way to 0.8 or at its end."""
+    """Return a bench whose elbow presses on an object at 0.3, during or after a motion to 0.8."""
     bench.up()
     bench.hardware.objects = {"elbow": 0.3}
     bench.send(to(0.4, 0.8))
@@ -232,7 +232,7 @@ def hold_at_the_end(bench: Bench) -> None:
 
 @pytest.mark.parametrize("at_rest", [False, True], ids=["on the way", "at rest"])
 @pytest.mark.parametrize("end", [deactivate, set_inactive, fail, hold_at_the_end])
-def test_a_controller_that_goes_leaves_no_joint_pressing(end: Callable[[Bench], None], at_rest: bool) -> None:
+def test_a_deactivated_controller_leaves_no_joint_pressing(end: Callable[[Bench], None], at_rest: bool) -> None:
     bench = pressing(Bench(), at_rest)
     written = len(bench.hardware.written)
     end(bench)
@@ -246,7 +246,7 @@ def test_a_controller_that_goes_leaves_no_joint_pressing(end: Callable[[Bench], 
     assert (np.diff(path[:, 0]) >= -1e-9).all(), "the other joint comes to rest and stays"
 
 
-def test_an_arm_that_is_free_keeps_its_command_when_its_controller_goes() -> None:
+def test_a_free_arm_keeps_its_command_when_its_controller_is_deactivated() -> None:
     bench = Bench().up()
     handle = bench.send(to(0.4, 0.8))
     bench.cycles_until(lambda: handle.done)
@@ -256,7 +256,7 @@ def test_an_arm_that_is_free_keeps_its_command_when_its_controller_goes() -> Non
     assert (bench.path()[-40:] == before).all()
 
 
-def test_a_hand_keeps_its_grip_when_its_controller_goes() -> None:
+def test_a_hand_keeps_its_grip_when_its_controller_is_deactivated() -> None:
     bench = Bench().up()
     bench.hardware.objects = {"finger": 0.02}
     bench.hand.submit([0.05])
@@ -266,7 +266,7 @@ def test_a_hand_keeps_its_grip_when_its_controller_goes() -> None:
     assert bench.path()[-1][2] == pytest.approx(0.05)
 
 
-def test_a_new_controller_takes_over_gently_what_is_being_relieved() -> None:
+def test_a_new_controller_takes_over_relieved_joints_within_the_limits() -> None:
     bench = pressing(Bench())
     deactivate(bench)
     bench.cycles_until(lambda: bench.path()[-1][ELBOW] < 0.7)
@@ -279,7 +279,7 @@ def test_a_new_controller_takes_over_gently_what_is_being_relieved() -> None:
     assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1 + 1e-6)
 
 
-def test_an_end_in_the_middle_of_the_relief_goes_on_with_it_gently() -> None:
+def test_a_deactivation_during_the_relief_continues_it_within_the_limits() -> None:
     bench = pressing(Bench())
     deactivate(bench)
     bench.cycles_until(lambda: bench.path()[-1][ELBOW] < 0.6)
@@ -290,7 +290,7 @@ def test_an_end_in_the_middle_of_the_relief_goes_on_with_it_gently() -> None:
     assert np.abs(np.diff(path, 2)).max() <= ARM_LIMITS.acceleration * PERIOD_S**2 * (1 + 1e-6)
 
 
-def test_joints_that_are_not_measured_are_not_relieved_and_hold_nothing_up() -> None:
+def test_unmeasured_joints_are_not_relieved_and_do_not_delay_others() -> None:
     bench = pressing(Bench())
     bench.hardware.faults = dict.fromkeys(bench.hardware.joints, JointFault("silent", "no servo answers"))
     before = bench.path()[-1]

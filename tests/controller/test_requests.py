@@ -1,4 +1,4 @@
-"""What other threads ask of the loop: done once, in turn, in its thread, and never left without an answer."""
+"""Test that requests from other threads are served once, in order, in the thread of the loop, and always answered."""
 
 import threading
 
@@ -7,7 +7,7 @@ import pytest
 from controller.manager.requests import Requests
 
 
-def test_what_was_asked_is_done_in_turn_when_the_loop_comes_to_it() -> None:
+def test_requests_are_served_in_order_by_the_loop() -> None:
     requests, done = Requests(), list[str]()
     first = requests.ask(lambda: done.append("first"))
     second = requests.ask(lambda: len(done))
@@ -18,7 +18,7 @@ def test_what_was_asked_is_done_in_turn_when_the_loop_comes_to_it() -> None:
     assert done == ["first"]
 
 
-def test_an_error_goes_to_who_asked_and_hides_nothing() -> None:
+def test_an_error_is_raised_to_the_client_of_the_request() -> None:
     requests = Requests()
     broken, sound = requests.ask(lambda: 1 // 0), requests.ask(lambda: "sound")
     requests.serve()
@@ -27,7 +27,7 @@ def test_an_error_goes_to_who_asked_and_hides_nothing() -> None:
     assert sound.result() == "sound"
 
 
-def test_after_the_end_everybody_is_told() -> None:
+def test_requests_after_the_end_are_refused() -> None:
     requests = Requests()
     early = requests.ask(lambda: "early")
     requests.end()
@@ -37,7 +37,7 @@ def test_after_the_end_everybody_is_told() -> None:
             request.result()
 
 
-def test_requests_of_many_threads_are_all_done_in_the_loops_thread() -> None:
+def test_requests_from_many_threads_run_in_the_thread_of_the_loop() -> None:
     requests, where = Requests(), list[int]()
     threads = [
         threading.Thread(target=lambda: [requests.ask(lambda: where.append(threading.get_ident())) for _ in range(50)])

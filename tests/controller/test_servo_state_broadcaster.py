@@ -1,4 +1,4 @@
-"""What the servos say of themselves, as numbers."""
+"""Test the numeric states of servos."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def broadcaster(**parameters: object) -> ServoStateBroadcaster:
 
 
 def shown(controller: ServoStateBroadcaster, cycles: int, period_s: float = 0.05) -> int:
-    """How many different states it shows in so many cycles."""
+    """Return the number of different states published in a number of cycles."""
     seen = set()
     for number in range(cycles):
         controller.update(replace(state(), stamp_s=number * period_s), number * period_s, period_s)
@@ -62,7 +62,7 @@ def test_each_servo_has_all_values_by_name() -> None:
     np.testing.assert_equal(np.delete(base, 5), [NAN] * 15)
 
 
-def test_a_servo_without_an_account_of_its_bus_has_no_counters() -> None:
+def test_a_servo_without_bus_counters_reports_none() -> None:
     controller = broadcaster(joints=["base"], interfaces=["silent", "voltage", "load", "current"])
     standing = replace(state(), health={"base": ServoHealth(7.4, 30.0)})
     np.testing.assert_equal(controller.values(standing), [[NAN, 7.4, NAN, NAN]])
@@ -77,11 +77,11 @@ def test_joints_and_interfaces_can_be_chosen() -> None:
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
-        ({"joints": ["elbow"]}, "joints names elbow: take out what is not among base, wrist"),
-        ({"interfaces": ["power"]}, "interfaces names power: take out what is not among temperature, voltage"),
+        ({"joints": ["elbow"]}, "joints has unknown entries elbow: choose from base, wrist"),
+        ({"interfaces": ["power"]}, "interfaces has unknown entries power: choose from temperature, voltage"),
     ],
 )
-def test_what_is_not_there_is_refused_with_what_is(parameters: dict[str, list[str]], words: str) -> None:
+def test_unknown_joints_and_interfaces_are_rejected(parameters: dict[str, list[str]], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         broadcaster(**parameters)
 
@@ -90,21 +90,21 @@ def test_what_is_not_there_is_refused_with_what_is(parameters: dict[str, list[st
     ("rate", "period_s", "cycles", "states"),
     [(1.0, 0.05, 100, 5), (0.0, 0.05, 100, 100), (20.0, 0.05, 100, 100), (10.0, 0.01, 100, 10), (100.0, 0.05, 9, 9)],
 )
-def test_it_shows_a_state_at_its_rate(rate: float, period_s: float, cycles: int, states: int) -> None:
+def test_the_broadcaster_publishes_at_its_rate(rate: float, period_s: float, cycles: int, states: int) -> None:
     assert shown(broadcaster(rate=rate), cycles, period_s) == states
 
 
-def test_once_a_second_unless_told_otherwise() -> None:
+def test_the_default_rate_is_once_a_second() -> None:
     assert shown(broadcaster(), 100) == 5
 
 
-def test_its_rate_can_be_set_while_it_runs() -> None:
+def test_the_rate_can_be_set_while_the_broadcaster_runs() -> None:
     controller = broadcaster(rate=1.0)
     controller.reconfigure(ServoStateParameters(rate=0.0))
     assert shown(controller, 10) == 10
 
 
-def test_it_claims_nothing_and_shows_nothing_old() -> None:
+def test_the_broadcaster_claims_nothing_and_has_no_old_state() -> None:
     controller = broadcaster()
     assert controller.command_interfaces == ()
     assert controller.command.shape == (0,)

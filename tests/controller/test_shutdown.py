@@ -1,4 +1,4 @@
-"""How the arm is left, whatever fails on the way there."""
+"""Test the final state of the arm, even if steps of the shutdown fail."""
 
 from collections.abc import Callable
 from typing import Any
@@ -57,7 +57,7 @@ def test_it_stops_parks_where_asked_and_ends(relax: bool, park: dict[str, float]
         assert np.abs(velocity[stopped:]).max() <= SCALE * ARM_LIMITS.velocity + 1e-9
 
 
-def test_it_keeps_the_rate_on_the_way() -> None:
+def test_parking_keeps_the_rate_of_the_loop() -> None:
     bench = moving_bench()
     begin_s, written = bench.clock.now(), len(bench.path())
     shut_down(bench.loop, True, PARK, SCALE)
@@ -65,7 +65,7 @@ def test_it_keeps_the_rate_on_the_way() -> None:
     assert bench.clock.now() - begin_s == pytest.approx(count * PERIOD_S)
 
 
-def test_a_second_signal_on_the_way_to_the_park_pose_lets_go_there_and_then() -> None:
+def test_a_second_signal_during_parking_disables_the_torque_at_once() -> None:
     bench = moving_bench()
     begin_s = bench.clock.now()
     assert shut_down(bench.loop, True, PARK, SCALE, lambda: bench.clock.now() > begin_s + 1.0) == []
@@ -85,7 +85,7 @@ def test_after_a_controllers_bug_it_still_stops_and_parks(where: str, relax: boo
     if where in ("deactivate", "both"):
         bench.arm.deactivate = failing_with(error)  # type: ignore[method-assign]
     problems = shut_down(bench.loop, relax, PARK, SCALE)
-    expected = ["could not end the controllers: a controller's bug"] if where == "deactivate" else []
+    expected = ["could not deactivate the controllers: a controller's bug"] if where == "deactivate" else []
     assert problems == expected
     assert last_calls(bench) == ["relax" if relax else "hold", "cleanup"]
     assert (np.abs(bench.path()[-1][:2] - [-0.5, 0.5]).max() < 1e-6) == relax
@@ -118,28 +118,28 @@ def test_every_later_step_is_tried(failing: tuple[str, ...], problems: list[str]
     assert not bench.arm.running
 
 
-def test_a_park_pose_out_of_reach_is_said_and_the_arm_let_go() -> None:
+def test_an_unreachable_park_pose_is_reported_and_the_torque_disabled() -> None:
     bench = moving_bench()
     (problem,) = shut_down(bench.loop, True, {"shoulder": float("nan")}, SCALE)
     assert problem.startswith("could not park: the park pose cannot be reached: ")
     assert last_calls(bench) == ["relax", "cleanup"]
 
 
-def test_an_arm_that_never_came_up_is_only_closed() -> None:
+def test_an_arm_that_was_never_active_is_only_closed() -> None:
     bench = Bench()
     bench.hardware.configure()
     assert shut_down(bench.loop, True, PARK, SCALE) == []
     assert bench.hardware.calls == ["cleanup"]
 
 
-def test_what_switching_off_reports_is_passed_on() -> None:
+def test_problems_during_deactivation_are_returned() -> None:
     bench = moving_bench()
     bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
     assert shut_down(bench.loop, True, PARK, SCALE) == ["servo 3: does not answer"]
 
 
 def final_state(bench: Bench, caplog: pytest.LogCaptureFixture, relax: bool = False, hurry: bool = False) -> str:
-    """The last line of the log after the end, in words of its own."""
+    """Shut down and return the last line of the log."""
     caplog.set_level("INFO")
     shut_down(bench.loop, relax, PARK, SCALE, lambda: hurry)
     return caplog.messages[-1]
@@ -153,26 +153,26 @@ def final_state(bench: Bench, caplog: pytest.LogCaptureFixture, relax: bool = Fa
         (True, True, "scripted is where it stopped, and its torque is off"),
     ],
 )
-def test_the_log_ends_with_the_state_in_which_the_arm_is_left(
+def test_the_log_ends_with_the_final_state_of_the_arm(
     caplog: pytest.LogCaptureFixture, relax: bool, hurry: bool, expected: str
 ) -> None:
     assert final_state(moving_bench(), caplog, relax, hurry) == expected
 
 
-def test_an_arm_that_cannot_be_parked_is_not_said_to_be_parked(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_arm_that_cannot_be_parked_is_not_logged_as_parked(caplog: pytest.LogCaptureFixture) -> None:
     bench = moving_bench()
     bench.hardware.failing = {"write": PortLost("the port was unplugged")}
     assert final_state(bench, caplog, relax=True) == "scripted is where it stopped, and its torque is off"
 
 
 @pytest.mark.parametrize("relax", [False, True])
-def test_torque_that_may_still_be_on_is_said(caplog: pytest.LogCaptureFixture, relax: bool) -> None:
+def test_torque_that_may_still_be_on_is_logged(caplog: pytest.LogCaptureFixture, relax: bool) -> None:
     bench = moving_bench()
     bench.hardware.deactivate = lambda relax: ["servo 3: does not answer"]  # type: ignore[method-assign]
     assert final_state(bench, caplog, relax) == "scripted may still be under torque: servo 3: does not answer"
 
 
-def test_a_joint_that_released_by_itself_is_not_said_to_hold(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_joint_that_lost_its_torque_is_not_logged_as_holding(caplog: pytest.LogCaptureFixture) -> None:
     bench = moving_bench()
     bench.hardware.without_torque = frozenset({"elbow"})  # type: ignore[attr-defined]
     bench.hardware.reactivate = frozenset  # type: ignore[attr-defined]
@@ -180,7 +180,7 @@ def test_a_joint_that_released_by_itself_is_not_said_to_hold(caplog: pytest.LogC
     assert final_state(bench, caplog) == expected
 
 
-def test_a_joint_that_released_just_before_the_end_is_not_said_to_hold(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_joint_that_lost_its_torque_just_now_is_not_logged_as_holding(caplog: pytest.LogCaptureFixture) -> None:
     bench = moving_bench()
     hardware: Any = bench.hardware
     hardware.without_torque, hardware.reactivate = frozenset(), frozenset
@@ -194,10 +194,10 @@ def test_a_joint_that_released_just_before_the_end_is_not_said_to_hold(caplog: p
     assert final_state(bench, caplog) == expected
 
 
-def test_an_arm_that_never_came_up_is_as_it_was(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_arm_that_was_never_active_is_logged_as_unchanged(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench()
     bench.hardware.configure()
-    assert final_state(bench, caplog, relax=True) == "scripted was not active: its torque is as it was"
+    assert final_state(bench, caplog, relax=True) == "scripted was not active: its torque is unchanged"
 
 
 @pytest.mark.parametrize(
@@ -207,7 +207,7 @@ def test_an_arm_that_never_came_up_is_as_it_was(caplog: pytest.LogCaptureFixture
         (True, "scripted may still be under torque: could not switch off: the port was unplugged"),
     ],
 )
-def test_an_arm_that_was_lost_is_said_to_be_lost(caplog: pytest.LogCaptureFixture, relax: bool, expected: str) -> None:
+def test_a_lost_arm_is_logged_as_lost(caplog: pytest.LogCaptureFixture, relax: bool, expected: str) -> None:
     bench = moving_bench()
     bench.hardware.failing = dict.fromkeys(("read", "write", "relax"), PortLost("the port was unplugged"))
     with pytest.raises(PortLost):

@@ -1,4 +1,4 @@
-"""A joint that begins outside its limits, on any hardware: refused if it is far outside, else it returns slowly."""
+"""Test that a joint far outside its limits is rejected, and a joint slightly outside returns slowly."""
 
 import logging
 from collections.abc import Callable
@@ -25,7 +25,7 @@ SLOW_STEP = RETURN_SHARE * LIMITS.velocity * PERIOD_S
 
 
 class Recorded(MockHardware):
-    """A mock that begins where a test puts it, as a user's own class may; it keeps every command."""
+    """Mock hardware that starts at given positions, like a user's class, and records every command."""
 
     def __init__(self, clock: SimulatedClock, position: float, *, kind: str = "position") -> None:
         super().__init__("own", ("joint1",), clock, True, (f"joint1/{kind}",))
@@ -54,7 +54,7 @@ def cycles(loop: ControlLoop, clock: SimulatedClock, count: int) -> None:
 
 @pytest.mark.parametrize("kind", ["position", "velocity"])
 @pytest.mark.parametrize("position", [2.5, -1.11])
-def test_far_outside_is_refused_with_joint_value_and_limits(position: float, kind: str) -> None:
+def test_a_joint_far_outside_its_limits_is_rejected_with_the_values(position: float, kind: str) -> None:
     clock = SimulatedClock(10.0)
     hardware = Recorded(clock, position, kind=kind)
     loop = loop_over(hardware, clock)
@@ -66,7 +66,9 @@ def test_far_outside_is_refused_with_joint_value_and_limits(position: float, kin
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_slightly_outside_returns_slowly_and_is_logged_once(side: float, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_joint_slightly_outside_its_limits_returns_slowly_and_is_logged_once(
+    side: float, caplog: pytest.LogCaptureFixture
+) -> None:
     clock = SimulatedClock(10.0)
     hardware = Recorded(clock, side * 1.02)
     loop = loop_over(hardware, clock)
@@ -79,7 +81,7 @@ def test_slightly_outside_returns_slowly_and_is_logged_once(side: float, caplog:
     assert sum("returning slowly" in message for message in caplog.messages) == 1
 
 
-def test_the_arm_in_mujoco_returns_slowly_too() -> None:
+def test_the_arm_in_mujoco_returns_slowly() -> None:
     stack = SimulatedStack(wire=False)
     joint = stack.arm.joints[0]
     limits = stack.files.limits[joint]
@@ -101,7 +103,7 @@ def test_the_arm_in_mujoco_returns_slowly_too() -> None:
 
 
 class Deceived(MockHardware):
-    """A mock of which one reading, by number, is false."""
+    """Mock hardware with one false reading, given by its number."""
 
     def __init__(self, clock: SimulatedClock, lies: Callable[[int], float]) -> None:
         super().__init__("own", ("joint1",), clock, True)
@@ -115,7 +117,7 @@ class Deceived(MockHardware):
 
 
 @pytest.mark.parametrize("number", range(6))
-def test_no_single_false_reading_is_where_an_arm_begins(number: int) -> None:
+def test_a_single_false_reading_is_not_used_as_the_start(number: int) -> None:
     clock = SimulatedClock(10.0)
     hardware = Deceived(clock, lambda reading: 0.9 if reading == number else 0.0)
     loop = loop_over(hardware, clock)
@@ -123,7 +125,7 @@ def test_no_single_false_reading_is_where_an_arm_begins(number: int) -> None:
     assert loop.command.tolist() == [0.0]
 
 
-def test_readings_that_never_agree_keep_the_torque_off() -> None:
+def test_the_torque_stays_off_if_readings_never_agree() -> None:
     clock = SimulatedClock(10.0)
     hardware = Deceived(clock, lambda reading: 0.9 * (reading % 2))
     loop = loop_over(hardware, clock)
@@ -134,10 +136,10 @@ def test_readings_that_never_agree_keep_the_torque_off() -> None:
     assert hardware.state is LifecycleState.INACTIVE
 
 
-def test_an_activation_that_fails_afterwards_releases_only_what_was_limp_before(
+def test_a_failed_activation_disables_only_the_torque_that_it_enabled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """What a former program left under torque holds the arm."""
+    """Torque that was enabled by an earlier program stays on and holds the arm."""
     stack = SimulatedStack()
     configure_all(stack.loop.hardware)
     left, limp = stack.bus.servos[1], stack.bus.servos[2]

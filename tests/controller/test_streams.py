@@ -1,4 +1,4 @@
-"""A stream of short trajectories, each of which takes the place of the one before: the arm follows with little lag."""
+"""Test that the arm follows a stream of short trajectories, each replacing the last, with little lag."""
 
 import math
 
@@ -10,17 +10,17 @@ from tests.controller.bench import ARM, ARM_LIMITS, PERIOD_S, Bench, arm_paramet
 
 RAD_S, AMPLITUDE_RAD = 2.0, 0.5
 SENT_S = 0.02
-"""Time after a cycle at which a message is sent."""
+"""Time after a cycle at which a message is sent, in seconds."""
 LAG_S = 0.1
 
 
 def wanted(time_s: float) -> float:
-    """A smooth motion from rest."""
+    """Return the position of a smooth motion from rest."""
     return AMPLITUDE_RAD * (1.0 - math.cos(RAD_S * time_s)) / 2.0 if time_s > 0.0 else 0.0
 
 
 def streamed(bench: Bench, horizon_s: float, step_s: float, every: int, stamped: bool) -> np.ndarray:
-    """Cycles with a window of points in every so many; the time of each cycle, and where the arm was to be (k, 2)."""
+    """Run cycles and send a window of points every few cycles. Return times and reference positions (k, 2)."""
     bench.cycle()
     began_s, rows = bench.clock.now(), []
     for cycle in range(60):
@@ -44,7 +44,7 @@ def streamed(bench: Bench, horizon_s: float, step_s: float, every: int, stamped:
 
 
 def lag_s(rows: np.ndarray) -> float:
-    """The delay that explains the motion best, once the stream has settled."""
+    """Return the delay that fits the motion best after the stream has settled."""
     later = rows[15:]
     delays = np.arange(-0.2, 0.5, 0.005)
     errors = [np.square(later[:, 1] - [wanted(t - delay) for t in later[:, 0]]).sum() for delay in delays]
@@ -65,7 +65,7 @@ def lag_s(rows: np.ndarray) -> float:
         ("splines", 0.3, 0.02, 4, True),
     ],
 )
-def test_a_stream_of_short_windows_is_followed(
+def test_a_stream_of_short_trajectories_is_followed(
     method: str, horizon_s: float, step_s: float, every: int, stamped: bool
 ) -> None:
     bench = Bench(arm_parameters(interpolation_method=method)).up()
@@ -79,7 +79,7 @@ def test_a_stream_of_short_windows_is_followed(
     assert method == "splines" or np.abs(np.diff(velocity)).max() <= ARM_LIMITS.acceleration * PERIOD_S * 1.001
 
 
-def test_a_goal_in_motion_still_passes_a_first_point_that_is_near() -> None:
+def test_a_goal_during_a_motion_passes_a_near_first_point() -> None:
     bench = Bench().up()
     bench.send(TrajectoryGoal(ARM, (GoalPoint((1.0, 0.0), 2.0),)))
     bench.cycle(20)

@@ -1,4 +1,4 @@
-"""A goal goes on for one cycle without a measurement of its joints, then waits, and goes on from where they stand."""
+"""Test that a goal waits after more than one cycle without a measurement, then continues from rest."""
 
 import numpy as np
 import pytest
@@ -27,12 +27,14 @@ SILENT, LIMP = JointFault("silent", ""), JointFault("no_torque", "")
     ],
     ids=["one lost answer", "a stall", "one silent joint", "a limp one is measured", "others count for nothing"],
 )
-def test_how_far_a_goal_goes_on(cycles: list[dict[str, JointFault]], steps: list[int]) -> None:
+def test_a_goal_waits_from_the_second_cycle_without_a_measurement(
+    cycles: list[dict[str, JointFault]], steps: list[int]
+) -> None:
     unmeasured = Unmeasured(("a", "b"))
     assert [unmeasured.step_s(faults, STEP_S) for faults in cycles] == [STEP_S * step for step in steps]
 
 
-def test_measured_again_it_waits_until_the_joints_have_come_to_the_command_but_not_for_ever() -> None:
+def test_a_goal_waits_for_a_limited_time_until_the_joints_reach_the_command() -> None:
     unmeasured, there = Unmeasured(("a",)), False
     steps = [unmeasured.step_s(faults, 0.125, lambda: there) for faults in [{"a": SILENT}] * 3 + [{}] * 5]
     assert steps == [0.125] + [0.0] * 6 + [0.125], "half a second"
@@ -44,7 +46,7 @@ def test_measured_again_it_waits_until_the_joints_have_come_to_the_command_but_n
 
 
 def stalled(bench: Bench, cycles: int) -> FloatArray:
-    """The line stalls for so many cycles; returns the command that the joints stand at then (n,)."""
+    """Stall the bus for a number of cycles. Return the command (n,) at which the joints rest."""
     bench.hardware.faults = {joint: JointFault("silent", f"{joint}: no answer") for joint in ARM}
     bench.cycle(cycles)
     bench.hardware.faults = {}
@@ -52,14 +54,14 @@ def stalled(bench: Bench, cycles: int) -> FloatArray:
 
 
 def under_way(bench: Bench) -> GoalHandle:
-    """A goal at full speed, both joints upwards."""
+    """Start a goal and run until both joints move up at full speed."""
     handle = bench.send(to(1.8, 0.9, after_s=1.2))
     bench.cycle(12)
     return handle
 
 
 def gone_on(bench: Bench, cycles: int = 400) -> FloatArray:
-    """The arm's velocities from now on (k, 2), as they are commanded."""
+    """Return the commanded velocities (k, 2) of the arm from now on."""
     begins = len(bench.path()) - 2
     bench.cycle(cycles)
     return np.diff(bench.path()[begins:, :2], axis=0) / PERIOD_S
@@ -68,16 +70,14 @@ def gone_on(bench: Bench, cycles: int = 400) -> FloatArray:
 @pytest.mark.parametrize("silent", [2, 4, 6])
 @pytest.mark.parametrize("lead_s", [0.0, 0.04, 0.1])
 @pytest.mark.parametrize("method", ["ruckig", "splines"])
-def test_behind_a_stall_a_goal_goes_on_from_the_last_command_and_from_rest(
-    method: str, lead_s: float, silent: int
-) -> None:
+def test_a_goal_continues_from_rest_at_the_last_command_after_a_stall(method: str, lead_s: float, silent: int) -> None:
     bench = Bench(arm_parameters(command_lead=lead_s, interpolation_method=method)).up()
     handle = under_way(bench)
     stalled(bench, silent)
     velocity = gone_on(bench, 10)
     assert not velocity[0].any() and velocity.min() >= -1e-3
     assert velocity[1:, 0].max() > 1.0
-    if lead_s < 0.1:  # a long lead makes steps of the beginning's velocity, as behind a pause
+    if lead_s < 0.1:  # A long lead turns the starting velocity into steps, as after a pause.
         assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1.0 + 1e-6)
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
@@ -85,7 +85,7 @@ def test_behind_a_stall_a_goal_goes_on_from_the_last_command_and_from_rest(
 
 
 def led(sampler: TrajectorySampler, cycles: int = 80) -> FloatArray:
-    """The commands of so many cycles, (k, 2)."""
+    """Run cycles and return the commands (k, 2)."""
     commands = [sampler.ahead(PERIOD_S)]
     for _ in range(cycles):
         sampler.advance(PERIOD_S)
@@ -94,7 +94,7 @@ def led(sampler: TrajectorySampler, cycles: int = 80) -> FloatArray:
 
 
 @pytest.mark.parametrize("at_s", [0.2, 0.5, 0.9, 1.3, 1.95])
-def test_a_path_goes_on_from_where_each_joint_stands_however_different_their_lags(at_s: float) -> None:
+def test_a_path_continues_from_each_joints_position_despite_different_lags(at_s: float) -> None:
     limits, lags = [ARM_LIMITS] * 2, np.array(((0.02, 15.0, 0.001), (0.08, np.inf, 0.004))).T
     start, end = (Kinematics.at_rest(np.array(position)) for position in ((-1.9, 0.0), (1.9, -1.0)))
     undisturbed, sampler = (TrajectorySampler(limits, 1.0, lags) for _ in range(2))
@@ -114,7 +114,7 @@ def test_a_path_goes_on_from_where_each_joint_stands_however_different_their_lag
 
 
 @pytest.mark.parametrize("first", ["cancel", "stall"])
-def test_a_canceled_goal_that_has_stood_in_a_stall_moves_no_more(first: str) -> None:
+def test_a_canceled_goal_does_not_move_after_a_stall(first: str) -> None:
     bench = Bench(arm_parameters(command_lead=0.04)).up()
     handle = under_way(bench)
     if first == "cancel":
@@ -128,7 +128,7 @@ def test_a_canceled_goal_that_has_stood_in_a_stall_moves_no_more(first: str) -> 
     assert handle.status is GoalStatus.CANCELED
 
 
-def test_an_arm_that_gave_way_when_the_line_stalled_goes_on_giving_way() -> None:
+def test_a_relief_continues_after_a_stall() -> None:
     bench = Bench().up()
     handle = bench.send(to(1.8, 0.9, after_s=1.2, path={"shoulder": 0.1}))
     bench.cycle(6)

@@ -1,4 +1,4 @@
-"""Waypoints for the tests of paths: random ones, and those that a planner such as MoveIt sends."""
+"""Generate waypoints for tests: random points, and points like those of a planner such as MoveIt."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ def at_rest(*position: float) -> Kinematics:
 
 
 def waypoints(*points: GoalPoint, delay_s: float = 0.0, joints: tuple[str, ...] = JOINTS) -> Waypoints:
-    """All joints named."""
+    """Return waypoints for all joints."""
     return waypoints_of(TrajectoryGoal(joints, points, delay_s=delay_s), joints, np.zeros(len(joints)))
 
 
@@ -31,7 +31,7 @@ velocities = st.just(()) | st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 
 @st.composite
 def random_waypoints(draw: st.DrawFn, largest: int = 12) -> Waypoints:
-    """Some points, of all degrees, close and far apart."""
+    """Return a few random points of all degrees, close together and far apart."""
     spans = draw(st.lists(st.floats(0.01, 1.5), min_size=1, max_size=largest))
     points = [
         GoalPoint(draw(positions), float(time_s), draw(velocities), draw(st.just(()) | st.just((0.3, -0.3))))
@@ -42,7 +42,7 @@ def random_waypoints(draw: st.DrawFn, largest: int = 12) -> Waypoints:
 
 @dataclass(frozen=True, slots=True)
 class Trapezoid:
-    """The profile of a planner with limits of velocity and acceleration, and none of jerk."""
+    """Motion profile of a planner with velocity and acceleration limits but without a jerk limit."""
 
     way: float
     velocity: float
@@ -61,7 +61,7 @@ class Trapezoid:
         return self.velocity * (time_s - ramp_s / 2), self.velocity, 0.0
 
     def waypoints(self, apart_s: float, fields: int) -> Waypoints:
-        """Sampled for both joints; ``fields``: 1 positions, 2 and velocities, 3 and accelerations."""
+        """Sample the profile for both joints: positions, with velocities for 2 ``fields`` and accelerations for 3."""
         times = [*np.arange(0.0, self.duration_s - 1e-6, apart_s), self.duration_s]
         points = []
         for time_s in times:
@@ -74,7 +74,7 @@ class Trapezoid:
 
 
 def samples(path: Path, apart_s: float = 0.002) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, velocities and accelerations (count, n), from the start to a little after the end."""
+    """Return positions, velocities and accelerations (count, n) from the start to shortly after the end."""
     states = [path.sample(t) for t in np.arange(0.0, path.duration_s + 3 * apart_s, apart_s)]
     return (
         np.array([s.position for s in states]),
@@ -84,11 +84,11 @@ def samples(path: Path, apart_s: float = 0.002) -> tuple[FloatArray, FloatArray,
 
 
 def assert_within(path: Path, limits: tuple[JointLimits, ...] = LIMITS, jerk: bool = True) -> None:
-    """Every limit, looked at between the points too; without ``jerk`` only positions and velocities."""
+    """Check every limit, also between the points. Without ``jerk``, check only positions and velocities."""
     apart_s = 0.002
     position, velocity, acceleration = samples(path, apart_s)
     for joint, limit in enumerate(limits):
-        slack = AT_LIMIT * (limit.upper - limit.lower) + 1e-6  # the sampler clamps so much
+        slack = AT_LIMIT * (limit.upper - limit.lower) + 1e-6  # The sampler clips within this tolerance.
         assert position[:, joint].min() >= limit.lower - slack
         assert position[:, joint].max() <= limit.upper + slack
         assert np.abs(velocity[:, joint]).max() <= limit.velocity * 1.002 + 1e-9

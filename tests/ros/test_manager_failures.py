@@ -46,8 +46,8 @@ AT_START = {
 RAISED = "RuntimeError: the gripper's camera is dark"
 FAULTS = [
     ("raises", RAISED),
-    ("too many", "ValueError: a command of shape (2,) for 1 interfaces"),
-    ("too few", "ValueError: a command of shape (0,) for 1 interfaces"),
+    ("too many", "ValueError: the command has shape (2,), expected (1,)"),
+    ("too few", "ValueError: the command has shape (0,), expected (1,)"),
 ]
 
 

@@ -66,7 +66,7 @@ def test_invalid_parameters_are_refused_when_set_or_configured(client: ManagerCl
     assert "thumb.joints names hand_right_joint twice" in stack.words
     assert client.put("/thumb", "joints", ["elbow"]) == ""
     assert not client.configure("thumb")
-    assert "thumb.joints names elbow, which takes no commands in the URDF" in stack.words
+    assert "thumb.joints names elbow, which has no command_interface in the URDF" in stack.words
     assert client.states() == {"thumb": "unconfigured"}
 
 

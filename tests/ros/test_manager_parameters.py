@@ -223,9 +223,7 @@ def test_value_of_an_unknown_type_is_answered(client: ManagerClient, stack: Stac
 @pytest.mark.parametrize("wrong", [math.nan, 5, True, [1.0, 2.0], ["a/B"]])
 def test_non_text_type_is_refused_and_the_controller_can_be_loaded(client: ManagerClient, wrong: Any) -> None:
     reason = client.put(MANAGER, "odd.type", wrong)
-    assert reason.startswith("odd.type is ") and reason.endswith(
-        "which is not a type of controllers: write one as a text"
-    )
+    assert reason.startswith("odd.type is ") and reason.endswith("which is not a controller type: write it as a string")
     assert client.put(MANAGER, "odd.type", "no/Such") == "" and not client.load("odd")
     assert client.put(MANAGER, "odd.type", FORWARD) == "" and client.load("odd")
 
@@ -235,5 +233,5 @@ def test_setting_may_change_from_text_to_list(client: ManagerClient) -> None:
         assert client.put(MANAGER, "other.params_file", value) == ""
         assert client.get(MANAGER, "other.params_file") == [value]
     assert client.put(MANAGER, "other.node_options_args", 5) == (
-        "other.node_options_args is 5: write a text, or a list of texts in quotes"
+        "other.node_options_args is 5: use a string or a list of quoted strings"
     )

@@ -93,14 +93,16 @@ def test_short_time_is_stretched_and_reported_in_the_result(ours: TrajectoryClie
     before = ours.now()
     status, code, text = ours.outcome(ours.send(goal_of(T(only))))
     assert (status, code) == (SUCCEEDED, 0)
-    assert text.startswith(f"{REACHED} The limits stretched it from {max(seconds(only.time_from_start), 0.0):.2f} s to")
+    assert text.startswith(
+        f"{REACHED} The limits stretched the motion from {max(seconds(only.time_from_start), 0.0):.2f} s to"
+    )
     ours.cycles(2)
     assert largest_step_rad(ours.states[before:]) <= LARGEST_STEP_RAD
     assert list(ours.states[-1].output.positions) == pytest.approx(list(only.positions), abs=1e-6)
 
 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
-FINITE = "only finite numbers are executed"
+FINITE = "only finite values are allowed"
 SIZE = "Mismatch between joint_names size (6) and"
 EFFORT = "Trajectories with effort fields are only supported for controllers using the 'effort' command interface."
 NUMBER, UNKNOWN, LENGTHS = ("jtc-2", "golden-mismatch"), ("jtc-4", "golden-unknown-name"), ("jtc-8", "golden-lengths")

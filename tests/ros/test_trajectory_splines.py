@@ -127,7 +127,7 @@ def test_single_point_without_time_is_reached_within_the_limits(at_zero: Traject
     before = at_zero.now()
     status, code, text = at_zero.outcome(at_zero.send(goal_of(T(P(0.5, after_s)))))
     assert (status, code) == (SUCCEEDED, 0)
-    assert text == f"{REACHED} The limits stretched it from {max(after_s, 0.0):.2f} s to 0.12 s."
+    assert text == f"{REACHED} The limits stretched the motion from {max(after_s, 0.0):.2f} s to 0.12 s."
     at_zero.cycles(2)
     states = at_zero.states[before:]
     assert on_curve(Polynomial((0.0, FASTEST_RAD_S)), 0.125, states)

@@ -103,7 +103,7 @@ def test_invalid_yaml_in_a_node_argument_is_refused_with_a_reason(
         assert client.set_from_text(MANAGER, f"arm.{key}", str(value))
     assert client.set_from_text(MANAGER, "arm.type", TRAJECTORY)
     assert not client.load("arm")
-    assert "arm gets the argument '-p joints:=[joint1', whose value is no YAML" in stack.words
+    assert "arm: the value in the argument '-p joints:=[joint1' is not valid YAML" in stack.words
 
 
 def test_node_arguments_accept_integers_for_numbers(client: ManagerClient, files: Path) -> None:

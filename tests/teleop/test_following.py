@@ -193,7 +193,7 @@ def test_a_leader_far_outside_the_followers_limits_is_named_and_the_error_is_fro
     rig = Rig(leader={**REST, "wrist_flex": -2.958}).follow()
     rig.run(3.0)
     shown = said(rig.teleop)
-    assert "leader/wrist_flex takes wrist_flex to -2.958, outside its limits -1.658 to 1.658" in shown
+    assert "leader/wrist_flex would move wrist_flex to -2.958, outside its limits -1.658 to 1.658" in shown
     assert "calibrated wrongly" in shown and "shoulder_pan" not in shown
     (row,) = [row for row in rows(rig.teleop) if row[0] == "wrist_flex"]
     _, leader, follower, error = row
@@ -208,7 +208,7 @@ def test_a_leader_far_outside_the_followers_limits_is_named_and_the_error_is_fro
 def test_a_leader_far_outside_is_named_before_anything_moves() -> None:
     rig = Rig(leader={**REST, "elbow_flex": -2.4})
     rig.person.held = False
-    assert "leader/elbow_flex takes elbow_flex to -2.40" in rig.attend(0.2)
+    assert "leader/elbow_flex would move elbow_flex to -2.40" in rig.attend(0.2)
     assert np.ptp(commands(rig), axis=0).max() == 0.0
 
 
