@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hal.plausible import Chance, Duration, Position, Time, VelocityScale
+from hal.plausible import Chance, Duration, NoTruth, Position, Time, VelocityScale
 
-Share = Annotated[float, Field(ge=-1.0, le=1.0)]
+Share = Annotated[float, Field(ge=-1.0, le=1.0), NoTruth]
 
 
 class _Act(BaseModel):
