@@ -164,7 +164,7 @@ def test_a_component_that_cannot_even_be_given_up_is_finalized_for_good(
         hand.give("cleanup", "defect")
         hand.give("read", "lost")
         client.spin_until(lambda: components(client) == {"arm": "active", "hand": "finalized"})
-        assert f"hand is given up for good: {DEFECT}" in stack.words
+        assert f"hand could not be cleaned up and stays unavailable: {DEFECT}" in stack.words
         hand.withdraw()
         for label in ("active", "inactive", "unconfigured"):
             assert set_state(client, "hand", label=label) == (False, "finalized")
