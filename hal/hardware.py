@@ -1,4 +1,4 @@
-"""The hardware's seam: the calls that every kind of hardware offers, in ros2_control's component life cycle."""
+"""Interfaces of hardware components, with the life cycle of ros2_control."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -8,58 +8,116 @@ from hal.types import JointCommand, JointState
 
 
 class Hardware(Protocol):
-    """The second seam: where joints leave. Called from one thread.
-
-    configure: UNCONFIGURED → INACTIVE, opens and checks; nothing moves and torque stays as it was.
-    activate: INACTIVE → ACTIVE, torque on with the goal at the measured position.
-    deactivate: ACTIVE → INACTIVE; ``relax`` lets go of the joints, else they hold where they are.
-    cleanup: → UNCONFIGURED, gives everything back; allowed in every state.
-    """
+    """Hardware component. All methods are called from one thread."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name of the component."""
+        ...
+
     @property
-    def joints(self) -> tuple[str, ...]: ...
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of a measurement."""
+        ...
+
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """The meaning of a command's values, in their order: ``joint1/position`` and so on."""
+        """Names of the command interfaces (such as ``joint1/position``), in the order of a command."""
         ...
 
     @property
-    def state(self) -> LifecycleState: ...
-    def configure(self) -> None: ...
-    def activate(self) -> None: ...
-    def deactivate(self, relax: bool) -> Sequence[str]:
-        """Stop driving the joints; returns what went wrong on the way, each with the servo's name."""
+    def state(self) -> LifecycleState:
+        """Life cycle state."""
         ...
 
-    def cleanup(self) -> None: ...
+    def configure(self) -> None:
+        """Open and check the hardware (UNCONFIGURED → INACTIVE). Nothing moves, and torque stays as it is.
+
+        Raises:
+            LifecycleError: The component is not unconfigured.
+            DriverError: The hardware could not be opened, or a check failed.
+        """
+        ...
+
+    def activate(self) -> None:
+        """Enable torque with each goal at the measured position (INACTIVE → ACTIVE).
+
+        Raises:
+            LifecycleError: The component is not inactive.
+            ActivationError: A joint must not have torque now.
+            DriverError: The hardware could not be reached.
+        """
+        ...
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        """Stop driving the joints (ACTIVE → INACTIVE).
+
+        Args:
+            relax: Whether to disable torque. Otherwise the joints hold their positions.
+
+        Returns:
+            Descriptions of errors, each with the servo's ID.
+
+        Raises:
+            LifecycleError: The component is not active.
+        """
+        ...
+
+    def cleanup(self) -> None:
+        """Close the hardware (any state → UNCONFIGURED)."""
+        ...
+
     def read(self) -> JointState:
-        """Measure the joints. Raises LifecycleError while unconfigured: there is nothing to look at."""
+        """Measure the joints.
+
+        Returns:
+            The measurement, with arrays in the order of ``joints``.
+
+        Raises:
+            LifecycleError: The component is unconfigured.
+            DriverError: The hardware could not be reached.
+        """
         ...
 
     def write(self, command: JointCommand) -> None:
-        """Command the joints. Raises PartLost where some cannot be reached, another DriverError where none can."""
+        """Send a command to the joints.
+
+        Args:
+            command: Values of shape (m,), in the order of ``command_interfaces``.
+
+        Raises:
+            LifecycleError: The component is not active.
+            PartLost: Some joints could not be reached.
+            DriverError: None of the joints could be reached.
+        """
         ...
 
 
 @runtime_checkable
 class Requesting(Protocol):
-    """Hardware that can ask before it is read: all components ask first, and so wait at the same time."""
+    """Hardware that can send its request before it is read.
+
+    All components send their requests first, so that they wait for the answers at the same time.
+    """
 
     def request(self, deadline_s: float | None) -> None:
-        """Ask for what the coming ``read`` returns; that waits until ``deadline_s`` on the component's clock.
+        """Request the measurement that the next ``read`` returns.
 
-        None: as long as the component thinks fit.
+        Args:
+            deadline_s: Time on the component's clock until which ``read`` waits, in seconds; None if the component
+                chooses it.
+
+        Raises:
+            DriverError: The hardware could not be reached.
         """
         ...
 
 
 @runtime_checkable
 class DoubtingLeaps(Protocol):
-    """Hardware that itself takes a position that its joint cannot have reached for not measured.
+    """Hardware that checks itself whether a joint can have reached the measured position.
 
-    Of all other hardware the joints' velocity limits say what is believed (hal.leaps).
+    For all other hardware, ``LeapFilter`` makes this check with the velocity limits of the joints.
     """
 
     doubts_leaps: bool
@@ -67,51 +125,60 @@ class DoubtingLeaps(Protocol):
 
 @runtime_checkable
 class Reactivating(Protocol):
-    """Hardware whose joints can lose their torque one by one while it is active, and get it back."""
+    """Hardware that can enable torque of single joints again while it is active."""
 
     @property
     def without_torque(self) -> frozenset[str]:
-        """The joints of active hardware that get no commands until they are activated again."""
+        """Joints of the active hardware that lost their torque and get no commands until they are activated again."""
         ...
 
     def reactivate(self) -> frozenset[str]:
-        """Activate these joints while the others hold; returns their names.
+        """Activate the joints without torque while the others hold their positions.
 
-        Raises what ``activate`` raises. The hardware stays active then, and the joints without torque.
+        If this fails, the hardware stays active and the joints stay without torque.
+
+        Returns:
+            The names of the joints.
+
+        Raises:
+            ActivationError, DriverError: As for ``activate``.
         """
         ...
 
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Reactivating hardware that learns of lost torque only by asking, and asks its joints in turn."""
+    """Hardware that must poll its joints for lost torque. It polls them in turn, a few in each cycle."""
 
     def ask_for_torque(self) -> frozenset[str]:
-        """Ask all joints of the active hardware now; ``without_torque`` is up to date then.
+        """Poll all joints of the active hardware now and update ``without_torque``.
 
-        Returns the joints that gave no answer. Called between two cycles: it may take as long as a late cycle.
+        The method is called between two cycles, and may take as long as a late cycle.
+
+        Returns:
+            The joints that did not answer.
         """
         ...
 
 
 @runtime_checkable
 class Holding(Protocol):
-    """Hardware whose joints may have torque although it is inactive: a program that was lost left them so."""
+    """Hardware whose joints may have torque while it is inactive, for example after another program crashed."""
 
     def holds(self) -> bool:
-        """Whether a joint of the configured hardware has torque. Raises DriverError."""
+        """Return whether a joint of the configured hardware has torque. Raises DriverError."""
         ...
 
 
 @runtime_checkable
 class Undoing(Protocol):
-    """Hardware that can tell which joints had torque before its activation."""
+    """Hardware that remembers which joints had torque before its activation."""
 
     def undo_activation(self) -> Sequence[str]:
-        """ACTIVE → INACTIVE: release the joints that had no torque before; returns what went wrong."""
+        """Release the joints that had no torque before the activation (ACTIVE → INACTIVE). Return the errors."""
         ...
 
 
 def undo_activation(hardware: Hardware) -> Sequence[str]:
-    """Take back an activation after which something else failed; returns what went wrong."""
+    """Undo the activation of a component because a later step failed. Return the errors."""
     return hardware.undo_activation() if isinstance(hardware, Undoing) else hardware.deactivate(relax=True)

@@ -1,4 +1,4 @@
-"""The types that the layers exchange: joints in SI units, arrays in joint order."""
+"""Types that the layers exchange. Values are in SI units, arrays in joint order."""
 
 import math
 from collections.abc import Mapping
@@ -16,27 +16,41 @@ FloatArray = NDArray[np.float64]
 
 
 AT_LIMIT: Final = 1e-3
-"""Within this share of its range beyond a limit a joint counts as being at it: two or three counts of 4096, and sag."""
+"""Distance beyond a limit at which a joint still counts as at the limit, as a share of its range.
+
+It covers two or three counts of 4096, and sag."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of one joint: rad and seconds, or m and seconds for a prismatic joint."""
+    """Limits of one joint. Units are rad and s for a revolute joint, m and s for a prismatic joint."""
 
     lower: float
+    """Lowest position, in rad or m."""
     upper: float
+    """Highest position, in rad or m."""
     velocity: float
+    """Highest speed, in rad/s or m/s."""
     acceleration: float
+    """Highest acceleration, in rad/s² or m/s²."""
     jerk: float
+    """Highest jerk, in rad/s³ or m/s³."""
     effort: float = math.inf
-    """N m, or N for a prismatic joint."""
+    """Highest torque in N m, or force in N."""
     velocity_range: tuple[float, float] | None = None
-    """Lowest and highest velocity command, where the two directions differ."""
+    """Lowest and highest velocity command, if the two directions differ."""
     effort_range: tuple[float, float] | None = None
-    """Lowest and highest effort command, likewise."""
+    """Lowest and highest effort command, if the two directions differ."""
 
     def command_range(self, kind: str) -> tuple[float, float]:
-        """The lowest and the highest command of this kind: position, velocity or effort."""
+        """Return the range of commands.
+
+        Args:
+            kind: Kind of command: ``position``, ``velocity`` or ``effort``.
+
+        Returns:
+            The lowest and the highest command.
+        """
         if kind == "position":
             return self.lower, self.upper
         if kind == "velocity":
@@ -45,109 +59,124 @@ class JointLimits:
 
 
 class Stall(NamedTuple):
-    """A servo that presses without motion; its drive is reduced if it has a torque limit."""
+    """Report on a servo that presses without motion. Its drive is reduced if it has a torque limit."""
 
     text: str
-    """For people, naming the servo."""
+    """Description with the servo's ID."""
     warns: bool
-    """Whether it is worth a warning; fingers that hold something for long are not."""
+    """Whether to show a warning. A gripper that has held an object for some time is normal."""
 
 
 OUTSIDE_TOLERANCE: Final = 0.05
-"""Share of a joint's range by which it may be outside its limits when it is activated: play, a soft stop, sag."""
+"""Distance by which a joint may be outside its limits at activation, as a share of its range. It covers backlash, soft
+end stops and sag."""
 
 
 def apart(value: float, limit: float) -> tuple[str, str]:
-    """Format a value and its limit with as many digits, four at least, as it takes to tell them apart and from 0."""
+    """Format a value and its limit with at least four decimals, and more if they would look equal or like 0."""
     for digits in range(4, 16):
-        said, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
-        vanish = any(number and not float(text) for text, number in ((said, value), (end, limit)))
-        if not vanish and said != end:
+        shown, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
+        vanish = any(number and not float(text) for text, number in ((shown, value), (end, limit)))
+        if not vanish and shown != end:
             break
-    return _trimmed(said), _trimmed(end)
+    return _trimmed(shown), _trimmed(end)
 
 
 def _trimmed(text: str) -> str:
-    """A number without the zeros behind its fourth decimal."""
+    """Remove trailing zeros after the fourth decimal."""
     whole, _, decimals = text.partition(".")
     return f"{whole}.{decimals[:4]}{decimals[4:].rstrip('0')}"
 
 
 def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, str]:
-    """Format a value that is outside a range, the range's lower end and its upper end, as ``apart`` does."""
+    """Format a value outside a range, the lower end and the upper end, with the number of decimals as in ``apart``."""
     if value < lower:
         return *apart(value, lower), f"{upper:.4f}"
-    said, end = apart(value, upper)
-    return said, f"{lower:.4f}", end
+    shown, end = apart(value, upper)
+    return shown, f"{lower:.4f}", end
 
 
 def far_outside(position: float, limits: JointLimits) -> str:
-    """Describe a position (rad or m) that is too far outside the limits to be driven back; empty if it is not."""
+    """Describe a position that is too far outside the limits to activate the joint; empty if it is acceptable.
+
+    Args:
+        position: Joint position, in rad or m.
+        limits: Limits of the joint.
+    """
     slack = OUTSIDE_TOLERANCE * (limits.upper - limits.lower)
     if limits.lower - slack <= position <= limits.upper + slack:
         return ""
-    said, lower, upper = beyond_range(position, limits.lower, limits.upper)
-    return f"stands at {said}, outside its limits {lower} to {upper}"
+    shown, lower, upper = beyond_range(position, limits.lower, limits.upper)
+    return f"is at {shown}, outside its limits {lower} to {upper}"
 
 
 @dataclass(frozen=True, slots=True)
 class ServoHealth:
-    """A servo's report on itself, beside its position."""
+    """Health of a servo."""
 
     voltage_v: float
     temperature_c: float
     alarms: tuple[str, ...] = ()
     counters: ServoCounters | None = None
-    """The counters of its faults on the wire so far."""
+    """Counters of communication faults since the start."""
     load: float = math.nan
     """Drive as a share of full drive, -1 to 1, in the joint's direction."""
     current_a: float = math.nan
-    """The motor's current in the joint's direction; NaN where the servo's state has none."""
+    """Motor current in the joint's direction, in A; NaN if the servo does not report it."""
     supply: VoltageFault | None = None
-    """What is wrong with its voltage."""
+    """Fault of the supply voltage."""
     stall: Stall | None = None
-    """Why its drive is reduced, if it is."""
+    """Report if the servo presses without motion."""
 
 
 class JointFault(NamedTuple):
     """A fault of a joint."""
 
     kind: FaultKind | Literal["implausible", "no_torque", "component"]
-    """The servo's kind of fault; or its position is not believed; or it answers and may be limp; or its component is
-    lost, switched or inactive."""
+    """Kind of fault.
+
+    - ``implausible``: the measured position was rejected.
+    - ``no_torque``: the servo answers but may have no torque.
+    - ``component``: the component is lost, in a transition or inactive.
+    - Other kinds are communication faults of the servo.
+    """
     text: str
-    """For people, naming the joint's servo."""
+    """Description with the joint and the servo's ID."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """The measurement of one cycle; arrays of shape (n,) in the hardware's joint order.
+    """Measurement of one cycle. Arrays have shape (n,), in the hardware's joint order.
 
-    ``position`` (rad, m), ``velocity`` (rad/s, m/s) and ``effort`` (N m, N; NaN where unknown) hold
-    the last known values where ``faults`` names the joint.
+    A joint with a fault keeps its last known values.
     """
 
     stamp_s: float
+    """Time of the measurement on the clock of the control loop, in seconds."""
     position: FloatArray
+    """Positions, in rad or m."""
     velocity: FloatArray
+    """Velocities, in rad/s or m/s."""
     effort: FloatArray
+    """Torques or forces, in N m or N; NaN if unknown."""
     faults: Mapping[str, JointFault] = field(default_factory=dict)
-    """Faults by joint name. Empty when all is well."""
+    """Faults by joint name."""
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
-    """Joint name → health, where there is a servo to ask."""
+    """Health by joint name, for joints with a servo."""
     extra: Mapping[str, float] = field(default_factory=dict)
-    """State interfaces beyond the three, by their full name (``joint1/acceleration``)."""
+    """Values of other state interfaces, by full name (``joint1/acceleration``)."""
     lines: Mapping[str, BusCounters] = field(default_factory=dict)
-    """Counters of its faults by serial port."""
+    """Fault counters of each bus, by serial port."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """A command for the joints in the coming period.
-
-    ``values`` of shape (m,), in the order of the hardware's ``command_interfaces``: positions (rad, m) for the
-    period's end, velocities (rad/s, m/s), efforts (N m, N).
-    """
+    """Command for the next period."""
 
     values: FloatArray
+    """Commands of shape (m,), in the order of the hardware's ``command_interfaces``.
+
+    Positions (rad, m) apply to the end of the period. Velocities are in rad/s or m/s, efforts in N m or N.
+    """
     period_s: float
+    """Length of the period, in seconds."""

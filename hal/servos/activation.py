@@ -134,7 +134,7 @@ class Activation:
         limits = self._setup.position_limits(joint)
         if limits is not None and not limits[0] <= counts <= limits[1]:
             raise ActivationError(
-                f"not activated: {self._called(joint)} stands at {counts} counts, outside the servo's own limits "
+                f"not activated: {self._called(joint)} is at {counts} counts, outside the servo's own limits "
                 f"{limits[0]} to {limits[1]}, and would drive there at once. Move it by hand, or widen them"
             )
 

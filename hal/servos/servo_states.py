@@ -104,7 +104,7 @@ class ServoStates:
         return JointFault(
             "implausible",
             f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "
-            "the reading before: no joint moves as fast, so a second reading must confirm it",
+            "the previous reading. No joint moves that fast, so the position is ignored until a second reading confirms it",
         )
 
     def _unread(self) -> list[Plausibility]:

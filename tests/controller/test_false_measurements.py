@@ -19,7 +19,7 @@ from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, to
 
 ELBOW = 1
 LEAP = 1.5
-WORDS = "no joint moves as fast, so a second reading must confirm it"
+WORDS = "No joint moves that fast, so the position is ignored until a second reading confirms it"
 
 
 def falsify(hardware: Hardware, number: Callable[[int], float], joint: int = ELBOW) -> None:
@@ -70,7 +70,7 @@ def test_a_leap_that_lasts_is_believed_with_the_second_reading(caplog: pytest.Lo
     assert [bool(state.faults) for state in states] == [n == 3 for n in range(8)]
     assert [state.position[ELBOW] for state in states] == pytest.approx([0.0] * 4 + [LEAP] * 4)
     assert [message for message in caplog.messages if WORDS in message] == [
-        "scripted: elbow is measured at 1.5000, +1.5000 from the reading before: " + WORDS
+        "scripted: elbow is measured at 1.5000, +1.5000 from the previous reading. " + WORDS
     ]
 
 

@@ -102,7 +102,7 @@ def test_a_joint_that_has_torque_keeps_its_goal_while_another_is_told_again() ->
 def test_a_joint_that_sank_out_of_its_limits_meanwhile_gets_no_torque() -> None:
     bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=False)).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 2000, 500)))
-    with pytest.raises(ActivationError, match=r"finger \(servo 7\) stands at .* outside its limits"):
+    with pytest.raises(ActivationError, match=r"finger \(servo 7\) is at .* outside its limits"):
         bench.hardware.activate()
     assert bench.torque() == []
 
@@ -188,7 +188,7 @@ def test_a_joint_may_stand_outside_its_limits_by_a_twentieth_of_their_span(
         bench.hardware.activate()
         assert bench.held(1, sts.goal_position) == counts
     else:
-        with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) stands at .*, outside its limits"):
+        with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) is at .*, outside its limits"):
             bench.hardware.activate()
     assert bench.torque() == (list(IDS) if accepted else [])
 

@@ -46,9 +46,9 @@ def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureF
             "low supply: {} have 4.9 to 5.1 V, and a sts3215_c001 is made for 7.4 V (4.4 to 8.9 V): it has less torque",
         ),
         (
-            "{} reports 5 counts, -0.2 from the reading before: no joint moves as fast",
-            "{} reports 900 counts, +0.75 from the reading before: no joint moves as fast",
-            "{} report 5 to 900 counts, -0.2 to +0.75 from the reading before: no joint moves as fast",
+            "{} reports 5 counts, -0.2 from the previous reading. No joint moves that fast",
+            "{} reports 900 counts, +0.75 from the previous reading. No joint moves that fast",
+            "{} report 5 to 900 counts, -0.2 to +0.75 from the previous reading. No joint moves that fast",
         ),
         (
             "{} has pressed with its torque limit of 50% without motion and holds with 18%: it is jammed",

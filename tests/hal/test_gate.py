@@ -90,10 +90,10 @@ def test_no_number_means_hold(nothing: float) -> None:
 @pytest.mark.parametrize(
     ("wanted", "reason"),
     [
-        (2.5, "2.5000 is outside the limits -2.0000 to 2.0000"),
-        (-7.0, "-7.0000 is outside the limits -2.0000 to 2.0000"),
-        (1.0, "1.0000 is too far for one period: going to 0.2000"),
-        (-1.0, "-1.0000 is too far for one period: going to -0.2000"),
+        (2.5, "command 2.5000 is outside the limits -2.0000 to 2.0000"),
+        (-7.0, "command -7.0000 is outside the limits -2.0000 to 2.0000"),
+        (1.0, "command 1.0000 is too far for one cycle: limited to 0.2000"),
+        (-1.0, "command -1.0000 is too far for one cycle: limited to -0.2000"),
     ],
 )
 def test_a_reason_says_what_was_asked_and_what_is_allowed(wanted: float, reason: str) -> None:
@@ -129,7 +129,7 @@ def test_a_slow_return_is_reported_with_position_and_limits() -> None:
     found = gate().limit(MIDDLE, last, PERIOD_S)
     assert found.values[0] == pytest.approx(last[0] - RETURN_SHARE * REACH[0])
     limits = f"{LOWER[0]:.4f} to {UPPER[0]:.4f}"
-    assert found.reasons == {0: f"{last[0]:.4f} is outside the limits {limits}: returning slowly"}
+    assert found.reasons == {0: f"position {last[0]:.4f} is outside the limits {limits}: returning slowly"}
 
 
 def test_an_unknown_last_command_is_not_passed_over_in_silence() -> None:
@@ -184,7 +184,7 @@ def test_at_the_end_of_its_range_a_joint_may_only_go_back() -> None:
     gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)] * 2, ["velocity"] * 2)
     out = gate.limit(np.array([0.4, -0.4]), np.zeros(2), PERIOD_S, np.array([2.0, 2.0]))
     np.testing.assert_allclose(out.values, [0.0, -0.4])
-    assert out.reasons == {0: "0.4000 is too fast so near to the end of the joint's range: going at 0.0000"}
+    assert out.reasons == {0: "command 0.4000 is too fast this close to the end of the range: limited to 0.0000"}
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -201,14 +201,14 @@ def test_towards_its_end_a_joint_is_as_fast_as_one_period_and_then_braking_allow
     measured, last = np.array([side * (2.0 - room)]), np.array([side * braked])
     out = gate.limit(np.array([side * 90.0]), last, period_s, measured)
     np.testing.assert_allclose(out.values, last, rtol=1e-6)
-    assert "is too fast so near to the end" in out.reasons[0]  # and not outside its limits, which are 90
+    assert "is too fast this close to the end" in out.reasons[0]  # and not outside its limits, which are 90
 
 
 def test_a_command_changed_into_its_opposite_is_not_passed_over_in_silence() -> None:
     gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)])
     out = gate.limit(np.array([-0.1]), np.array([0.3]), PERIOD_S)
     np.testing.assert_allclose(out.values, [0.1])
-    assert out.reasons == {0: "-0.1000 is too far for one period: going to 0.1000"}
+    assert out.reasons == {0: "command -0.1000 is too far for one cycle: limited to 0.1000"}
 
 
 def test_a_kind_for_each_limit_is_wanted() -> None:

@@ -118,7 +118,7 @@ def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside
         bench.hardware.activate()
         assert bench.torque() == list(IDS)
         return
-    says = rf"shoulder \(servo 1\) stands at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, and"
+    says = rf"shoulder \(servo 1\) is at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, and"
     with pytest.raises(ActivationError, match=says):
         bench.hardware.activate()
     assert bench.torque() == []

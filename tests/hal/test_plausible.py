@@ -21,14 +21,14 @@ GOOD = {"baud": 1000000, "acceleration": 10, "jerk": 100, "torque_limit": 1, "po
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("acceleration", "true", "true is a truth value, and a number is needed"),
+        ("acceleration", "true", "true is a boolean, but a number is required"),
         ("acceleration", "1.0e+9", "1e+09 is not a plausible acceleration: write 0.001 to 100000 rad/s"),
         ("jerk", "0.001", "0.001 is not a plausible jerk"),
         ("jerk", ".nan", "joints.elbow.jerk: Input should be"),
         ("velocity_scale", "1.0e-9", "1e-09 is not a plausible velocity scale"),
-        ("torque_limit", "true", "true is a truth value"),
+        ("torque_limit", "true", "true is a boolean"),
         ("baud", "7", "7 is not a plausible baud: write 1200 to 1e+07 bit/s"),
-        ("baud", "true", "true is a truth value"),
+        ("baud", "true", "true is a boolean"),
         ("position", "1.0e+30", "1e+30 is not a plausible position"),
     ],
 )

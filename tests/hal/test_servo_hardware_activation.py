@@ -196,7 +196,7 @@ def turn_elbow_out(bench: Bench) -> None:
         (corrupt_elbow, "elbow: servo 2 answered with a wrong checksum"),
         (
             turn_elbow_out,
-            r"elbow \(servo 2\) stands at -1.8408, outside its limits -1.5000 to 1.5000. Move it by hand, or correct",
+            r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move it by hand, or correct",
         ),
     ],
 )

@@ -26,7 +26,7 @@ def test_a_value_outside_a_range_differs_from_the_nearer_end() -> None:
     assert beyond_range(1.00001, -1.0, 1.0) == ("1.00001", "-1.0000", "1.0000")
     assert beyond_range(-1.5, -1.0, 1.0) == ("-1.5000", "-1.0000", "1.0000")
     limits = JointLimits(0.0, 0.00004, 1.0, 1.0, 1.0)
-    assert far_outside(0.00005, limits) == "stands at 0.00005, outside its limits 0.0000 to 0.00004"
+    assert far_outside(0.00005, limits) == "is at 0.00005, outside its limits 0.0000 to 0.00004"
 
 
 def test_a_small_tolerance_is_printed_with_its_digits() -> None:
