@@ -104,7 +104,8 @@ class ServoStates:
         return JointFault(
             "implausible",
             f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "
-            "the previous reading. No joint moves that fast, so the position is ignored until a second reading confirms it",
+            "the previous reading. No joint moves that fast, so the position is ignored until a second reading "
+            "confirms it",
         )
 
     def _unread(self) -> list[Plausibility]:

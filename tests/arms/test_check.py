@@ -55,7 +55,7 @@ def test_a_copy_elsewhere_is_right_too(tmp_path: Path, files: dict[str, Path]) -
 FAULTS: dict[str, tuple[Edit, str]] = {
     "a joint without a servo": (
         ("robot.yaml", "  gripper:\n", "  jaw:\n"),
-        "robot.yaml: the URDF commands gripper, for which the robot file has no servo",
+        "robot.yaml: the URDF commands gripper, but the robot file has no servo",
     ),
     "limits beyond the servo's counts": (
         (
@@ -63,7 +63,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
             "servo_id: 1, model: sts3215_c001, sign: 1, zero_counts: 2047",
             "servo_id: 1, model: sts3215_c001, sign: 1, zero_counts: 900",
         ),
-        "shoulder_pan: its limits are the servo's counts",
+        "shoulder_pan: the limits correspond to counts",
     ),
     "a servo of an unknown model": (("robot.yaml", "model: sts3215_c001", "model: sts9"), "unknown model sts9"),
     "a protection that can never act": (

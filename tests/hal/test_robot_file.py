@@ -105,7 +105,7 @@ def test_the_arm_itself() -> None:
             "    model: sts3215",
             "    model: sts9999",
             7,
-            "joints.finger.model: unknown model sts9999: known are sts3215,",
+            "joints.finger.model: unknown model sts9999: use one of sts3215,",
         ),
         ("sign: -1", "sign: 2", 4, "joints.elbow.sign: Input should be 1 or -1"),
         ("zero_counts: 2000", "zero_counts: 40000", 4, "joints.elbow.zero_counts: Input should be less than or equal"),
@@ -122,7 +122,7 @@ def test_the_arm_itself() -> None:
         ("real: hold", "real: drop", 13, "on_exit.real: Input should be 'hold' or 'relax'"),
         ("velocity_scale: 0.5", "velocity_scale: 2", 15, "park.velocity_scale: Input should be less than or equal to"),
         ("elbow: 0.1", "elbow: .nan", 16, "park.pose.elbow: Input should be a finite number"),
-        ("elbow: 0.1", "wrist: 0.1", 14, "park: pose names unknown joints: wrist"),
+        ("elbow: 0.1", "wrist: 0.1", 14, "park: pose has unknown joints: wrist"),
         ("park:", "parc:", 14, "parc: Extra inputs are not permitted"),
         ("servo_id: 7", "servo_id: 1", 3, "joints: elbow and finger both have servo_id 1"),
     ],
@@ -240,13 +240,13 @@ def test_a_dynamixel_arm(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (DYNAMIXEL.replace("xl430-w250", "sts3215", 1), "elbow has model sts3215, which does not speak the bus's pro"),
-        (GOOD.replace("sts3215", "xl430-w250", 1), "elbow has model xl430-w250, which does not speak the bus's prot"),
+        (DYNAMIXEL.replace("xl430-w250", "sts3215", 1), "elbow has model sts3215, which does not use the protocol of"),
+        (GOOD.replace("sts3215", "xl430-w250", 1), "elbow has model xl430-w250, which does not use the protocol of"),
         (
             DYNAMIXEL.replace("servo_id: 1,", "servo_id: 253,"),
-            "elbow has servo_id 253, and dynamixel has IDs up to 252",
+            "elbow has servo_id 253, but the highest dynamixel ID is 252",
         ),
-        (GOOD.replace("servo_id: 1,", "servo_id: 1, position_p: 32,"), "elbow has position_p, which only dynamixel"),
+        (GOOD.replace("servo_id: 1,", "servo_id: 1, position_p: 32,"), "elbow has position_p, but only Dynamixel"),
     ],
 )
 def test_servos_that_do_not_fit_their_bus(tmp_path: Path, text: str, says: str) -> None:
@@ -288,16 +288,16 @@ def test_joints_have_the_urdfs_order_and_limits_and_the_files_servos(tmp_path: P
 @pytest.mark.parametrize(
     ("urdf", "says"),
     [
-        ((ELBOW,), "the robot file has a servo for finger, which the URDF does not command"),
-        ((ELBOW, FINGER, changed(ELBOW, name="wrist")), "the URDF commands wrist, for which the robot file has no"),
+        ((ELBOW,), "the robot file has a servo for finger, but the URDF does not command it"),
+        ((ELBOW, FINGER, changed(ELBOW, name="wrist")), "the URDF commands wrist, but the robot file has no"),
         ((ELBOW, changed(FINGER, kind="revolute")), "finger is revolute in the URDF and must not have metres_per_r"),
         ((changed(ELBOW, kind="prismatic"), FINGER), "elbow is prismatic in the URDF and needs metres_per_radian"),
         ((changed(ELBOW, kind="fixed"), FINGER), "elbow is fixed in the URDF"),
         (
             (changed(ELBOW, upper=3.3), FINGER),
-            "elbow: its limits are the servo's counts -151 to 2977, and the servo has 0 to 4095",
+            "elbow: the limits correspond to counts -151 to 2977, but the servo only has 0 to 4095",
         ),
-        ((ELBOW, changed(FINGER, upper=0.2)), "finger: its limits are the servo's counts 1024 to 5369"),
+        ((ELBOW, changed(FINGER, upper=0.2)), "finger: the limits correspond to counts 1024 to 5369"),
         ((changed(ELBOW, lower=0.2), FINGER), "park.pose: 0.1 is outside the limits 0.2 to 1.5 of elbow"),
     ],
 )
@@ -313,13 +313,13 @@ def test_what_does_not_fit_together_is_told(tmp_path: Path, urdf: tuple[UrdfJoin
     [
         (
             ("position", "velocity"),
-            "the URDF asks for elbow/velocity commands, and servos take positions only: use a controller of positions",
+            "the URDF has the command interface elbow/velocity, but servos only take positions: use a",
         ),
         (
             ("effort",),
-            "the URDF asks for elbow/effort commands, and servos take positions only: use a controller of positions",
+            "the URDF has the command interface elbow/effort, but servos only take positions: use a",
         ),
-        ((), "elbow has no command interface and mimics no joint: its servo needs one, position"),
+        ((), "elbow has no command interface and is not a mimic joint: add a position command interface"),
     ],
 )
 def test_servos_take_positions_only(commands: tuple[str, ...], says: str) -> None:
@@ -330,7 +330,7 @@ def test_servos_take_positions_only(commands: tuple[str, ...], says: str) -> Non
 
 
 def test_a_component_without_joints_is_no_arm() -> None:
-    with pytest.raises(DescriptionError, match=r"^arm: it has no joint"):
+    with pytest.raises(DescriptionError, match=r"^arm: the block has no joint"):
         require_positions(HardwareInfo("arm", "system", "plugin", {}, {}, {}))
 
 
@@ -361,12 +361,16 @@ def test_several_buses_of_two_makes_with_the_same_ids(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("buses:", "bus: {}\nbuses:", "robot.yaml:2: buses: the file has bus and buses: list every bus under buses"),
-        ("bus: arm, ", "", "robot.yaml:4: joints: a needs bus: one of arm, hand; no joint is on bus arm"),
-        ("bus: hand, ", "bus: foot, ", "b names bus foot, which is not among arm, hand; no joint is on bus hand"),
+        (
+            "buses:",
+            "bus: {}\nbuses:",
+            "robot.yaml:2: buses: the file has both bus and buses: list every bus under buses",
+        ),
+        ("bus: arm, ", "", "robot.yaml:4: joints: a has no bus: use one of arm, hand; no joint is on bus arm"),
+        ("bus: hand, ", "bus: foot, ", "b is on unknown bus foot: use one of arm, hand; no joint is on bus hand"),
         ("bus: hand, ", "bus: arm, ", "a and b both have servo_id 1 on bus arm; b has model xl430-w250, which does"),
         ("  hand: {", "  ha/nd: {", "robot.yaml:3: buses.ha/nd"),
-        ("  hand: {", "  world: {", "no bus may be called world"),
+        ("  hand: {", "  world: {", "a bus must not be called world"),
         ("protocol: feetech", "protocol: morse", "robot.yaml:2: buses.arm.protocol"),
     ],
 )
@@ -419,7 +423,7 @@ def test_a_homing_offset_that_the_servo_cannot_have(tmp_path: Path, model: str, 
 
 def test_a_joint_of_a_file_with_one_bus_names_none(tmp_path: Path) -> None:
     text = TWO[TWO.index("joints:") :].replace("  b: {bus: hand", "  b: {servo_id: 2, bus: hand", 1)
-    with pytest.raises(RobotFileError, match="a names bus arm, but the file has no buses"):
+    with pytest.raises(RobotFileError, match="a is on bus arm, but the file has no buses"):
         loaded(
             tmp_path,
             text.replace("servo_id: 2, bus: hand, servo_id: 1", "servo_id: 2")
@@ -446,7 +450,7 @@ def test_zero_is_in_the_middle_of_the_range_unless_said(tmp_path: Path, model: s
 
 def test_a_servo_is_not_sent_beyond_what_its_sensor_sees(tmp_path: Path) -> None:
     text = GOOD.replace("sts3215", "scs0009").replace("zero_counts: 2000", "zero_counts: 1000")
-    with pytest.raises(RobotFileError, match="the servo has 0 to 1023"):
+    with pytest.raises(RobotFileError, match="the servo only has 0 to 1023"):
         joined(tmp_path, ELBOW, FINGER, text=text)
 
 

@@ -60,7 +60,7 @@ def test_each_bus_is_called_after_its_component_so_that_ids_may_repeat(tmp_path:
 
 def test_two_buses_never_get_one_name(tmp_path: Path) -> None:
     parts = [part(tmp_path, "hand", "elbow", bus="left"), part(tmp_path, "hand-left", "finger")]
-    with pytest.raises(RobotFileError, match="two buses are called hand-left: give one of hand and hand-left another"):
+    with pytest.raises(RobotFileError, match="two buses are called hand-left: rename component hand or hand-left"):
         together(parts)
 
 
