@@ -86,7 +86,7 @@ def test_a_vertex_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
     corners = cube()
     corners[3, 1, 2] = np.nan
     write_stl(tmp_path / "part.stl", corners)
-    with pytest.raises(ArmFileError, match="a vertex that is not a number: export the mesh again"):
+    with pytest.raises(ArmFileError, match="a vertex that is not finite: export the mesh again"):
         read_stl(tmp_path / "part.stl")
 
 

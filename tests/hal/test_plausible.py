@@ -97,7 +97,7 @@ TWICE = """name="arm2" type="system"><hardware><plugin>a/B</plugin></hardware>
     [
         ("<ros2_control ", f"<ros2_control {TWICE}<ros2_control ", "joint 'joint1' is in two <ros2_control> blocks"),
         ("</ros2_control>", "</ros2_control><ros2_control/>", "a <ros2_control> block of the URDF has no name"),
-        ('<joint name="hand_right_joint">', '<joint name="joint9">', "names joint 'joint9', which the URDF has not"),
+        ('<joint name="hand_right_joint">', '<joint name="joint9">', "has joint 'joint9', which is not in the URDF"),
         ('<child link="link1"/>', "", "joint 'joint1' has no <child>"),
         ("<plugin>", "<other>x</other><plug>", "is not well-formed XML: mismatched tag: line"),
         ("<robot ", "<sdf ", "is not well-formed XML: mismatched tag: line"),

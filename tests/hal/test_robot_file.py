@@ -326,7 +326,7 @@ def test_servos_take_positions_only(commands: tuple[str, ...], says: str) -> Non
     component = HardwareInfo("arm", "system", "plugin", {}, {"elbow": commands, "finger": ("position",)}, {})
     with pytest.raises(DescriptionError) as caught:
         require_positions(component)
-    assert str(caught.value) == f"arm: {says}"
+    assert str(caught.value).startswith(f"arm: {says}")
 
 
 def test_a_component_without_joints_is_no_arm() -> None:
