@@ -92,12 +92,12 @@ def reboot(
     Example: `servoloop reboot 3 --port /dev/ttyACM0`
     """
     from commissioning.registers.reset import reboot as restart
-    from hal.servos.limp_arm import falls
+    from hal.servos.limp_arm import torque_warning
 
     with servo_at(port, servo_id, baud) as servo:
         held = servo.holds_torque()
         if held:
-            confirm(f"{falls([f'servo {servo_id}'])}, which a reboot does: go on?", yes)
+            confirm(f"{torque_warning([f'servo {servo_id}'])}, which a reboot does: go on?", yes)
         report = restart(servo, let_go=held)
     if json:
         print_json(report)

@@ -14,10 +14,10 @@ from tests.hal.bench import IDS, JOINTS, Bench, at, switches_torque_on
 CALIBRATED = (replace(JOINTS[0], homing_offset=600, settings=(("position_p", 16),)), *JOINTS[1:])
 
 CHANGES = [
-    (sts.homing_offset, 0, "has homing_offset 0, and shoulder was calibrated with 600"),
+    (sts.homing_offset, 0, "has homing_offset 0, but shoulder was calibrated with 600"),
     (sts.operating_mode, 1, "is not in position mode"),
     (sts.model_number, 1, r"is model 1 \(unknown\), not 777"),
-    (sts.max_position, 2100, "has position limits of its own, 0 to 2100 counts"),
+    (sts.max_position, 2100, "has position limits 0 to 2100 counts"),
     (sts.status_level, 0, "acknowledges no writes"),
 ]
 

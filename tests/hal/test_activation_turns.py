@@ -71,8 +71,8 @@ def test_a_bus_that_lacks_the_order_to_forget_turns_is_gone_on_with(
     bench = Bench().configured()
     bench.hardware.activate()
     assert caplog.messages == [
-        "shoulder (servo 1), elbow (servo 2), finger (servo 7) do not carry out the instruction 0x0A (forget turns): "
-        "going on without it"
+        "shoulder (servo 1), elbow (servo 2), finger (servo 7) do not support the instruction 0x0A (forget turns): "
+        "continuing without it"
     ]
 
 
@@ -81,7 +81,7 @@ def test_a_joint_that_passes_the_end_of_its_counts_needs_the_order(monkeypatch: 
     bench = Bench().configured()
     assert bench.hardware._buses is not None
     bus = bench.hardware._buses.buses[""]
-    with pytest.raises(ServoRefused, match="does not carry out the instruction 0x0A"):
+    with pytest.raises(ServoRefused, match="does not support the instruction 0x0A"):
         forget_turns(replace(JOINTS[1], seam_inside=True), FaultLog(), bus)
 
 
@@ -103,8 +103,8 @@ def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_h
     bench.clock.sleep_until(bench.clock.now() + 0.2)
     before = shaft_counts(bench)
     says = (
-        r"elbow \(servo 2\) is held at 6096 counts and reports \d+, as one that is "
-        r"held a turn away\. Hold the arm, and switch the servos' supply off and on$"
+        r"elbow \(servo 2\) has goal 6096 but reports \d+ counts, so it is probably "
+        r"held in another turn\. Hold the arm, and switch the servos' supply off and on$"
     )
     with pytest.raises(ActivationError, match=says):
         bench.hardware.activate()
@@ -126,5 +126,5 @@ def test_a_servo_under_torque_may_be_half_a_turn_from_its_goal_and_no_further(wa
         bench.hardware.activate()
         assert bench.held(1, sts.goal_position) == middle
         return
-    with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) is held at -?\d+ counts and reports 2048, as one"):
+    with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) has goal -?\d+ but reports 2048 counts"):
         bench.hardware.activate()

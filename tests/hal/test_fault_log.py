@@ -126,4 +126,4 @@ def test_servos_that_come_back_limp_together_are_one_event(log_lines: pytest.Log
         "shoulder (servo 1), elbow (servo 2), finger (servo 7) came back without torque (power dip?): activate again"
     )
     bench.hardware.reactivate()
-    assert log_lines.messages[2:] == ["shoulder, elbow, finger are activated again: they hold where they are"]
+    assert log_lines.messages[2:] == ["shoulder, elbow, finger have torque again and hold their positions"]

@@ -45,9 +45,9 @@ def test_a_servo_whose_own_limits_are_narrower_than_its_joint_s_is_refused_with_
         return ServoHardware("arm", [joint], lambda: line.bus, line.clock)
 
     for low, high in ((first + 1, last), (first, last - 1), (first + 9, last + 9), (first - 9, last - 9)):
-        with pytest.raises(DriverError, match=f"position limits of its own, {low} to {high} counts") as caught:
+        with pytest.raises(DriverError, match=f"has position limits {low} to {high} counts") as caught:
             arm_with(low, high).configure()
-        assert f"its joint goes from {first} to {last}" in str(caught.value)
+        assert f"its joint moves from {first} to {last}" in str(caught.value)
     arm_with(first, last).configure()
 
 
@@ -84,14 +84,16 @@ def test_a_refusal_says_how_far_servo_and_joint_go_and_what_the_joint_s_limits_m
         check_reach(wide, (100, 3900))
     assert caught.value.servo_id == 4
     assert caught.value.text == (
-        "has position limits of its own, 100 to 3900 counts, and its joint goes from 0 to 4068: "
-        "widen them in the servo, or narrow the joint's in the URDF to -2.988194 to 2.840932"
+        "has position limits 100 to 3900 counts, but its joint moves from 0 to 4068: "
+        "widen them in the servo, or narrow the limits in the URDF to -2.988194 to 2.840932"
     )
 
 
 def test_where_servo_and_joint_hardly_overlap_the_zero_is_wrong() -> None:
     joint = Joint("j", 4, sts.STS3215, JointLimits(-0.5, 0.5, 3.0, 5.0, 50.0))
-    with pytest.raises(ServoRefused, match=r"in the servo, or correct zero_counts: the two hardly overlap$"):
+    with pytest.raises(
+        ServoRefused, match=r"in the servo, or correct zero_counts, because the two ranges hardly overlap$"
+    ):
         check_reach(joint, (3000, 3900))
 
 
@@ -118,7 +120,7 @@ def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside
         bench.hardware.activate()
         assert bench.torque() == list(IDS)
         return
-    says = rf"shoulder \(servo 1\) is at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, and"
+    says = rf"shoulder \(servo 1\) is at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, so"
     with pytest.raises(ActivationError, match=says):
         bench.hardware.activate()
     assert bench.torque() == []
@@ -132,7 +134,7 @@ def test_limits_that_the_robot_file_names_count_as_they_are_once_they_are_writte
         for by in (0, 1)
     )
     bench = Bench(joints=narrow)
-    with pytest.raises(DriverError, match=rf"limits of its own, {lowest + 1} to .* in the robot file's settings"):
+    with pytest.raises(DriverError, match=rf"has position limits {lowest + 1} to .* in the robot file's settings"):
         bench.configured()
     bench = Bench(joints=wide)
     bench.servos.servo(1).memory.put(sts.min_position, 1500)

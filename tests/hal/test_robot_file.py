@@ -407,7 +407,7 @@ def test_a_homing_offset_that_the_register_can_hold(tmp_path: Path, offset: str)
 @pytest.mark.parametrize(
     ("model", "offset", "says"),
     [
-        ("scs15", 0, "elbow: scs15 has no homing_offset: take it out"),
+        ("scs15", 0, "elbow: scs15 has no homing_offset: remove it"),
         ("sts3215", 2048, "elbow: homing_offset takes -2047 to 2047, not 2048"),
     ],
 )

@@ -563,7 +563,7 @@ def test_a_servo_that_lets_go_gets_no_goal_until_it_is_activated_again(
     cause(bench)
     for _ in range(5):
         bench.wait()
-    assert bench.wait().faults["elbow"].text == f"elbow: servo 2 has let go ({alarm} alarm): activate again"
+    assert bench.wait().faults["elbow"].text == f"elbow: servo 2 released its torque ({alarm} alarm): activate again"
     assert (bench.torque() == [1, 7]) is (alarm == "current")
     bench.plant.load_nm[1] = 0.0
     bench.servos.servo(2).firmware.temperature_c = 30.0

@@ -36,7 +36,7 @@ def test_what_differs_is_written_and_said_and_locked_again(caplog: pytest.LogCap
     assert held == [16, 2, 2]
     assert bench.held(1, sts.lock) != OPEN
     assert bench.torque() == []
-    assert "shoulder (servo 1): position_p is 16 now, was 32" in caplog.messages
+    assert "shoulder (servo 1): position_p set to 16 (was 32)" in caplog.messages
     assert {servo_id for servo_id, _ in settings_written(bench)} == {1}
     bench.servos.servo(1).power_cycle()
     assert bench.held(1, sts.position_p) == 16, "saved, not only held"
@@ -132,7 +132,7 @@ def test_a_servo_that_counts_from_another_place_than_it_was_calibrated_at_is_ref
     with pytest.raises(DriverError) as caught:
         bench.configured()
     assert str(caught.value).startswith(
-        "elbow: servo 2: has homing_offset 0, and elbow was calibrated with 120: was the servo changed, or reset?"
+        "elbow: servo 2: has homing_offset 0, but elbow was calibrated with 120: was the servo replaced or reset?"
     )
 
 

@@ -75,7 +75,7 @@ def test_a_servo_that_did_not_answer_and_answers_now_is_named_by_its_joint_and_i
     """Whether it was to say who it is, or how it is set."""
     bench = Bench()
     loses_the_question_for(register, bench, ATTEMPTS)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only now and then: the line is bad"):
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only intermittently: check"):
         bench.hardware.configure()
 
 
@@ -108,7 +108,7 @@ def test_a_line_that_is_too_bad_is_called_so(kind: Kind) -> None:
         except DriverError as error:
             failures.append(str(error))
     assert failures
-    assert all("now and then" in text for text in failures), failures
+    assert all("intermittently" in text for text in failures), failures
 
 
 # Two servos with one ID
@@ -133,7 +133,9 @@ class Doubled:
 def test_two_servos_with_one_id_and_one_model_are_named_when_configured() -> None:
     bench = Doubled()
     bench.double()
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers, but never in one piece: do two servos have ID 2"):
+    with pytest.raises(
+        DriverError, match=r"^elbow: servo 2: answers, but every reply is corrupted: do two servos have ID 2"
+    ):
         bench.hardware.configure()
     assert bench.hardware.state is LifecycleState.UNCONFIGURED
 
@@ -163,4 +165,4 @@ def test_problems_of_every_sort_are_told_together() -> None:
         bench.hardware.configure()
     shoulder, elbow = str(caught.value).splitlines()
     assert shoulder.startswith("shoulder: servo 1: is model 777")
-    assert elbow.startswith("elbow: servo 2: answers, but never in one piece")
+    assert elbow.startswith("elbow: servo 2: answers, but every reply is corrupted")

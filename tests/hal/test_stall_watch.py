@@ -64,7 +64,7 @@ def test_fingers_that_hold_something_are_no_failure_for_ever_and_a_jammed_joint_
         jaw.run(SHUT, STALL_S + 1.0)
         assert jaw.watch.stalls["jaw"].warns
         jaw.run(SHUT, WARN_S)
-    assert not grip.watch.stalls["jaw"].warns and "grips something" in grip.watch.stalls["jaw"].text
+    assert not grip.watch.stalls["jaw"].warns and "gripped something" in grip.watch.stalls["jaw"].text
     assert jam.watch.stalls["jaw"].warns and "jammed or blocked" in jam.watch.stalls["jaw"].text
 
 
@@ -76,7 +76,7 @@ def test_what_the_log_says(caplog: pytest.LogCaptureFixture) -> None:
     assert record.levelname == "WARNING"
     assert record.message == (
         "jaw: servo 6 has pressed with its torque limit of 50% for 1 s without motion and holds with 18% until its "
-        "next motion: the joint has not moved at all, it is jammed or blocked. Move it the other way, and look at it"
+        "next motion: the joint has not moved at all, so it is jammed or blocked. Move it back and check it"
     )
 
 
@@ -176,9 +176,9 @@ def test_a_joint_with_its_whole_torque_is_named_and_goes_on_carrying(caplog: pyt
     assert record.levelname == "WARNING"
     assert record.message == "jaw: " + arm.watch.stalls["jaw"].text
     assert arm.watch.stalls["jaw"].text == (
-        "servo 6 has driven with at least 80% of its torque for 1 s without motion: something is in the joint's way, "
-        "or it carries too much. Its drive is not reduced, because a loaded joint would fall: move it back, or take "
-        "the load off, before the servo's own protection releases it"
+        "servo 6 has pressed with at least 80% of its torque for 1 s without motion: the joint is blocked or "
+        "overloaded. Its torque is not reduced, because a loaded joint would fall: move it back or remove the load "
+        "before the servo's own protection disables its torque"
     )
 
 

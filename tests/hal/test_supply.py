@@ -147,7 +147,7 @@ def test_a_wrong_voltage_in_motion_is_shown_by_name_and_logged_once(voltage_v: f
     assert len(logged(rig, f"gripper (servo 6) have {voltage_v} V, and a sts3215_c001 is made for")) == 1
     rig.endure(1.5)
     assert len(logged(rig, kind)) == 1, "one line for all servos"
-    assert len(logged(rig, "gripper (servo 6) have a right voltage again: 7.4 V")) == 1
+    assert len(logged(rig, "gripper (servo 6) have a correct voltage again: 7.4 V")) == 1
     assert shown(rig, "shoulder_pan").message == "ok"
 
 

@@ -59,7 +59,7 @@ def test_a_servo_that_is_back_is_named_until_it_was_asked_and_then_gets_its_goal
     loop.bench.servos.faults.restore(1)
     while (faults := loop.cycle())["shoulder"].kind != "no_torque":
         pass
-    assert faults["shoulder"].text.startswith("shoulder: servo 1 answers again, and nobody has asked it yet")
+    assert faults["shoulder"].text.startswith("shoulder: servo 1 answers again, but its torque has not been checked")
     loop.late = 0
     waited = loop.cycles(LONGEST_S + 0.1)
     assert "shoulder" in waited[0] and waited[-1] == {}
@@ -97,7 +97,7 @@ def test_late_cycles_are_few(rate_hz: float, held_back_s: float) -> None:
 
 def test_on_a_quick_line_one_servo_is_asked_at_a_time_and_no_cycle_is_missed() -> None:
     loop = Paced(800.0, 0.0)  # all three servos' answers at once do not fit
-    shown = loop.bench.hardware._states.faults._shown_s
+    shown = loop.bench.hardware._states.faults._checked_s
     oldest = []
     for _ in range(1000):
         loop.cycle()
@@ -115,7 +115,7 @@ def test_on_a_line_that_has_become_slow_all_are_asked_in_the_next_cycle() -> Non
         if not faults._quick:
             break
     loop.cycle()
-    assert loop.bench.clock.now() - min(faults._shown_s.values()) <= 2 * loop.period_s
+    assert loop.bench.clock.now() - min(faults._checked_s.values()) <= 2 * loop.period_s
 
 
 def test_each_servo_can_be_asked_at_once() -> None:
