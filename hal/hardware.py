@@ -115,7 +115,7 @@ class Requesting(Protocol):
 
 @runtime_checkable
 class DoubtingLeaps(Protocol):
-    """Hardware that checks itself whether a joint can have reached the measured position.
+    """Hardware with its own check of whether a joint can have reached the measured position.
 
     For all other hardware, ``LeapFilter`` makes this check with the velocity limits of the joints.
     """

@@ -89,7 +89,7 @@ def _trimmed(text: str) -> str:
 
 
 def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, str]:
-    """Format a value outside a range, the lower end and the upper end, with the number of decimals as in ``apart``."""
+    """Format a value outside a range and both ends of the range, as ``apart`` does."""
     if value < lower:
         return *apart(value, lower), f"{upper:.4f}"
     shown, end = apart(value, upper)

@@ -37,7 +37,7 @@ class MovingJoint:
     slide: Vector
     axis: Vector
     leader: int
-    """Index of the commanded joint that this joint follows. If there is none (-1), it is assumed to be at zero."""
+    """Index of the commanded joint that this joint follows; -1 if there is none and this joint is assumed at zero."""
     multiplier: float
     offset: float
     moment: Vector

@@ -19,7 +19,9 @@ from hal.types import FloatArray
 STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, "max_acceleration": 100}
 """Factory settings that affect the compliance."""
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
-"""Share of full drive per count of error and unit of P. The firmware uses P / 4 of 1000; BAM identified 2 % more."""
+"""Share of full drive per count of error and unit of P.
+
+The firmware's drive is P / 4 per count, of 1000; BAM identified 2 % more."""
 STS_MOTOR_TIME_S: Final = 0.026
 """Rotor inertia divided by damping, from step responses recorded on hardware. BAM identified 0.047."""
 ENCODER_STEP_COUNTS: Final = 1.0

@@ -217,7 +217,7 @@ class Activation:
         return self._clock.now() - self._measured_s > FRESH_S
 
     def _retake_goals(self, joint: Joint) -> None:
-        """Measure the joints that are still limp, from this joint on, and use their positions as goals.
+        """Measure this joint and all later joints that are still limp, and use their positions as goals.
 
         Joints with torque keep their goals. Otherwise a joint that sags under load would sag further with every lost
         packet.

@@ -18,7 +18,8 @@ LOG = logging.getLogger("servoloop.hal")
 RESET_S: Final = 0.1
 """Silence after which a servo gets no goals until its torque has been checked.
 
-According to Feetech's manual a restart takes 0.8 s. A faster restart is detected by the torque limit."""
+According to Feetech's manual a restart takes 0.8 s. A faster restart is detected because the servo loses its torque
+limit."""
 WATCH_S: Final = 0.35
 """Time in which the torque of every servo is checked once, because a servo may lose it without an alarm."""
 MISSED: Final = 1.2

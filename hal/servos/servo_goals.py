@@ -20,7 +20,7 @@ CATCH_UP_S: Final = 0.5
 BLOCKED_CYCLES: Final = 2
 """Number of consecutive cycles after which a large lag counts. A single false measurement thus moves no goal."""
 GAINED_S: Final = 0.1
-"""Age of the measured speed. The joint may have accelerated for this time since."""
+"""Age of the measured speed, in seconds. The joint may have accelerated since then."""
 UNKNOWN_LEAD_TURNS: Final = 0.12
 """Maximum lag of a servo with unknown stiffness and lag, in turns of the shaft."""
 

@@ -135,7 +135,7 @@ class ServoSetup:
             return question(self._buses.buses[joint.bus])
 
     def torque_off(self, joints: Sequence[Joint]) -> list[str]:
-        """Disable the torque of joints, on every bus even if others fail. Return the errors."""
+        """Disable the torque of joints on all buses, even if some of them fail. Return the errors."""
         problems: list[str] = []
         for name, bus in self._buses.buses.items():
             on = [joint for joint in joints if joint.bus == name]
@@ -180,7 +180,7 @@ def _settle(joint: Joint, bus: Bus) -> None:
 
 
 def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
-    """Make a servo discard its turns. Some servos and adapters do not support the instruction.
+    """Make a servo discard the turns that it has counted. Some servos and adapters do not support the instruction.
 
     Raises:
         ServoRefused: The instruction is not supported, but the joint can pass the servo's last count and needs it.

@@ -39,7 +39,7 @@ NEW_COMMAND_TURNS: Final = 0.005
 NEW_MOTION_S: Final = 1.0
 """Time for which a command must be at rest before the next change counts as a new motion."""
 WARN_S: Final = 10.0
-"""Time for which a gripper that has closed on an object is reported with a warning. After that it is normal."""
+"""Time for which a gripper that has closed on an object causes a warning. After that, holding it is normal."""
 
 
 @dataclass(slots=True)
@@ -151,7 +151,7 @@ class StallWatch:
         return press.pressed_s >= STALL_S - 1e-9
 
     def _name(self, joint: Joint, pressing: bool) -> None:
-        """Report a joint with full torque while it presses."""
+        """Report the stall of a joint with full torque, whose drive is not reduced."""
         if not pressing:
             self.stalls.pop(joint.name, None)
         elif joint.name not in self.stalls:
