@@ -1,4 +1,4 @@
-"""The URDF: what is read from it, and what is said about one that cannot be used."""
+"""Tests of the URDF parser and of its messages about invalid files."""
 
 import re
 from pathlib import Path
@@ -45,7 +45,7 @@ def test_a_joint() -> None:
     assert elbow.mimic is None
 
 
-def test_what_a_joint_leaves_out() -> None:
+def test_default_values_of_a_joint() -> None:
     finger = parse_urdf(urdf()).joints["finger"]
     assert (finger.xyz_m, finger.rpy_rad, finger.axis) == ((0, 0, 0), (0, 0, 0), (1, 0, 0))
     assert finger.mimic == Mimic("elbow", -2.0, 0.5)
@@ -77,7 +77,7 @@ def test_interfaces_by_their_full_names() -> None:
         ("</plugin>", '</plugin><param name="rw_rate">5</param>', 5),
     ],
 )
-def test_a_component_may_have_a_rate_of_its_own(old: str, new: str, rate_hz: int) -> None:
+def test_a_component_may_have_its_own_rate(old: str, new: str, rate_hz: int) -> None:
     (component,) = parse_urdf(urdf(control=CONTROL.replace(old, new))).components
     assert component.rw_rate == rate_hz
 
@@ -87,7 +87,7 @@ def test_initial_values() -> None:
     assert component.initial_values == {"elbow/position": 0.25}
 
 
-def test_several_components_side_by_side() -> None:
+def test_several_components() -> None:
     wrist = ELBOW.replace("elbow", "wrist")
     other = CONTROL.replace('"arm"', '"hand"').replace("elbow", "wrist").replace('<joint name="finger">', "<!--", 1)
     other = other.replace("</joint>\n  </ros2", "-->\n  </ros2")
@@ -100,11 +100,11 @@ def test_several_components_side_by_side() -> None:
     assert merged(components[:1]) is components[0]
 
 
-def test_the_text_is_kept_as_it_is() -> None:
+def test_the_text_of_the_urdf_is_kept() -> None:
     assert parse_urdf(urdf()).xml == urdf()
 
 
-def test_the_arm_itself() -> None:
+def test_the_urdf_of_the_robot_arm() -> None:
     description = parse_urdf(URDF.read_text())
     (component,) = description.components
     assert component.joints == (*(f"joint{i}" for i in range(1, 7)), "hand_right_joint")
@@ -128,14 +128,14 @@ def limited(old: str, new: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (
             limited('"-1.5" upper="2"', '"2" upper="-1.5"'),
             "elbow: lower limit 2.0 is above upper limit -1.5 (arm.urdf, line 6): swap them.",
         ),
         (
-            urdf(ELBOW + FINGER.replace('"0" upper="0.05"', '"0" upper="-0.04"')),  # nothing commands it
+            urdf(ELBOW + FINGER.replace('"0" upper="0.05"', '"0" upper="-0.04"')),  # the joint has no commands
             "finger: lower limit 0.0 is above upper limit -0.04 (arm.urdf, line 10): swap them.",
         ),
         (
@@ -195,14 +195,14 @@ def limited(old: str, new: str) -> str:
         ),
     ],
 )
-def test_limits_links_and_masses_that_cannot_be_are_named_with_their_place(text: str, says: str) -> None:
+def test_invalid_limits_links_and_masses_are_reported_with_their_line(text: str, message: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_urdf(text, "arm.urdf")
     (sentence,) = str(caught.value).splitlines()
-    assert says in sentence
+    assert message in sentence
 
 
-def test_every_wrong_limit_is_named_at_once() -> None:
+def test_all_wrong_limits_are_reported_together() -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_urdf(limited('"-1.5" upper="2" effort="3" velocity="4"', '"2" upper="-1.5" effort="-1" velocity="0"'))
     assert [line.partition(" limit ")[0] for line in str(caught.value).splitlines()] == [
@@ -212,21 +212,21 @@ def test_every_wrong_limit_is_named_at_once() -> None:
     ]
 
 
-def test_an_unknown_effort_matters_to_effort_commands_alone() -> None:
+def test_an_unknown_effort_only_matters_for_effort_commands() -> None:
     unknown = limited('effort="3"', 'effort="0"')
     assert parse_urdf(unknown).joints["elbow"].effort == 0.0
     with pytest.raises(DescriptionError, match=r"elbow: effort limit 0.0 is not above zero"):
         parse_urdf(unknown.replace('<command_interface name="position"/>', '<command_interface name="effort"/>', 1))
 
 
-def test_a_joint_that_takes_no_commands_needs_no_limits() -> None:
+def test_a_joint_without_commands_needs_no_limits() -> None:
     passive = ELBOW.replace('lower="-1.5" upper="2" effort="3" velocity="4"', "")
     control = CONTROL.replace('<command_interface name="position"/>', "")
     assert parse_urdf(urdf(passive + FINGER, control)).joints["elbow"].velocity == 0.0
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "the URDF is not well-formed XML"),
         ("<robot", "the URDF is not well-formed XML"),
@@ -326,10 +326,10 @@ def test_a_joint_that_takes_no_commands_needs_no_limits() -> None:
         ),
     ],
 )
-def test_what_is_said_about_a_bad_urdf(text: str, says: str) -> None:
+def test_messages_about_an_invalid_urdf(text: str, message: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_urdf(text)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
 
 
 DRIVEN_FINGER = CONTROL.replace(
@@ -337,7 +337,7 @@ DRIVEN_FINGER = CONTROL.replace(
 )
 
 
-def test_a_block_may_drive_a_joint_with_a_mimic_by_itself() -> None:
+def test_a_block_may_drive_a_mimic_joint_with_mimic_false() -> None:
     description = parse_urdf(urdf(control=DRIVEN_FINGER))
     (component,) = description.components
     assert component.joints == ("elbow", "finger")
@@ -346,7 +346,7 @@ def test_a_block_may_drive_a_joint_with_a_mimic_by_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("control", "says"),
+    ("control", "message"),
     [
         (DRIVEN_FINGER.replace('mimic="false"', 'mimic="no"'), "joint 'finger': mimic 'no' is not true or false"),
         (DRIVEN_FINGER.replace('mimic="false"', 'mimic="true"'), "has a <command_interface> but mimics 'elbow'"),
@@ -356,13 +356,13 @@ def test_a_block_may_drive_a_joint_with_a_mimic_by_itself() -> None:
         ),
     ],
 )
-def test_a_mimic_attribute_that_cannot_be(control: str, says: str) -> None:
+def test_invalid_mimic_attributes_are_refused(control: str, message: str) -> None:
     with pytest.raises(DescriptionError) as error:
         parse_urdf(urdf(control=control))
-    assert says in str(error.value)
+    assert message in str(error.value)
 
 
-def test_a_mimic_of_mimics_follows_the_joint_that_is_driven() -> None:
+def test_a_chain_of_mimic_joints_follows_the_driven_joint() -> None:
     thumb, tip = (
         FINGER.replace('"finger"', f'"{name}"').replace('"c"', f'"{name}_link"').replace('"elbow"', f'"{led}"')
         for name, led in (("thumb", "finger"), ("tip", "thumb"))
@@ -380,6 +380,6 @@ def test_a_mimic_of_mimics_follows_the_joint_that_is_driven() -> None:
         '<robot name="r"><link name="${prefix}base"/></robot>',
     ],
 )
-def test_xacro_is_named_with_the_command_that_expands_it(xml: str) -> None:
+def test_xacro_is_refused_with_the_command_that_expands_it(xml: str) -> None:
     with pytest.raises(DescriptionError, match=r"this file is xacro.*: run 'xacro FILE > robot.urdf'"):
         parse_urdf(xml)

@@ -1,4 +1,4 @@
-"""Numbers in messages: as many digits as tell a value from its limit."""
+"""Tests of the number of decimals in messages about a value and its limit."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hal.types import JointLimits, apart, beyond_range, far_outside
 
 
 @pytest.mark.parametrize(
-    ("value", "limit", "said"),
+    ("value", "limit", "shown"),
     [
         (0.3, 0.05, ("0.3000", "0.0500")),
         (0.00004, 0.00003, ("0.00004", "0.00003")),
@@ -18,8 +18,8 @@ from hal.types import JointLimits, apart, beyond_range, far_outside
         (2.0, 2.0, ("2.0000", "2.0000")),
     ],
 )
-def test_a_value_and_its_limit_are_told_apart(value: float, limit: float, said: tuple[str, str]) -> None:
-    assert apart(value, limit) == said
+def test_a_value_and_its_limit_look_different(value: float, limit: float, shown: tuple[str, str]) -> None:
+    assert apart(value, limit) == shown
 
 
 def test_a_value_outside_a_range_differs_from_the_nearer_end() -> None:
@@ -30,5 +30,5 @@ def test_a_value_outside_a_range_differs_from_the_nearer_end() -> None:
 
 
 def test_a_small_tolerance_is_printed_with_its_digits() -> None:
-    said = excess(["joint3"], np.array([0.00004]), {"joint3": 0.00003})
-    assert said == "joint3 is off by 0.00004, allowed is 0.00003"
+    shown = excess(["joint3"], np.array([0.00004]), {"joint3": 0.00003})
+    assert shown == "joint3 is off by 0.00004, allowed is 0.00003"
