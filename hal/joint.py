@@ -69,14 +69,27 @@ class Joint:
         return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
     def turns(self, counts: int) -> int:
-        """Return the number of whole turns that a reading lies outside the servo's counts.
+        """Return how many whole turns a reading is outside the servo's counts.
 
         A servo resets its turn counter at power-on.
+
+        Args:
+            counts: Reading of the servo.
+
+        Returns:
+            Number of turns; 0 if the reading is within the servo's counts.
         """
         return counts // self.model.counts_per_turn
 
     def position(self, counts: int) -> float:
-        """Convert servo counts to a joint position, in rad or m."""
+        """Convert servo counts to a joint position.
+
+        Args:
+            counts: Reading of the servo.
+
+        Returns:
+            Joint position, in rad or m.
+        """
         return (counts - self.zero_counts) * self.units_per_count
 
     def counts(self, position: float) -> int:
@@ -97,7 +110,11 @@ class Joint:
         return min(max(round(inside / self.units_per_count) + self.zero_counts, lower), upper)
 
     def counts_range(self) -> tuple[int, int]:
-        """Return the lowest and the highest counts within the limits."""
+        """Return the range of counts within the joint's limits.
+
+        Returns:
+            The lowest and the highest counts.
+        """
         ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)
         # 1e-9: a limit that is a whole number of counts must not change by one through rounding errors.
         return (

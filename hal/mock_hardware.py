@@ -68,7 +68,7 @@ class MockHardware:
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
-        """Set the initial values. Without one, position and velocity are 0 and all other states are NaN."""
+        """Set the initial values. By default position and velocity are 0 and all other states are NaN."""
         arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
         for index, joint in enumerate(self.joints):
             for kind in states.get(joint, ()):

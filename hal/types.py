@@ -130,7 +130,7 @@ class ServoHealth:
 
 
 class JointFault(NamedTuple):
-    """A fault of a joint."""
+    """Fault of a joint."""
 
     kind: FaultKind | Literal["implausible", "no_torque", "component"]
     """Kind of fault.

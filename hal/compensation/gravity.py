@@ -29,7 +29,7 @@ class Gravity:
         self._joints = len(joints)
         self._unknown = inclination_unknown(self._tree)
         if not any(joint.carried_kg for joint in self._tree):
-            LOG.warning("the URDF's links have no masses: gravity is not compensated")
+            LOG.warning("the links of the URDF have no masses, so gravity is not compensated")
 
     def torques(self, position: FloatArray) -> FloatArray:
         """Compute the torques that hold the arm at a position.
@@ -52,7 +52,7 @@ class Gravity:
             slid.append(0.0 if joint.turns else q)
             up.append(_in_link(matrix, up[joint.parent] if joint.parent >= 0 else (0.0, 0.0, GRAVITY_M_S2)))
         moments = [joint.moment for joint in self._tree]
-        for index in range(len(self._tree) - 1, -1, -1):  # from the tips to the root
+        for index in range(len(self._tree) - 1, -1, -1):  # children before parents
             joint, moment = self._tree[index], moments[index]
             if joint.leader >= 0 and joint.leader not in self._unknown:
                 torques[joint.leader] += joint.multiplier * _held(joint, moment, up[index])

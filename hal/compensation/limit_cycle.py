@@ -18,7 +18,7 @@ SLOW_CYCLES: Final = 6
 CALMED_CYCLES: Final = 5
 """Minimum period of an oscillation whose damping continues, in control cycles. Its period decreases with its size."""
 BEFORE_CYCLES: Final = 4
-"""Assumed duration of the half period before the first measured one, in control cycles."""
+"""Assumed duration of the half period before the first measured half period, in control cycles."""
 RETURN_S: Final = 0.5
 """Time constant with which the offset decays after the oscillation ends."""
 

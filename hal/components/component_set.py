@@ -150,7 +150,7 @@ class ComponentSet:
         hardware = component.hardware
         try:
             return hardware.ask_for_torque() if isinstance(hardware, AskedForTorque) else frozenset()
-        except Exception as error:  # as in _read
+        except Exception as error:  # see _read
             self.lose(component, error)
             raise
 
@@ -158,7 +158,7 @@ class ComponentSet:
         if isinstance(component.hardware, Requesting):
             try:
                 component.hardware.request(deadline_s)
-            except Exception as error:  # as in _read
+            except Exception as error:  # see _read
                 self.lose(component, error)
 
     def _read(self, component: Component, confirmed: bool = False) -> None:
@@ -198,7 +198,7 @@ class ComponentSet:
             component.hardware.write(command)
         except PartLost as error:
             self.lose(component, error)
-        except Exception as error:  # as in read
+        except Exception as error:  # see _read
             component.out_of_reach = True
             self.lose(component, error)
 

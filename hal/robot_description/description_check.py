@@ -71,4 +71,4 @@ def _ends(leader: UrdfJoint) -> tuple[float, float]:
 
 
 def _followed(joint: UrdfJoint, leader: float) -> float:
-    return joint.mimic.multiplier * leader + joint.mimic.offset + 0.0 if joint.mimic else 0.0  # + 0.0: never -0
+    return joint.mimic.multiplier * leader + joint.mimic.offset + 0.0 if joint.mimic else 0.0  # + 0.0 avoids -0

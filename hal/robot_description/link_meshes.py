@@ -50,7 +50,7 @@ class Places(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class LinkMesh:
-    """A mesh and its pose in its link, in meters."""
+    """Mesh and its pose in the frame of its link, in meters."""
 
     link: str
     path: Path

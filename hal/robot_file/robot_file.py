@@ -140,7 +140,7 @@ class RobotFile(_Strict):
         home = next(iter(buses)) if len(buses) == 1 else None
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
         problems = _shared_ids(placed) + _mixed_protocols(placed)
-        if "bus" in info.data and "buses" in info.data:  # both are missing if they have mistakes of their own
+        if "bus" in info.data and "buses" in info.data:  # a key is missing if it has mistakes itself
             problems += _misplaced(joints, info.data["bus"], info.data["buses"])
         if problems:
             raise ValueError("; ".join(problems))

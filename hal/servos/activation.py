@@ -17,7 +17,7 @@ from hal.types import far_outside
 LOG = logging.getLogger("servoloop.hal")
 
 CONFIRMING_READS: Final = 8
-"""Maximum number of readings until two consecutive ones agree. Only then does a measured position become a goal."""
+"""Maximum number of readings until two consecutive readings agree. Only then does a measured position become a goal."""
 AGREE_S: Final = 0.01
 """Time in which a joint at its velocity limit travels the maximum difference between two readings that agree."""
 AGREE_COUNTS: Final = 3
@@ -128,7 +128,11 @@ class Activation:
         return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
 
     def _start_goal(self, joint: Joint, state: ServoState) -> int:
-        """The measured position, if it lies within the limits or (by play, a soft stop) almost."""
+        """Return the measured position as the first goal of a joint.
+
+        Raises:
+            ActivationError: The joint is too far outside its limits, or outside the servo's own limits.
+        """
         position = joint.position(state.position_counts)
         lower, upper = joint.limits.lower, joint.limits.upper
         if problem := far_outside(position, joint.limits):

@@ -53,7 +53,7 @@ class LimpArm(ServoHardware):
         return [servo_name(joint) for joint in self._joints if setup.drives(joint)]
 
     def release(self) -> None:
-        """Disable torque and check the settings. The arm falls unless somebody holds it.
+        """Disable torque and check the settings. The arm falls unless it is supported by hand.
 
         Raises:
             ActivationError: A servo may still hold torque.

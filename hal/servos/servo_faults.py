@@ -165,7 +165,9 @@ class ServoFaults:
             self._checked_s = dict.fromkeys((joint.name for joint in self._joints), self._clock.now())
         else:
             for joint in [joint for joint in back if joint.name in self._released]:
-                self._refuse(joint, buses, self._released[joint.name])  # replaces the fault of a silence meanwhile
+                self._refuse(
+                    joint, buses, self._released[joint.name]
+                )  # replaces the fault if the servo was silent meanwhile
             begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
             self._ask([joint for joint in back if joint.name not in self._released], buses, until_s)

@@ -132,6 +132,6 @@ def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
         others = {name: value for name, value in held.items() if value != assumed[name]}
         LOG.warning(
             "%s (servo %d) has gains that differ from the factory settings, so the compensation is less accurate. "
-            "Write the gains to use in the robot file, for example the present ones: settings: %s",
+            "Write the gains to use in the robot file, for example the present values: settings: %s",
             *(joint.name, joint.servo_id, str(others).replace("'", "")),
         )
