@@ -48,7 +48,7 @@ class ControlLoop:
         background_worker: BackgroundWorker = run_at_once,
     ) -> None:
         self.hardware = hardware
-        hardware.doubt_leaps(limits)
+        hardware.filter_leaps(limits)
         self.manager = manager
         self.clock = clock
         self.period_s = period_s

@@ -88,7 +88,7 @@ class ComponentSet:
         for component in self.components:
             component.cycles_per_update = 1
 
-    def doubt_leaps(self, limits: Mapping[str, JointLimits]) -> None:
+    def filter_leaps(self, limits: Mapping[str, JointLimits]) -> None:
         """Reject a position that its joint cannot have reached, until a second reading confirms it.
 
         Components that check their positions themselves are not filtered.

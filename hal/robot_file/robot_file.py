@@ -141,7 +141,7 @@ class RobotFile(_Strict):
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
         problems = _shared_ids(placed) + _mixed_protocols(placed)
         if "bus" in info.data and "buses" in info.data:  # a key is missing if it has mistakes itself
-            problems += _misplaced(joints, info.data["bus"], info.data["buses"])
+            problems += _bus_problems(joints, info.data["bus"], info.data["buses"])
         if problems:
             raise ValueError("; ".join(problems))
         return joints
@@ -168,7 +168,7 @@ def _shared_ids(joints: Mapping[str, JointFile]) -> list[str]:
     return problems
 
 
-def _misplaced(
+def _bus_problems(
     joints: Mapping[str, JointFile], single: BusFile | None, several: Mapping[str, BusFile] | None
 ) -> list[str]:
     """List joints without a bus or on an unknown bus, joints that do not fit their bus, and buses without a joint."""
@@ -185,13 +185,13 @@ def _misplaced(
             problems.append(f"{name} is on unknown bus {joint.bus}: use one of {', '.join(buses)}")
         else:
             bus = buses[joint.bus] if joint.bus else next(iter(buses.values()), single or BusFile())
-            problems += _misfits(name, joint, bus.protocol)
+            problems += _joint_problems(name, joint, bus.protocol)
     used = {joint.bus for joint in joints.values()}
     problems += [f"no joint is on bus {bus}" for bus in buses if len(buses) > 1 and bus not in used]
     return problems
 
 
-def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
+def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
     """List the values of one joint that do not fit its bus or its servo model."""
     problems: list[str] = []
     model = MODELS[joint.model]

@@ -23,7 +23,7 @@ TRIES: Final = 4
 MORE_TRIES: Final = 12
 """Number of additional reads if a servo gave no timely answer. Together the reads take about as long as an adapter may
 delay a reply (drivers.bus.late_replies.HELD_S)."""
-NOWHERE: Final = "does not answer at any baud rate"
+NO_BAUD_RATE: Final = "does not answer at any baud rate"
 
 
 def diagnose(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
@@ -42,9 +42,9 @@ def diagnose(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     Raises:
         PortLost: The port is lost.
     """
-    texts = _judged(bus, servo_ids)
-    silent = [i for i, text in texts.items() if NOWHERE in text]
-    texts |= {i: f"servo {i}: answers at {baud} baud: {_REMEDY}" for i, baud in _elsewhere(bus, silent).items()}
+    texts = _diagnosed(bus, servo_ids)
+    silent = [i for i, text in texts.items() if NO_BAUD_RATE in text]
+    texts |= {i: f"servo {i}: answers at {baud} baud: {_REMEDY}" for i, baud in _found_at(bus, silent).items()}
     return texts
 
 
@@ -54,10 +54,10 @@ def diagnose_known(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     Other baud rates are not tried, and servos without any answer are left out. The diagnosis takes half a second
     instead of several seconds, because other components may have to wait for it.
     """
-    return {i: text for i, text in _judged(bus, servo_ids).items() if NOWHERE not in text}
+    return {i: text for i, text in _diagnosed(bus, servo_ids).items() if NO_BAUD_RATE not in text}
 
 
-def now_and_then(servo_id: int, device: str) -> str:
+def intermittent_text(servo_id: int, device: str) -> str:
     """Return the message for a servo that did not answer although ``diagnose`` finds no cause."""
     advice = line_advice(device, "the cable's plugs, the supply and the adapter")
     return f"servo {servo_id}: answers only intermittently: check {advice}"
@@ -73,7 +73,7 @@ def _kind(reading: Reading) -> FaultKind | None:
     return reading.kind if isinstance(reading, ServoFault) else None
 
 
-def _judged(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
+def _diagnosed(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
     """Describe each servo that never gave its state, or gave it too late, at the bus's own baud rate."""
     # A reply that arrives while another servo is asked is no reading, but it is counted as late.
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
@@ -95,11 +95,11 @@ def _judged(bus: Bus, servo_ids: Sequence[int]) -> dict[int, str]:
         if late > 1 + kinds[i].count(None) and not {None, "corrupt"} & set(kinds[i][:TRIES]):
             texts[i] = f"servo {i}: answers too late: {advice}"
         elif None not in kinds[i]:
-            texts[i] = f"{refusals[i]}: {_REFUSES}" if i in refusals else _judge(i, kinds[i], bus.name)
+            texts[i] = f"{refusals[i]}: {_REFUSES}" if i in refusals else _cause(i, kinds[i], bus.name)
     return texts
 
 
-def _judge(servo_id: int, kinds: Sequence[FaultKind | None], device: str) -> str:
+def _cause(servo_id: int, kinds: Sequence[FaultKind | None], device: str) -> str:
     if "reset" in kinds:
         return f"servo {servo_id}: restarts again and again: check its supply"
     if "silent" not in kinds:  # two servos with the same ID answer simultaneously, so every reply is corrupted
@@ -108,24 +108,24 @@ def _judge(servo_id: int, kinds: Sequence[FaultKind | None], device: str) -> str
             f"Unplug one and give it another ID. If there is only one, check {line_advice(device)}"
         )
     if set(kinds) == {"silent"}:
-        return f"servo {servo_id}: {NOWHERE}: check its power, its cable and its ID"
+        return f"servo {servo_id}: {NO_BAUD_RATE}: check its power, its cable and its ID"
     advice = line_advice(device, "the cable's plugs and the supply")
     return f"servo {servo_id}: answers only intermittently, with corrupted replies: check {advice}"
 
 
-def _elsewhere(bus: Bus, servo_ids: Sequence[int]) -> dict[int, int]:
+def _found_at(bus: Bus, servo_ids: Sequence[int]) -> dict[int, int]:
     """Return the baud rate at which each missing servo answers, by servo ID."""
     found: dict[int, int] = {}
     for baud in BAUD_RATES:
         missing = [i for i in servo_ids if i not in found]
         if baud != bus.baud:
             # Read twice, because the first reply at a baud rate may answer a request at the previous baud rate.
-            heard = _heard_at(bus, baud, missing)
-            found |= dict.fromkeys(_heard_at(bus, baud, heard), baud)
+            answering = _answering_at(bus, baud, missing)
+            found |= dict.fromkeys(_answering_at(bus, baud, answering), baud)
     return found
 
 
-def _heard_at(bus: Bus, baud: int, servo_ids: Sequence[int]) -> list[int]:
+def _answering_at(bus: Bus, baud: int, servo_ids: Sequence[int]) -> list[int]:
     """Return the IDs of the servos that give a state at this baud rate."""
     if not servo_ids:
         return []

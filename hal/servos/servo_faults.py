@@ -136,7 +136,9 @@ class ServoFaults:
             self._latched[joint.name] = f"{', '.join(alarms)} alarm"
         releasing = [alarm for alarm in alarms if alarm in RELEASING_ALARMS]
         if releasing and joint.name not in self._released:
-            self._released[joint.name] = f"{_called(joint, buses)} released its torque ({', '.join(releasing)} alarm)"
+            self._released[joint.name] = (
+                f"{_servo_label(joint, buses)} released its torque ({', '.join(releasing)} alarm)"
+            )
             self._refuse(joint, buses, self._released[joint.name])
 
     def present(
@@ -178,7 +180,7 @@ class ServoFaults:
                 was_quick, self._quick = self._quick, self._clock.now() - begin_s < QUICK_S
                 self._next_late_s = begin_s + (0.0 if was_quick else LATEST * WATCH_S)
         unasked = {
-            joint.name: JointFault("no_torque", f"{_called(joint, buses)} {_UNASKED}")
+            joint.name: JointFault("no_torque", f"{_servo_label(joint, buses)} {_UNASKED}")
             for joint in back
             if joint.name in self.withheld and self._faults[joint.name].kind != "no_torque"
         }
@@ -197,7 +199,7 @@ class ServoFaults:
         """Check servos that answer again. A servo that lost its power has no torque and must be activated again."""
         joints = {joint.name: joint for joint in back}
         for name, driven in self._driven(back, buses, ask_until_s).items():
-            joint, called = joints[name], _called(joints[name], buses)
+            joint, called = joints[name], _servo_label(joints[name], buses)
             if driven:
                 self.log.note(logging.WARNING, buses.label(joint), joint.servo_id, f"{called} answers again")
                 self._rejoin(name)
@@ -213,7 +215,7 @@ class ServoFaults:
         for joint in limp:
             if not again.get(joint.name):
                 why = self._latched.get(joint.name, "current protection, power dip?")
-                self._refuse(joint, buses, f"{_called(joint, buses)} has lost its torque ({why})")
+                self._refuse(joint, buses, f"{_servo_label(joint, buses)} has lost its torque ({why})")
 
     def _due(self, measured: Mapping[str, int], missed_s: float) -> list[Joint]:
         """Return the joints to check in this cycle: those that missed their turn, and those whose turn it is."""
@@ -250,5 +252,5 @@ class ServoFaults:
         self.withheld.add(name)
 
 
-def _called(joint: Joint, buses: JointBuses) -> str:
+def _servo_label(joint: Joint, buses: JointBuses) -> str:
     return f"{buses.label(joint)}: servo {joint.servo_id}"

@@ -22,7 +22,7 @@ from hal.joint import Joint
 
 LOG = logging.getLogger("servoloop.hal")
 
-NOT_HERE: Final = frozenset(
+NOT_SETTINGS: Final = frozenset(
     {
         *("id", "baud_rate", "protocol_type", "status_level", "status_return_level", "secondary_id"),
         *("operating_mode", "control_mode", "drive_mode", "phase", "homing_offset", "angular_resolution"),
@@ -39,7 +39,7 @@ def settings_of(model: ServoModel) -> dict[str, Register]:
     return {
         register.name: register
         for register in series_of(model).registers
-        if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_HERE
+        if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_SETTINGS
     }
 
 

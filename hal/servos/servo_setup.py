@@ -15,7 +15,7 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault
 from hal.joint import Joint
-from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
+from hal.servos.diagnose import NO_BAUD_RATE, diagnose, diagnose_known, intermittent_text
 from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_faults import REBOOT
@@ -64,24 +64,26 @@ class ServoSetup:
         with self._buses.named(name):
             errors = _failed(joints, bus, _settle)
         explained = (EepromError, ServoRefused)
-        problems = {i: str(e) if isinstance(e, explained) else now_and_then(i, bus.name) for i, e in errors.items()}
+        problems = {
+            i: str(e) if isinstance(e, explained) else intermittent_text(i, bus.name) for i, e in errors.items()
+        }
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def _identify_bus(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]
         with self._buses.named(name):
             errors = _failed(joints, bus, _identify)
-            unheard = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
-            causes = diagnose(bus, unheard) if unheard else {}
+            silent = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
+            causes = diagnose(bus, silent) if silent else {}
             # Two servos with the same model and ID return the same model number. Only their states reveal them.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
             found = _states(bus, known)
             causes |= _stateless(bus, found) | _wrong_voltages(joints, bus, found)
-        if len(causes) == len(joints) and all(NOWHERE in text for text in causes.values()):
+        if len(causes) == len(joints) and all(NO_BAUD_RATE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
         problems = {
-            i: now_and_then(i, bus.name) if i in unheard else str(error) for i, error in errors.items()
+            i: intermittent_text(i, bus.name) if i in silent else str(error) for i, error in errors.items()
         } | causes
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 

@@ -102,7 +102,7 @@ def test_a_reading_is_compared_when_it_is_new_and_not_when_it_is_shown_again() -
     clock = SimulatedClock(5.0)
     hardware = MockHardware("slow", ("a",), clock)
     components = ComponentSet([hardware, MockHardware("other", ("b",), clock)], clock, [3, 1])
-    components.doubt_leaps({"a": JointLimits(-3.0, 3.0, 1.0, 4.0, 40.0)})
+    components.filter_leaps({"a": JointLimits(-3.0, 3.0, 1.0, 4.0, 40.0)})
     for one in components.components:
         one.hardware.configure()
         one.hardware.activate()
@@ -119,7 +119,7 @@ def test_a_joint_without_ends_has_no_leap_at_its_turn() -> None:
     clock = SimulatedClock(5.0)
     hardware = MockHardware("wheel", ("a",), clock)
     components = ComponentSet([hardware], clock)
-    components.doubt_leaps({"a": JointLimits(-np.inf, np.inf, 1.0, 4.0, 40.0)})
+    components.filter_leaps({"a": JointLimits(-np.inf, np.inf, 1.0, 4.0, 40.0)})
     hardware.configure()
     hardware.activate()
     for position in (3.13, -3.13, 3.12):

@@ -234,7 +234,7 @@ def disturbed(seed: int, drop: float, flip: float) -> tuple[dict[int, str], Dist
 
 @pytest.mark.parametrize(("drop", "flip"), [(0.09, 0.0), (0.0, 0.09), (0.045, 0.045), (0.5, 0.0)])
 def test_a_bad_connection_yields_no_diagnosis_if_each_servo_answers_once(drop: float, flip: float) -> None:
-    """The caller then uses the message of ``now_and_then``."""
+    """The caller then uses the message of ``intermittent_text``."""
     found = [disturbed(seed, drop, flip) for seed in SEEDS]
     assert [texts for texts, _ in found] == [{}] * len(SEEDS)
     # 16 replies for each bus.

@@ -13,7 +13,7 @@ from drivers.servos.catalog import MODELS
 from hal.compensation.servo_compliance import compliance_of
 from hal.errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
-from hal.servos.servo_settings import NOT_HERE, settings_of
+from hal.servos.servo_settings import NOT_SETTINGS, settings_of
 from servoloop.files import CONFIG
 from tests.hal.bench import JOINTS, Bench
 
@@ -125,7 +125,7 @@ def test_unknown_settings_are_reported_before_anything_is_sent(tmp_path: Path, s
 
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_address_and_mode_registers_are_not_settings(name: str) -> None:
-    assert not NOT_HERE & settings_of(MODELS[name]).keys()
+    assert not NOT_SETTINGS & settings_of(MODELS[name]).keys()
     assert "control_mode" not in settings_of(MODELS[name])
     assert "max_temperature" in settings_of(MODELS[name]) or "temperature_limit" in settings_of(MODELS[name])
 
