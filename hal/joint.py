@@ -69,16 +69,7 @@ class Joint:
         return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
     def turns(self, counts: int) -> int:
-        """Return how many whole turns a reading is outside the servo's counts.
-
-        A servo resets its turn counter at power-on.
-
-        Args:
-            counts: Reading of the servo.
-
-        Returns:
-            Number of turns; 0 if the reading is within the servo's counts.
-        """
+        """Return how many whole turns a reading in counts is outside one turn. A servo counts from 0 at power-on."""
         return counts // self.model.counts_per_turn
 
     def position(self, counts: int) -> float:

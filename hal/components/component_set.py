@@ -28,13 +28,7 @@ class ComponentSet:
     def __init__(
         self, hardware: Sequence[Hardware], clock: Clock, cycles_per_update: Sequence[int] | None = None
     ) -> None:
-        """Create the set.
-
-        Args:
-            hardware: The components.
-            clock: The clock of the control loop.
-            cycles_per_update: Number of cycles between two updates of each component; by default 1.
-        """
+        """Create the set. ``cycles_per_update`` is the number of cycles per update of each component, by default 1."""
         self.components = tuple(components_of(hardware, cycles_per_update or [1] * len(hardware)))
         self.joints = tuple(joint for one in hardware for joint in one.joints)
         self.command_interfaces = tuple(name for one in hardware for name in one.command_interfaces)
@@ -89,12 +83,9 @@ class ComponentSet:
             component.cycles_per_update = 1
 
     def filter_leaps(self, limits: Mapping[str, JointLimits]) -> None:
-        """Reject a position that its joint cannot have reached, until a second reading confirms it.
+        """Reject positions that joints with these limits cannot have reached, until a second reading confirms them.
 
         Components that check their positions themselves are not filtered.
-
-        Args:
-            limits: Limits of the joints, by joint name.
         """
         filtered = [one.hardware for one in self.components if not isinstance(one.hardware, DoubtingLeaps)]
         self._filters = {one.name: LeapFilter(one.name, one.joints, limits) for one in filtered}
@@ -102,10 +93,7 @@ class ComponentSet:
     def read(self, deadline_s: float | None = None) -> JointState:
         """Read all components. A component that cannot be read keeps its last values and gets a fault for each joint.
 
-        All components send their requests before any of them waits for answers.
-
-        Args:
-            deadline_s: Clock time until which answers are awaited; None if the components choose it.
+        All components send their requests before any of them waits for answers, until the clock time ``deadline_s``.
         """
         parts, cycle = self._parts, self._cycle
         self._cycle += 1
@@ -128,8 +116,7 @@ class ComponentSet:
     def measure(self, component: Component) -> JointState:
         """Read one component between two cycles, without the filter for jumps: the caller confirms each position.
 
-        Raises:
-            Exception: The component could not be read and is now lost.
+        Raises the error if the component cannot be read. The component is lost then.
         """
         self._request(component, None)
         if component.error is None:
@@ -139,13 +126,9 @@ class ComponentSet:
         return self._parts[component.hardware.name]
 
     def ask_for_torque(self, component: Component) -> frozenset[str]:
-        """Check between two cycles which joints of an active component have torque.
+        """Check between two cycles which joints of an active component have torque. Return joints without an answer.
 
-        Returns:
-            The joints that did not answer.
-
-        Raises:
-            Exception: The component could not be reached and is now lost.
+        Raises the error if the component cannot be reached. The component is lost then.
         """
         hardware = component.hardware
         try:
@@ -174,12 +157,7 @@ class ComponentSet:
             self.lose(component, error)
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """Write commands to all active components, including those that are lost: part of them may still be reachable.
-
-        Args:
-            values: Commands of shape (m,), in the order of ``command_interfaces``.
-            period_s: Period of the control loop, in seconds.
-        """
+        """Write commands of shape (m,) to the active components. Lost components may still be reachable in part."""
         for component in self.components:
             if component.switching:
                 continue

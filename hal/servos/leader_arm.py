@@ -44,7 +44,8 @@ class LeaderArm(LimpArm):
         if self._released and (servos := self.held()):
             self.cleanup()
             raise ActivationError(
-                f"the leader had no torque before it was lost. Now {torque_warning(servos)}: restart teleoperation"
+                f"the leader had no torque before its connection was lost. Now {torque_warning(servos)}: "
+                "restart teleoperation"
             )
 
     def release(self) -> None:

@@ -61,17 +61,10 @@ class ServoGoals:
         loads: Mapping[str, float],
         withheld: Collection[str],
     ) -> dict[str, ServoGoal]:
-        """Compute the goals of one cycle. A goal changes by at most the distance that the joint may travel in a period.
+        """Compute the goals of one cycle, by joint name. A goal changes by at most the joint's travel in one period.
 
-        Args:
-            positions: Commanded positions in the order of the joints, in rad or m.
-            period_s: Period of the control loop, in seconds.
-            measured: Measured counts by joint name.
-            loads: Measured drive as a share of full drive, by joint name.
-            withheld: Names of joints that get no goal.
-
-        Returns:
-            Goals by joint name.
+        ``positions`` are in rad or m, in the order of the joints. ``measured`` has counts and ``loads`` has shares of
+        full drive, both by joint name. Joints in ``withheld`` get no goal.
         """
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, positions, strict=True):

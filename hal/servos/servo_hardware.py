@@ -32,15 +32,7 @@ class ServoHardware:
         clock: Clock,
         compensation: GravityCompensation | None = None,
     ) -> None:
-        """Create the component.
-
-        Args:
-            name: Name of the component.
-            joints: Joints with their servos.
-            open_buses: Function that opens the bus, or the buses by name.
-            clock: Clock of the control loop.
-            compensation: Gravity compensation of the joints; None if goals equal commands.
-        """
+        """Create the component. ``open_buses`` opens and returns its bus, or its buses by name."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)

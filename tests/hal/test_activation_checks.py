@@ -41,7 +41,7 @@ def test_a_servo_that_was_changed_while_inactive_gets_no_torque(
     with pytest.raises(ActivationError, match=f"^not activated: shoulder: servo 1: {message}"):
         bench.hardware.activate()
     assert bench.hardware.state is LifecycleState.INACTIVE
-    assert bench.torque() == (list(IDS) if held else []), "a servo that holds goes on holding"
+    assert bench.torque() == (list(IDS) if held else []), "a servo with torque keeps holding"
 
 
 def test_settings_of_a_factory_reset_servo_are_restored_before_torque() -> None:
@@ -107,7 +107,7 @@ def test_a_replaced_servo_gets_no_torque_and_the_component_stays_active(register
     assert (bench.hardware.state, bench.torque()) == (LifecycleState.ACTIVE, [2, 7])
     assert set(bench.wait().faults) == {"shoulder"} == bench.hardware.without_torque
     bench.cycle(at(0.0, 0.0, 0.01))
-    assert bench.torque() == [2, 7], "it gets no goal, which would switch it on"
+    assert bench.torque() == [2, 7], "a goal would enable its torque"
 
 
 def test_a_reactivation_that_fails_leaves_its_servo_limp_and_the_others_holding() -> None:

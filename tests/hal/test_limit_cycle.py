@@ -45,7 +45,7 @@ def test_the_goal_of_an_oscillating_joint_follows_it() -> None:
     assert after(swing).offset == pytest.approx(0.004)
     assert after([*swing, 0.002]).offset == pytest.approx(-0.002)
     assert after([*swing, -0.02]).offset == pytest.approx(GIVE_WAY_RAD)
-    assert after([*swing, math.nan]).offset == pytest.approx(0.004), "where the servo is missing its goal stays"
+    assert after([*swing, math.nan]).offset == pytest.approx(0.004), "the goal of a missing servo stays"
 
 
 def test_the_goal_does_not_follow_an_oscillation_that_is_too_fast() -> None:

@@ -62,7 +62,7 @@ def test_an_edge_stays_sharp_and_a_round_wall_stays_smooth(tmp_path: Path) -> No
     assert len(vertices) == 24, "each corner of the cube belongs to three planes"
     np.testing.assert_allclose(vertices[faces], cube())
     assert len(with_edges(*tube(36))[0]) == 72, "ten degrees between two faces are not an edge"
-    assert len(with_edges(*tube(6))[0]) == 24, "sixty are one"
+    assert len(with_edges(*tube(6))[0]) == 24, "sixty degrees are an edge"
 
 
 @pytest.mark.parametrize(

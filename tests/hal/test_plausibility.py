@@ -81,4 +81,4 @@ def test_a_seam_inside_the_limits_is_not_a_jump_but_one_outside_is() -> None:
         assert believed == [True, inside, True]
     readings = Plausibility.of_servo(replace(SHOULDER, seam_inside=True))
     assert readings.leap(0.0, 10.0, True) is None
-    assert readings.leap(2.0, 10.0 + PERIOD_S, True) == pytest.approx(2.0), "less than a turn is a leap all the same"
+    assert readings.leap(2.0, 10.0 + PERIOD_S, True) == pytest.approx(2.0), "less than a turn is also a jump"

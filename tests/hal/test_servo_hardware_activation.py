@@ -290,7 +290,7 @@ def test_a_failure_at_any_step_leaves_no_servo_with_torque(
         out_of_reach = [i for i in IDS if bench.servos.faults.is_silent(i)]
         assert set(bench.torque()) <= set(out_of_reach)
         for servo_id in bench.torque():
-            assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be named"
+            assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be reported"
     else:  # the failure came after the activation
         assert bench.hardware.state is ACTIVE
         assert bench.torque() == list(IDS)

@@ -123,7 +123,7 @@ def test_the_goal_of_a_blocked_joint_is_not_further_ahead_than_needed() -> None:
         last = goals(bench)
         state = bench.cycle(wanted)
         assert abs(goals(bench)[0] - last[0]) <= stuck.limits.velocity * PERIOD_S / abs(stuck.units_per_count) + 1
-    assert state.position[0] == pytest.approx(wanted[0], abs=0.02), "free again, it goes where it is to go"
+    assert state.position[0] == pytest.approx(wanted[0], abs=0.02), "a free joint reaches its command"
 
 
 @pytest.mark.parametrize("commands", [1, 4])
@@ -220,7 +220,7 @@ def test_a_silent_servo_is_reported_while_the_others_continue(
     assert list(moved) == [joint.servo_id != servo_id for joint in JOINTS]
     assert set(state.health) == set(NAMES)
     assert [record.getMessage() for record in caplog.records] == [f"{name}: servo {servo_id} does not answer"], (
-        "once an episode, not once a cycle"
+        "logged once per episode, not once per cycle"
     )
 
 
@@ -266,7 +266,7 @@ def test_a_servo_that_answers_again_without_torque_keeps_its_fault(
         }
     messages = [r.getMessage() for r in caplog.records if "came back without torque" in r.getMessage()]
     assert messages == ["elbow: servo 2 came back without torque (power dip?): activate again"]
-    assert bench.torque() == [1, 7], "nobody but activate switches torque on"
+    assert bench.torque() == [1, 7], "only activate enables torque"
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()
     assert bench.torque() == list(IDS)
@@ -575,7 +575,7 @@ def test_a_servo_that_released_its_torque_gets_no_goal_until_activation(
     assert bench.wait().faults["elbow"].kind == "silent"
     bench.servos.faults.restore(2)
     for _ in range(15):
-        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it answers again, and is limp as before"
+        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it answers again but is still limp"
         assert commanded_ids(bench) == [1, 7]
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()

@@ -159,7 +159,7 @@ def test_the_goal_of_a_pressing_joint_stays_within_its_limits() -> None:
     counts = [
         goals.towards([-1.0], PERIOD_S, {"jaw": 2300}, {"jaw": 0.5}, ())["jaw"].position_counts for _ in range(200)
     ]
-    assert goals.stalls, "it presses, beyond its upper limit of 2048 counts"
+    assert goals.stalls, "it presses beyond its upper limit of 2048 counts"
     assert max(counts) <= 2048
 
 

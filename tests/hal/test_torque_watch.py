@@ -134,7 +134,7 @@ def test_a_servo_that_does_not_answer_differs_from_one_without_torque() -> None:
     bench.wait()
     bench.servos.faults.silence(2)
     assert bench.hardware.ask_for_torque() == {"elbow"}
-    assert bench.hardware.without_torque == frozenset(), "a lost answer takes no torque"
+    assert bench.hardware.without_torque == frozenset(), "a lost answer does not mean lost torque"
     bench.servos.faults.restore(2)
     assert bench.wait().faults == {}
     assert bench.hardware.ask_for_torque() == frozenset() == bench.hardware.without_torque
