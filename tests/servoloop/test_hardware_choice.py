@@ -187,7 +187,7 @@ def test_a_users_hardware_that_cannot_be_made(tmp_path: Path, hand: str, error: 
     ("old", "new", "says"),
     [
         ('lower="0" upper="0.05"', 'lower="0" upper="-0.04"', "lower limit 0.0 is above upper limit -0.04 ({}): swap"),
-        ('velocity="0.09"', 'velocity="0"', "velocity limit 0.0 is not above zero ({}): give"),
+        ('velocity="0.09"', 'velocity="0"', "velocity limit 0.0 is not above zero ({}): write"),
     ],
 )
 def test_the_limits_are_checked_for_every_kind_of_hardware(

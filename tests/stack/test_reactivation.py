@@ -143,7 +143,7 @@ def test_a_lost_answer_to_the_question_costs_a_cycle_and_no_torque() -> None:
     rig.bus.faults.corrupt_next(3)
     activated(rig).result()
     assert controllers(rig) == running
-    assert not rig.says("is activated again")
+    assert not rig.says("has torque again")
 
 
 def test_a_component_without_faults_is_left_alone() -> None:
