@@ -125,7 +125,7 @@ class DoubtingLeaps(Protocol):
 
 @runtime_checkable
 class Reactivating(Protocol):
-    """Hardware that can enable torque of single joints again while it is active."""
+    """Active hardware that can enable the torque of single joints again."""
 
     @property
     def without_torque(self) -> frozenset[str]:

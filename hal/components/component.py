@@ -69,7 +69,7 @@ def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]
 
 
 def merged_state(components: Sequence[Component], parts: Mapping[str, JointState], stamp_s: float) -> JointState:
-    """Merge the states of all components into one. Joints that cannot be measured now get a fault.
+    """Merge the states of all components into one. Joints of an unavailable component get a fault.
 
     Args:
         components: All components, in the order of their joints.

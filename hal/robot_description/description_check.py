@@ -1,4 +1,4 @@
-"""Find values of a robot description that contradict the servos or physics."""
+"""Find values of a robot description that its servos cannot reach, and links without mass."""
 
 import math
 from collections.abc import Iterable, Iterator

@@ -196,7 +196,7 @@ def number(element: Element, key: str, name: str, default: float, kind: str = ""
 
 
 def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 0 0") -> Vector:
-    """Return three numbers of an attribute. Raises DescriptionError if they are not plausible for their kind.
+    """Return three numbers of an attribute. Raises DescriptionError for implausible numbers.
 
     Args:
         element: The element.
