@@ -21,7 +21,7 @@ from commissioning.calibrate.result import CalibrationError
 from hal.plausible import Counts, NoTruth, ServoId
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.text_file import read_text
-from hal.yaml_file import said
+from hal.yaml_file import error_text
 from hal.yaml_nodes import compose, listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
@@ -62,7 +62,9 @@ def read_lerobot(path: Path) -> LerobotFile:
         return _FILE.validate_python(content)
     except ValidationError as error:
         place = places(path)
-        lines = [f"{place(item['loc'])}: {'.'.join(map(str, item['loc']))}: {said(item)}" for item in error.errors()]
+        lines = [
+            f"{place(item['loc'])}: {'.'.join(map(str, item['loc']))}: {error_text(item)}" for item in error.errors()
+        ]
         raise CalibrationError("\n".join(listed(lines))) from error
 
 

@@ -71,7 +71,7 @@ class ControlLoop:
             background_worker: Runs work that takes longer than a cycle.
         """
         self.hardware = hardware
-        hardware.doubt_leaps(limits)
+        hardware.filter_leaps(limits)
         self.manager = manager
         self.clock = clock
         self.period_s = period_s

@@ -1,1 +1,1 @@
-"""Joints in SI units: the hardware life cycle, calibration, limits, the safety gate. No bytes, no ROS."""
+"""Hardware layer: joints in SI units with life cycle, calibration, limits and safety gate. Does not depend on ROS."""

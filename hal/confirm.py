@@ -1,4 +1,4 @@
-"""Confirmed joint positions: a measurement becomes a command only if two readings in a row agree on it."""
+"""Confirm measured joint positions before they become commands: two consecutive readings must agree."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -9,23 +9,24 @@ from hal.errors import ActivationError
 from hal.types import FloatArray, JointState
 
 READINGS: Final = 5
-"""Number of readings, after the first, among which two in a row must agree."""
+"""Maximum number of readings after the first. Two consecutive readings must agree."""
 
 
 def confirmed_positions(
     state: JointState, read: Callable[[], JointState], names: Sequence[str], index: Sequence[int], step: FloatArray
 ) -> FloatArray:
-    """Measure joints until two readings in a row agree.
+    """Measure joints until two consecutive readings agree.
 
     Args:
         state: The first reading.
-        read: Measures the joints again, in the same order.
-        names: The joints, k of them.
-        index: Their places in a reading, shape (k,).
-        step: Largest difference at which two readings agree, shape (k,), rad or m; NaN if a joint needs no position.
+        read: Function that measures the joints again, in the same order.
+        names: Names of the k joints.
+        index: Indices of the joints in a reading, shape (k,).
+        step: Maximum difference between two readings that agree, shape (k,), in rad or m. NaN for a joint that needs no
+            position.
 
     Returns:
-        Positions of shape (k,), rad or m.
+        Positions of shape (k,), in rad or m.
 
     Raises:
         ActivationError: A joint was not measured, or its readings never agreed.
@@ -37,15 +38,15 @@ def confirmed_positions(
         if not doubtful.any():
             return measured
     if missing := [names[i] for i in np.flatnonzero(doubtful & ~np.isfinite(measured)).tolist()]:
-        raise ActivationError(f"not activated: {', '.join(missing)} has not been measured: try once more")
+        raise ActivationError(f"not activated: no measurement of {', '.join(missing)}: try again")
     i = int(np.argmax(doubtful))
     raise ActivationError(
-        f"not activated: {names[i]} is measured at {before[i]:.4f} and then at {measured[i]:.4f}: hold the arm still, "
-        "and check the cable"
+        f"not activated: two readings of {names[i]} differ ({before[i]:.4f}, then {measured[i]:.4f}): hold the arm "
+        "still and check the cable"
     )
 
 
 def _measured_now(state: JointState, names: Sequence[str], index: Sequence[int]) -> FloatArray:
-    """Positions (k,); NaN if the state only has an older one."""
+    """Return positions of shape (k,). A position that was not measured in this reading is NaN."""
     old = [name in state.faults and state.faults[name].kind != "no_torque" for name in names]
     return np.where(old, np.nan, state.position[list(index)])

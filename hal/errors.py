@@ -1,41 +1,41 @@
-"""Errors of this layer; the drivers' own pass through it.
+"""Errors of the hardware layer. Errors of the drivers pass through it unchanged.
 
 HalError
-├── DescriptionError   the URDF
-├── RobotFileError     the robot file
-├── ArmFileError       an arm's folder
-├── LifecycleError     a call that this state does not allow
-└── ActivationError    torque may not go on now
+├── DescriptionError   mistakes in the URDF
+├── RobotFileError     mistakes in the robot file
+├── ArmFileError       mistakes in the folder of an arm
+├── LifecycleError     the life cycle state does not allow the call
+└── ActivationError    torque must not be enabled now
 
-PartLost is a PortLost of the drivers: one of several lines is gone.
+PartLost is a subclass of the drivers' PortLost: one of several buses is lost.
 """
 
 from drivers.errors import PortLost
 
 
 class HalError(Exception):
-    """Base of all errors of this package. The text says what to do."""
+    """Base class of all errors of this package. The message describes a remedy."""
 
 
 class DescriptionError(HalError):
-    """The URDF is missing something or contradicts itself."""
+    """The URDF is incomplete or contradicts itself."""
 
 
 class RobotFileError(HalError):
-    """The robot file has mistakes; the text lists all of them."""
+    """The robot file has mistakes. The message lists all of them."""
 
 
 class ArmFileError(HalError):
-    """There is no such arm, or its folder has mistakes; the text lists all of them."""
+    """The arm does not exist, or its folder has mistakes. The message lists all of them."""
 
 
 class LifecycleError(HalError):
-    """The hardware's state does not allow this call."""
+    """The life cycle state of the hardware does not allow the call."""
 
 
 class ActivationError(HalError):
-    """Torque may not go on now."""
+    """Torque must not be enabled now."""
 
 
 class PartLost(PortLost):
-    """A line is gone and the others have been told what they were to be told."""
+    """One of several buses is lost. The commands for the other buses have been sent."""

@@ -1,4 +1,4 @@
-"""The limits of files that are read because a user or another file names them."""
+"""Size limits of files that a user or another file names."""
 
 import stat
 from contextlib import suppress
@@ -6,19 +6,26 @@ from pathlib import Path
 from typing import Final
 
 LARGEST_BYTES: Final = 2_000_000
-"""Maximum size of a text file; a robot description of a hundred joints has a tenth of it."""
+"""Maximum size of a text file. A URDF with a hundred joints has a tenth of this size."""
 LARGEST_SHAPE_BYTES: Final = 20_000_000
-"""Maximum size of a mesh or a picture, which has 400,000 triangles as binary STL."""
+"""Maximum size of a mesh or a picture. A binary STL file of this size has 400,000 triangles."""
 SHORTEN: Final = "shorten it, or choose another file"
 REDUCE: Final = "reduce the number of its triangles or pixels"
 
 
 def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_BYTES, remedy: str = SHORTEN) -> None:
-    """Check a file that another library is to read.
+    """Check a file before another library reads it.
+
+    Args:
+        path: The file.
+        error: Class of the error.
+        largest_bytes: Maximum size.
+        remedy: What to do if the file is too large, for the message.
 
     Raises:
-        error: The file is too large, or a device or a pipe, which has no size. The message has file and remedy.
-        OSError, ValueError: There is no such file, and there cannot be one of this name.
+        error: The file is too large, or is a device or a pipe, which has no size.
+        OSError: The file does not exist.
+        ValueError: The path is not valid.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
@@ -28,11 +35,11 @@ def check_size(path: Path, error: type[Exception], largest_bytes: int = LARGEST_
 
 
 def check_existing(path: Path, error: type[Exception]) -> None:
-    """Check a text file as ``check_size`` does, if it exists: the library that reads it reports a missing one."""
+    """Check the size of a text file if it exists. The library that reads the file reports a missing file."""
     with suppress(OSError, ValueError):
         check_size(path, error)
 
 
 def too_large(path: Path, largest_bytes: int = LARGEST_BYTES, remedy: str = SHORTEN) -> str:
-    """The message about a file that is larger than ``largest_bytes``."""
+    """Return the message for a file that is larger than ``largest_bytes``."""
     return f"{path} is larger than {largest_bytes / 1e6:g} MB: {remedy}"

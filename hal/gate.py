@@ -1,9 +1,12 @@
-"""Check every command before it reaches the hardware. The safety gate does not trust the controllers.
+"""The safety gate checks and limits every command before it reaches the hardware.
 
-The gate has no side effects. Its output is finite and within the limits. A position differs from the previous one by
-no more than the joint may travel in one period. A joint that begins outside its limits returns at a tenth of that
-speed. A velocity changes no faster than the joint may accelerate, and no joint moves faster toward the end of its
-range than it can brake before it.
+The gate does not trust the controllers. Its output depends on its arguments only and satisfies these rules:
+
+- All values are finite and within the limits of the joints.
+- A position differs from the last command by at most the distance that the joint may travel in one period. A joint that
+  starts outside its limits returns at a tenth of that speed.
+- A velocity changes no faster than the acceleration limit allows.
+- A velocity toward the end of a joint's range is low enough for the joint to brake before that end.
 """
 
 import math
@@ -16,17 +19,17 @@ import numpy as np
 from hal.types import FloatArray, JointLimits, apart, beyond_range
 
 RETURN_SHARE: Final = 0.1
-"""Share of its velocity limit at which a joint returns from outside its limits."""
+"""Share of its velocity limit at which a joint outside its limits returns to them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gated:
-    """Result of the safety gate."""
+    """Output of the safety gate."""
 
     values: FloatArray
-    """Safe values of shape (m,)."""
+    """Safe commands of shape (m,)."""
     reasons: dict[int, str]
-    """Reason of each changed value, by index."""
+    """Reason for each command that was changed, by index."""
 
 
 class SafetyGate:
@@ -38,6 +41,13 @@ class SafetyGate:
     """
 
     def __init__(self, limits: Sequence[JointLimits], kinds: Sequence[str] | None = None) -> None:
+        """Create the gate.
+
+        Args:
+            limits: Limits of the joint of each command interface, length m.
+            kinds: Kind of each interface, length m: ``position``, ``velocity`` or ``effort``. By default all are
+                positions.
+        """
         kinds = kinds or ["position"] * len(limits)
         bounds = [_bounds(kind, limit) for kind, limit in zip(kinds, limits, strict=True)]
         self._lower, self._upper, self._rate = (np.array([bound[i] for bound in bounds]) for i in range(3))
@@ -67,14 +77,16 @@ class SafetyGate:
         if outside.any():
             reach = np.where(outside, RETURN_SHARE * reach, reach)
         safe = np.clip(inside, last - reach, last + reach)
-        # A command that follows the limit exactly differs from it by rounding only.
-        if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:  # NaN is not smaller either
-            returning = {i: f"{self._outside(i, last[i])}: returning slowly" for i in np.flatnonzero(outside).tolist()}
+        # 1e-9: a command exactly at a limit may differ from it by rounding. The comparison is also true for NaN.
+        if not np.abs(safe - wanted).max(initial=0.0) <= 1e-9:
+            returning = {
+                i: f"position {self._outside(i, last[i])}: returning slowly" for i in np.flatnonzero(outside).tolist()
+            }
             return Gated(safe, self._reasons(wanted, inside, safe) | returning)
         return Gated(safe, {})
 
     def _braked(self, wanted: FloatArray, period_s: float, measured: FloatArray) -> FloatArray:
-        """Limit velocities so that one period later the joint still has enough range left to brake."""
+        """Reduce velocities so that each joint can still brake within its range after one more period."""
         rate = self._rate[self._speeds]
         room = np.stack([measured - self._ends[:, 0], self._ends[:, 1] - measured])
         down, up = _brakable(np.maximum(room, 0.0), rate, period_s)
@@ -89,12 +101,12 @@ class SafetyGate:
             if not np.isfinite(value):
                 reasons[i] = f"the command is {value}: {'holding' if self._held[i] else 'stopping'}"
             elif abs(inside[i] - value) > 1e-9 and self._lower[i] <= value <= self._upper[i]:
-                said, going = apart(value, safe[i])
-                reasons[i] = f"{said} is too fast so near to the end of the joint's range: going at {going}"
+                texts = apart(value, safe[i])
+                reasons[i] = "command {} is too fast this close to the end of the range: limited to {}".format(*texts)
             elif abs(inside[i] - value) > 1e-9:
-                reasons[i] = self._outside(i, value)
+                reasons[i] = f"command {self._outside(i, value)}"
             elif not abs(safe[i] - value) <= 1e-9:
-                reasons[i] = "{} is too far for one period: going to {}".format(*apart(value, safe[i]))
+                reasons[i] = "command {} is too far for one cycle: limited to {}".format(*apart(value, safe[i]))
         return reasons
 
     def _outside(self, i: int, value: float) -> str:
@@ -102,13 +114,13 @@ class SafetyGate:
 
 
 def _bounds(kind: str, limit: JointLimits) -> tuple[float, float, float]:
-    """Return the lowest and the highest command, and its maximum change per second."""
+    """Return the lowest command, the highest command and the maximum change per second."""
     rates = {"position": limit.velocity, "velocity": limit.acceleration, "effort": math.inf}
     return *limit.command_range(kind), rates[kind]
 
 
 def _brakable(room: FloatArray, rate: FloatArray, period_s: float) -> FloatArray:
-    """Return the speed v at which one period and braking need exactly ``room``: v * period_s + v² / (2 * rate)."""
+    """Return the speed v that uses exactly ``room``: v * period_s (one period) + v² / (2 * rate) (braking)."""
     finite = np.where(np.isinf(room), 0.0, room)
-    speed = 2.0 * finite / (period_s + np.sqrt(period_s**2 + 2.0 * finite / rate))  # also for a rate without bound
+    speed = 2.0 * finite / (period_s + np.sqrt(period_s**2 + 2.0 * finite / rate))  # this form allows an infinite rate
     return np.where(np.isinf(room), np.inf, speed)

@@ -1,4 +1,4 @@
-"""Define the hardware, the seam through which joint commands leave, with ros2_control's component life cycle."""
+"""Interfaces of hardware components, with the life cycle of ros2_control."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -8,7 +8,7 @@ from hal.types import JointCommand, JointState
 
 
 class Hardware(Protocol):
-    """Hardware with joints, such as servos, the mock or MuJoCo. Its methods are called from one thread."""
+    """Hardware component. All methods are called from one thread."""
 
     @property
     def name(self) -> str:
@@ -17,17 +17,17 @@ class Hardware(Protocol):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints, in order."""
+        """Names of the joints, in the order of a measurement."""
         ...
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """Names of the values of a command, in order, such as ``joint1/position``."""
+        """Names of the command interfaces (such as ``joint1/position``), in the order of a command."""
         ...
 
     @property
     def state(self) -> LifecycleState:
-        """State in the life cycle."""
+        """Life cycle state."""
         ...
 
     def configure(self) -> None:
@@ -59,7 +59,7 @@ class Hardware(Protocol):
         ...
 
     def cleanup(self) -> None:
-        """Close the hardware: → UNCONFIGURED. This is allowed in every state."""
+        """Close the hardware (any state → UNCONFIGURED)."""
         ...
 
     def read(self) -> JointState:
@@ -88,7 +88,10 @@ class Hardware(Protocol):
 
 @runtime_checkable
 class Requesting(Protocol):
-    """Hardware that can send its requests before it is read, so that all components wait at the same time."""
+    """Hardware that can send its request before it is read.
+
+    All components send their requests first, so that they wait for the answers at the same time.
+    """
 
     def request(self, deadline_s: float | None) -> None:
         """Send the requests whose replies the next ``read`` returns.
@@ -102,22 +105,21 @@ class Requesting(Protocol):
 
 @runtime_checkable
 class DoubtingLeaps(Protocol):
-    """Hardware that itself detects positions that a joint cannot have reached.
+    """Hardware with its own check of whether a joint can have reached the measured position.
 
-    For all other hardware, the velocity limits of the joints decide (hal.leaps).
+    For all other hardware, ``LeapFilter`` makes this check with the velocity limits of the joints.
     """
 
     doubts_leaps: bool
-    """Whether the hardware reports such positions itself."""
 
 
 @runtime_checkable
 class Reactivating(Protocol):
-    """Hardware whose joints can lose their torque one by one while it is active, and get it back."""
+    """Active hardware that can enable the torque of single joints again."""
 
     @property
     def without_torque(self) -> frozenset[str]:
-        """Names of the joints that get no commands until they are activated again."""
+        """Joints of the active hardware that lost their torque and get no commands until they are activated again."""
         ...
 
     def reactivate(self) -> frozenset[str]:
@@ -136,7 +138,7 @@ class Reactivating(Protocol):
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Reactivating hardware that detects lost torque only by polling its joints in turn."""
+    """Hardware that must poll its joints for lost torque. It polls them in turn, a few in each cycle."""
 
     def ask_for_torque(self) -> frozenset[str]:
         """Poll all joints of the active hardware, and update ``without_torque``.
@@ -151,7 +153,7 @@ class AskedForTorque(Protocol):
 
 @runtime_checkable
 class Holding(Protocol):
-    """Hardware whose joints may have torque although it is inactive, because a former program left them so."""
+    """Hardware whose joints may have torque while it is inactive, for example after another program crashed."""
 
     def holds(self) -> bool:
         """Return whether a joint of the configured hardware has torque.
@@ -167,7 +169,7 @@ class Holding(Protocol):
 
 @runtime_checkable
 class Undoing(Protocol):
-    """Hardware that knows which joints had torque before its activation."""
+    """Hardware that remembers which joints had torque before its activation."""
 
     def undo_activation(self) -> Sequence[str]:
         """Release the joints that had no torque before: ACTIVE → INACTIVE.
@@ -179,5 +181,5 @@ class Undoing(Protocol):
 
 
 def undo_activation(hardware: Hardware) -> Sequence[str]:
-    """Undo an activation after which another step failed. Return messages about errors."""
+    """Undo the activation of a component because a later step failed. Return the errors."""
     return hardware.undo_activation() if isinstance(hardware, Undoing) else hardware.deactivate(relax=True)

@@ -1,4 +1,4 @@
-"""Convert servo counts to joint positions and back."""
+"""A joint with its servo, and the conversion between servo counts and joint positions."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,42 +10,37 @@ from hal.types import JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Driven joint and its servo."""
+    """A joint and the servo that drives it."""
 
     name: str
-    """Name in the URDF."""
     servo_id: int
-    """ID of the servo on its bus."""
     model: ServoModel
-    """Model of the servo."""
     limits: JointLimits
-    """Limits of the joint."""
     sign: int = 1
-    """+1 if the joint's position grows with the counts, otherwise -1."""
+    """Direction of the servo: +1 if counts increase with the joint position, otherwise -1."""
     zero_counts: int = 2048
-    """Reading of the servo at joint position 0, in counts."""
+    """Servo counts at joint position 0."""
     transmission: float = 1.0
-    """Joint units per radian of the servo's shaft: 1.0 for a revolute joint, metres for a prismatic one."""
+    """Joint units per radian of the servo's shaft: 1.0 for a revolute joint, m/rad for a prismatic joint."""
     homing_offset: int | None = None
-    """Homing offset of the servo with which ``zero_counts`` is valid; None if it is not checked."""
+    """Homing offset of the servo for which ``zero_counts`` is valid; None if it is not checked."""
     extended: bool = False
-    """Whether the servo, a Dynamixel X, must be in extended position mode because its seam is within the joint's
-    range."""
+    """Whether the servo, a Dynamixel X, must be in extended position mode because the joint passes its last count."""
     seam_inside: bool = False
-    """Whether the servo may wrap from its last count to its first within the limits, as before a calibration."""
+    """Whether the joint may pass from the servo's last count to its first, as before a calibration."""
     torque_limit: float = 1.0
-    """Share of full drive that the servo may use, 0 to 1."""
+    """Share (0 to 1) of full drive that the servo may use."""
     bus: str = ""
-    """Name of the servo's bus; empty if there is only one."""
+    """Name of the servo's bus; empty if there is only one bus."""
     position_p: int | None = None
     """Position P gain of the servo, if the robot file sets one."""
     settings: tuple[tuple[str, int], ...] = ()
-    """Names of EEPROM registers and their values, from the robot file."""
+    """Names and values of the EEPROM registers that the robot file sets."""
     gravity_compensation: bool = True
-    """Whether the goals of the servo may differ from the commands, to compensate for its sag under load."""
+    """Whether goals may differ from commands to compensate the servo's compliance."""
 
     stops: tuple[float, float] | None = None
-    """Ends of the joint's travel, if ``limits`` are narrower because its <command_interface> limits the commands."""
+    """Ends of the joint's travel, in rad or m, if a <command_interface> narrows ``limits``; otherwise None."""
 
     def between_stops(self) -> "Joint":
         """Return the joint with its whole travel as its limits, as calibration measures it.
@@ -59,22 +54,22 @@ class Joint:
 
     @property
     def address(self) -> str:
-        """Address of the servo in the robot: its ID, with the name of its bus if buses have names (``hand/1``)."""
+        """Address of the servo in the robot: its ID, or bus and ID if buses have names (``hand/1``)."""
         return f"{self.bus}/{self.servo_id}" if self.bus else str(self.servo_id)
 
     @property
     def units_per_count(self) -> float:
-        """Joint position per count, in rad or m, with the sign."""
+        """Signed change of the joint position per count, in rad or m."""
         return self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn
 
     @property
     def full_effort(self) -> float:
-        """Effort at full drive and standstill, in N m or N."""
+        """Torque or force at full drive and standstill, in N m or N."""
         return self.model.stall_torque_nm / self.transmission
 
     @property
     def compliance(self) -> Compliance | None:
-        """How far the joint yields and lags; None if this is unknown."""
+        """Stiffness and lag of the joint; None if they are unknown."""
         return compliance_of(self.model, self.position_p, self.transmission, dict(self.settings))
 
     def turns(self, counts: int) -> int:
@@ -112,7 +107,7 @@ class Joint:
             ValueError: The position is NaN.
         """
         lower, upper = self.counts_range()
-        # Clamp the position first, because infinity cannot be rounded. NaN passes and raises ValueError.
+        # Clamp before rounding, because infinity cannot be rounded.
         inside = min(max(position, self.limits.lower), self.limits.upper)
         return min(max(round(inside / self.units_per_count) + self.zero_counts, lower), upper)
 
@@ -123,7 +118,7 @@ class Joint:
             The lowest and the highest count within the limits.
         """
         ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)
-        # The margin of 1e-9 keeps a limit that is a whole number of counts from losing one to rounding.
+        # 1e-9: a limit that is a whole number of counts must not change by one through rounding errors.
         return (
             math.ceil(min(ends) - 1e-9) + self.zero_counts,
             math.floor(max(ends) + 1e-9) + self.zero_counts,

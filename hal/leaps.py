@@ -1,7 +1,7 @@
-"""Leaps of position readings: a joint cannot have moved further than its drive can move it.
+"""Detect jumps in position readings: a joint cannot move further than its servo can drive it.
 
-A reply with false data passes an 8-bit checksum once in 256 times. A reading that leaps is therefore not believed until
-the next one confirms it.
+A corrupted reply passes an 8-bit checksum once in 256 times. A reading that jumps is therefore rejected until the next
+reading confirms it.
 """
 
 import math
@@ -11,33 +11,42 @@ from hal.joint import Joint
 from hal.types import AT_LIMIT, JointLimits
 
 OVERSPEED: Final = 2.0
-"""A driven joint may move this many times as fast as its servo without load, or as its velocity limit if there is no
-servo to ask: a higher supply, a falling arm, a late sample."""
+"""Highest plausible speed of a driven joint, as a multiple of the no-load speed of its servo.
+
+If the servo is unknown, it is a multiple of the velocity limit. The margin covers a higher supply voltage, a falling
+arm and a late sample."""
 BY_HAND_RAD_S: Final = 20.0
-"""No hand turns a limp joint faster than this."""
+"""Highest plausible speed of a limp joint that is moved by hand."""
 SAMPLING_S: Final = 0.02
-"""Uncertainty of the time between two readings: servos sample, and are asked again, at their own times."""
+"""Uncertainty of the time between two readings. Servos sample on their own clock, and reads may be repeated."""
 LONGEST_S: Final = 0.25
-"""After a longer silence, every place further away than a joint gets in this time has to be confirmed."""
+"""Maximum elapsed time that counts toward the plausible distance, however long the servo was silent."""
 SLACK_COUNTS: Final = 8
-"""Distance that is always plausible: noise and backlash."""
+"""Distance that is always plausible, because of noise and backlash."""
 SLACK_SHARE: Final = 2.0 * AT_LIMIT
-"""The same without a servo to ask, as a share of the joint's range, of a turn at most."""
+"""Distance that is always plausible if the servo is unknown, as a share of the joint's range (at most one turn)."""
 
 
 class Plausibility:
-    """The position readings of one joint: the last plausible reading and the doubtful one after it."""
+    """Plausibility check for the position readings of one joint."""
 
     def __init__(self, driven_speed: float, limp_speed: float, slack: float, turn: float = math.inf) -> None:
-        """Speeds in rad/s or m/s; ``slack`` and ``turn`` in rad or m. Readings a ``turn`` apart are the same place."""
+        """Initialize the check.
+
+        Args:
+            driven_speed: Highest plausible speed while the servo has torque, in rad/s or m/s.
+            limp_speed: Highest plausible speed without torque, in rad/s or m/s.
+            slack: Distance that is always plausible, in rad or m.
+            turn: Distance after which positions repeat, in rad or m.
+        """
         self._driven_speed, self._limp_speed = driven_speed, max(driven_speed, limp_speed)
         self._slack, self._turn = slack, turn
-        self._believed = self._doubted = math.nan
-        self._believed_s = self._doubted_s = -math.inf
+        self._accepted = self._rejected = math.nan
+        self._accepted_s = self._rejected_s = -math.inf
 
     @classmethod
     def of_servo(cls, joint: Joint) -> Self:
-        """The plausibility of a joint that a servo drives."""
+        """Create the check for a joint whose servo is known."""
         unit, shaft = abs(joint.units_per_count), abs(joint.transmission)
         return cls(
             max(OVERSPEED * joint.model.no_load_speed_rad_s * shaft, joint.limits.velocity),
@@ -48,31 +57,38 @@ class Plausibility:
 
     @classmethod
     def of_limits(cls, limits: JointLimits) -> Self:
-        """The plausibility of a joint of which only the limits are known."""
+        """Create the check for a joint of which only the limits are known."""
         endless = math.isinf(limits.upper - limits.lower)
         slack = SLACK_SHARE * min(limits.upper - limits.lower, math.tau)
         return cls(OVERSPEED * limits.velocity, BY_HAND_RAD_S, slack, math.tau if endless else math.inf)
 
     def leap(self, position: float, now_s: float, driven: bool) -> float | None:
-        """The distance (rad or m) by which a reading leaps; None if it is plausible, or confirms the reading before it.
+        """Check one reading.
 
-        ``driven``: whether the servo has torque; a limp joint can be turned faster by hand.
+        Args:
+            position: Measured position, in rad or m.
+            now_s: Time of the reading, in seconds.
+            driven: Whether the servo has torque. A limp joint can be moved faster by hand.
+
+        Returns:
+            The distance by which the reading jumps, in rad or m. None if the reading is plausible or confirms the
+            previous reading.
         """
         speed = self._driven_speed if driven else self._limp_speed
-        away = self._way(self._believed, position)
-        # The first reading of all has nothing that could contradict it.
-        confirmed = abs(self._way(self._doubted, position)) <= self._reach(speed, now_s - self._doubted_s)
-        if confirmed or not abs(away) > self._reach(speed, now_s - self._believed_s):
-            self._believed, self._believed_s = position, now_s
-            self._doubted = math.nan
+        away = self._distance(self._accepted, position)
+        confirmed = abs(self._distance(self._rejected, position)) <= self._reach(speed, now_s - self._rejected_s)
+        # The first reading is accepted: the distance from NaN is NaN, which is not above the reach.
+        if confirmed or not abs(away) > self._reach(speed, now_s - self._accepted_s):
+            self._accepted, self._accepted_s = position, now_s
+            self._rejected = math.nan
             return None
-        self._doubted, self._doubted_s = position, now_s
+        self._rejected, self._rejected_s = position, now_s
         return away
 
-    def _way(self, start: float, end: float) -> float:
-        """The way between two readings; across the seam, where that lies inside the limits, the shorter one."""
-        way = end - start
-        return way if math.isinf(self._turn) or math.isnan(way) else math.remainder(way, self._turn)
+    def _distance(self, start: float, end: float) -> float:
+        """Return the signed distance between two readings; if positions repeat, the shorter one."""
+        distance = end - start
+        return distance if math.isinf(self._turn) or math.isnan(distance) else math.remainder(distance, self._turn)
 
     def _reach(self, speed: float, elapsed_s: float) -> float:
         return speed * (min(elapsed_s, LONGEST_S) + SAMPLING_S) + self._slack

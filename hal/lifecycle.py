@@ -1,4 +1,4 @@
-"""ros2_control's life cycle, of hardware components and controllers."""
+"""Life cycle of hardware components and controllers, as in ros2_control."""
 
 from enum import Enum
 
@@ -6,7 +6,7 @@ from hal.errors import LifecycleError
 
 
 class LifecycleState(Enum):
-    """States of a hardware component or a controller; the values are lifecycle_msgs' ids."""
+    """Life cycle states. The values are the state IDs of lifecycle_msgs."""
 
     UNCONFIGURED = 1
     INACTIVE = 2
@@ -14,13 +14,13 @@ class LifecycleState(Enum):
     FINALIZED = 4
 
 
-def require(state: LifecycleState, wanted: LifecycleState, what: str) -> None:
-    """Raise LifecycleError unless the component is in the wanted state."""
+def require(state: LifecycleState, wanted: LifecycleState, action: str) -> None:
+    """Raise LifecycleError unless the component is in the required state. ``action`` is a verb for the message."""
     if state is not wanted:
-        raise LifecycleError(f"cannot {what} while {state.name.lower()}: it must be {wanted.name.lower()}")
+        raise LifecycleError(f"cannot {action} while {state.name.lower()}: it must be {wanted.name.lower()}")
 
 
-def require_configured(state: LifecycleState, what: str) -> None:
-    """Raise LifecycleError unless the component has been configured."""
+def require_configured(state: LifecycleState, action: str) -> None:
+    """Raise LifecycleError unless the component is inactive or active. ``action`` is a verb for the message."""
     if state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
-        raise LifecycleError(f"cannot {what} while {state.name.lower()}: it must be inactive or active")
+        raise LifecycleError(f"cannot {action} while {state.name.lower()}: it must be inactive or active")

@@ -1,4 +1,4 @@
-"""The mock does as mock_components/GenericSystem: the state is the command."""
+"""Mock hardware with the behavior of mock_components/GenericSystem: each state equals the last command."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,11 +13,13 @@ KINDS = ("position", "velocity", "effort")
 
 
 class MockHardware:
-    """Joints that are at once where they are told to be.
+    """Mock joints that reach each command immediately.
 
-    A command is mirrored into the joint's state of the same name. ``calculate_dynamics`` is GenericSystem's
-    parameter: with it the velocity is the difference quotient of the position commands, and a velocity command
-    moves the joint; without it each state follows its own command only. ``disable_commands`` freezes all states.
+    Each command is copied to the state interface of the same name. The parameters are those of GenericSystem:
+
+    - ``calculate_dynamics``: The velocity is the difference quotient of the position commands, and a velocity command
+      moves the joint.
+    - ``disable_commands``: Commands have no effect.
     """
 
     def __init__(
@@ -28,7 +30,15 @@ class MockHardware:
         calculate_dynamics: bool = False,
         command_interfaces: Sequence[str] | None = None,
     ) -> None:
-        """``command_interfaces`` are by default the positions of all joints."""
+        """Create the mock.
+
+        Args:
+            name: Name of the component.
+            joints: Names of the joints.
+            clock: Clock for the time stamps.
+            calculate_dynamics: Whether positions and velocities follow from each other.
+            command_interfaces: Names of the command interfaces; by default the position of each joint.
+        """
         self.name = name
         self.joints = tuple(joints)
         positions = [f"{joint}/position" for joint in joints]
@@ -45,7 +55,7 @@ class MockHardware:
 
     @classmethod
     def of(cls, component: HardwareInfo, clock: Clock) -> "MockHardware":
-        """The mock that a ``<ros2_control>`` block asks for."""
+        """Create the mock that a ``<ros2_control>`` block describes."""
         made = cls(
             component.name,
             component.joints,
@@ -58,7 +68,7 @@ class MockHardware:
         return made
 
     def _begin(self, states: Mapping[str, Sequence[str]], initial: Mapping[str, float]) -> None:
-        """A joint of which nothing is said stands at 0; other states than position and velocity are unknown then."""
+        """Set the initial values. By default position and velocity are 0 and all other states are NaN."""
         arrays = {"position": self._position, "velocity": self._velocity, "effort": self._effort}
         for index, joint in enumerate(self.joints):
             for kind in states.get(joint, ()):
@@ -69,7 +79,7 @@ class MockHardware:
                     arrays[kind][index] = value
 
     def _commanded(self, kind: str) -> tuple[list[int], list[int]]:
-        """The joints with a command of this kind, and where in a command theirs stand."""
+        """Return the indices of the joints with a command of this kind, and the indices of these commands."""
         pairs = [
             (self.joints.index(joint), place)
             for place, (joint, _, own) in enumerate(name.rpartition("/") for name in self.command_interfaces)
@@ -116,7 +126,7 @@ class MockHardware:
             self._velocity = (self._position - before) / command.period_s
 
     def _move(self, command: JointCommand) -> None:
-        """Where there is a position command, it counts; else, with dynamics, the velocity moves the joint."""
+        """Move the joints. A position command overrides the motion that follows from a velocity command."""
         if self._calculate_dynamics:
             driven, places = self._joints_of["velocity"]
             self._position[driven] += command.values[places] * command.period_s

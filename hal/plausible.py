@@ -1,4 +1,4 @@
-"""The plausible range of every number in the files of an arm, in one table. A truth value is not a number."""
+"""Plausible ranges of all numbers in the files of an arm. A boolean does not count as a number."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """The lowest and the highest value that some arm may have, and their unit."""
+    """Range that covers the values of all arms."""
 
     lowest: float
     highest: float
@@ -58,24 +58,24 @@ RANGES: Final = {
     "multiplier": Range(-100_000.0, 100_000.0, "(1 is usual)"),
     "initial_value": Range(-1_000_000.0, 1_000_000.0, "in units of the interface"),
 }
-"""By kind of number."""
+"""Plausible ranges by kind of number."""
 
 
 def range_mistake(kind: str, value: float) -> str | None:
-    """Why a value cannot be of this kind, or None."""
+    """Return the message for a value outside the plausible range of its kind; None if the value is plausible."""
     known = RANGES[kind]
-    if known.lowest <= value <= known.highest:  # NaN is in no range
+    if known.lowest <= value <= known.highest:  # false for NaN
         return None
-    said = f"{value:g}" if float(f"{value:g}") == value else value
+    text = f"{value:g}" if float(f"{value:g}") == value else value
     return (
-        f"{said} is not a plausible {kind.replace('_', ' ')}: write {known.lowest:g} to {known.highest:g} {known.unit}"
+        f"{text} is not a plausible {kind.replace('_', ' ')}: write {known.lowest:g} to {known.highest:g} {known.unit}"
     )
 
 
 def without_truth(value: Any) -> Any:
-    """A value that is no truth value; pydantic would take ``true`` for 1. Raises ValueError."""
+    """Return a value unchanged. Raises ValueError if it is a boolean, because pydantic would accept ``true`` as 1."""
     if isinstance(value, bool):
-        raise ValueError(f"{str(value).lower()} is a truth value, and a number is needed: write a number")
+        raise ValueError(f"{str(value).lower()} is a boolean, but a number is required: write a number")
     return value
 
 

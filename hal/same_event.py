@@ -1,20 +1,20 @@
-"""Texts of one event: they differ in their figures alone, and together they are one text."""
+"""Merge messages about the same event, which differ only in their numbers, into one message."""
 
 import re
 from collections.abc import Sequence
 from typing import Final
 
 _FIGURE: Final = re.compile(r"(?<![\w.-])[+-]?\d+(?:\.\d+)?(?!\w|\.\d)")
-"""A number that stands for itself. The digits in the name of a model or a port are none."""
+"""A separate number. Digits in the name of a model or a port do not match."""
 
 
 def event_of(text: str) -> tuple[str, ...]:
-    """Return what a text has in common with the other texts of its event: everything except its figures."""
+    """Return the parts of a message between its numbers. Messages with the same parts belong to one event."""
     return tuple(_FIGURE.split(text))
 
 
 def as_one(texts: Sequence[str]) -> str:
-    """Return one text of all texts of an event, with the range of each figure that differs.
+    """Merge all messages of an event into one, with the range of each number that differs.
 
     ``has 4.1 V`` and ``has 4.3 V`` become ``has 4.1 to 4.3 V``.
     """

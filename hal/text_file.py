@@ -1,4 +1,4 @@
-"""Text files from users: the one way in which they are read, with their encoding and a limit of size."""
+"""Read text files from users, with detection of the encoding and a size limit."""
 
 import codecs
 import json
@@ -15,10 +15,14 @@ _DECLARE: Final = ', or declare its encoding in line 1: <?xml version="1.0" enco
 
 
 def read_text(path: Path, error: type[Exception]) -> str:
-    """Read a text file in UTF-8, or in UTF-16 or UTF-32 if its first bytes show that.
+    """Read a text file in UTF-8, or in UTF-16 or UTF-32 if its first bytes indicate that.
+
+    Args:
+        path: The file.
+        error: Class of the error.
 
     Raises:
-        error: The file cannot be read, is too large, or is not text. The message has file, line and remedy.
+        error: The file cannot be read, is too large or is not text. The message has the file, the line and a remedy.
     """
     data = _read(path, error)
     return _decoded(data, _encoding(data), path, error)
@@ -29,11 +33,11 @@ def read_xml(path: Path, error: type[Exception], kind: str = "") -> str:
 
     Args:
         path: The file.
-        error: The class of the errors.
-        kind: The kind of file, as it precedes the path in a message.
+        error: Class of the error.
+        kind: Kind of file, which precedes the path in a message.
 
     Raises:
-        error: As for ``read_text``; also if the declared encoding is unknown.
+        error: As for ``read_text``, or the declared encoding is unknown.
     """
     data = _read(path, error, f"{kind} ".lstrip())
     declared, shown = _DECLARED.match(data), _encoding(data)
@@ -58,7 +62,7 @@ def _read(path: Path, error: type[Exception], kind: str = "") -> bytes:
 
 
 def _encoding(data: bytes) -> str:
-    """The encoding that a byte order mark or the zeros among the first bytes show; else UTF-8."""
+    """Detect the encoding from a byte order mark or from zeros among the first bytes; by default UTF-8."""
     return json.detect_encoding(data[:4])
 
 
@@ -67,8 +71,8 @@ def _declared(data: bytes, encoding: str, path: Path, error: type[Exception]) ->
         name = codecs.lookup(encoding).name
     except LookupError as reason:
         raise error(f"{path}, line 1: the encoding {encoding} is unknown: {_SAVE_AS_UTF_8}") from reason
-    if name.startswith(("utf-16", "utf-32")):  # whose first bytes would have shown it
-        raise error(f"{path}, line 1: {encoding} is declared and another encoding is used: {_SAVE_AS_UTF_8}")
+    if name.startswith(("utf-16", "utf-32")):  # the first bytes would have shown these encodings
+        raise error(f"{path}, line 1: the file declares {encoding} but has another encoding: {_SAVE_AS_UTF_8}")
     return _decoded(data, "utf-8-sig" if name == "utf-8" else name, path, error)
 
 
@@ -81,6 +85,6 @@ def _decoded(data: bytes, encoding: str, path: Path, error: type[Exception], rem
             f"{path} is not text in {encoding.upper()} (line {line}, byte 0x{data[reason.start]:02x}): "
             f"{_SAVE_AS_UTF_8}{remedy}"
         ) from reason
-    except (LookupError, UnicodeError) as reason:  # a codec of Python's that is not an encoding of text
-        raise error(f"{path}, line 1: the encoding {encoding} is not for text: {_SAVE_AS_UTF_8}") from reason
+    except (LookupError, UnicodeError) as reason:  # some codecs of Python, such as rot13, do not encode text
+        raise error(f"{path}, line 1: {encoding} is not a text encoding: {_SAVE_AS_UTF_8}") from reason
     return text.replace("\r\n", "\n").replace("\r", "\n").removeprefix("\ufeff")

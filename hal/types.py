@@ -1,4 +1,4 @@
-"""Define the types that the layers exchange: joints in SI units, arrays in joint order."""
+"""Types that the layers exchange. Values are in SI units, arrays in joint order."""
 
 import math
 from collections.abc import Mapping
@@ -16,26 +16,27 @@ FloatArray = NDArray[np.float64]
 
 
 AT_LIMIT: Final = 1e-3
-"""Share of its range by which a joint may be beyond a limit and still count as being at it: two or three counts of
-4096, and sag."""
+"""Distance beyond a limit at which a joint still counts as at the limit, as a share of its range.
+
+It covers two or three counts of 4096, and sag."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of one joint, in rad and seconds; in m and seconds for a prismatic joint."""
+    """Limits of one joint. Units are rad and s for a revolute joint, m and s for a prismatic joint."""
 
     lower: float
     """Lowest position, in rad or m."""
     upper: float
     """Highest position, in rad or m."""
     velocity: float
-    """Maximum velocity, in rad/s or m/s."""
+    """Highest speed, in rad/s or m/s."""
     acceleration: float
-    """Maximum acceleration, in rad/s² or m/s²."""
+    """Highest acceleration, in rad/s² or m/s²."""
     jerk: float
-    """Maximum jerk, in rad/s³ or m/s³."""
+    """Highest jerk, in rad/s³ or m/s³."""
     effort: float = math.inf
-    """Maximum effort, in N m; in N for a prismatic joint."""
+    """Highest torque in N m, or force in N."""
     velocity_range: tuple[float, float] | None = None
     """Lowest and highest velocity command, if the two directions differ."""
     effort_range: tuple[float, float] | None = None
@@ -58,113 +59,124 @@ class JointLimits:
 
 
 class Stall(NamedTuple):
-    """Servo that presses without moving. Its drive is reduced if it has a torque limit."""
+    """Report on a servo that presses without motion. Its drive is reduced if it has a torque limit."""
 
     text: str
-    """Message that names the servo."""
+    """Description with the servo's ID."""
     warns: bool
-    """Whether to log a warning. There is none for fingers that hold an object for a long time."""
+    """Whether to show a warning. A gripper that has held an object for some time is normal."""
 
 
 OUTSIDE_TOLERANCE: Final = 0.05
-"""Share of its range by which a joint may be outside its limits at activation, because of play, a soft stop or sag."""
+"""Distance by which a joint may be outside its limits at activation, as a share of its range. It covers backlash, soft
+end stops and sag."""
 
 
 def apart(value: float, limit: float) -> tuple[str, str]:
-    """Format a value and its limit with enough digits, at least four, to distinguish both from each other and 0."""
+    """Format a value and its limit with at least four decimals, and more if they would look equal or like 0."""
     for digits in range(4, 16):
-        said, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
-        vanish = any(number and not float(text) for text, number in ((said, value), (end, limit)))
-        if not vanish and said != end:
+        shown, end = f"{value:.{digits}f}", f"{limit:.{digits}f}"
+        vanish = any(number and not float(text) for text, number in ((shown, value), (end, limit)))
+        if not vanish and shown != end:
             break
-    return _trimmed(said), _trimmed(end)
+    return _trimmed(shown), _trimmed(end)
 
 
 def _trimmed(text: str) -> str:
-    """Remove the zeros after the fourth decimal of a number."""
+    """Remove trailing zeros after the fourth decimal."""
     whole, _, decimals = text.partition(".")
     return f"{whole}.{decimals[:4]}{decimals[4:].rstrip('0')}"
 
 
 def beyond_range(value: float, lower: float, upper: float) -> tuple[str, str, str]:
-    """Format a value that is outside a range, and the lower and the upper end of the range, as ``apart`` does."""
+    """Format a value outside a range and both ends of the range, as ``apart`` does."""
     if value < lower:
         return *apart(value, lower), f"{upper:.4f}"
-    said, end = apart(value, upper)
-    return said, f"{lower:.4f}", end
+    shown, end = apart(value, upper)
+    return shown, f"{lower:.4f}", end
 
 
 def far_outside(position: float, limits: JointLimits) -> str:
-    """Describe a position (rad or m) that is too far outside the limits to be driven back; empty if it is not."""
+    """Describe a position that is too far outside the limits to activate the joint; empty if it is acceptable.
+
+    Args:
+        position: Joint position, in rad or m.
+        limits: Limits of the joint.
+    """
     slack = OUTSIDE_TOLERANCE * (limits.upper - limits.lower)
     if limits.lower - slack <= position <= limits.upper + slack:
         return ""
-    said, lower, upper = beyond_range(position, limits.lower, limits.upper)
-    return f"stands at {said}, outside its limits {lower} to {upper}"
+    shown, lower, upper = beyond_range(position, limits.lower, limits.upper)
+    return f"is at {shown}, outside its limits {lower} to {upper}"
 
 
 @dataclass(frozen=True, slots=True)
 class ServoHealth:
-    """Condition that a servo reports, in addition to its position."""
+    """Health of a servo."""
 
     voltage_v: float
-    """Supply voltage, in V."""
     temperature_c: float
-    """Temperature, in °C."""
     alarms: tuple[str, ...] = ()
-    """Names of the alarms that the servo reports."""
     counters: ServoCounters | None = None
-    """Numbers of its faults on the bus so far."""
+    """Counters of communication faults since the start."""
     load: float = math.nan
     """Drive as a share of full drive, -1 to 1, in the joint's direction."""
     current_a: float = math.nan
-    """Motor current in the joint's direction, in A; NaN if the servo's state has none."""
+    """Motor current in the joint's direction, in A; NaN if the servo does not report it."""
     supply: VoltageFault | None = None
-    """Fault of its supply voltage; None if the voltage is right."""
+    """Fault of the supply voltage."""
     stall: Stall | None = None
-    """Reason why its drive is reduced; None if it is not."""
+    """Report if the servo presses without motion."""
 
 
 class JointFault(NamedTuple):
     """Fault of a joint."""
 
     kind: FaultKind | Literal["implausible", "no_torque", "component"]
-    """Kind of the servo's fault. Other kinds: "implausible" (the position is not accepted), "no_torque" (the servo
-    answers and may be limp), "component" (its component is lost, switched or inactive)."""
+    """Kind of fault.
+
+    - ``implausible``: the measured position was rejected.
+    - ``no_torque``: the servo answers but may have no torque.
+    - ``component``: the component is lost, in a transition or inactive.
+    - Other kinds are communication faults of the servo.
+    """
     text: str
-    """Message that names the servo of the joint."""
+    """Description with the joint and the servo's ID."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """Measurement of one cycle. Arrays have shape (n,), in the hardware's joint order. A joint named in ``faults``
-    keeps its last known values.
+    """Measurement of one cycle. Arrays have shape (n,), in the hardware's joint order.
+
+    A joint with a fault keeps its last known values.
     """
 
     stamp_s: float
-    """Time of the measurement, in seconds on the stack's clock."""
+    """Time of the measurement on the clock of the control loop, in seconds."""
     position: FloatArray
     """Positions, in rad or m."""
     velocity: FloatArray
     """Velocities, in rad/s or m/s."""
     effort: FloatArray
-    """Efforts, in N m or N; NaN if unknown."""
+    """Torques or forces, in N m or N; NaN if unknown."""
     faults: Mapping[str, JointFault] = field(default_factory=dict)
-    """Fault by joint name; empty if all joints were measured."""
+    """Faults by joint name."""
     health: Mapping[str, ServoHealth] = field(default_factory=dict)
-    """Condition of the servo by joint name; empty for joints without a servo."""
+    """Health by joint name, for joints with a servo."""
     extra: Mapping[str, float] = field(default_factory=dict)
-    """Values of further state interfaces by full name, such as ``joint1/acceleration``."""
+    """Values of other state interfaces, by full name (``joint1/acceleration``)."""
     lines: Mapping[str, BusCounters] = field(default_factory=dict)
-    """Fault counters by serial port."""
+    """Fault counters of each bus, by serial port."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """Command for the joints in the coming period."""
+    """Command for the next period."""
 
     values: FloatArray
-    """Values of shape (m,), in the order of the hardware's ``command_interfaces``: positions at the end of the
-    period (rad, m), velocities (rad/s, m/s) or efforts (N m, N)."""
+    """Commands of shape (m,), in the order of the hardware's ``command_interfaces``.
+
+    Positions (rad, m) apply to the end of the period. Velocities are in rad/s or m/s, efforts in N m or N.
+    """
     period_s: float
-    """Duration of the period, in seconds."""
+    """Length of the period, in seconds."""

@@ -1,4 +1,4 @@
-"""YAML files as models: all mistakes of a file at once, each with file and line."""
+"""Read YAML files as pydantic models. All mistakes of a file are reported together, each with file and line."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -14,19 +14,19 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Places(Protocol):
-    """The places of a file's values."""
+    """Lookup of the file and line of a value."""
 
     def place(self, location: Sequence[int | str]) -> str:
-        """File and line of the innermost part of ``location`` that the file has."""
+        """Return the file and line of the innermost part of ``location`` that exists in the file."""
 
 
 def load(path: Path, model: type[Model], error: type[Exception]) -> Model:
-    """Read ``path`` as ``model``. Raises ``error`` whose text lists every mistake with its line."""
+    """Read a file as a model. Raises ``error`` with a message that lists every mistake and its line."""
     return load_with_lines(path, model, error)[0]
 
 
 def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> tuple[Model, YamlFile]:
-    """Read ``path`` as ``model``, and as a file that knows its lines. Raises ``error`` as ``load`` does."""
+    """Read a file as a model and as nodes with line numbers. Raises ``error`` as ``load`` does."""
     file, content = read(path, error)
     try:
         return model.model_validate(content), file
@@ -35,20 +35,27 @@ def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> t
 
 
 def mistakes(file: Places, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
-    """Each mistake of a model, with file and line. ``within``: where the model's values are; ``name``: their owner."""
+    """List the mistakes of a model, each with file and line.
+
+    Args:
+        file: The file, for the line numbers.
+        error: The error that pydantic raised.
+        within: Location of the model in the file.
+        name: Name that precedes the keys in each message.
+    """
     return listed([partial(_mistake, file, item, within, name) for item in error.errors(include_url=False)])
 
 
-def said(item: ErrorDetails) -> str:
-    """Pydantic's message, without the class of our own errors, and with the remedy for a missing pair of quotes."""
+def error_text(item: ErrorDetails) -> str:
+    """Return the message of a pydantic error, without the prefix of a ValueError, and with a hint at missing quotes."""
     value = item["input"]
     if item["type"] == "string_type" and isinstance(value, bool):
-        return f"{str(value).lower()} is a truth value here: put the text in quotes"
+        return f"{str(value).lower()} is read as a boolean: put the text in quotes"
     if item["type"] == "string_type" and isinstance(value, int | float):
-        return f"{value} is a number here: put the text in quotes ('{value}')"
+        return f"{value} is read as a number: put the text in quotes ('{value}')"
     return item["msg"].removeprefix("Value error, ")
 
 
 def _mistake(file: Places, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
     names = [name] if name else []
-    return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {said(item)}"
+    return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {error_text(item)}"

@@ -1,4 +1,4 @@
-"""Limits of YAML files, so that none takes more than a few seconds: number of values, depth and aliases."""
+"""Limits on the number of values, the depth and the aliases of a YAML file, so that reading takes only seconds."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -6,25 +6,30 @@ from typing import Final
 import yaml
 
 MOST_VALUES: Final = 150_000
-"""Maximum number of keys and values of a file, with what its aliases stand for."""
+"""Maximum number of keys and values in a file after its aliases have been expanded."""
 DEEPEST: Final = 100
-"""Maximum depth of mappings and lists within each other."""
+"""Maximum nesting depth of mappings and lists."""
 _STARTS: Final = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 _ENDS: Final = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 
 
 class TooLarge(Exception):
-    """The file has more values than any file of an arm. The text follows the file's name."""
+    """The file has too many values. The message continues a sentence that starts with the file name."""
 
 
 class TooDeep(Exception):
-    """Values are nested too deeply, or within themselves. The text is the line."""
+    """Values are nested too deeply or contain themselves. The message is the line number."""
 
 
 def check_size(events: Iterable[yaml.Event]) -> list[int]:
-    """Count a document's values before nodes are made of them; returns the lines of its aliases.
+    """Check the number of values and the depth of a document before its nodes are built.
 
-    Raises TooLarge or TooDeep.
+    Returns:
+        Line numbers of the aliases.
+
+    Raises:
+        TooLarge: The document has too many values.
+        TooDeep: The document is nested too deeply.
     """
     values = depth = 0
     aliases: list[int] = []
@@ -41,15 +46,19 @@ def check_size(events: Iterable[yaml.Event]) -> list[int]:
 
 
 def check_expanded(root: yaml.Node | None) -> None:
-    """Count a document's values with what its aliases stand for. Raises TooLarge or TooDeep."""
+    """Check the number of values and the depth of a document with expanded aliases. Raises TooLarge or TooDeep."""
     if root is not None and _counted(root, {}, DEEPEST)[0] > MOST_VALUES:
-        raise TooLarge(
-            f"has more than {MOST_VALUES} values, counted with those that its aliases (*) stand for: shorten it"
-        )
+        raise TooLarge(f"has more than {MOST_VALUES} values after its aliases (*) are expanded: shorten it")
 
 
 def _counted(node: yaml.Node, known: dict[int, tuple[int, int]], allowed: int) -> tuple[int, int]:
-    """Number of values in ``node`` and its depth, at most ``allowed``. ``known``: those of nodes that were counted."""
+    """Return the number of values in a node and its depth.
+
+    Args:
+        node: The node.
+        known: Results for nodes that were already counted, by ID of the node object.
+        allowed: Maximum depth.
+    """
     if allowed < 0:
         raise TooDeep(node.start_mark.line + 1)
     if id(node) not in known:

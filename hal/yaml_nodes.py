@@ -1,4 +1,7 @@
-"""YAML as nodes, which know their lines, and as plain values. Only PyYAML is needed: launch files read so, too."""
+"""Read YAML files as nodes with line numbers and as plain values.
+
+Launch files use this module, so it depends only on PyYAML.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -12,51 +15,51 @@ from hal.text_file import read_text
 from hal.yaml_limits import TooDeep, TooLarge, check_expanded, check_size
 
 _FASTEST: Final[type[yaml.SafeLoader]] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""The loader in C, which is about eight times as fast, if PyYAML was built with it."""
+"""The C loader if PyYAML was built with it (about eight times as fast), otherwise the Python loader."""
 MOST_MISTAKES: Final = 50
-"""Number of mistakes that are listed one by one."""
+"""Maximum number of mistakes that a message lists."""
 _BAD_VALUES: Final = (ValueError, LookupError, ArithmeticError, AttributeError, TypeError)
-"""Errors of PyYAML's constructors for a value that does not fit its tag, such as ``!!bool maybe``."""
+"""Errors that PyYAML raises for a value that does not match its tag, such as ``!!bool maybe``."""
 
 
 class Loader(_FASTEST):  # type: ignore[misc, valid-type]
-    """A loader that names the line of a value that does not fit its tag."""
+    """A YAML loader that reports the line of a value that does not match its tag."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Make the value of a node. Raises yaml.constructor.ConstructorError."""
+        """Construct the value of a node. Raises yaml.constructor.ConstructorError."""
         try:
             return super().construct_object(node, deep)
         except _BAD_VALUES as error:
             text = f" '{node.value[:50]}'" if isinstance(node, yaml.ScalarNode) else ""
             kind = node.tag.rpartition(":")[2]
             raise yaml.constructor.ConstructorError(
-                problem=f"the value{text} cannot be of the type {kind}", problem_mark=node.start_mark
+                problem=f"the value{text} is not a valid {kind}", problem_mark=node.start_mark
             ) from error
 
 
 @dataclass(frozen=True, slots=True)
 class YamlFile:
-    """A YAML file as its nodes, which know their lines."""
+    """A YAML file as a tree of nodes with line numbers."""
 
     path: Path
     root: yaml.Node | None
     aliases: Sequence[int] = ()
-    """The lines of its aliases."""
+    """Line numbers of the aliases in the file."""
     _entries: dict[int, dict[str, list[tuple[int, yaml.Node]]]] = field(default_factory=dict)
-    """Lines and values by key, of each mapping in which ``line`` has searched."""
+    """Cache of lines and values by key, for each mapping that ``line`` has searched."""
 
     def place(self, location: Sequence[int | str]) -> str:
-        """``path:line`` of the innermost part of ``location`` that the file has."""
+        """Return ``path:line`` of the innermost part of ``location`` that exists in the file."""
         return f"{self.path}:{self.line(location)}"
 
     def line(self, location: Sequence[int | str]) -> int:
-        """The line of the innermost part of ``location`` that the file has."""
+        """Return the line of the innermost part of ``location`` that exists in the file."""
         return max(self._reached(self.root, tuple(map(str, location)), 0, 1))[1]
 
     def _reached(
         self, node: yaml.Node | None, location: tuple[str, ...], depth: int, line: int
     ) -> Iterator[tuple[int, int]]:
-        """Yields depth and line of each way along ``location``: parameter files may name a node several times."""
+        """Yield the depth and line of every match along ``location``. Parameter files may name a node several times."""
         yield depth, line
         if not location:
             return
@@ -65,7 +68,7 @@ class YamlFile:
             for start, value in found:
                 yield from self._reached(value, location[1:], depth + 1, start)
             if not found and any(value.value == location[0] for _, value in node.value):
-                # A location also names what kind of thing the mapping is, which is the value of one of its keys.
+                # Pydantic adds the discriminator of a union to the location. It is the value of a key, not a key.
                 yield from self._reached(node, location[1:], depth, line)
         elif isinstance(node, yaml.SequenceNode) and location[0].isdecimal() and int(location[0]) < len(node.value):
             part = node.value[int(location[0])]
@@ -80,7 +83,7 @@ class YamlFile:
 
 
 def compose(path: Path, error: type[Exception]) -> YamlFile:
-    """Read a file as nodes. Raises ``error`` if it is not YAML, or larger or deeper than any file of an arm."""
+    """Read a file as nodes. Raises ``error`` if the file is not YAML, is too large or is nested too deeply."""
     text = read_text(path, error)
     try:
         aliases = check_size(yaml.parse(text, Loader=Loader))
@@ -92,34 +95,34 @@ def compose(path: Path, error: type[Exception]) -> YamlFile:
         raise error(f"{path} {reason}") from reason
     except TooDeep as reason:
         raise error(
-            f"{path}:{reason}: the file contains itself, or is nested too deeply: "
-            "write out what an alias (*) stands for"
+            f"{path}:{reason}: the file contains itself or is nested too deeply: "
+            "replace aliases (*) with the values that they refer to"
         ) from reason
     return YamlFile(path, root, aliases)
 
 
 def read(path: Path, error: type[Exception]) -> tuple[YamlFile, Any]:
-    """Read a file as nodes and as values. Raises ``error`` also if a key stands twice in one mapping."""
+    """Read a file as nodes and as values. Raises ``error`` as ``compose`` does, and for a duplicate key."""
     file = compose(path, error)
-    doubles = list(_doubles(file.root))  # before merge keys (<<) are replaced by what they stand for
+    duplicates = list(_duplicates(file.root))  # must precede the constructor, which expands merge keys (<<)
     try:
         content = None if file.root is None else Loader("").construct_document(file.root)
     except yaml.YAMLError as reason:
         raise error(f"{path} is not YAML: {_problem(reason)}: correct it") from reason
-    if doubles:
-        raise error("\n".join(listed([f"{path}:{double}" for double in doubles])))
+    if duplicates:
+        raise error("\n".join(listed([f"{path}:{duplicate}" for duplicate in duplicates])))
     return file, content
 
 
 def listed(lines: Sequence[str | partial[str]]) -> list[str]:
-    """The first lines, and how many more there are."""
+    """Return the first ``MOST_MISTAKES`` lines, followed by the number of lines that are left out."""
     shown = [line if isinstance(line, str) else line() for line in lines[:MOST_MISTAKES]]
     more = len(lines) - len(shown)
     return [*shown, f"and {more} more mistakes"] if more else shown
 
 
 def _problem(error: yaml.YAMLError, text: str = "") -> str:
-    """The parser's words with the line, on one line. ``text``: the file's."""
+    """Return the message of the parser with the line number, as one line. ``text`` is the content of the file."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         context = f"{error.context}: " if error.context else ""
         return f"{context}{error.problem} (line {error.problem_mark.line + 1})"
@@ -129,16 +132,16 @@ def _problem(error: yaml.YAMLError, text: str = "") -> str:
     return " ".join(str(error).split())
 
 
-def _doubles(node: yaml.Node | None) -> Iterator[str]:
-    """Keys that stand twice in one mapping: YAML would quietly take the last."""
+def _duplicates(node: yaml.Node | None) -> Iterator[str]:
+    """Yield a message for each duplicate key in a mapping. PyYAML itself would silently use the last value."""
     if isinstance(node, yaml.SequenceNode):
         for item in node.value:
-            yield from _doubles(item)
+            yield from _duplicates(item)
     if isinstance(node, yaml.MappingNode):
         first: dict[str, int] = {}
         for key, value in node.value:
             name, line = str(key.value), key.start_mark.line + 1
             if name in first:
-                yield f"{line}: {name} stands here for the second time, first in line {first[name]}"
+                yield f"{line}: duplicate key {name} (first in line {first[name]}): remove one"
             first.setdefault(name, line)
-            yield from _doubles(value)
+            yield from _duplicates(value)

@@ -19,7 +19,7 @@ from controller.broadcasters.joint_state_broadcaster import JointStates
 from controller.manager.node_parameters import parameters_of
 from drivers.printable import printable
 from hal.plausible import Rate
-from hal.yaml_file import said
+from hal.yaml_file import error_text
 from nodes.parameter_node import ParameterNode
 from nodes.publishing import LATCHED, RateLimiter
 from nodes.ros_time import RosTime
@@ -120,4 +120,4 @@ class RobotStatePublisher:
 
 
 def _describe(error: ValidationError) -> str:
-    return "; ".join(f"{item['loc'][0]}: {said(item)}" for item in error.errors())
+    return "; ".join(f"{item['loc'][0]}: {error_text(item)}" for item in error.errors())

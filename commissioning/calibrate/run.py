@@ -18,7 +18,7 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path
-from hal.servos.limp_arm import falls, release_question, servo_name
+from hal.servos.limp_arm import release_question, servo_name, torque_warning
 
 WAY_RAD: Final = 0.2
 """How far each servo turns, there and back."""
@@ -225,6 +225,6 @@ def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:
     if not on:
         return
     if not asker.confirm(release_question(on)):
-        raise CalibrationError(f"{falls(on)}: nothing was changed")
+        raise CalibrationError(f"{torque_warning(on)}: nothing was changed")
     if failed := bus.torque_off([joint.servo_id for joint in joints]):
         raise CalibrationError("torque may still be on: " + "; ".join(map(str, failed)))

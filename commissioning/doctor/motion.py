@@ -17,7 +17,7 @@ from drivers.errors import DriverError
 from hal.compensation.gravity import Gravity
 from hal.errors import HalError
 from hal.joint import Joint
-from hal.servos.limp_arm import falls, servo_name
+from hal.servos.limp_arm import servo_name, torque_warning
 
 Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[JointMotion, ...], str]]
 """Is given what is known so far; returns the motions, or why there are none."""
@@ -45,7 +45,10 @@ class SmallMotions:
         """Move, or say why not."""
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
-            return (), f"{falls(held)}. The motions leave the arm limp: support it and switch its torque off first"
+            return (
+                (),
+                f"{torque_warning(held)}. The motions leave the arm limp: support it and switch its torque off first",
+            )
         if any(finding.severity == "fault" for finding in findings):
             return (), "nothing is moved as long as there are faults: fix those first"
         if unread := [servo_name(servo.joint) for servo in servos if "torque_enable" not in servo.registers]:

@@ -12,7 +12,7 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import ServoError
 from drivers.servos.register import Access, Register, ServoModel
-from hal.servos.limp_arm import falls
+from hal.servos.limp_arm import torque_warning
 
 NOT_WRITTEN = LEAVES_THE_LINE
 """A servo that answers on this line has its rate and protocol already."""
@@ -121,7 +121,7 @@ def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Re
     servo = passport.servos[servo_id]
     require_model(bus, now_id, servo.servo_model)
     if drives(bus, now_id, servo.servo_model):
-        raise PassportError(f"{falls([f'servo {now_id}'])}: support the arm and switch it off first")
+        raise PassportError(f"{torque_warning([f'servo {now_id}'])}: support the arm and switch it off first")
     registers = persistent_registers(servo.servo_model)
     values, now = {}, {}
     for difference in servo_differences(bus, now_id, servo):

@@ -15,7 +15,7 @@ from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.errors import ServoError
 from hal.joint import Joint
-from hal.servos.limp_arm import falls, servo_name
+from hal.servos.limp_arm import servo_name, torque_warning
 from hal.types import FloatArray
 
 OpenBuses = Callable[[Sequence[Joint]], Mapping[str, Bus]]
@@ -100,7 +100,7 @@ class Tuner:
         """
         if not self.held or not (writes or self._ending.relax):
             return ""
-        return f"Here {falls(self.held)}, which this does."
+        return f"Here {torque_warning(self.held)}, which this does."
 
     def check_write(self, wanted: bool) -> None:
         """Raise TuneError where gains could not be written later: the arm must be able to be limp somewhere."""

@@ -1,1 +1,1 @@
-"""Gravity, compliance and backlash of soft servos, made up for in their goals."""
+"""Compensation of gravity, compliance and backlash in the goals of servos."""

@@ -1,4 +1,4 @@
-"""Gravity's torques at the joints, from the masses that a URDF gives its links."""
+"""Compute the torques at the joints due to gravity from the link masses of a URDF."""
 
 import logging
 import math
@@ -17,25 +17,30 @@ GRAVITY_M_S2: Final = 9.81
 
 
 class Gravity:
-    """Gravity pulls along -z of the root link, which stands on the ground.
+    """Gravity model of an arm. Gravity acts along -z of the root link.
 
-    A moving joint that is not among ``joints`` and follows none of them counts as standing at zero; the torques of
-    those behind it are taken for zero, as nobody knows how they are inclined.
+    A moving joint that is neither in ``joints`` nor follows one of them is assumed to be at zero. The torques of the
+    joints after it are assumed to be zero, because their inclination is unknown.
     """
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:
-        """``joints``: the order of positions and torques."""
+        """Create the model. ``joints`` is the order of positions and torques."""
         self._tree = mass_tree(description, joints)
         self._joints = len(joints)
         self._unknown = inclination_unknown(self._tree)
         if not any(joint.carried_kg for joint in self._tree):
-            LOG.warning("the URDF's links have no masses: gravity is not compensated")
+            LOG.warning("the links of the URDF have no masses, so gravity is not compensated")
 
     def torques(self, position: FloatArray) -> FloatArray:
-        """N m (N for a prismatic joint) that hold the arm at ``position`` (n,); of shape (n,).
+        """Compute the torques that hold the arm at a position.
 
-        In plain numbers: arrays of three numbers cost more time than they save.
+        Args:
+            position: Joint positions of shape (n,), in rad or m.
+
+        Returns:
+            Torques or forces of shape (n,), in N m or N.
         """
+        # Plain floats are faster here than arrays of three elements.
         places, torques = position.tolist(), [0.0] * self._joints
         turned: list[Matrix] = []
         slid: list[float] = []
@@ -47,7 +52,7 @@ class Gravity:
             slid.append(0.0 if joint.turns else q)
             up.append(_in_link(matrix, up[joint.parent] if joint.parent >= 0 else (0.0, 0.0, GRAVITY_M_S2)))
         moments = [joint.moment for joint in self._tree]
-        for index in range(len(self._tree) - 1, -1, -1):  # from the tips to the root
+        for index in range(len(self._tree) - 1, -1, -1):  # children before parents
             joint, moment = self._tree[index], moments[index]
             if joint.leader >= 0 and joint.leader not in self._unknown:
                 torques[joint.leader] += joint.multiplier * _held(joint, moment, up[index])
@@ -57,7 +62,7 @@ class Gravity:
 
 
 def _orientation(joint: MovingJoint, q: float) -> Matrix:
-    """The moved link's in its parent's frame."""
+    """Return the orientation of the moved link in the frame of its parent."""
     s, c = math.sin(q), math.cos(q)
     a0, a1, a2, a3, a4, a5, a6, a7, a8 = joint.still
     b0, b1, b2, b3, b4, b5, b6, b7, b8 = joint.sine
@@ -70,14 +75,14 @@ def _orientation(joint: MovingJoint, q: float) -> Matrix:
 
 
 def _in_link(matrix: Matrix, vector: Vector) -> Vector:
-    """A vector of the parent's frame in the link's."""
+    """Transform a vector from the frame of the parent to that of the link."""
     x, y, z = vector
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = matrix
     return r0 * x + r3 * y + r6 * z, r1 * x + r4 * y + r7 * z, r2 * x + r5 * y + r8 * z
 
 
 def _held(joint: MovingJoint, moment: Vector, up: Vector) -> float:
-    """The torque or force that holds a joint; ``up`` is gravity's acceleration turned round, in the link's frame."""
+    """Return the torque or force that holds a joint. ``up`` is the negative gravity vector in the link's frame."""
     (x, y, z), (ux, uy, uz) = joint.axis, up
     if not joint.turns:
         return joint.carried_kg * (x * ux + y * uy + z * uz)
@@ -86,7 +91,7 @@ def _held(joint: MovingJoint, moment: Vector, up: Vector) -> float:
 
 
 def _carried(joint: MovingJoint, matrix: Matrix, slid_m: float, moment: Vector, own: Vector) -> Vector:
-    """The moment of the parent (``own``) and of a link that it carries."""
+    """Return the sum of the parent's first moment (``own``) and that of a link that it carries."""
     (x, y, z), (px, py, pz), (dx, dy, dz) = moment, joint.place_m, joint.slide
     r0, r1, r2, r3, r4, r5, r6, r7, r8 = matrix
     kg = joint.carried_kg

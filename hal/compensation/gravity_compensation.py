@@ -1,7 +1,7 @@
-"""Gravity compensation: goals a little beyond the commands, so that soft servos bring the joints to the commands.
+"""Gravity compensation: offset the goals from the commands so that compliant servos reach the commands.
 
-A servo without an integral part gives way under load. What the URDF's masses explain is known beforehand; what is left
-at rest (friction, dead band, a load in the hand) is found from the measurement, slowly and within narrow limits.
+A servo without an integral term sags under load. The sag due to the link masses in the URDF is computed. The remaining
+error at rest (friction, dead band, a load in the hand) is corrected slowly and within narrow limits from measurements.
 """
 
 import math
@@ -18,30 +18,35 @@ from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointCommand
 
 GUIDED_SHARE: Final = 0.75
-"""Of the weight, where a hand moves the joints: servos pull up to 1.7 times what their data sheets say (BAM's
-identification of an STS3215), and an arm that rises by itself is worse than one that leans a little on its gears."""
+"""Compensated share of the weight if the arm is moved by hand.
+
+Servos are up to 1.7 times as strong as in their data sheets (BAM's identification of an STS3215). An arm that rises
+without being touched is worse than an arm whose gears carry part of the weight."""
 FADE_IN_S: Final = 1.0
-"""The offsets grow from zero in this time after activation, which itself moves nothing."""
+"""Time in which the offsets increase from zero after activation, so that the activation itself moves nothing."""
 LARGEST_LOAD: Final = 0.5
-"""Share of full effort: an arm that needs more to hold itself is not built so, its URDF's masses are wrong."""
+"""Maximum torque for compensation, as a share of full effort. A higher value indicates wrong masses in the URDF."""
 CORRECTION_S: Final = 0.5
-"""Time constant of the slow correction, far above the servos' own lag and the cycle."""
+"""Time constant of the slow correction. It is much longer than the servos' lag and the cycle."""
 REST_S: Final = 0.2
-"""The correction begins so long after the last change of the command: until then the joint is on its way."""
+"""Time after the last change of the command until the correction begins, because the joint still moves before."""
 STILL: Final = 1e-6
-"""A command that changes by less in a cycle (rad or m) stands: a goal for where the joint is ends no rest."""
+"""Maximum change per cycle (rad or m) of a command at rest. A command to the measured position is thus at rest."""
 BLOCKED: Final = 2.0
-"""A joint at rest that is off by more than so many times what servos leave is held by something: no correction."""
+"""Error above which a joint counts as blocked and is not corrected, as a multiple of the servo's error at rest."""
 
 
 class GravityCompensation:
-    """The offsets of one component's joints; one update a cycle. Arrays (n,), rad or m."""
+    """Offsets of the joints of one component, updated in each cycle. Arrays have shape (n,), in rad or m."""
 
     def __init__(self, joints: Sequence[Joint], gravity: Gravity | None, guided: bool = False) -> None:
-        """``gravity`` has the joints in the same order; None: the slow correction alone.
+        """Create the compensation.
 
-        ``guided``: a hand moves the joints, which has to hold against what is left of the weight. The slow correction
-        would work against the hand, and there is none.
+        Args:
+            joints: The joints.
+            gravity: Gravity model with the joints in the same order; None for the slow correction only.
+            guided: Whether the arm is moved by hand. Then there is no slow correction, because it would work against
+                the hand.
         """
         known = [joint.compliance if joint.gravity_compensation else None for joint in joints]
         limits = [joint.limits for joint in joints]
@@ -55,12 +60,12 @@ class GravityCompensation:
         self._lower, self._upper = np.array([one.lower for one in limits]), np.array([one.upper for one in limits])
         self._limit_cycle = LimitCycle(self._dead_band, np.array([joint.transmission for joint in joints]))
         self.enabled = True
-        """Whether there are offsets; they come and go slowly."""
+        """Whether offsets are applied. They fade in and out slowly."""
         self._share = self._offset = self._correction = self._rested_s = np.zeros(len(joints))
         self.restart()
 
     def restart(self, joints: Collection[str] | None = None) -> None:
-        """Begin anew, at activation of these joints (None: all): their first offset is zero."""
+        """Reset the offsets to zero at the activation of joints (None: all joints)."""
         others = np.array([joints is not None and joint.name not in joints for joint in self._joints])
         self._share, self._offset, self._correction, self._rested_s = (
             np.where(others, values, 0.0) for values in (self._share, self._offset, self._correction, self._rested_s)
@@ -69,10 +74,10 @@ class GravityCompensation:
         self._command: FloatArray | None = None
         self._last: FloatArray | None = None
         self.offsets = self._offset
-        """What to add to the next command."""
+        """Offsets to add to the next command."""
 
     def update(self, command: JointCommand, states: ServoStates) -> None:
-        """Find the offsets for the command that follows on this one, which is taken to go on as it did."""
+        """Compute the offsets for the next command, which is extrapolated from the last two commands."""
         counts = {name: at for name, at in states.measured.items() if name not in states.faults.withheld}
         measured = [j.position(counts[j.name]) if j.name in counts else math.nan for j in self._joints]
         here = command.values
@@ -82,19 +87,26 @@ class GravityCompensation:
         self.offsets = self.offset(next_one, np.array(measured), command.period_s)
 
     def offset(self, command: FloatArray, measured: FloatArray, dt_s: float) -> FloatArray:
-        """The offsets for ``command``, which has passed the gate; ``measured`` is NaN where the servo is missing.
+        """Compute the offsets for a command that has passed the gate.
 
-        Command and offset together stay within the joint's limits; how fast they go is limited where they become
-        counts. The offset of a joint that is missing stays.
+        Command plus offset stays within the joint's limits. Its speed is limited later, when it is converted to counts.
+
+        Args:
+            command: Commanded positions, shape (n,).
+            measured: Measured positions, shape (n,). NaN for a joint without measurement, which keeps its offset.
+            dt_s: Period of the control loop, in seconds.
+
+        Returns:
+            Offsets of shape (n,).
         """
         before = command if self._command is None else self._command
         missing = np.isnan(measured)
         sag = self._sag(command)
-        stands = np.abs(command - before) < STILL
-        # Where gravity turns the joint by more than the servo leaves alone, it holds the link against the gear's teeth.
-        loose = stands & (np.abs(sag) < self._dead_band)
+        at_rest = np.abs(command - before) < STILL
+        # If gravity turns a joint beyond its dead band, it presses the gear against one side of the backlash.
+        loose = at_rest & (np.abs(sag) < self._dead_band)
         self._limit_cycle.update(command - measured, loose, dt_s)
-        self._correct(command, before, measured, stands, dt_s)
+        self._correct(command, before, measured, at_rest, dt_s)
         found = self._share * (sag + self._correction + self._limit_cycle.offset)
         goal = command + np.where(missing, self._offset, found)
         self._offset = np.clip(goal, np.minimum(self._lower, command), np.maximum(self._upper, command)) - command
@@ -111,14 +123,14 @@ class GravityCompensation:
         return sag
 
     def _correct(
-        self, command: FloatArray, before: FloatArray, measured: FloatArray, stands: NDArray[np.bool_], dt_s: float
+        self, command: FloatArray, before: FloatArray, measured: FloatArray, at_rest: NDArray[np.bool_], dt_s: float
     ) -> None:
-        """Integrate what remains of the error of joints that rest, once what is known has been compensated."""
-        self._rested_s = np.where(stands, self._rested_s + dt_s, 0.0)
+        """Integrate the remaining error of joints at rest, after the offsets have fully faded in."""
+        self._rested_s = np.where(at_rest, self._rested_s + dt_s, 0.0)
         error = command - measured
         off = np.abs(error)
         goal = before + self._offset
-        free = (self._rested_s > REST_S) & (off > self._dead_band) & (off < BLOCKED * self._uncorrected)  # NaN: not
+        free = (self._rested_s > REST_S) & (off > self._dead_band) & (off < BLOCKED * self._uncorrected)  # not for NaN
         free &= ~self._limit_cycle.swinging & (goal > self._lower) & (goal < self._upper)
         self._correction[self._limit_cycle.swinging] = 0.0
         free &= self._share >= 1.0

@@ -1,7 +1,7 @@
-"""Limit cycles: a joint at rest that swings to and fro through the backlash of its gears.
+"""Damp limit cycles: a joint at rest may oscillate within the backlash of its gears.
 
-A servo pushes with the same least drive from either side (its minimum starting force). Where gravity does not hold the
-link at one end of the gap, it is thrown through, caught on the other side, and thrown back.
+A servo pushes with the same minimum drive from both sides (its minimum starting force). If gravity does not hold the
+link at one end of the backlash, the servo pushes it from one end to the other and back.
 """
 
 from typing import Final
@@ -12,45 +12,54 @@ from numpy.typing import NDArray
 from hal.types import FloatArray
 
 GIVE_WAY_RAD: Final = 0.0046
-"""How far the goal may follow the shaft, three counts of an STS: half of the backlash of about a degree, and less."""
+"""Maximum offset of the goal, in rad of the shaft: three counts of an STS, less than half of a backlash of 1 degree."""
 SLOW_CYCLES: Final = 6
-"""A swing that is slow enough lasts so many cycles of the loop, there and back; a faster one it would drive."""
+"""Minimum period of an oscillation that is damped, in control cycles. A faster oscillation would be amplified."""
 CALMED_CYCLES: Final = 5
-"""One that is being calmed becomes faster as it becomes smaller: it is let go when it lasts less."""
+"""Minimum period of an oscillation whose damping continues, in control cycles. Its period decreases with its size."""
 BEFORE_CYCLES: Final = 4
-"""Before the first half of a swing another one is taken to have lasted so long."""
+"""Assumed duration of the half period before the first measured half period, in control cycles."""
 RETURN_S: Final = 0.5
-"""Time constant with which the goal returns once the command moves on."""
+"""Time constant with which the offset decays after the oscillation ends."""
 
 
 class LimitCycle:
-    """Offsets that end the limit cycles of n joints: for one that swings, the goal goes along.
+    """Offsets that damp the limit cycles of n joints. Arrays have shape (n,), in rad or m.
 
-    A goal that is where the joint just was pulls against its motion only, so the swing dies out; then the goal stays
-    beside the joint. Arrays (n,), rad or m.
+    The goal of an oscillating joint is set to its last measured position. The servo then only acts against the motion,
+    and the oscillation decays. Afterwards the goal stays at the position of the joint.
     """
 
     def __init__(self, dead_band: FloatArray, transmission: FloatArray) -> None:
-        """``dead_band``: errors of so much are no swing. ``transmission``: joint units per radian of the shaft."""
+        """Create the offsets.
+
+        Args:
+            dead_band: Errors that do not count as an oscillation.
+            transmission: Joint units per radian of the shaft.
+        """
         self._dead_band = dead_band
         self._give_way = GIVE_WAY_RAD * transmission
         self.restart()
 
     def restart(self) -> None:
-        """Forget all swings."""
+        """Discard all oscillations."""
         self._side = np.zeros(len(self._dead_band))
         self._cycles = np.zeros(len(self._dead_band))
         self._before = np.full(len(self._dead_band), BEFORE_CYCLES)
         self.swinging: NDArray[np.bool_] = np.zeros(len(self._dead_band), dtype=bool)
-        """Which joints swing, or did since their commands stand."""
+        """Whether each joint oscillates, or has oscillated since its command came to rest."""
         self.offset = np.zeros(len(self._dead_band))
-        """How far the goals go along."""
+        """Offsets of the goals."""
 
     def update(self, error: FloatArray, loose: NDArray[np.bool_], dt_s: float) -> None:
-        """Look at the errors, command less measured position (NaN: unknown).
+        """Detect oscillations and update the offsets.
 
-        ``loose``: joints whose command stands, and which gravity does not hold. One that passes its command by more
-        than the dead band, and comes back past it, swings.
+        A joint oscillates if it passes its command by more than the dead band and then passes it again.
+
+        Args:
+            error: Command minus measured position; NaN if unknown.
+            loose: Whether the command of each joint is at rest and gravity does not hold the joint.
+            dt_s: Period of the control loop, in seconds.
         """
         side = np.where(np.abs(error) > self._dead_band, np.sign(error), self._side)
         passed = side * self._side < 0.0

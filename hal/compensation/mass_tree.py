@@ -1,4 +1,4 @@
-"""The moving joints of a URDF with the masses behind them, made ready for quick sums."""
+"""The moving joints of a URDF with the masses that they carry, prepared for fast evaluation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,22 +13,23 @@ from hal.types import FloatArray
 TURNING: Final = ("revolute", "continuous")
 
 Matrix = tuple[float, ...]
-"""Nine numbers, row by row."""
+"""Nine numbers in row-major order."""
 
 
 @dataclass(frozen=True, slots=True)
 class MovingJoint:
-    """A moving joint and the link behind it, with all that is fastened to that link by fixed joints.
+    """A moving joint and its child link, including all links that are attached to it by fixed joints.
 
-    The link's orientation in the parent's frame is ``still + sin(q) * sine + cos(q) * cosine``, its origin
-    ``place_m + q * slide``. The joint follows the one with the index ``leader`` (-1: none, it counts as standing at
-    zero) by ``multiplier`` and ``offset``.
+    The orientation of the link in the frame of its parent is ``still + sin(q) * sine + cos(q) * cosine``. Its origin is
+    ``place_m + q * slide``. The position of the joint is ``multiplier`` times the position of the joint with index
+    ``leader``, plus ``offset``.
     """
 
     name: str
     parent: int
-    """Index of the moving joint before it; -1: the root link."""
+    """Index of the previous moving joint; -1 for the root link."""
     turns: bool
+    """Whether the joint is rotary; otherwise it is prismatic."""
     still: Matrix
     sine: Matrix
     cosine: Matrix
@@ -36,16 +37,17 @@ class MovingJoint:
     slide: Vector
     axis: Vector
     leader: int
+    """Index of the commanded joint that this joint follows; -1 if there is none and this joint is assumed at zero."""
     multiplier: float
     offset: float
     moment: Vector
-    """First moment of the link's own mass (kg m)."""
+    """First moment of the link's own mass, in kg m."""
     carried_kg: float
-    """The mass of the link and of all links behind it."""
+    """Mass of the link and of all its descendants."""
 
 
 class _Tree:
-    """A tree that grows from the root link, each joint behind its parent."""
+    """Builder for a tree of moving joints in which each joint follows its parent."""
 
     def __init__(self, description: Description, joints: Sequence[str]) -> None:
         self.found: list[MovingJoint] = []
@@ -57,9 +59,16 @@ class _Tree:
             self._below.setdefault(joint.parent, []).append(joint)
 
     def grow(self, link: str, parent: int, to: FloatArray, at: FloatArray) -> tuple[float, FloatArray]:
-        """Add all joints behind a link that is fastened at ``to`` (rotation), ``at`` (m) in the parent's frame.
+        """Add all joints after a link.
 
-        Returns the mass of the link and of all behind it, and the first moment of those that move with the parent.
+        Args:
+            link: Name of the link.
+            parent: Index of the moving joint that carries the link.
+            to: Rotation of the link in the frame of the parent, shape (3, 3).
+            at: Position of the link in the frame of the parent, shape (3,), in m.
+
+        Returns:
+            The mass of the link and all its descendants, and the first moment of the links that move with the parent.
         """
         own = self._links.get(link)
         kg, center = (own.mass_kg, np.array(own.center_m)) if own else (0.0, np.zeros(3))
@@ -102,7 +111,7 @@ class _Tree:
         return carried_kg
 
     def _leader(self, joint: UrdfJoint) -> tuple[int, float, float]:
-        """The index of the joint that is commanded, and how this one follows it, through mimics of mimics too."""
+        """Resolve chains of mimic joints. Return the index of the commanded joint, the multiplier and the offset."""
         multiplier, offset, seen = 1.0, 0.0, {joint.name}
         while joint.name not in self._joints and joint.mimic is not None and joint.mimic.joint not in seen:
             offset += multiplier * joint.mimic.offset
@@ -115,7 +124,7 @@ class _Tree:
 
 
 def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJoint, ...]:
-    """All moving joints, each behind its parent; ``joints`` are those that are commanded, in their order."""
+    """Return all moving joints, each after its parent. ``joints`` are the commanded joints in order."""
     tree = _Tree(description, joints)
     children = {joint.child for joint in description.joints.values()}
     for root in dict.fromkeys(j.parent for j in description.joints.values() if j.parent not in children):
@@ -124,7 +133,7 @@ def mass_tree(description: Description, joints: Sequence[str]) -> tuple[MovingJo
 
 
 def inclination_unknown(tree: Sequence[MovingJoint]) -> set[int]:
-    """The leaders of joints behind a moving joint that nobody commands: who knows how they are inclined."""
+    """Return the leaders of joints with unknown inclination: those after a moving joint without commands."""
     unknown: set[int] = set()
     lost: list[bool] = []
     for node in tree:

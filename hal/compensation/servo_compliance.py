@@ -1,7 +1,8 @@
-"""How far a servo gives way under load, and how far it lags: from its model's facts and its position loop's gains.
+"""Compute the stiffness and lag of a servo from the data of its model and the gains of its position loop.
 
-A position loop without an integral part is a spring with a damper. Its drive grows with the error by so much a count,
-and full drive is the stall torque; the damper is the motor's back-EMF, which at no-load speed takes all of the drive.
+A position loop without an integral term acts like a spring with a damper. The drive is proportional to the error, and
+full drive corresponds to the stall torque. The damper is the back-EMF of the motor, which balances full drive at
+no-load speed.
 """
 
 import math
@@ -16,53 +17,58 @@ from drivers.servos.register import ServoModel
 from hal.types import FloatArray
 
 STS_SETTINGS: Final = {"position_p": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, "max_acceleration": 100}
-"""The factory's, as far as a joint's compliance hangs on them."""
+"""Factory settings that affect the compliance."""
 STS_DRIVE_PER_COUNT: Final = 1.0 / 4000.0
-"""Share of full drive a count and unit of P: the firmware's P / 4 of 1000; BAM's identification is 2 % more."""
+"""Share of full drive per count of error and unit of P.
+
+The firmware's drive is P / 4 per count, of 1000; BAM identified 2 % more."""
 STS_MOTOR_TIME_S: Final = 0.026
-"""Rotor inertia over damping, from step responses recorded on hardware; BAM identified 0.047."""
+"""Rotor inertia divided by damping, from step responses recorded on hardware. BAM identified 0.047."""
 ENCODER_STEP_COUNTS: Final = 1.0
-"""Beside the dead zone, which is taken off the error, a servo leaves the count in which its encoder's steps lie."""
+"""Resolution of the encoder. A servo corrects no error below its dead zone plus this resolution."""
 STS_FRICTION_SHARE: Final = 0.04
-"""Share of the stall torque: twice the Coulomb friction that BAM identified (0.052 N m), as load adds to it."""
+"""Friction as a share of the stall torque: twice the Coulomb friction identified by BAM (0.052 N m), because load
+increases it."""
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
-"""By e-manual: P gain / 128 units of PWM a count."""
+"""Share of full drive per count of error and unit of P. According to the e-manual it is P / 128 units of PWM."""
 XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
-"""Half of that is what BAM saw of an XL330 on its oscilloscope."""
+"""Half of ``X_DRIVE_PER_COUNT``, which BAM measured on an XL330 with an oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
-"""It has no dead zone, but steps of a count in what it measures and in what it is told."""
+"""Dead band of the X series, which has no dead zone: one count of measurement and one count of goal resolution."""
 X_FRICTION_SHARE: Final = 0.04
-"""Assumed, as in the STS. The rotor's inertia is unknown too, and taken for none."""
+"""Friction as a share of the stall torque, assumed as for the STS. The unknown rotor inertia is assumed to be zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class Compliance:
-    """A joint's compliance, in rad and N m, or m and N for a prismatic joint."""
+    """Compliance of a joint, in rad and N m, or in m and N for a prismatic joint."""
 
     stiffness: float
-    """Torque or force for each unit of error."""
+    """Torque or force per unit of error."""
     lag_s: float
-    """At constant speed the joint is so long behind the set-point."""
+    """Delay of the joint behind the set-point at constant speed, in seconds."""
     inertia_s2: float
-    """The rotor's inertia over stiffness: times the acceleration, it is so far behind."""
+    """Rotor inertia divided by stiffness. Multiplied by the acceleration, it gives the lag due to inertia."""
     profile_acceleration: float
-    """A stream of goals is followed so far behind as braking takes at this: the servo means to stop at each goal."""
+    """Deceleration with which the servo stops at each goal. In a stream of goals it lags by the braking distance."""
     dead_band: float
-    """An error of so much is not corrected by the servo."""
+    """Error below which the servo does not correct."""
     friction: float
-    """So much torque or force may be lost at standstill."""
+    """Torque or force that may be lost to friction at standstill."""
 
     @property
     def uncorrected(self) -> float:
-        """The largest error at rest that dead band and friction leave, whichever side the joint came from."""
+        """Largest error at rest due to dead band and friction, for an approach from either side."""
         return self.dead_band + 2.0 * self.friction / self.stiffness
 
 
 def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
-    """Three rows, each (n,), that say how far joints lag: not at all where nothing is known.
+    """Return the lag coefficients of joints. Joints with unknown compliance have no lag.
 
-    The first times the speed, the profile's way to brake at the second, and the third times the acceleration.
+    Returns:
+        Array of shape (3, n): the delay (times speed), the profile acceleration (for the braking distance), and the
+        inertia (times acceleration).
     """
     known = [
         (one.lag_s, one.profile_acceleration, one.inertia_s2) if one else (0.0, math.inf, 0.0) for one in compliances
@@ -71,7 +77,7 @@ def lags(compliances: Sequence[Compliance | None]) -> FloatArray:
 
 
 def assumed_settings(model: ServoModel) -> Mapping[str, int]:
-    """The settings, by register, that a servo is taken to have where nobody says otherwise."""
+    """Return the settings that are assumed for a servo, by register name."""
     return STS_SETTINGS if model in sts.MODELS.values() else {}
 
 
@@ -81,10 +87,17 @@ def compliance_of(
     transmission: float = 1.0,
     settings: Mapping[str, int] | None = None,
 ) -> Compliance | None:
-    """The compliance of a joint; ``position_p`` is a Dynamixel's gain, if somebody chose one, ``settings`` an STS's.
+    """Compute the compliance of a joint.
 
-    None where loop or gain are unknown: SCS, AX, MX and XL-320 publish no scale, and the X series' gain differs by
-    model and lives in RAM.
+    Args:
+        model: Model of the servo.
+        position_p: Position P gain of a Dynamixel, if it is set.
+        transmission: Joint units per radian of the shaft.
+        settings: Settings of an STS that differ from the factory settings, by register name.
+
+    Returns:
+        The compliance. None if it is unknown: SCS, AX, MX and XL-320 publish no scale of the gain, and the default gain
+        of the X series differs between models.
     """
     if model in sts.MODELS.values():
         held = {**STS_SETTINGS, **(settings or {})}
@@ -98,7 +111,7 @@ def compliance_of(
     else:
         return None
     if not per_count:
-        return None  # a servo without a position gain holds nothing
+        return None  # a servo without a position gain does not hold
     motor_time_s, profile_counts_s2, dead_band_counts, friction_share = facts
     rad_per_count = 2.0 * math.pi / model.counts_per_turn
     stiffness = per_count / rad_per_count * model.stall_torque_nm
@@ -114,6 +127,6 @@ def compliance_of(
 
 
 def _profile_counts_s2(max_acceleration: int) -> float:
-    """The acceleration that each goal brings along, as far as the servo's own limit (0: none) lets it."""
+    """Return the acceleration of each goal, limited by the servo's own maximum (0: no limit)."""
     units = min(sts.GOAL_ACCELERATION, max_acceleration or sts.GOAL_ACCELERATION)
     return float(units * sts.ACCELERATION_UNIT_COUNTS_S2)

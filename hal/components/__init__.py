@@ -1,1 +1,1 @@
-"""Hardware components with life cycles of their own, as one hardware for the loop."""
+"""Set of hardware components that the control loop uses as one hardware. Each component has its own life cycle."""

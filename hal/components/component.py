@@ -1,4 +1,4 @@
-"""The loop's record of one hardware component: its part of the whole, and whether it can be used."""
+"""The record that the control loop keeps of each hardware component: its joints, its commands and its state."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,22 +15,24 @@ CONFIGURED = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 @dataclass(slots=True)
 class Component:
-    """A component's record: ``joints`` and ``commands`` are its part of the whole set's."""
+    """Record of one hardware component."""
 
     hardware: Hardware
     joints: slice
+    """Joints of the component among the joints of the set."""
     commands: slice
+    """Commands of the component among the commands of the set."""
     cycles_per_update: int = 1
-    """The component is read and written once in so many cycles."""
+    """Number of cycles between two updates of the component."""
     switching: bool = False
-    """A transition changes its state just now, in the background: the cycle leaves it alone."""
+    """Whether a transition is running in the background. The cycle skips the component meanwhile."""
     error: Exception | None = None
-    """Why it is lost, or by what defect. It may still be told to stop, as far as it can be reached."""
+    """Error that made the component lost. The component may still be stopped if it can be reached."""
     out_of_reach: bool = False
-    """The last command reached nobody."""
+    """Whether the last command reached none of its joints."""
     finalized: bool = False
     driven: bool = False
-    """The component has been active in a cycle, and nobody has changed its state since."""
+    """Whether the component has been active in a cycle since its last transition."""
 
     @property
     def name(self) -> str:
@@ -38,27 +40,27 @@ class Component:
 
     @property
     def state(self) -> LifecycleState:
-        """The life cycle state as the component says; FINALIZED, which comes from outside, is the last word."""
+        """Life cycle state of the component; FINALIZED once the component has been given up."""
         return LifecycleState.FINALIZED if self.finalized else self.hardware.state
 
     @property
     def sound(self) -> bool:
-        """Whether the cycle may read it: it is configured, not being switched and not lost."""
+        """Whether the cycle may read the component: it is configured, not in a transition and not lost."""
         return not self.switching and self.error is None and self.hardware.state in CONFIGURED
 
     @property
     def active(self) -> bool:
-        """Whether controllers may command it."""
+        """Whether controllers may command the component."""
         return self.sound and self.hardware.state is LifecycleState.ACTIVE
 
     @property
     def incomplete(self) -> bool:
-        """Whether joints of the active component have to be activated again."""
+        """Whether joints of the active component must be activated again."""
         return self.active and isinstance(self.hardware, Reactivating) and bool(self.hardware.without_torque)
 
 
 def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]) -> Iterator[Component]:
-    """Records of components whose joints and commands stand one behind the other; ``cycles_per_update`` of each."""
+    """Yield a record of each component. Joints and commands of the set follow the order of the components."""
     joints = commands = 0
     for one, cycles in zip(hardware, cycles_per_update, strict=True):
         ends = joints + len(one.joints), commands + len(one.command_interfaces)
@@ -67,7 +69,13 @@ def components_of(hardware: Sequence[Hardware], cycles_per_update: Sequence[int]
 
 
 def merged_state(components: Sequence[Component], parts: Mapping[str, JointState], stamp_s: float) -> JointState:
-    """Put the components' states (by component name) together; joints that are not measured now have a fault."""
+    """Merge the states of all components into one. Joints of an unavailable component get a fault.
+
+    Args:
+        components: All components, in the order of their joints.
+        parts: State of each component, by component name.
+        stamp_s: Time of the merged state, in seconds.
+    """
     position, velocity, effort = (np.full(components[-1].joints.stop, np.nan) for _ in range(3))
     faults: dict[str, JointFault] = {}
     health: dict[str, ServoHealth] = {}
@@ -84,12 +92,11 @@ def merged_state(components: Sequence[Component], parts: Mapping[str, JointState
             lines |= part.lines
             faults |= part.faults
         if not component.sound:
-            faults |= dict.fromkeys(component.hardware.joints, JointFault("component", _absence(component)))
+            faults |= dict.fromkeys(component.hardware.joints, JointFault("component", _unavailable_text(component)))
     return JointState(stamp_s, position, velocity, effort, faults, health, extra, lines)
 
 
-def _absence(component: Component) -> str:
-    """Why there is nothing new of a component's joints."""
+def _unavailable_text(component: Component) -> str:
     if component.error is not None:
         return f"{component.name} is lost: {component.error}"
     return f"{component.name} is {'being switched' if component.switching else component.state.name.lower()}"

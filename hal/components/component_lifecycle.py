@@ -1,4 +1,4 @@
-"""The life cycle of all components of a set: at the loop's start and at its end, and where a start fails half-way."""
+"""Life cycle transitions of all components of a set, for the start and the end of the control loop."""
 
 import logging
 from collections.abc import Callable, Collection, Sequence
@@ -14,9 +14,15 @@ LOG = logging.getLogger("servoloop.hal")
 
 
 def configure_all(components: ComponentSet, leave_out: Collection[str] = (), keep_alive: bool = False) -> None:
-    """Configure all but those named. Raises what the first one raises, with those before it given back.
+    """Configure the components of a set.
 
-    ``keep_alive``: such a one stays as it is, and the others go on.
+    Args:
+        components: The set.
+        leave_out: Names of components that are not configured.
+        keep_alive: Continue with the other components if one cannot be configured. Its state stays as it is.
+
+    Raises:
+        DriverError, HalError: A component could not be configured. All components have been cleaned up.
     """
     try:
         for component in components.components:
@@ -28,10 +34,15 @@ def configure_all(components: ComponentSet, leave_out: Collection[str] = (), kee
 
 
 def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), keep_alive: bool = False) -> None:
-    """Activate all that are inactive, but for those named.
+    """Activate the inactive components of a set.
 
-    Raises what the first one raises, with the activation of those before it undone. ``keep_alive``: such a one stays
-    as it is, and the others go on.
+    Args:
+        components: The set.
+        keep_inactive: Names of components that are not activated.
+        keep_alive: Continue with the other components if one cannot be activated. Its state stays as it is.
+
+    Raises:
+        DriverError, HalError: A component could not be activated. The activation of the others has been undone.
     """
     done: list[Component] = []
     try:
@@ -47,12 +58,17 @@ def activate_all(components: ComponentSet, keep_inactive: Collection[str] = (), 
 
 
 def deactivate_all(components: ComponentSet, relax: bool) -> Sequence[str]:
-    """Deactivate all that are active, whatever becomes of the others; returns what went wrong."""
+    """Deactivate all active components, even if some of them fail. Return the errors.
+
+    Args:
+        components: The set.
+        relax: Whether torque is disabled; otherwise the joints hold their positions.
+    """
     return _switch_off(components, lambda hardware: hardware.deactivate(relax))
 
 
 def undo_all(components: ComponentSet) -> Sequence[str]:
-    """Undo the activation of all active components, even if one of them fails; returns the errors."""
+    """Undo the activation of all active components, even if some of them fail. Return the errors."""
     return _switch_off(components, undo_activation)
 
 
@@ -62,19 +78,19 @@ def _switch_off(components: ComponentSet, step: Callable[[Hardware], Sequence[st
         if component.hardware.state is LifecycleState.ACTIVE:
             try:
                 problems += step(component.hardware)
-            except Exception as error:  # the next component matters more than this one's failure
-                whom = f" {component.name}" if len(components.components) > 1 else ""
-                problems.append(f"could not switch{whom} off: {error}")
+            except Exception as error:  # the other components must still be switched off
+                name = f" {component.name}" if len(components.components) > 1 else ""
+                problems.append(f"could not switch{name} off: {error}")
     return problems
 
 
 def clean_up_all(components: ComponentSet) -> None:
-    """Give everything back, of each component; then raises what the first one raised."""
+    """Clean up all components, even if some of them fail. Raises the first error."""
     errors: list[Exception] = []
     for component in components.components:
         try:
             component.hardware.cleanup()
-        except Exception as error:  # the others still hold their ports
+        except Exception as error:  # the other components still hold their ports
             errors.append(error)
     if errors:
         raise errors[0]

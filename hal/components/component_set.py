@@ -1,4 +1,4 @@
-"""Several hardware components as one: what the loop reads and writes."""
+"""A set of hardware components that the control loop reads and writes as one."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -18,21 +18,22 @@ LOG = logging.getLogger("servoloop.hal")
 
 
 class ComponentSet:
-    """The set has all components in the order of their blocks; joints and commands stand one behind the other.
+    """All hardware components, in the order of their ``<ros2_control>`` blocks.
 
-    Called from the loop's thread. A component that fails in a cycle does not keep the others from theirs: it is
-    noted in ``failures``, and left alone until ``drop``.
+    The joints and commands of the set follow the same order. All methods are called from the thread of the control
+    loop. A component that fails in a cycle does not affect the others: it is added to ``failures`` and skipped until
+    ``drop``.
     """
 
     def __init__(
         self, hardware: Sequence[Hardware], clock: Clock, cycles_per_update: Sequence[int] | None = None
     ) -> None:
-        """``cycles_per_update`` of each component; unless said, all are read and written in every cycle."""
+        """Create the set. ``cycles_per_update`` is the number of cycles per update of each component, by default 1."""
         self.components = tuple(components_of(hardware, cycles_per_update or [1] * len(hardware)))
         self.joints = tuple(joint for one in hardware for joint in one.joints)
         self.command_interfaces = tuple(name for one in hardware for name in one.command_interfaces)
         self.failures: list[Component] = []
-        """Components that have failed since somebody looked."""
+        """Components that have failed since the list was last cleared."""
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
         self._clock = clock
         self._cycle = 0
@@ -41,58 +42,58 @@ class ComponentSet:
 
     @property
     def name(self) -> str:
-        """The names of all components."""
+        """Names of all components, separated by commas."""
         return ", ".join(component.name for component in self.components)
 
     @property
     def state(self) -> LifecycleState:
-        """The state of the component that has come furthest."""
+        """Furthest life cycle state among the components: active, inactive or unconfigured."""
         states = {component.hardware.state for component in self.components}
         found = (s for s in (LifecycleState.ACTIVE, LifecycleState.INACTIVE) if s in states)
         return next(found, LifecycleState.UNCONFIGURED)
 
     @property
     def lost(self) -> list[Component]:
-        """Components that have failed, and have not been configured anew."""
+        """Components that have failed and have not been configured again."""
         return [component for component in self.components if component.error is not None]
 
     @property
     def reachable(self) -> bool:
-        """Whether a command would reach anybody, as far as is known."""
+        """Whether a command would reach at least one active component, as far as is known."""
         active = (one for one in self.components if one.hardware.state is LifecycleState.ACTIVE)
         return any(not (one.switching or one.out_of_reach) for one in active)
 
     def component(self, name: str) -> Component | None:
-        """The component of that name."""
+        """Return the component with this name, or None."""
         return next((component for component in self.components if component.name == name), None)
 
     def ready(self, interface: str) -> bool:
-        """Whether a controller can use this command interface now: it needs an active component."""
+        """Return whether a controller can use this command interface now: its component must be active."""
         home = self._homes.get(interface.rpartition("/")[0])
         return home is not None and home.active
 
     def measured(self, interface: str) -> bool:
-        """Whether a controller can use this state interface now: it needs a sound component."""
+        """Return whether a controller can use this state interface now: its component must be readable."""
         home = self._homes.get(interface.rpartition("/")[0])
-        return home is None or home.sound  # a joint that mimics is wherever its leader is
+        return home is None or home.sound  # a mimic joint has no component; its position follows from its leader
 
     def update_every_cycle(self) -> None:
-        """From here on each component is read and written in every cycle: the end of a motion must reach it."""
+        """Read and write every component in every cycle from now on, so that the end of a motion reaches it."""
         for component in self.components:
             component.cycles_per_update = 1
 
-    def doubt_leaps(self, limits: Mapping[str, JointLimits]) -> None:
-        """Believe a position that its joint cannot have reached only if a second reading confirms it.
+    def filter_leaps(self, limits: Mapping[str, JointLimits]) -> None:
+        """Reject positions that joints with these limits cannot have reached, until a second reading confirms them.
 
-        ``limits`` by joint. Components that doubt leaps by themselves are left alone.
+        Components that check their positions themselves are not filtered.
         """
-        doubted = [one.hardware for one in self.components if not isinstance(one.hardware, DoubtingLeaps)]
-        self._filters = {one.name: LeapFilter(one.name, one.joints, limits) for one in doubted}
+        filtered = [one.hardware for one in self.components if not isinstance(one.hardware, DoubtingLeaps)]
+        self._filters = {one.name: LeapFilter(one.name, one.joints, limits) for one in filtered}
 
     def read(self, deadline_s: float | None = None) -> JointState:
-        """Read all components; one that is not there has its last known values, and a fault for each joint.
+        """Read all components. A component that cannot be read keeps its last values and gets a fault for each joint.
 
-        All components ask before any of them waits, until ``deadline_s`` on the clock if there is one.
+        All components send their requests before any of them waits for answers, until the clock time ``deadline_s``.
         """
         parts, cycle = self._parts, self._cycle
         self._cycle += 1
@@ -113,9 +114,9 @@ class ComponentSet:
         return merged_state(self.components, parts, max(stamps, default=self._clock.now()))
 
     def measure(self, component: Component) -> JointState:
-        """Read one component between two cycles, for a caller that confirms each position by itself.
+        """Read one component between two cycles, without the filter for jumps: the caller confirms each position.
 
-        Raises what keeps the component from being read; it is lost then.
+        Raises the error if the component cannot be read. The component is lost then.
         """
         self._request(component, None)
         if component.error is None:
@@ -125,14 +126,14 @@ class ComponentSet:
         return self._parts[component.hardware.name]
 
     def ask_for_torque(self, component: Component) -> frozenset[str]:
-        """Ask an active component's joints whether they have torque, between two cycles.
+        """Check between two cycles which joints of an active component have torque. Return joints without an answer.
 
-        Returns the joints that gave no answer. Raises what keeps the component from being asked; it is lost then.
+        Raises the error if the component cannot be reached. The component is lost then.
         """
         hardware = component.hardware
         try:
             return hardware.ask_for_torque() if isinstance(hardware, AskedForTorque) else frozenset()
-        except Exception as error:  # as in _read
+        except Exception as error:  # see _read
             self.lose(component, error)
             raise
 
@@ -140,7 +141,7 @@ class ComponentSet:
         if isinstance(component.hardware, Requesting):
             try:
                 component.hardware.request(deadline_s)
-            except Exception as error:  # as in _read
+            except Exception as error:  # see _read
                 self.lose(component, error)
 
     def _read(self, component: Component, confirmed: bool = False) -> None:
@@ -152,20 +153,17 @@ class ComponentSet:
                 believed = self._filters[name].believed(part, component.hardware.state is LifecycleState.ACTIVE)
                 part = part if confirmed else believed
             self._parts[name] = part
-        except Exception as error:  # a defect of one component loses this one: the others go on
+        except Exception as error:  # an error in one component must not stop the others
             self.lose(component, error)
 
     def write(self, values: FloatArray, period_s: float) -> None:
-        """Write its part of ``values`` (m,) to each active component; one may be lost in part only, and is tried too.
-
-        What takes no commands, a sensor, is only read.
-        """
+        """Write commands of shape (m,) to the active components. Lost components may still be reachable in part."""
         for component in self.components:
             if component.switching:
                 continue
             if component.finalized or component.hardware.state is not LifecycleState.ACTIVE:
-                if component.driven:  # its controllers must not go on as if it followed them
-                    self.lose(component, DriverError(f"it has become {component.state.name.lower()} by itself"))
+                if component.driven:  # its controllers must not continue as if the component followed them
+                    self.lose(component, DriverError(f"it became {component.state.name.lower()} without a request"))
                 continue
             component.driven = True
             part = values[component.commands]
@@ -178,12 +176,12 @@ class ComponentSet:
             component.hardware.write(command)
         except PartLost as error:
             self.lose(component, error)
-        except Exception as error:  # as in read
+        except Exception as error:  # see _read
             component.out_of_reach = True
             self.lose(component, error)
 
     def lose(self, component: Component, error: Exception) -> None:
-        """A failed component is left alone from here on, and noted in ``failures``."""
+        """Mark a component as lost, log the error and add the component to ``failures``."""
         if component.error is None:
             defect = None if isinstance(error, DriverError) else error
             LOG.error("%s is lost: %s", component.name, error, exc_info=defect)
@@ -191,7 +189,7 @@ class ComponentSet:
             self.failures.append(component)
 
     def rejoin(self, component: Component) -> None:
-        """A component is back from its transition: its last values are old, it is read in the coming cycle."""
+        """Return a component to the cycle after a transition. Its old values are discarded."""
         component.switching = False
         component.out_of_reach = False
         component.driven = False
@@ -202,11 +200,11 @@ class ComponentSet:
             component.error = None
 
     def drop(self, component: Component) -> None:
-        """A lost component is given up: what still answers goes on holding, and every port is given back."""
+        """Clean up a lost component and close its ports. Servos that still answer hold their positions."""
         try:
             component.hardware.cleanup()
-        except Exception as error:  # whatever it is, the others go on; this one does not come back
-            LOG.error("%s is given up for good: %s", component.name, error)
+        except Exception as error:  # the other components must continue
+            LOG.error("%s could not be cleaned up and stays unavailable: %s", component.name, error)
             component.finalized = True
 
 

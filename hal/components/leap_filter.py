@@ -1,4 +1,4 @@
-"""One component's measurements without the positions that its joints cannot have reached."""
+"""Filter that removes implausible positions from the measurements of one component."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -14,23 +14,31 @@ ARRAYS: Final = ("position", "velocity", "effort")
 
 
 class LeapFilter:
-    """A joint whose position leaps counts as not measured, until a second reading confirms the first."""
+    """Filter for position readings that jump. The joint counts as not measured until a second reading confirms them."""
 
     def __init__(self, component: str, joints: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
-        """``limits`` by joint; a joint without any is believed."""
+        """Create the filter.
+
+        Args:
+            component: Name of the component, for messages.
+            joints: Names of its joints.
+            limits: Limits by joint name. A joint without limits is not filtered.
+        """
         self._component = component
         self._limits = {index: (name, limits[name]) for index, name in enumerate(joints) if name in limits}
         self.forget()
 
     def forget(self) -> None:
-        """The component begins anew: its next reading has nothing that could contradict it."""
+        """Discard all earlier readings. The next reading is always accepted."""
         self._plausibility = {index: Plausibility.of_limits(limits) for index, (_, limits) in self._limits.items()}
         self._last: JointState | None = None
 
     def believed(self, state: JointState, driven: bool) -> JointState:
-        """The measurement with the last values of joints that leap, and a fault for each of them.
+        """Return the state, in which joints that jumped keep their last values and have a fault.
 
-        ``driven``: whether the component is active; a limp joint can be moved faster by hand.
+        Args:
+            state: The measurement of one cycle.
+            driven: Whether the component is active. A limp joint can be moved faster by hand.
         """
         leaps = {}
         for index, (name, _) in self._limits.items():
@@ -57,6 +65,6 @@ class LeapFilter:
     def _fault(name: str, position: float, leap: float) -> JointFault:
         return JointFault(
             "implausible",
-            f"{name} is measured at {position:.4f}, {leap:+.4f} from the reading before: no joint moves as fast, so a "
-            "second reading must confirm it",
+            f"{name} is measured at {position:.4f}, {leap:+.4f} from the previous reading. No joint moves that fast, "
+            "so the position is ignored until a second reading confirms it",
         )

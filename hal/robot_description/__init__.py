@@ -1,1 +1,1 @@
-"""The URDF: joints, links, masses, and ros2_control's hardware blocks."""
+"""URDF parser: joints, links, masses and ``<ros2_control>`` blocks."""

@@ -1,4 +1,4 @@
-"""``min`` and ``max`` of the command interfaces: limits of the commands within the limits of the joint."""
+"""Parse ``min`` and ``max`` of command interfaces, which narrow the limits of a joint."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -15,21 +15,23 @@ ENDS: Final = ("min", "max")
 
 @dataclass(frozen=True, slots=True)
 class CommandRange:
-    """The ``min`` and ``max`` of one command interface; infinite where the file does not give one."""
+    """Range of one command interface."""
 
     lowest: float
+    """``min``; minus infinity if it is not given."""
     highest: float
+    """``max``; infinity if it is not given."""
     place: str
-    """The file and the line of the interface."""
+    """File and line of the interface."""
 
 
 def parse_command_range(interface: str, element: Element) -> CommandRange | None:
-    """Parse the range of a <command_interface>; None if it gives none. Raises DescriptionError."""
+    """Parse the range of a <command_interface>. Return None if it has no range. Raises DescriptionError."""
     texts: dict[str, str] = {}
     for parameter in element.findall("param"):
         name = parameter.get("name", "")
         if name in texts:
-            raise DescriptionError(f"{interface} has {name} twice ({place(parameter)}): take one out.")
+            raise DescriptionError(f"{interface} has {name} twice ({place(parameter)}): remove one.")
         if name in ENDS:
             texts[name] = (parameter.text or "").strip()
     if not texts:
@@ -52,43 +54,48 @@ def _number(interface: str, name: str, text: str | None, where: str) -> float | 
 
 
 def range_problems(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iterator[str]:
-    """Yields each range that leaves the joint no motion. ``ranges`` by ``position``, ``velocity``, ``effort``."""
+    """Yield a message for each range with which the joint cannot be used.
+
+    Args:
+        joint: The joint.
+        ranges: Ranges by kind: ``position``, ``velocity`` or ``effort``.
+    """
     for kind, found in ranges.items():
-        said = f"{joint.name}/{kind}: min {found.lowest} and max {found.highest} ({found.place})"
+        subject = f"{joint.name}/{kind}: min {found.lowest} and max {found.highest} ({found.place})"
         lower, upper = _limits(joint, kind)
         if max(lower, found.lowest) >= min(upper, found.highest):
-            yield f"{said} are outside the joint's limits {lower} to {upper}: correct them."
+            yield f"{subject} are outside the joint's limits {lower} to {upper}: correct them."
         elif kind == "position":
             if joint.kind == "continuous" and not (math.isfinite(found.lowest) and math.isfinite(found.highest)):
-                yield f"{said} bound one end only: a continuous joint needs both or none."
+                yield f"{subject} limit only one end, but a continuous joint needs both ends or none: add the other."
         elif not found.lowest <= 0.0 <= found.highest:
-            yield f"{said} exclude 0, so the joint could not be stopped: include it."
+            yield f"{subject} exclude 0, so the joint could not be stopped: include 0."
         elif kind == "velocity" and "position" in joint.commands and 0.0 in (found.lowest, found.highest):
-            yield f"{said} forbid one direction, and {joint.name} takes positions too: allow both directions."
+            yield f"{subject} allow only one direction, but {joint.name} also takes positions: allow both directions."
 
 
 def range_warnings(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> Iterator[str]:
-    """Yields the ends of ranges that have no effect, because the joint's own limit is narrower."""
+    """Yield a warning for each end of a range that has no effect because the joint's limit is narrower."""
     for kind, found in ranges.items():
         lower, upper = _limits(joint, kind)
         ends = (("min", found.lowest, "below", lower), ("max", found.highest, "above", upper))
         for name, end, side, limit in ends:
             if math.isfinite(end) and (end < lower or end > upper):
                 yield (
-                    f"{joint.name}/{kind}: {name} {end} is {side} the joint's limit {limit} ({found.place}): "
-                    "the joint's limit is kept"
+                    f"{joint.name}/{kind}: {name} {end} is {side} the joint's limit {limit} ({found.place}) "
+                    "and has no effect"
                 )
 
 
 def narrowed(joint: UrdfJoint, ranges: Mapping[str, CommandRange]) -> UrdfJoint:
-    """The joint with its limits narrowed to the ranges of its commands, which have no problems."""
+    """Narrow the limits of a joint to the ranges of its commands. The ranges must have passed ``range_problems``."""
     for kind, found in ranges.items():
         lower, upper = _limits(joint, kind)
         low, high = max(lower, found.lowest), min(upper, found.highest)
         if kind == "position":
             joint = replace(joint, lower=low, upper=high)
         elif kind == "velocity":
-            # A motion to a position must keep to the velocities of both directions.
+            # A motion to a position must respect the velocity limits of both directions.
             fastest = min(-low, high) if "position" in joint.commands else max(-low, high)
             joint = replace(joint, velocity=fastest, velocity_range=(low, high))
         else:

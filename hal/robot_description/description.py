@@ -1,4 +1,4 @@
-"""The robot description: what a URDF says about joints and about ros2_control's hardware."""
+"""Parse a URDF into joints, links and hardware components."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +15,7 @@ from hal.robot_description.xml_places import is_xacro, number_problems, parse_xm
 
 __all__ = ["Description", "HardwareInfo", "Link", "Mimic", "UrdfJoint", "Vector", "merged", "parse_urdf"]
 
-XACRO: Final = "this is xacro and not yet a URDF: run 'xacro FILE > robot.urdf', and name robot.urdf instead"
+XACRO: Final = "this file is xacro, not URDF: run 'xacro FILE > robot.urdf' and use robot.urdf instead"
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,19 +24,19 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
-    """By name; the limits are those of the commands, narrowed by ``min`` and ``max`` of the command interfaces."""
+    """Joints by name. Their limits are narrowed by ``min`` and ``max`` of the command interfaces."""
     components: tuple[HardwareInfo, ...] = field(default=())
     links: Mapping[str, Link] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    """Values that have no effect."""
+    """Descriptions of values that have no effect."""
 
 
 def parse_urdf(xml: str, file: str = "the URDF") -> Description:
     """Parse and check a URDF with at least one ``<ros2_control>`` block.
 
     Args:
-        xml: The whole document.
-        file: The file's name in messages.
+        xml: The URDF as text.
+        file: Name of the file, for messages.
 
     Raises:
         DescriptionError: The URDF has mistakes.
@@ -69,7 +69,11 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
 
 
 def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
-    """The joints with the limits of their commands, and what has no effect. Raises DescriptionError."""
+    """Narrow the limits of joints to the ranges of their commands. Return the joints and warnings.
+
+    Raises:
+        DescriptionError: A range leaves the joint without motion.
+    """
     problems: list[str] = []
     warnings: list[str] = []
     limited = dict(joints)
@@ -88,25 +92,29 @@ def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dic
 def _check_apart(
     components: Sequence[HardwareInfo], joints: Mapping[str, UrdfJoint], places: Mapping[str, str]
 ) -> None:
-    """Check that every block has a name of its own, and every joint one block. ``places``: of the blocks, by name.
+    """Check that blocks have unique names, that joints are in one block, and that leaders of mimic joints are measured.
 
-    A mimic joint is measured where its leader is.
+    Args:
+        components: The blocks.
+        joints: Joints by name.
+        places: File and line of each block, by name.
+
+    Raises:
+        DescriptionError: A check failed.
     """
     if twice := doubles(component.name for component in components):
-        raise DescriptionError(
-            f"two <ros2_control> blocks are called '{twice[0]}': each needs a name of its own ({places[twice[0]]})"
-        )
+        raise DescriptionError(f"two <ros2_control> blocks are named '{twice[0]}' ({places[twice[0]]}): rename one")
     owners = [(joint, component.name) for component in components for joint in component.command_interfaces]
     if twice := doubles(joint for joint, _ in owners):
         last = dict(owners)[twice[0]]
         raise DescriptionError(
-            f"joint '{twice[0]}' is in two <ros2_control> blocks: a joint belongs to one ({places[last]})"
+            f"joint '{twice[0]}' is in two <ros2_control> blocks ({places[last]}): remove it from one"
         )
     measured = {joint for component in components for joint in component.joints}
     for joint in (joint for component in components for joint in sorted(component.mimics)):
         mimic = joints[joint].mimic
         if mimic is not None and mimic.joint not in measured:
             raise DescriptionError(
-                f"joint '{joint}' mimics '{mimic.joint}', which no <ros2_control> block drives "
-                f"({joints[joint].place}): list {mimic.joint} in a block, too"
+                f"joint '{joint}' mimics '{mimic.joint}', which is not in a <ros2_control> block "
+                f"({joints[joint].place}): add {mimic.joint} to a block"
             )

@@ -1,4 +1,4 @@
-"""What a robot description says of joints and links that cannot be true of the servos that drive them."""
+"""Find values of a robot description that its servos cannot reach, and links without mass."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -10,25 +10,28 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 
 def description_problems(description: Description) -> list[str]:
-    """Links that weigh nothing, and joints that mimic others and cannot follow them."""
-    return [*_weightless(description), *_strays(description)]
+    """List links without mass or inertia, and mimic joints that leave their limits."""
+    return [*_massless(description), *_beyond_limits(description)]
 
 
 def servo_problems(joints: Iterable[Joint]) -> Iterator[str]:
-    """Yields placeholders: limits that the joint's servo cannot have."""
+    """Yield a message for each limit that the joint's servo cannot reach, such as a placeholder."""
     for joint in joints:
         fastest = joint.model.no_load_speed_rad_s * joint.transmission
         if joint.limits.velocity > fastest:
             yield (
-                f"{joint.name}: velocity {joint.limits.velocity:g} in the URDF; its servo, {joint.model.name}, "
-                f"makes {fastest:.3g} without load"
+                f"{joint.name}: the velocity limit in the URDF is {joint.limits.velocity:g}, but its servo, "
+                f"{joint.model.name}, only reaches {fastest:.3g} without load"
             )
         if not math.isfinite(joint.limits.effort):
-            yield f"{joint.name}: the URDF's <limit> has no effort; its servo, {joint.model.name}, {_strength(joint)}"
+            yield (
+                f"{joint.name}: its <limit> in the URDF has no effort, but its servo, "
+                f"{joint.model.name}, {_strength(joint)}"
+            )
         elif joint.limits.effort > 1.01 * joint.full_effort:  # data sheets are rounded
             yield (
-                f"{joint.name}: effort {joint.limits.effort:g} in the URDF; its servo, {joint.model.name}, "
-                f"{_strength(joint)}"
+                f"{joint.name}: the effort limit in the URDF is {joint.limits.effort:g}, but its servo, "
+                f"{joint.model.name}, {_strength(joint)}"
             )
 
 
@@ -36,30 +39,30 @@ def _strength(joint: Joint) -> str:
     return f"stalls at {joint.full_effort:.3g}"
 
 
-def _weightless(description: Description) -> Iterator[str]:
-    """Links behind a moving joint without a mass or an inertia: what moves them would meet no resistance."""
+def _massless(description: Description) -> Iterator[str]:
+    """Yield a message for each child link of a moving joint that has no mass or no inertia."""
     for joint in description.joints.values():
         if joint.kind not in MOVING:
             continue
         link = description.links.get(joint.child)
         if link is None:
-            yield f"{joint.name}: the URDF has no link {joint.child}"
+            yield f"{joint.name}: its child link {joint.child} is not in the URDF"
         elif link.mass_kg <= 0.0:
             yield f"{joint.child}: its mass in the URDF is zero or missing"
         elif min(link.inertia) <= 0.0:
             yield f"{joint.child}: its inertia in the URDF is zero or missing"
 
 
-def _strays(description: Description) -> Iterator[str]:
-    """Mimic joints that their leader takes beyond their own limits: mostly a sign that is wrong."""
+def _beyond_limits(description: Description) -> Iterator[str]:
+    """Yield a message for each mimic joint that leaves its limits. The usual cause is a wrong sign."""
     for joint in description.joints.values():
         if joint.mimic is None:
             continue
         ends = sorted(_followed(joint, end) for end in _ends(description.joints[joint.mimic.joint]))
         if ends[0] < joint.lower - 1e-6 or ends[1] > joint.upper + 1e-6:
             yield (
-                f"{joint.name} mimics {joint.mimic.joint} from {ends[0]:g} to {ends[1]:g}, and its limits are "
-                f"{joint.lower:g} to {joint.upper:g}: look at the sign of the multiplier"
+                f"{joint.name} mimics {joint.mimic.joint} and would move from {ends[0]:g} to {ends[1]:g}, but its "
+                f"limits are {joint.lower:g} to {joint.upper:g}: check the sign of the multiplier"
             )
 
 
@@ -68,4 +71,4 @@ def _ends(leader: UrdfJoint) -> tuple[float, float]:
 
 
 def _followed(joint: UrdfJoint, leader: float) -> float:
-    return joint.mimic.multiplier * leader + joint.mimic.offset + 0.0 if joint.mimic else 0.0  # + 0.0: never -0
+    return joint.mimic.multiplier * leader + joint.mimic.offset + 0.0 if joint.mimic else 0.0  # + 0.0 avoids -0

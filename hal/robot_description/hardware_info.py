@@ -1,4 +1,4 @@
-"""The ``<ros2_control>`` blocks of a URDF: one hardware component each."""
+"""Parse the ``<ros2_control>`` blocks of a URDF. Each block is one hardware component."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,12 +13,12 @@ from hal.robot_description.xml_places import place
 TYPES = ("system", "actuator", "sensor")
 COMMANDS = ("position", "velocity", "effort")
 DRIVEN = ("revolute", "continuous", "prismatic")
-NOT_DRIVEN = "<{}> is not supported: the components here have joints, and nothing else"
+NOT_DRIVEN = "<{}> is not supported, only <joint> is: remove it"
 
 
 @dataclass(frozen=True, slots=True)
 class HardwareInfo:
-    """The content of one ``<ros2_control>`` block: the plugin, its parameters, and interfaces of each joint."""
+    """Content of one ``<ros2_control>`` block: the plugin, its parameters and the interfaces of each joint."""
 
     name: str
     kind: str
@@ -27,36 +27,36 @@ class HardwareInfo:
     command_interfaces: Mapping[str, tuple[str, ...]]
     state_interfaces: Mapping[str, tuple[str, ...]]
     mimics: frozenset[str] = frozenset()
-    """The block's joints that follow others by the URDF's ``<mimic>``: nothing drives them."""
+    """Joints of the block that have a ``<mimic>`` in the URDF and are not driven."""
     initial_values: Mapping[str, float] = field(default_factory=dict)
-    """By state interface (``joint1/position``), where the file gives one."""
+    """Initial values by state interface (``joint1/position``)."""
     command_ranges: Mapping[str, CommandRange] = field(default_factory=dict)
-    """``min`` and ``max`` by command interface (``joint1/position``), where the file gives them."""
+    """``min`` and ``max`` by command interface (``joint1/position``)."""
     rw_rate: int = 0
-    """The rate (Hz) at which the component is read and written; 0: in every cycle."""
+    """Rate at which the component is read and written, in Hz; 0 for every cycle."""
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints that there is something to measure of, in the file's order: all but those that mimic."""
+        """Measured joints in the order of the file: all joints of the block except mimic joints."""
         return tuple(name for name in self.command_interfaces if name not in self.mimics)
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """The names of all command interfaces (``joint1/position``), by joint in the file's order."""
+        """Names of all command interfaces (``joint1/position``), in the order of the file."""
         return tuple(f"{joint}/{name}" for joint, own in self.command_interfaces.items() for name in own)
 
     @property
     def states(self) -> tuple[str, ...]:
-        """The names of all state interfaces, likewise."""
+        """Names of all state interfaces (``joint1/position``), in the order of the file."""
         return tuple(f"{joint}/{name}" for joint, own in self.state_interfaces.items() for name in own)
 
     def flag(self, name: str) -> bool:
-        """A ``<param>`` that is true or, where it is not said, false."""
+        """Return the value of a boolean ``<param>``; False if it is missing."""
         return self.parameters.get(name, "false").lower() == "true"
 
 
 def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
-    """The controllers see all blocks as one."""
+    """Merge all blocks into one, as the controllers see them."""
     if len(components) == 1:
         return components[0]
     return HardwareInfo(
@@ -73,7 +73,7 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
 
 
 def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> HardwareInfo:
-    """Parse one block; ``joints`` are the URDF's. Raises DescriptionError."""
+    """Parse one ``<ros2_control>`` block. Raises DescriptionError."""
     name = attribute(block, "name", "a <ros2_control> block")
     hardware = block.find("hardware")
     plugin = "" if hardware is None else hardware.findtext("plugin", "").strip()
@@ -99,23 +99,24 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
 
 
 def without_refused_mimics(blocks: Sequence[Element], joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
-    """The joints, without the ``<mimic>`` of those that a block drives by themselves with ``mimic="false"``.
+    """Remove the ``<mimic>`` of joints for which a block sets ``mimic="false"``. Return all joints.
 
-    Raises DescriptionError where the attribute contradicts the URDF.
+    Raises:
+        DescriptionError: The attribute contradicts the URDF.
     """
     found = dict(joints)
     for element in (element for block in blocks for element in block.findall("joint")):
-        name, said = element.get("name", ""), element.get("mimic")
-        if name not in joints or said is None:
+        name, value = element.get("name", ""), element.get("mimic")
+        if name not in joints or value is None:
             continue
-        if said.lower() not in ("true", "false"):
-            raise DescriptionError(f"joint '{name}': mimic '{said}' is not true or false ({place(element)}): fix it")
-        if said.lower() == "false":
+        if value.lower() not in ("true", "false"):
+            raise DescriptionError(f"joint '{name}': mimic '{value}' is not true or false ({place(element)}): fix it")
+        if value.lower() == "false":
             found[name] = replace(joints[name], mimic=None)
         elif joints[name].mimic is None:
             raise DescriptionError(
-                f"joint '{name}' has mimic=\"true\" and no <mimic> in the URDF ({place(element)}): take it out, "
-                "or add a <mimic> to the joint"
+                f"joint '{name}' has mimic=\"true\" but no <mimic> in the URDF ({place(element)}): remove the "
+                "attribute, or add a <mimic> to the joint"
             )
     return found
 
@@ -124,63 +125,63 @@ def _kind(name: str, block: Element) -> str:
     kind = attribute(block, "type", f"<ros2_control name='{name}'>")
     if kind not in TYPES:
         raise DescriptionError(
-            f"<ros2_control name='{name}'> has type '{kind}': it is one of {', '.join(TYPES)} ({place(block)})"
+            f"<ros2_control name='{name}'> has unknown type '{kind}' ({place(block)}): use one of {', '.join(TYPES)}"
         )
     return kind
 
 
 def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) -> dict[str, Element]:
-    """The block's ``<joint>`` elements by name; whatever else it has is refused by its name."""
+    """Return the ``<joint>`` elements of a block by name. Raises DescriptionError for unsupported elements."""
     elements: dict[str, Element] = {}
     for child in block:
         if child.tag in ("gpio", "sensor", "transmission"):
             raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)} ({place(child)})")
         if child.tag not in ("hardware", "joint"):
             raise DescriptionError(
-                f"<ros2_control name='{name}'> has the unknown tag <{child.tag}> ({place(child)}): take it out"
+                f"<ros2_control name='{name}'> has the unknown tag <{child.tag}> ({place(child)}): remove it"
             )
         if child.tag == "joint":
             joint = attribute(child, "name", f"a joint of '{name}'")
             if joint in elements:
                 raise DescriptionError(
-                    f"<ros2_control name='{name}'> has joint '{joint}' twice ({place(child)}): take one out"
+                    f"<ros2_control name='{name}'> has joint '{joint}' twice ({place(child)}): remove one"
                 )
-            _check_driven(f"<ros2_control name='{name}'> names joint '{joint}'", child, joints)
+            _check_driven(f"<ros2_control name='{name}'> has joint '{joint}'", child, joints)
             elements[joint] = child
     return elements
 
 
-def _check_driven(named: str, element: Element, joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that hardware can have this joint; ``named``: the beginning of the message otherwise."""
+def _check_driven(subject: str, element: Element, joints: Mapping[str, UrdfJoint]) -> None:
+    """Check that hardware can drive a joint. ``subject`` is the beginning of the message."""
     joint = joints.get(element.get("name", ""))
     if joint is None:
-        raise DescriptionError(f"{named}, which the URDF has not ({place(element)}): correct its name")
+        raise DescriptionError(f"{subject}, which is not in the URDF ({place(element)}): correct its name")
     if joint.kind not in DRIVEN:
         raise DescriptionError(
-            f"{named}, which is {joint.kind} in the URDF: hardware has joints that are {', '.join(DRIVEN)} "
-            f"({place(element)})"
+            f"{subject}, which is {joint.kind} in the URDF ({place(element)}): "
+            f"hardware can only drive joints of type {', '.join(DRIVEN)}"
         )
 
 
 def _check_commands(block: str, kind: str, elements: Mapping[str, Element], joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that the joints of a block can take its commands; ``block``: what a message calls it."""
+    """Check that the joints of a block can take its commands. ``block`` is the name of the block in messages."""
     for joint, element in elements.items():
         own, where = _interfaces(element, "command_interface"), place(element)
         if own and kind == "sensor":
             raise DescriptionError(
-                f"{block} is a sensor: take the <command_interface> of joint '{joint}' out ({where})"
+                f"{block} is a sensor, but joint '{joint}' has a <command_interface> ({where}): remove it"
             )
         mimic = joints[joint].mimic
         if own and mimic is not None:
             raise DescriptionError(
-                f"{block}: joint '{joint}' follows '{mimic.joint}' by its <mimic>: take its <command_interface> out, "
-                f'or write mimic="false" in its <joint> of the block ({where})'
+                f"{block}: joint '{joint}' has a <command_interface> but mimics '{mimic.joint}' ({where}): "
+                'remove the <command_interface>, or write mimic="false" in its <joint> of the block'
             )
         for command in own:
             if command not in COMMANDS:
                 raise DescriptionError(
-                    f"{block}: joint '{joint}' has the <command_interface> '{command}': "
-                    f"there are {', '.join(COMMANDS)} ({where})"
+                    f"{block}: joint '{joint}' has the unknown <command_interface> '{command}' ({where}): "
+                    f"use one of {', '.join(COMMANDS)}"
                 )
 
 
@@ -204,7 +205,7 @@ def _command_ranges(elements: Mapping[str, Element]) -> dict[str, CommandRange]:
 
 
 def _initial_values(elements: Mapping[str, Element]) -> dict[str, float]:
-    """``<param name="initial_value">`` of the state interfaces."""
+    """Return the ``<param name="initial_value">`` values by state interface."""
     values: dict[str, float] = {}
     for joint, element in elements.items():
         for state in element.findall("state_interface"):
@@ -233,6 +234,6 @@ def _interfaces(element: Element, tag: str) -> tuple[str, ...]:
     names = tuple(attribute(e, "name", f"a <{tag}>") for e in element.findall(tag))
     if twice := doubles(names):
         raise DescriptionError(
-            f"joint '{element.get('name')}' has <{tag} name='{twice[0]}'> twice ({place(element)}): take one out"
+            f"joint '{element.get('name')}' has <{tag} name='{twice[0]}'> twice ({place(element)}): remove one"
         )
     return names

@@ -1,4 +1,4 @@
-"""The pose into which a joint puts its child link: quaternions (x, y, z, w) and metres, no matrices."""
+"""Poses of links as functions of joint positions. Quaternions are (x, y, z, w), lengths are in m."""
 
 import math
 
@@ -8,7 +8,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 def child_pose(joint: UrdfJoint, position: float) -> tuple[Vector, Quaternion]:
-    """Pose of the child link in the parent link at a joint position (rad or m)."""
+    """Return the pose of the child link in the parent link at a joint position (rad or m)."""
     origin = from_rpy(joint.rpy_rad)
     if joint.kind == "prismatic":
         x, y, z = joint.axis
@@ -22,7 +22,7 @@ def child_pose(joint: UrdfJoint, position: float) -> tuple[Vector, Quaternion]:
 
 
 def from_rpy(rpy_rad: Vector) -> Quaternion:
-    """URDF's fixed-axis roll, pitch, yaw."""
+    """Convert roll, pitch and yaw about fixed axes, as in a URDF, to a quaternion."""
     roll, pitch, yaw = rpy_rad
     about_z = about_axis((0.0, 0.0, 1.0), yaw)
     about_y = about_axis((0.0, 1.0, 0.0), pitch)
@@ -30,14 +30,14 @@ def from_rpy(rpy_rad: Vector) -> Quaternion:
 
 
 def about_axis(axis: Vector, angle_rad: float) -> Quaternion:
-    """A turn about an axis that need not be of unit length."""
+    """Return the rotation by an angle about an axis of any length."""
     length = math.hypot(*axis)
     share = math.sin(angle_rad / 2.0) / length
     return axis[0] * share, axis[1] * share, axis[2] * share, math.cos(angle_rad / 2.0)
 
 
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
-    """First q, then p."""
+    """Return the rotation that applies q first and then p."""
     px, py, pz, pw = p
     qx, qy, qz, qw = q
     return (
@@ -49,7 +49,7 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """The vector turned by the quaternion."""
+    """Rotate a vector by a quaternion."""
     x, y, z, w = q
     turned = multiply(multiply(q, (v[0], v[1], v[2], 0.0)), (-x, -y, -z, w))
     return turned[0], turned[1], turned[2]

@@ -1,4 +1,4 @@
-"""The limits that a joint needs before any hardware may drive it."""
+"""Check the limits of joints before hardware may drive them."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -8,7 +8,7 @@ from hal.robot_description.urdf import UrdfJoint
 
 
 def limit_problems(joints: Mapping[str, UrdfJoint]) -> Iterator[str]:
-    """Yields each limit that cannot be kept. A joint that takes no commands needs none."""
+    """Yield a message for each limit that is missing or wrong. A joint without commands needs no limits."""
     for joint in joints.values():
         yield from _range_problems(joint)
         yield from _plausibility_problems(joint)
@@ -24,16 +24,16 @@ def _range_problems(joint: UrdfJoint) -> Iterator[str]:
     elif joint.lower == joint.upper and joint.commands:
         yield (
             f"{joint.name}: lower limit {joint.lower} equals upper limit {joint.upper} ({joint.place}), so the joint "
-            "cannot move: give its range in <limit lower upper>."
+            "cannot move: set its range in <limit lower upper>."
         )
 
 
 def _plausibility_problems(joint: UrdfJoint) -> Iterator[str]:
-    """Yields limits that no arm has: a placeholder, or a number in another unit."""
-    said = {"velocity": joint.velocity} if joint.velocity else {}
+    """Yield a message for each implausible limit, such as a placeholder or a number in another unit."""
+    given = {"velocity": joint.velocity} if joint.velocity else {}
     if math.isfinite(joint.effort):
-        said["effort"] = joint.effort
-    for kind, value in said.items():
+        given["effort"] = joint.effort
+    for kind, value in given.items():
         if (value > 0.0 or not joint.commands) and (mistake := range_mistake(kind, value)):
             yield f"{joint.name}: {kind} limit {mistake} ({joint.place})"
     for key, value in (("lower", joint.lower), ("upper", joint.upper)):
@@ -44,12 +44,12 @@ def _plausibility_problems(joint: UrdfJoint) -> Iterator[str]:
 def _rate_problems(joint: UrdfJoint) -> Iterator[str]:
     if joint.velocity <= 0.0:
         yield (
-            f"{joint.name}: velocity limit {joint.velocity} is not above zero ({joint.place}): give the joint's "
+            f"{joint.name}: velocity limit {joint.velocity} is not above zero ({joint.place}): write the joint's "
             "highest speed in <limit velocity>."
         )
-    # Exporters write 0 for an effort that is unknown; without effort commands no limit follows from it.
+    # Exporters write 0 for an unknown effort. Without effort commands this value has no effect.
     if joint.effort < 0.0 or (joint.effort == 0.0 and "effort" in joint.commands):
         yield (
-            f"{joint.name}: effort limit {joint.effort} is not above zero ({joint.place}): give the joint's largest "
-            "torque or force in <limit effort>, or leave effort out."
+            f"{joint.name}: effort limit {joint.effort} is not above zero ({joint.place}): write the joint's highest "
+            "torque or force in <limit effort>, or omit effort."
         )

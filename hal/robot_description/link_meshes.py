@@ -1,4 +1,4 @@
-"""The real shapes of an arm's links, for pictures only: ``meshes/links.yaml`` beside the arm's scene."""
+"""Meshes of an arm's links, used for display only. They are listed in ``meshes/links.yaml`` in the arm's folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,46 +20,48 @@ Faces = NDArray[np.int64]
 PLACES: Final = Path("meshes", "links.yaml")
 HEADER_BYTES: Final = 84
 TRIANGLE: Final = np.dtype([("normal", "<3f4"), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
-"""A triangle of a binary STL file."""
+"""Layout of a triangle in a binary STL file."""
 CREASE_RAD: Final = 0.35
+"""Minimum angle between two faces at a sharp edge, in rad."""
 ZERO: Final[Vector] = (0.0, 0.0, 0.0)
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), NoTruth]
 
 
 class Place(BaseModel):
-    """One mesh on a link, as the file has it."""
+    """Entry of the file: one mesh on a link."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     mesh: str
-    """A binary STL file in meters, relative to the folder of the file."""
+    """Path of a binary STL file in meters, relative to the folder of ``links.yaml``."""
     xyz_m: tuple[Position, Position, Position] = ZERO
     rpy_rad: tuple[Position, Position, Position] = ZERO
     rgb: tuple[Share, Share, Share]
 
 
 class Places(BaseModel):
-    """The whole file: the meshes of each link by the link's name."""
+    """Content of the file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     links: dict[str, list[Place]]
+    """Meshes by link name."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkMesh:
-    """A mesh and its pose in its link, in meters."""
+    """Mesh and its pose in the frame of its link, in meters."""
 
     link: str
     path: Path
     position_m: Vector
     quaternion: Quaternion
     rgb: Vector
-    """Shares of red, green and blue from 0 to 1."""
+    """Red, green and blue, each from 0 to 1."""
 
 
 def link_meshes(folder: Path) -> list[LinkMesh]:
-    """Read the meshes of the arm in ``folder``; empty if it has none. Raises ArmFileError with every mistake."""
+    """Read the meshes of the arm in a folder; empty if it has none. Raises ArmFileError with every mistake."""
     path = folder / PLACES
     if not path.is_file():
         return []
@@ -75,7 +77,7 @@ def read_stl(path: Path) -> tuple[FloatArray, Faces]:
     """Read a binary STL file.
 
     Returns:
-        The vertices (v, 3) in the file's unit, each of them once, and the faces (f, 3) as indices of vertices.
+        The unique vertices, shape (v, 3), in the unit of the file, and the faces, shape (f, 3), as vertex indices.
 
     Raises:
         ArmFileError: The file cannot be read, is too large, or is not a binary STL file.
@@ -92,20 +94,20 @@ def read_stl(path: Path) -> tuple[FloatArray, Faces]:
     corners: Any = np.frombuffer(content, TRIANGLE, offset=HEADER_BYTES)["corners"]
     vertices, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     if not np.isfinite(vertices).all():
-        raise ArmFileError(f"{path} has a vertex that is not a number: export the mesh again")
+        raise ArmFileError(f"{path} has a vertex that is not finite: export the mesh again")
     return vertices.astype(np.float64), numbers.reshape(-1, 3).astype(np.int64)
 
 
 def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RAD) -> tuple[FloatArray, Faces]:
-    """Give each side of a sharp edge its own vertices, so that smooth shading leaves the edge sharp.
+    """Duplicate the vertices of sharp edges, so that smooth shading keeps the edges sharp.
 
     Args:
-        vertices: Shape (v, 3).
-        faces: Shape (f, 3), indices of vertices.
-        crease_rad: Two faces that meet at a larger angle have an edge between them.
+        vertices: Vertices, shape (v, 3).
+        faces: Vertex indices, shape (f, 3).
+        crease_rad: Minimum angle between two faces at a sharp edge, in rad.
 
     Returns:
-        The vertices, of which there are more, and the faces as indices of these.
+        The vertices with the duplicates, and the faces as indices of these vertices.
     """
     normals = np.round(_corner_normals(vertices, faces, crease_rad), 4)
     corners: Any = np.column_stack([faces.ravel(), normals])
@@ -114,7 +116,7 @@ def with_edges(vertices: FloatArray, faces: Faces, crease_rad: float = CREASE_RA
 
 
 def _corner_normals(vertices: FloatArray, faces: Faces, crease_rad: float) -> FloatArray:
-    """The normals (3 f, 3) at all corners: the mean of the faces there that are as good as in one plane."""
+    """Return the normals at all corners, shape (3 f, 3): the mean normal of adjacent faces without a sharp edge."""
     first, second, third = (vertices[faces[:, i]] for i in range(3))
     area = np.cross(second - first, third - first)
     flat = _units(area)

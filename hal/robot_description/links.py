@@ -1,4 +1,4 @@
-"""The links of a URDF: their masses and inertias."""
+"""Parse the links of a URDF with their masses and inertias."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,13 +16,14 @@ PRODUCTS: Final = ("ixy", "ixz", "iyz")
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One link: its mass (kg), its center of mass in the link's frame (m) and its moments of inertia (kg m²)."""
+    """A link. Its mass and inertia are zero if the URDF does not have them."""
 
     name: str
     mass_kg: float
     center_m: Vector
+    """Center of mass in the frame of the link, in m."""
     inertia: Vector
-    """About the axes x, y and z. Zero, like the mass, if the URDF does not give it."""
+    """Moments of inertia about the x, y and z axes, in kg m²."""
 
 
 def parse_links(robot: Element) -> dict[str, Link]:
@@ -58,7 +59,7 @@ def _not_negative(link: str, element: Element | None, key: str, what: tuple[str,
 
 
 def _number(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
-    """A number of a link; ``what``: its name in messages, and its kind among the plausible ranges."""
+    """Parse a number of a link; 0 if it is missing. ``what`` is its name in messages and its kind in ``RANGES``."""
     if element is None:
         return 0.0
     (name, kind), text = what, element.get(key, "0")
@@ -74,15 +75,15 @@ def _number(link: str, element: Element | None, key: str, what: tuple[str, str])
 
 
 def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) -> Iterator[str]:
-    """Yields joints between links that are missing, links that two joints move, and a loop of links.
+    """Yield a message for each missing link, each link with two parent joints, and a loop of links.
 
-    A URDF may have no links.
+    A URDF without any links is valid.
     """
     movers: dict[str, str] = {}
     for joint in joints.values() if links else ():
         for link in (joint.parent, joint.child):
             if link not in links:
-                yield f"{joint.name}: the URDF has no link {link} ({joint.place}): correct its name, or add the link"
+                yield f"{joint.name}: link {link} is not in the URDF ({joint.place}): correct its name, or add the link"
         other = movers.setdefault(joint.child, joint.name)
         if other != joint.name:
             yield f"{other} and {joint.name} have the same child link, {joint.child} ({joint.place}): rename one"
@@ -90,8 +91,8 @@ def link_problems(joints: Mapping[str, UrdfJoint], links: Mapping[str, Link]) ->
     if len(above) == len(joints) and (loop := [joint for joint in joints.values() if _is_in_loop(joint, above)]):
         last = loop[-1]
         yield (
-            f"{last.name}: its child link {last.child} is above its parent link {last.parent}, so the links are a loop "
-            f"({last.place}): correct one of the two"
+            f"{last.name}: its child link {last.child} is an ancestor of its parent link {last.parent}, so the links "
+            f"form a loop ({last.place}): correct one of the two"
         )
 
 

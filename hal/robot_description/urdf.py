@@ -1,4 +1,4 @@
-"""The joints of a URDF, and what reading XML takes."""
+"""Parse the joints of a URDF, with helpers to read XML attributes."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: position = multiplier * other + offset."""
+    """Rule by which a joint follows another: position = multiplier * position of the other joint + offset."""
 
     joint: str
     multiplier: float
@@ -24,7 +24,7 @@ class Mimic:
 
 @dataclass(frozen=True, slots=True)
 class UrdfJoint:
-    """One joint: its place in the parent link (m, rad) and its limits (rad or m, and per second)."""
+    """A joint with its pose in the parent link and its limits (rad or m, and per second)."""
 
     name: str
     kind: str
@@ -38,20 +38,20 @@ class UrdfJoint:
     velocity: float
     mimic: Mimic | None
     effort: float = math.inf
-    """N m or N; not said: no limit."""
+    """Highest torque or force, in N m or N; infinite if the URDF does not limit it."""
     place: str = "the URDF"
-    """The file and the line of its <limit>, or of the joint if it has none."""
+    """File and line of its <limit>, or of the joint if it has no <limit>."""
     commands: tuple[str, ...] = ()
-    """The kinds of its command interfaces: position, velocity, effort."""
+    """Kinds of its command interfaces: position, velocity, effort."""
     velocity_range: tuple[float, float] | None = None
     """Lowest and highest velocity command, if its <command_interface> limits them."""
     effort_range: tuple[float, float] | None = None
-    """Lowest and highest effort command, likewise."""
+    """Lowest and highest effort command, if its <command_interface> limits them."""
     stops: tuple[float, float] | None = None
-    """Where the travel ends by <limit>, if a <command_interface> has narrowed ``lower`` and ``upper``."""
+    """Ends of the travel from <limit>, if a <command_interface> has narrowed ``lower`` and ``upper``."""
 
     def limits(self, acceleration: float, jerk: float) -> JointLimits:
-        """The joint's limits, with those that a URDF does not give."""
+        """Return the limits of the joint, with acceleration and jerk, which a URDF does not contain."""
         return JointLimits(
             *(self.lower, self.upper, self.velocity, acceleration, jerk, self.effort),
             velocity_range=self.velocity_range,
@@ -69,7 +69,8 @@ def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
     for joint in joints.values():
         if joint.mimic and joint.mimic.joint not in joints:
             raise DescriptionError(
-                f"joint '{joint.name}' mimics '{joint.mimic.joint}', which the URDF has not ({joint.place}): correct it"
+                f"joint '{joint.name}' mimics '{joint.mimic.joint}', which is not in the URDF ({joint.place}): "
+                "correct the name"
             )
     for joint in joints.values():
         _check_led(joint, joints)
@@ -77,19 +78,19 @@ def parse_joints(robot: Element) -> dict[str, UrdfJoint]:
 
 
 def _check_led(joint: UrdfJoint, joints: Mapping[str, UrdfJoint]) -> None:
-    """Check that the <mimic> of a joint ends at a joint that mimics no other. Raises DescriptionError."""
+    """Check that the chain of <mimic> ends at a joint that is not a mimic joint. Raises DescriptionError."""
     leader, seen = joint, {joint.name}
     while leader.mimic is not None:
         leader = joints[leader.mimic.joint]
         if leader.name in seen:
             raise DescriptionError(
-                f"{joint.name}: its <mimic> leads back to {leader.name} ({joint.place}): name a joint that is driven."
+                f"{joint.name}: its <mimic> leads back to {leader.name} ({joint.place}): use a joint that is driven."
             )
         seen.add(leader.name)
 
 
 def with_leaders(joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Let each joint that mimics a mimic follow the joint at the end of the chain, which mimics no other."""
+    """Resolve chains of mimic joints, so that each mimic joint follows a joint that is not a mimic joint."""
     return {name: replace(joint, mimic=_at_the_end(joint, joints)) for name, joint in joints.items()}
 
 
@@ -108,7 +109,7 @@ def _joint(element: Element) -> UrdfJoint:
     endless = kind == "continuous"
     if limit is None and kind in ("revolute", "prismatic"):
         raise DescriptionError(
-            f"joint '{name}' is {kind} and has no <limit> ({place(element)}): add one with lower, upper and velocity"
+            f"joint '{name}' is {kind} but has no <limit> ({place(element)}): add one with lower, upper and velocity"
         )
     bounds = limit if limit is not None else Element("limit")
     origin = element.find("origin")
@@ -152,22 +153,36 @@ def _axis(element: Element, name: str) -> Vector:
         return 1.0, 0.0, 0.0
     direction = vector(axis, "xyz", f"joint '{name}'", "distance", "1 0 0")
     if not any(direction):
-        raise DescriptionError(f"joint '{name}': the <axis> has no direction ({place(axis)}): give it one")
+        raise DescriptionError(f"joint '{name}': the <axis> is zero ({place(axis)}): write a direction, such as 0 0 1")
     if mistake := range_mistake("axis_length", math.hypot(*direction)):
         raise DescriptionError(f"joint '{name}': the length of <axis> {mistake} ({place(axis)})")
     return direction
 
 
-def attribute(element: Element, key: str, where: str) -> str:
-    """An attribute that must be there. Raises DescriptionError, in which ``where`` says whose it is."""
+def attribute(element: Element, key: str, owner: str) -> str:
+    """Return a required attribute. Raises DescriptionError.
+
+    Args:
+        element: The element.
+        key: Name of the attribute.
+        owner: Description of the element, for the message.
+    """
     value = element.get(key)
     if not value:
-        raise DescriptionError(f"{where} of the URDF has no {key} ({place(element)}): add it")
+        raise DescriptionError(f"{owner} of the URDF has no {key} ({place(element)}): add it")
     return value
 
 
 def number(element: Element, key: str, name: str, default: float, kind: str = "") -> float:
-    """A finite number of joint ``name``, of a plausible ``kind`` if that is given. Raises DescriptionError."""
+    """Return a number of a joint. Raises DescriptionError if it is not finite or not plausible for its kind.
+
+    Args:
+        element: The element.
+        key: Name of the attribute.
+        name: Name of the joint, for the message.
+        default: Value if the attribute is missing.
+        kind: Kind of number in ``hal.plausible.RANGES``; empty if it is not checked.
+    """
     text = element.get(key)
     try:
         value = default if text is None else finite(text)
@@ -181,7 +196,15 @@ def number(element: Element, key: str, name: str, default: float, kind: str = ""
 
 
 def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 0 0") -> Vector:
-    """Three plausible numbers of one ``kind``; ``owner`` has the element. Raises DescriptionError."""
+    """Return three numbers of an attribute. Raises DescriptionError for implausible numbers.
+
+    Args:
+        element: The element.
+        key: Name of the attribute.
+        owner: Description of the element, for the message.
+        kind: Kind of number in ``hal.plausible.RANGES``.
+        default: Value if the attribute is missing.
+    """
     text = element.get(key, default)
     try:
         x, y, z = (finite(part) for part in text.split())
@@ -194,7 +217,7 @@ def vector(element: Element, key: str, owner: str, kind: str, default: str = "0 
 
 
 def finite(text: str) -> float:
-    """Raises ValueError where it is no number. NaN compares with nothing: a limit of NaN would be no limit."""
+    """Convert text to a finite number. Raises ValueError, also for NaN, because a limit of NaN would have no effect."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(text)
@@ -202,6 +225,6 @@ def finite(text: str) -> float:
 
 
 def doubles(names: Iterable[str]) -> list[str]:
-    """Names that were there before."""
+    """Return the names that occur again after their first occurrence."""
     seen: set[str] = set()
     return [name for name in names if name in seen or seen.add(name)]  # type: ignore[func-returns-value]

@@ -1,17 +1,17 @@
-"""XML whose elements know the file and the line that they stand in."""
+"""Parse XML so that each element has its file and line."""
 
 from typing import Final
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 _PLACE: Final = " place"
-"""The attribute that holds an element's place. XML itself cannot have a name with a space."""
+"""Name of the attribute with the file and line. The space prevents a clash, because XML names cannot contain one."""
 
 
 _DYNAMICS: Final = frozenset(
     {"damping", "friction", "k_position", "k_velocity", "soft_lower_limit", "soft_upper_limit"}
 )
-"""Attributes of a URDF that hold numbers and that only other programs read."""
+"""Numeric attributes of a URDF that only other programs read."""
 _SIZES: Final = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -21,13 +21,18 @@ _SIZES: Final = {
     "sphere": {"radius": 1},
     "color": {"rgba": 4},
 }
-"""How many numbers the attributes of places and shapes hold, by tag."""
+"""Number of values in the attributes of poses and shapes, by tag and attribute."""
 _LARGEST: Final = 1e6
-"""The largest number of a shape, m; far larger ones are no numbers of 32 bits, which meshes have."""
+"""Highest value in a pose or shape, in m. Much higher values overflow the 32-bit floats of meshes."""
 
 
 def parse_xml(text: str, file: str) -> Element:
-    """Parse a document; ``place`` of its elements names ``file``. Raises xml.parsers.expat.ExpatError."""
+    """Parse a document. Raises xml.parsers.expat.ExpatError.
+
+    Args:
+        text: The document.
+        file: Name of the file, which ``place`` reports with the line.
+    """
     builder = TreeBuilder()
     parser = expat.ParserCreate(namespace_separator="}")
     parser.buffer_text = True
@@ -43,12 +48,12 @@ def parse_xml(text: str, file: str) -> Element:
 
 
 def place(element: Element) -> str:
-    """The file and the line of an element that ``parse_xml`` made."""
+    """Return the file and line of an element that ``parse_xml`` created."""
     return element.get(_PLACE, "")
 
 
 def is_xacro(root: Element) -> bool:
-    """Whether a document has macros of xacro, or values that xacro computes."""
+    """Return whether a document contains xacro macros or expressions."""
     return any(
         "xacro}" in element.tag or "xacro:" in element.tag or any("${" in value for value in element.attrib.values())
         for element in root.iter()
@@ -56,7 +61,7 @@ def is_xacro(root: Element) -> bool:
 
 
 def number_problems(root: Element) -> list[str]:
-    """The places of numbers that cannot be right, also of those that nothing here computes with."""
+    """List invalid numbers with file and line, including numbers that only other programs read."""
     parts = [element for tag in ("link", "joint", "material") for one in root.findall(tag) for element in one.iter()]
     return [
         f'{element.tag} {key}="{text}" is not {_wanted(count)} ({place(element)}): correct it'

@@ -1,1 +1,1 @@
-"""The robot file and the calibration file beside it: which servo drives which joint."""
+"""Robot file and calibration file, which assign a servo to each joint."""

@@ -1,4 +1,4 @@
-"""The calibration file: how one arm's servos are mounted. It lies beside the robot file, and goes before it."""
+"""The calibration file describes how the servos of one arm are mounted. Its values override those of the robot file."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,7 +11,7 @@ from hal.yaml_file import load
 
 
 class CalibratedJoint(BaseModel):
-    """One joint; counts are what its servo says with ``homing_offset``."""
+    """Calibration of one joint. All counts are readings of the servo with this ``homing_offset``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -19,16 +19,17 @@ class CalibratedJoint(BaseModel):
     sign: Annotated[Literal[1, -1], NoTruth]
     zero_counts: Counts = Field(ge=-32767, le=32767)
     homing_offset: Counts | None = None
-    """What the servo's register held when the rest was measured; None: it has none that counts."""
+    """Homing offset of the servo during calibration; None if the servo has no effective homing offset."""
     extended: bool = False
-    """Whether a Dynamixel X was in extended position mode then, in which alone every homing offset counts."""
+    """Whether the servo, a Dynamixel X, was in extended position mode. Only this mode applies every homing offset."""
     lower_counts: Counts
-    """The ends of the travel, by count."""
+    """Lowest counts of the travel."""
     upper_counts: Counts
+    """Highest counts of the travel."""
 
 
 class CalibrationFile(BaseModel):
-    """The whole file."""
+    """Content of the calibration file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -36,11 +37,11 @@ class CalibrationFile(BaseModel):
 
 
 def calibration_path(robot: Path) -> Path:
-    """The calibration file of a robot file: ``robot.yaml`` has ``robot.calibration.yaml``."""
+    """Return the path of the calibration file for a robot file: ``robot.calibration.yaml`` for ``robot.yaml``."""
     return robot.with_name(f"{robot.stem}.calibration.yaml")
 
 
 def load_calibration(robot: Path) -> CalibrationFile | None:
-    """Read the calibration of this robot file; None where there is none. Raises RobotFileError with every mistake."""
+    """Read the calibration for a robot file; None if it does not exist. Raises RobotFileError with every mistake."""
     path = calibration_path(robot)
     return load(path, CalibrationFile, RobotFileError) if path.exists() else None

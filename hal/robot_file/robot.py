@@ -1,4 +1,4 @@
-"""The robot: its file and its URDF brought together, as the joints that servos drive."""
+"""Combine a robot file and a URDF into the joints that servos drive."""
 
 from dataclasses import dataclass
 
@@ -12,22 +12,28 @@ from hal.types import JointLimits
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """The robot file and the URDF, brought together for one hardware component."""
+    """Joints of one hardware component, combined from its robot file and the URDF."""
 
     joints: tuple[Joint, ...]
     file: RobotFile
 
     def limits(self) -> dict[str, JointLimits]:
-        """Limits by joint name."""
+        """Return the limits by joint name."""
         return {joint.name: joint.limits for joint in self.joints}
 
 
 def assemble(file: RobotFile, description: Description, component: HardwareInfo) -> Robot:
-    """Join file and URDF: each joint that takes commands needs a servo, and no servo is left over."""
+    """Combine a robot file and a URDF.
+
+    Raises:
+        RobotFileError: Joints with commands and servos do not match one to one, or their values contradict each other.
+    """
     missing = [name for name in component.joints if name not in file.joints]
     extra = [name for name in file.joints if name not in component.joints]
-    problems = [f"the URDF commands {name}, for which the robot file has no servo" for name in missing]
-    problems += [f"the robot file has a servo for {name}, which the URDF does not command" for name in extra]
+    problems = [f"the URDF commands {name}, but the robot file has no servo for it: add one" for name in missing]
+    problems += [
+        f"the robot file has a servo for {name}, but the URDF does not command it: remove it" for name in extra
+    ]
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
@@ -40,10 +46,10 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
 
 
 def require_positions(component: HardwareInfo) -> None:
-    """Raise DescriptionError unless it has joints, and each takes positions and nothing else, as servos do."""
+    """Raise DescriptionError unless the component has joints and each joint takes only position commands."""
     problems = [problem for name in component.joints for problem in _not_position_only(name, component)]
     if not component.joints:
-        problems = ["it has no joint that a servo could drive: list its joints in the block, or take the block out"]
+        problems = ["the block has no joint that a servo could drive: list its joints, or remove the block"]
     if problems:
         raise DescriptionError("\n".join(f"{component.name}: {problem}" for problem in problems))
 
@@ -51,9 +57,10 @@ def require_positions(component: HardwareInfo) -> None:
 def _not_position_only(name: str, component: HardwareInfo) -> list[str]:
     commands = component.command_interfaces[name]
     if not commands:
-        return [f"{name} has no command interface and mimics no joint: its servo needs one, position"]
+        return [f"{name} has no command interface and is not a mimic joint: add a position command interface"]
     return [
-        f"the URDF asks for {name}/{command} commands, and servos take positions only: use a controller of positions"
+        f"the URDF has the command interface {name}/{command}, but servos only take positions: use a position "
+        "interface and a position controller"
         for command in commands
         if command != "position"
     ]
@@ -62,7 +69,7 @@ def _not_position_only(name: str, component: HardwareInfo) -> list[str]:
 def _problems(urdf: UrdfJoint, file: JointFile) -> list[str]:
     prismatic = urdf.kind == "prismatic"
     if not prismatic and urdf.kind != "revolute":
-        return [f"{urdf.name} is {urdf.kind} in the URDF: a servo drives revolute and prismatic joints"]
+        return [f"{urdf.name} is {urdf.kind} in the URDF, but a servo can only drive revolute and prismatic joints"]
     problems: list[str] = []
     if prismatic != (file.metres_per_radian is not None):
         need = "needs" if prismatic else "must not have"
@@ -74,10 +81,10 @@ def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
     problems: list[str] = []
     lowest, highest = joint.counts_range()
     last = joint.model.last_count
-    if lowest < 0 or highest > last:  # past its last count a servo says 0: the joint would seem to leap
+    if lowest < 0 or highest > last:  # after its last count a servo reports 0, so the position would jump
         problems.append(
-            f"{joint.name}: its limits are the servo's counts {lowest} to {highest}, and the servo has 0 to {last}: "
-            "narrow the limits, or mount the servo so that zero_counts is nearer to the middle"
+            f"{joint.name}: the limits correspond to counts {lowest} to {highest}, but the servo only has 0 to {last}: "
+            "narrow the limits, or mount the servo so that zero_counts is closer to the middle"
         )
     lower, upper = joint.limits.lower, joint.limits.upper
     position = park.pose.get(joint.name, lower) if park else lower

@@ -1,4 +1,7 @@
-"""The robot file: which servo drives which joint, and how the arm is left. Read with the calibration beside it."""
+"""The robot file assigns a servo to each joint and sets how the arm is left at exit.
+
+The calibration file in the same folder is read with it.
+"""
 
 import logging
 from collections.abc import Mapping
@@ -41,32 +44,32 @@ class _Strict(BaseModel):
 
 
 class BusFile(_Strict):
-    """The line to the servos. Which device it is, the command line says."""
+    """Protocol and baud rate of a bus. The command line sets the device."""
 
     protocol: Make = "feetech"
     baud: Baud = 1_000_000
 
 
 class JointFile(_Strict):
-    """One joint's servo. Units: rad (m for a prismatic joint) and seconds."""
+    """Servo of one joint. Units are rad (m for a prismatic joint) and s."""
 
     bus: str | None = None
-    """Which of the file's ``buses``; not said where there is only one."""
+    """Name of the bus in ``buses``; may be omitted if there is only one bus."""
     servo_id: ServoId
     model: str
     sign: Annotated[Literal[1, -1], NoTruth] = 1
     zero_counts: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
-    """Not said: the middle of the servo's range."""
+    """Counts at joint position 0; by default the middle of the servo's range."""
     homing_offset: Annotated[int, NoTruth] | None = Field(None, ge=-32767, le=32767)
-    """What the servo's register must hold for ``zero_counts`` to be true; not said: it is not looked at."""
+    """Homing offset of the servo for which ``zero_counts`` is valid; not checked if omitted."""
     extended: bool = False
     """Whether the servo, a Dynamixel X, must be in extended position mode."""
     metres_per_radian: MetresPerRadian | None = None
     torque_limit: TorqueLimit = 1.0
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
-    """Dynamixel's position P gain, which lives in RAM; None leaves it as the servo has it."""
+    """Position P gain of a Dynamixel servo, which it keeps in RAM; None leaves the gain unchanged."""
     settings: dict[str, RegisterValue] = {}
-    """Registers of the servo's EEPROM, by name: gains, dead zones, protections. Written where the servo has others."""
+    """Values of EEPROM registers (gains, dead zones, protections) by register name. Values that differ are written."""
     acceleration: Acceleration
     jerk: Jerk
 
@@ -74,12 +77,12 @@ class JointFile(_Strict):
     @classmethod
     def _known_model(cls, model: str) -> str:
         if model not in MODELS:
-            raise ValueError(f"unknown model {model}: known are {', '.join(MODELS)}")
+            raise ValueError(f"unknown model {model}: use one of {', '.join(MODELS)}")
         return model
 
 
 class ExitFile(_Strict):
-    """The end of the torque, on virtual and on real servos."""
+    """What happens to the torque at exit, for virtual and for real servos."""
 
     virtual: ExitPolicy = "hold"
     real: ExitPolicy = "relax"
@@ -90,57 +93,59 @@ class ExitFile(_Strict):
 
 
 class ParkFile(_Strict):
-    """The pose to go to before letting go, at which share of the joints' velocity limits."""
+    """Pose to which the arm moves before its torque is released."""
 
     pose: dict[str, Position]
+    """Joint positions, in rad or m."""
     velocity_scale: VelocityScale = 0.25
+    """Speed of the motion, as a share of the velocity limits."""
 
 
 class RobotFile(_Strict):
-    """The whole file."""
+    """Content of the robot file."""
 
     bus: BusFile | None = None
-    """The short form for a robot with one line."""
+    """The only bus: short form for a robot with one bus."""
     buses: Annotated[dict[BusName, BusFile], Field(min_length=1)] | None = None
-    """Several lines, each with a name that the joints and the command line use."""
+    """Buses by name. Joints and the command line refer to these names."""
     joints: dict[str, JointFile]
     on_exit: ExitFile = ExitFile()
     park: ParkFile | None = None
     gravity_compensation: bool = True
-    """Whether the servos' goals make up for what the servos give way under load."""
+    """Whether goals compensate the compliance of the servos under load."""
     controller_defaults: dict[str, dict[str, Any]] = {}
 
     def lines(self) -> dict[str, BusFile]:
-        """Every bus by its name; the name of the one in the short form is empty."""
+        """Return all buses by name. In the short form, the name is empty."""
         return self.buses or {"": self.bus or BusFile()}
 
     def bus_of(self, joint: JointFile) -> str:
-        """The name of the joint's bus."""
+        """Return the name of the joint's bus."""
         return joint.bus or next(iter(self.lines()))
 
     def joints_on(self, bus: str) -> dict[str, JointFile]:
-        """The joints whose servos are on this bus, by name."""
+        """Return the joints whose servos are on this bus, by name."""
         return {name: joint for name, joint in self.joints.items() if self.bus_of(joint) == bus}
 
     @field_validator("buses")
     @classmethod
     def _one_form(cls, buses: dict[str, BusFile] | None, info: ValidationInfo) -> dict[str, BusFile] | None:
         if info.data.get("bus", "with mistakes") is not None:
-            raise ValueError("the file has bus and buses: list every bus under buses, and take bus out")
+            raise ValueError("the file has both bus and buses: list every bus under buses, and remove bus")
         if buses and "world" in buses:
-            raise ValueError("no bus may be called world: PORT.world is where an emulator shows its world")
+            raise ValueError("a bus must not be called world: emulators use PORT.world for their world")
         return buses
 
     @field_validator("joints")
     @classmethod
     def _fit_together(cls, joints: dict[str, JointFile], info: ValidationInfo) -> dict[str, JointFile]:
         buses = info.data.get("buses") or {}
-        # Who names no bus is on the only one.
+        # A joint without a bus is on the only bus.
         home = next(iter(buses)) if len(buses) == 1 else None
         placed = {name: joint.model_copy(update={"bus": joint.bus or home}) for name, joint in joints.items()}
-        problems = _doubles(placed) + _babel(placed)
-        if "bus" in info.data and "buses" in info.data:  # else their own mistakes come first
-            problems += _misplaced(joints, info.data["bus"], info.data["buses"])
+        problems = _shared_ids(placed) + _mixed_protocols(placed)
+        if "bus" in info.data and "buses" in info.data:  # a key is missing if it has mistakes itself
+            problems += _bus_problems(joints, info.data["bus"], info.data["buses"])
         if problems:
             raise ValueError("; ".join(problems))
         return joints
@@ -151,12 +156,12 @@ class RobotFile(_Strict):
         if park and "joints" in info.data:
             unknown = park.pose.keys() - info.data["joints"].keys()
             if unknown:
-                raise ValueError(f"pose names unknown joints: {', '.join(sorted(unknown))}")
+                raise ValueError(f"pose has unknown joints: {', '.join(sorted(unknown))}")
         return park
 
 
-def _doubles(joints: Mapping[str, JointFile]) -> list[str]:
-    """Servos that two joints lay claim to."""
+def _shared_ids(joints: Mapping[str, JointFile]) -> list[str]:
+    """List pairs of joints with the same servo."""
     owners: dict[tuple[str | None, int], str] = {}
     problems: list[str] = []
     for name, joint in joints.items():
@@ -167,63 +172,71 @@ def _doubles(joints: Mapping[str, JointFile]) -> list[str]:
     return problems
 
 
-def _misplaced(
+def _bus_problems(
     joints: Mapping[str, JointFile], single: BusFile | None, several: Mapping[str, BusFile] | None
 ) -> list[str]:
-    """Joints on no bus or on the wrong one, and buses without a joint."""
+    """List joints without a bus or on an unknown bus, joints that do not fit their bus, and buses without a joint."""
     buses = several or {}
     problems: list[str] = []
     for name, joint in joints.items():
         if joint.bus is None and len(buses) > 1:
-            problems.append(f"{name} needs bus: one of {', '.join(buses)}")
+            problems.append(f"{name} has no bus: use one of {', '.join(buses)}")
         elif joint.bus is not None and not buses:
-            problems.append(f"{name} names bus {joint.bus}, but the file has no buses: take it out, or list it there")
+            problems.append(
+                f"{name} is on bus {joint.bus}, but the file has no buses: remove its bus, or list the bus under buses"
+            )
         elif joint.bus is not None and joint.bus not in buses:
-            problems.append(f"{name} names bus {joint.bus}, which is not among {', '.join(buses)}")
+            problems.append(f"{name} is on unknown bus {joint.bus}: use one of {', '.join(buses)}")
         else:
             bus = buses[joint.bus] if joint.bus else next(iter(buses.values()), single or BusFile())
-            problems += _misfits(name, joint, bus.protocol)
+            problems += _joint_problems(name, joint, bus.protocol)
     used = {joint.bus for joint in joints.values()}
     problems += [f"no joint is on bus {bus}" for bus in buses if len(buses) > 1 and bus not in used]
     return problems
 
 
-def _misfits(name: str, joint: JointFile, protocol: Make) -> list[str]:
-    """The settings that one joint's servo asks for and its bus does not have."""
+def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
+    """List the values of one joint that do not fit its bus or its servo model."""
     problems: list[str] = []
     model = MODELS[joint.model]
     if series_of(model).make != protocol:
-        problems.append(f"{name} has model {joint.model}, which does not speak the bus's protocol, {protocol}")
+        problems.append(f"{name} has model {joint.model}, which does not use the protocol of its bus ({protocol})")
     if joint.servo_id > LARGEST_IDS[protocol]:
-        problems.append(f"{name} has servo_id {joint.servo_id}, and {protocol} has IDs up to {LARGEST_IDS[protocol]}")
+        problems.append(
+            f"{name} has servo_id {joint.servo_id}, but the highest {protocol} ID is {LARGEST_IDS[protocol]}"
+        )
     if joint.position_p is not None and series_of(model).protocol is not PROTOCOL_2:
-        problems.append(f"{name} has position_p, which only dynamixel servos of protocol 2.0 take from here")
+        problems.append(f"{name} has position_p, but only Dynamixel servos with protocol 2.0 support it: remove it")
     if wrong := homing_mistake(model, joint.homing_offset):
         problems.append(f"{name}: {wrong}")
     if joint.extended and series_of(model) is not X:
-        problems.append(f"{name}: a {joint.model} has no extended position mode: take `extended` out")
+        problems.append(f"{name}: a {joint.model} has no extended position mode: remove `extended`")
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
 
-def _babel(joints: Mapping[str, JointFile]) -> list[str]:
-    """Servos of one make that cannot share a bus, because they speak differently."""
-    spoken: dict[tuple[str | None, Make], dict[str, str]] = {}
+def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
+    """List servos of one make that cannot share a bus because their protocols differ."""
+    protocols: dict[tuple[str | None, Make], dict[str, str]] = {}
     for name, joint in joints.items():
         model = MODELS[joint.model]
-        spoken.setdefault((joint.bus, series_of(model).make), {}).setdefault(series_of(model).protocol.name, name)
+        protocols.setdefault((joint.bus, series_of(model).make), {}).setdefault(series_of(model).protocol.name, name)
     return [
-        f"{' and '.join(first.values())} cannot share a bus, they speak {' and '.join(first)}: "
-        "give each a line of its own under buses"
-        for first in spoken.values()
+        f"{' and '.join(first.values())} cannot share a bus because they use {' and '.join(first)}: "
+        "add a separate bus for each under buses"
+        for first in protocols.values()
         if len(first) > 1
     ]
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read the robot file and the calibration beside it. Raises RobotFileError with every mistake, file and line.
+    """Read a robot file and its calibration file. Servo protections that cannot act are logged as warnings.
 
-    Protections of servos that cannot act are named in the log.
+    Args:
+        path: The robot file.
+
+    Raises:
+        RobotFileError: The files have mistakes. The message lists all of them with file and line.
     """
     file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)
     for problem in unprotected(file):
@@ -232,7 +245,7 @@ def load_robot_file(path: Path) -> RobotFile:
 
 
 def unprotected(file: RobotFile) -> list[str]:
-    """The protections of the file's servos that cannot act, each with its joint and the remedy."""
+    """List servo protections that cannot act, each with its joint and a remedy."""
     return [
         f"{name}: {problem}"
         for name, joint in file.joints.items()
@@ -241,22 +254,22 @@ def unprotected(file: RobotFile) -> list[str]:
 
 
 def _calibrated(file: RobotFile, calibration: CalibrationFile, path: Path) -> RobotFile:
-    """The robot file with what calibration found. One that is not of this robot is refused."""
+    """Return the robot file with the values of the calibration. Raises RobotFileError if they do not fit together."""
     problems: list[str] = []
     joints, source = dict(file.joints), compose(path, RobotFileError)
     for name, found in calibration.joints.items():
         place = source.place(("joints", name))
         joint = joints.get(name)
         if joint is None or joint.servo_id != found.servo_id:
-            has = "no such joint" if joint is None else f"servo {joint.servo_id} there"
-            problems.append(f"{place}: {name} was calibrated with servo {found.servo_id}, and the robot file has {has}")
+            has = "no such joint" if joint is None else f"servo {joint.servo_id} for it"
+            problems.append(f"{place}: {name} was calibrated with servo {found.servo_id}, but the robot file has {has}")
             continue
         if wrong := homing_mistake(MODELS[joint.model], found.homing_offset):
             problems.append(f"{place}: {name}: {wrong}")
         if found.extended and series_of(MODELS[joint.model]) is not X:
-            problems.append(f"{place}: {name}: a {joint.model} has no extended position mode: take `extended` out")
+            problems.append(f"{place}: {name}: a {joint.model} has no extended position mode: remove `extended`")
         update = found.model_dump(include={"sign", "zero_counts", "homing_offset", "extended"})
         joints[name] = joint.model_copy(update=update)
     if problems:
-        raise RobotFileError("\n".join([*problems, "calibrate again, or take the calibration file away"]))
+        raise RobotFileError("\n".join([*problems, "calibrate again, or remove the calibration file"]))
     return file.model_copy(update={"joints": joints})

@@ -1,4 +1,4 @@
-"""Several hardware components, each with a robot file of its own, as one robot."""
+"""Combine several hardware components, each with its own robot file, into one robot."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,15 +15,16 @@ from hal.types import JointLimits
 Part = tuple[HardwareInfo, Robot]
 
 SPEED_UP_S = 0.25
-"""A joint of which no robot file tells the acceleration reaches its top speed in this time,"""
+"""Time in which a joint without a robot file reaches its velocity limit."""
 TAKE_UP_S = 0.1
-"""and that acceleration in this."""
+"""Time in which a joint without a robot file reaches its acceleration limit."""
 
 
 def together(parts: Sequence[Part]) -> Robot:
-    """Put all parts together as one robot. Where there are several, each bus is called after its component.
+    """Combine all components into one robot. If there are several, each bus is named after its component.
 
-    Raises RobotFileError where the files contradict each other.
+    Raises:
+        RobotFileError: The robot files contradict each other.
     """
     if not parts:
         return Robot((), RobotFile(joints={}))
@@ -32,7 +33,7 @@ def together(parts: Sequence[Part]) -> Robot:
     policies = {robot.file.on_exit for _, robot in parts}
     if len(policies) > 1:
         names = " and ".join(component.name for component, _ in parts)
-        raise RobotFileError(f"the robot files of {names} differ in on_exit: the arm ends in one way, say the same")
+        raise RobotFileError(f"the robot files of {names} differ in on_exit: write the same value in all of them")
     _require_one_name_each(parts)
     joints = tuple(replace(joint, bus=bus_name(c, joint.bus)) for c, robot in parts for joint in robot.joints)
     file = RobotFile(
@@ -46,7 +47,10 @@ def together(parts: Sequence[Part]) -> Robot:
 
 
 def bus_name(component: HardwareInfo, bus: str) -> str:
-    """The name of a component's bus among all: ``hand``, or ``hand-left`` where the hand has several."""
+    """Return the name of a component's bus in the combined robot.
+
+    It is the name of the component (``hand``), with the name of the bus if the component has several (``hand-left``).
+    """
     name = f"{component.name}-{bus}" if bus else component.name
     return re.sub(r"[^A-Za-z0-9_-]", "_", name)
 
@@ -57,13 +61,13 @@ def _require_one_name_each(parts: Sequence[Part]) -> None:
         for name in (bus_name(component, bus) for bus in robot.file.lines()):
             if name in owners:
                 raise RobotFileError(
-                    f"two buses are called {name}: give one of {owners[name]} and {component.name} another name"
+                    f"two buses are called {name}: rename component {owners[name]} or {component.name}"
                 )
             owners[name] = component.name
 
 
 def limits_of(urdf: UrdfJoint) -> JointLimits:
-    """The limits of a joint that no robot file tells of."""
+    """Return the limits of a joint without a robot file."""
     acceleration = urdf.velocity / SPEED_UP_S
     return urdf.limits(acceleration, acceleration / TAKE_UP_S)
 
@@ -98,7 +102,7 @@ def _defaults(parts: Sequence[Part]) -> dict[str, dict[str, Any]]:
 def all_limits(
     components: Sequence[HardwareInfo], robot: Robot, urdf: Mapping[str, UrdfJoint]
 ) -> dict[str, JointLimits]:
-    """The limits of every joint that takes commands, by robot file or else by URDF."""
+    """Return the limits of every joint that takes commands, from its robot file or otherwise from the URDF."""
     limits = robot.limits()
     for component in components:
         for joint, commands in component.command_interfaces.items():

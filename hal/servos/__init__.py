@@ -1,1 +1,1 @@
-"""Serial bus servos as a hardware component: set-up, activation, states, goals, faults."""
+"""Hardware component for serial bus servos: setup, activation, states, goals and faults."""

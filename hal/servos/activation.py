@@ -1,4 +1,4 @@
-"""The activation of servos: every goal at its measured position, on all buses and confirmed; only then the torque."""
+"""Activate servos: set every goal to its measured position, read it back on all buses, and then enable torque."""
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
@@ -17,17 +17,17 @@ from hal.types import far_outside
 LOG = logging.getLogger("servoloop.hal")
 
 CONFIRMING_READS: Final = 8
-"""Number of readings among which two in a row must agree before a measured position becomes a goal."""
+"""Maximum number of readings until two consecutive readings agree. Only then does a measured position become a goal."""
 AGREE_S: Final = 0.01
-"""Two readings agree if they differ by no more than the joint moves in this time at its velocity limit."""
+"""Time in which a joint at its velocity limit travels the maximum difference between two readings that agree."""
 AGREE_COUNTS: Final = 3
-"""Smallest difference at which two readings still agree: the noise of an encoder."""
+"""Difference, in counts, at which two readings always agree because of encoder noise."""
 FRESH_S: Final = 0.1
-"""Age at which a measured goal is measured again before the torque goes on: limp joints sink meanwhile."""
+"""Age after which a position is measured again before torque is enabled, because limp joints sink meanwhile."""
 
 
 class Activation:
-    """One activation of a component's servos; ``run`` raises where one of them must not have torque."""
+    """One activation of the servos of a component."""
 
     def __init__(
         self,
@@ -36,7 +36,14 @@ class Activation:
         clock: Clock,
         measured: Callable[[Mapping[str, Reading]], object],
     ) -> None:
-        """``measured`` is given each measurement of all joints on the way."""
+        """Prepare an activation.
+
+        Args:
+            joints: Joints to activate.
+            buses: Buses of the joints.
+            clock: Clock of the control loop.
+            measured: Function that is called with each measurement of all joints.
+        """
         self._joints = tuple(joints)
         self._buses = buses
         self._setup = ServoSetup(buses)
@@ -46,12 +53,19 @@ class Activation:
         self._limp: list[Joint] = []
 
     def run(self) -> dict[str, int]:
-        """Switch the torque on, joint by joint; returns the goals that are held, in counts by joint name.
+        """Enable torque joint by joint.
 
-        Where that fails, the servos that were limp before are limp again; one that a former program
-        left under torque goes on holding: letting go would drop the arm.
+        If the activation fails, servos that were limp before are released again. Servos that had torque before continue
+        to hold, because the arm would fall otherwise.
+
+        Returns:
+            The goals that the servos hold, in counts by joint name.
+
+        Raises:
+            ActivationError: A servo must not have torque now.
+            DriverError: A servo could not be reached.
         """
-        self._measure_all()  # a silent servo is named here at once: the check would look for it at all baud rates
+        self._measure_all()  # reports a silent servo at once; the check below would search it at all baud rates
         if problems := self._setup.problems():
             raise ActivationError("not activated: " + "; ".join(problems))
         self._take_goals(self._joints)
@@ -63,31 +77,31 @@ class Activation:
         try:
             for joint in self._joints:
                 self._setup.limit_torque(joint)
-            self._take_goals(self._joints)  # a limp arm has sunk meanwhile
+            self._take_goals(self._joints)  # a limp arm may have sunk meanwhile
             self._hold_goals()
             for joint in self._joints:
                 self._torque_on(joint)
         except BaseException:
-            self.let_go()
+            self.release()
             raise
         return self._goals
 
-    def let_go(self) -> None:
-        """Make those limp again that were limp before."""
+    def release(self) -> None:
+        """Disable torque of the servos that were limp before the activation. Log the errors."""
         for problem in self.undo():
             LOG.error("torque may still be on: %s", problem)
 
     def undo(self) -> list[str]:
-        """Make those limp again that were limp before; returns what failed."""
+        """Disable torque of the servos that were limp before the activation. Return the errors."""
         return self._setup.torque_off(self._limp)
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
-        """Make the measured positions the goals of these joints. Raises ActivationError where one must not be held."""
+        """Use the measured positions of joints as goals. Raises ActivationError if a position must not be held."""
         states = self._confirmed()
         self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
 
     def _confirmed(self) -> dict[str, ServoState]:
-        """States whose positions two readings in a row agree on: a reply with false data can have a right checksum."""
+        """Measure until two consecutive readings agree, because a corrupted reply may have a correct checksum."""
         last = self._measure_all()
         for _ in range(CONFIRMING_READS - 1):
             before, last = last, self._measure_all()
@@ -96,8 +110,8 @@ class Activation:
                 return last
         joint = apart[0]
         raise ActivationError(
-            f"not activated: {self._called(joint)} reports {before[joint.name].position_counts} and then "
-            f"{last[joint.name].position_counts} counts: hold the arm still, and check the servo's cable"
+            f"not activated: two readings of {self._called(joint)} differ ({before[joint.name].position_counts}, then "
+            f"{last[joint.name].position_counts} counts): hold the arm still and check the servo's cable"
         )
 
     def _measure_all(self) -> dict[str, ServoState]:
@@ -114,7 +128,11 @@ class Activation:
         return {name: reading for name, reading in readings.items() if isinstance(reading, ServoState)}
 
     def _start_goal(self, joint: Joint, state: ServoState) -> int:
-        """The measured position, if it lies within the limits or (by play, a soft stop) almost."""
+        """Return the measured position as the first goal of a joint.
+
+        Raises:
+            ActivationError: The joint is too far outside its limits, or outside the servo's own limits.
+        """
         position = joint.position(state.position_counts)
         lower, upper = joint.limits.lower, joint.limits.upper
         if problem := far_outside(position, joint.limits):
@@ -130,30 +148,35 @@ class Activation:
         return state.position_counts
 
     def _check_own_limits(self, joint: Joint, counts: int) -> None:
-        """Within the joint's limits the set-up has seen to it. Beyond its own a servo drives to them at once."""
+        """Check a position outside the joint's limits against the servo's own limits.
+
+        A servo outside its own limits moves to them as soon as it has torque. Within the joint's limits the setup has
+        already made this check.
+        """
         limits = self._setup.position_limits(joint)
         if limits is not None and not limits[0] <= counts <= limits[1]:
             raise ActivationError(
-                f"not activated: {self._called(joint)} stands at {counts} counts, outside the servo's own limits "
-                f"{limits[0]} to {limits[1]}, and would drive there at once. Move it by hand, or widen them"
+                f"not activated: {self._called(joint)} is at {counts} counts, outside the servo's own limits "
+                f"{limits[0]} to {limits[1]}, so it would move there at once. Move it by hand, or widen these limits"
             )
 
     def _check_turn(self, joint: Joint) -> None:
-        """A servo that holds a goal far from what it reports counts turns, and would take any goal for one of another.
+        """Check that a servo with torque does not hold its position in another turn.
 
-        What it reports may be the place within the turn alone; only limp servos can be made to forget the others.
+        Such a servo reports only the position within one turn and would move whole turns to a new goal. Only a limp
+        servo can be made to discard its turns.
         """
         held, measured = self._setup.goal(joint), self._goals[joint.name]
         if abs(held - measured) > joint.model.counts_per_turn // 2:
             raise ActivationError(
-                f"not activated: {self._called(joint)} is held at {held} counts and reports {measured}, as one that is "
-                "held a turn away. Hold the arm, and switch the servos' supply off and on"
+                f"not activated: {self._called(joint)} has goal {held} but reports {measured} counts, so it is "
+                "probably held in another turn. Hold the arm, and switch the servos' supply off and on"
             )
 
     def _hold_goals(self) -> None:
-        """Nobody acknowledges goals: ask each servo whether it has its own. One packet that was lost is not the end.
+        """Write the goals and read them back, because servos do not acknowledge goals. Repeat if a packet was lost.
 
-        Most servos switch their torque on when they are told a goal: it must not be an old one.
+        Most servos enable torque when they get a goal, so the goals must not be old.
         """
         for _ in range(ATTEMPTS):
             self._buses.write_goals({name: ServoGoal(counts) for name, counts in self._goals.items()})
@@ -172,9 +195,9 @@ class Activation:
             )
 
     def _torque_on(self, joint: Joint) -> None:
-        """Where no acknowledgement comes the servo may have been reset: only one that has its goal still is told again.
+        """Enable torque of a joint. Retry without an acknowledgement only if the servo still has its goal.
 
-        That takes time, in which limp joints may move: they are measured once more.
+        Otherwise the servo may have been reset. Limp joints may move meanwhile and are measured again.
         """
         for _ in range(ATTEMPTS - 1):
             self._renew_goals(joint)
@@ -188,7 +211,7 @@ class Activation:
         self._setup.torque_on(joint)
 
     def _renew_goals(self, joint: Joint) -> None:
-        """Measure again where that was too long ago. A slow line may never be quick enough: the last goals hold."""
+        """Measure again if the last measurement is too old. On a slow bus the last of several measurements is used."""
         for _ in range(ATTEMPTS):
             if not self._old():
                 return
@@ -198,10 +221,10 @@ class Activation:
         return self._clock.now() - self._measured_s > FRESH_S
 
     def _retake_goals(self, joint: Joint) -> None:
-        """Measure the joints that are limp still, from this one on, and hold them there.
+        """Measure this joint and all later joints that are still limp, and use their positions as goals.
 
-        The others keep the goals that they were switched on with: a joint that gives way a little must not give way
-        again with every lost packet.
+        Joints with torque keep their goals. Otherwise a joint that sags under load would sag further with every lost
+        packet.
         """
         later = self._joints[self._joints.index(joint) :]
         self._take_goals([one for one in later if not self._setup.torque_is_on(one)])
@@ -213,17 +236,17 @@ class Activation:
 
 
 def counted_turns(joint: Joint, counts: int) -> str:
-    """Explain a reading that lies whole turns away from the servo's counts; empty if it is one of them."""
+    """Explain a reading that is whole turns outside the servo's counts; empty if it is not."""
     if not (turns := joint.turns(counts)):
         return ""
     number = "a turn" if abs(turns) == 1 else f"{abs(turns)} turns"
     return (
         f"The servo reports {counts} counts, which is outside 0 to {joint.model.last_count}: it has counted {number}. "
-        "Hold the arm, and switch the servos' supply off and on. Leave the zero as it is: a changed one would be wrong "
-        "afterwards"
+        "Hold the arm, and switch the servos' supply off and on. Do not change zero_counts, because the new value "
+        "would be wrong afterwards"
     )
 
 
 def _agree(joint: Joint, one: ServoState, other: ServoState) -> bool:
-    way = joint.limits.velocity * AGREE_S / abs(joint.units_per_count)
-    return abs(one.position_counts - other.position_counts) <= max(AGREE_COUNTS, way)
+    travel = joint.limits.velocity * AGREE_S / abs(joint.units_per_count)
+    return abs(one.position_counts - other.position_counts) <= max(AGREE_COUNTS, travel)

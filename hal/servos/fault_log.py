@@ -1,4 +1,4 @@
-"""The log of servos' faults: servos to which the same happens in one cycle are one event, and one line."""
+"""Log servo faults. The same fault of several servos in one cycle is logged as one line."""
 
 import logging
 import re
@@ -22,25 +22,25 @@ _PLURAL: Final = {
     "reports": "report",
     "was": "were",
 }
-"""Words that change where several servos are reported."""
+"""Plural forms of words in a message about several servos."""
 
 
 class FaultLog:
-    """Collects what happens to servos in one cycle, and logs it at the cycle's end."""
+    """Log that collects the events of one cycle and writes them at its end."""
 
     def __init__(self) -> None:
         self.events: dict[tuple[object, ...], _Event] = {}
-        """The events by what they have in common; almost always there are none."""
+        """Events of the cycle, by their common text; usually empty."""
 
     def note(self, level: int, label: str, servo_id: int, text: str) -> None:
-        """Note what happened to one servo.
+        """Record an event of one servo.
 
         Args:
-            level: The level of the log line.
-            label: The joint's name in a message.
-            servo_id: The servo's ID.
-            text: What happened. It names joint and servo (``elbow: servo 2 ...``), unless it is about all servos of a
-                line. Texts that differ in their figures alone are one event.
+            level: Level of the log line.
+            label: Name of the joint in messages.
+            servo_id: ID of the servo.
+            text: Description. It contains joint and servo (``elbow: servo 2 ...``), unless it is about all servos of a
+                bus. Descriptions that differ only in their numbers are one event.
         """
         lead, called, what = text.partition(f"{label}: servo {servo_id} ")
         key = (level, lead, event_of(what)) if called else (level, text)
@@ -58,15 +58,15 @@ class FaultLog:
 
 @dataclass(slots=True)
 class _Event:
-    """What happened to some servos, or to a whole line."""
+    """Event of some servos or of a whole bus."""
 
     level: int
     lead: str
-    """The words before the names of the servos; of a line: all words."""
+    """Text before the names of the servos. For a whole bus, the complete text."""
     servos: list[tuple[str, int]] = field(default_factory=list)
-    """Label and ID."""
+    """Joint label and servo ID of each servo."""
     texts: list[str] = field(default_factory=list)
-    """The words after each servo's name."""
+    """Text after the name of each servo."""
 
     def sentence(self) -> str:
         if not self.servos:

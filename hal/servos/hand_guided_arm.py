@@ -1,4 +1,4 @@
-"""An arm that a hand moves: limp and only read, or held by servos that pull with part of what they have."""
+"""An arm that is moved by hand. Its servos are limp, or hold it with reduced torque."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -13,12 +13,13 @@ from hal.servos.limp_arm import LimpArm
 from hal.servos.servo_setup import ServoSetup
 
 SOFT_SHARE: Final = 0.7
-"""Of each joint's torque limit, while it is soft: half for the weight, at the most, and a little to hold with. So a
-hand can overcome a servo that does not answer, and does not give way."""
+"""Share of each joint's torque limit while the arm is soft: at most half for the weight, the rest for holding.
+
+A user can thus overpower a servo that does not answer and therefore does not yield."""
 
 
 class HandGuidedArm(LimpArm):
-    """All joints of an arm. A soft one has less than the joints' own torque limits, until they are restored."""
+    """An arm that is moved by hand. If it is soft, its torque limits are reduced until they are restored."""
 
     def __init__(
         self,
@@ -29,19 +30,32 @@ class HandGuidedArm(LimpArm):
         compensation: GravityCompensation | None = None,
         soft: bool = False,
     ) -> None:
-        """``compensation`` is that of the joints with their own limits."""
+        """Create the arm.
+
+        Args:
+            name: Name of the component.
+            joints: Joints with their full torque limits.
+            open_buses: Function that opens the bus, or the buses by name.
+            clock: Clock of the control loop.
+            compensation: Gravity compensation for the joints with their full torque limits.
+            soft: Whether the torque limits are reduced.
+        """
         share = SOFT_SHARE if soft else 1.0
         held = [replace(joint, torque_limit=share * joint.torque_limit) for joint in joints]
         super().__init__(name, held, open_buses, clock, compensation)
         self._own = tuple(joints)
 
     def restore_torque_limits(self) -> None:
-        """Give all joints their own torque limits, between two cycles. Raises DriverError with all that have not."""
+        """Restore the torque limits of all joints, between two cycles.
+
+        Raises:
+            DriverError: Torque limits could not be restored. The message names all joints concerned.
+        """
         setup, problems = ServoSetup(self._opened("stiffen")), []
         for joint in self._own:
             try:
                 setup.limit_torque(joint)
-            except ServoError as error:  # the others hold the arm too
+            except ServoError as error:  # the other joints also hold the arm
                 problems.append(str(error))
         if problems:
-            raise DriverError(f"still soft: {'; '.join(problems)}")
+            raise DriverError(f"the torque limits are still reduced: {'; '.join(problems)}")

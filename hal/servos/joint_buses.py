@@ -1,4 +1,4 @@
-"""The buses of one robot, spoken to by joint: servo IDs repeat from bus to bus, joint names do not."""
+"""The buses of one component, addressed by joint name, because servo IDs may repeat on different buses."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -13,37 +13,37 @@ from hal.errors import PartLost
 from hal.joint import Joint
 
 _LINE_TEXTS: Final = dict.fromkeys(
-    ("silent", "late"), "no servo answers on {}: the line, its adapter, the supply of all, or this machine held up"
+    ("silent", "late"), "no servo answers on {}: check the cable, the adapter, the supply and the load of this computer"
 ) | {"no_time": "no servo was measured on {}: the cycle had no time left"}
-_counts: Final = attrgetter(*ServoCounters.__slots__)  # to copy; dataclasses.replace takes four times as long
+_counts: Final = attrgetter(*ServoCounters.__slots__)  # copies four times as fast as dataclasses.replace
 
 
 class JointBuses:
-    """The buses, opened, as a cycle uses them. Where there are several, every message names the one it is about."""
+    """Open buses of one component. If there are several, every message contains the name of the bus."""
 
     def __init__(self, joints: Sequence[Joint], buses: Mapping[str, Bus]) -> None:
         self.buses = dict(buses)
         self.joints_on = {name: [joint for joint in joints if joint.bus == name] for name in buses}
-        """By bus."""
+        """Joints on each bus, by name of the bus."""
         self._joints = tuple(joints)
         self._ids = {name: [joint.servo_id for joint in on] for name, on in self.joints_on.items()}
-        # Where each servo is asked by itself the next question depends on the last answer: those first. Meanwhile the
-        # bytes of the others gather in the kernel, and a line that is dead takes its whole time last.
+        # Buses that read servos one by one come first, because each request waits for the last answer. Meanwhile the
+        # kernel buffers the bytes of the other buses. Dead buses are read last, because they use up the whole time.
         self._in_turn = sorted(buses, key=lambda name: buses[name].read_together)
         self._dead: set[str] = set()
 
     def label(self, joint: Joint) -> str:
-        """The joint's name in a message."""
+        """Return the name of a joint for messages, with its bus if there are several."""
         return joint.name if len(self.buses) == 1 else f"{joint.name} (bus {joint.bus})"
 
     def request(self, deadline_s: float) -> None:
-        """Ask every servo: the questions are all out before any answer is waited for."""
+        """Send the requests to all servos before any answer is awaited."""
         for name, bus in self.buses.items():
             with self.named(name):
                 bus.request(self._ids[name], deadline_s)
 
     def receive(self) -> dict[str, Reading]:
-        """Wait for every servo's state; returns the states by joint name."""
+        """Wait for the states of all servos. Return the readings by joint name."""
         readings: dict[str, Mapping[int, Reading]] = {}
         for name in sorted(self._in_turn, key=self._dead.__contains__):
             with self.named(name):
@@ -53,7 +53,7 @@ class JointBuses:
         return self.by_joint(readings)
 
     def _explained(self, name: str, readings: Mapping[int, Reading]) -> Mapping[int, Reading]:
-        """Faults name their joints; where all servos of a line fail in one cycle, the line or the host is named."""
+        """Add the joint to each fault. If all servos of a bus fail in one cycle, describe the bus instead."""
         faults = {i: reading for i, reading in readings.items() if isinstance(reading, ServoFault)}
         kinds = {fault.kind for fault in faults.values()}
         if 1 < len(readings) == len(faults) and kinds <= _LINE_TEXTS.keys():
@@ -64,13 +64,15 @@ class JointBuses:
         return {**readings, **{i: fault._replace(text=f"{labels[i]}: {fault.text}") for i, fault in faults.items()}}
 
     def by_joint(self, by_bus: Mapping[str, Mapping[int, Reading]]) -> dict[str, Reading]:
-        """Readings by joint name, of those by bus and servo ID."""
+        """Convert readings by bus and servo ID to readings by joint name."""
         return {joint.name: by_bus[joint.bus][joint.servo_id] for joint in self._joints}
 
     def write_goals(self, goals: Mapping[str, ServoGoal]) -> None:
-        """Send one packet a bus, for the joints that have a goal.
+        """Send one packet on each bus, for the joints that have a goal. If a bus is lost, the others still get theirs.
 
-        A lost bus does not keep the others from theirs; then it is raised.
+        Raises:
+            PartLost: Some of the buses are lost.
+            PortError: All buses are lost.
         """
         lost: list[PortError] = []
         for name, bus in self.buses.items():
@@ -83,7 +85,7 @@ class JointBuses:
             raise lost[0] if len(lost) == len(self.buses) else PartLost(str(lost[0]))
 
     def torque_states(self, joints: Sequence[Joint], deadline_s: float) -> dict[str, bool]:
-        """Whether the servos of these joints drive their motors, as far as they answer by a cycle's deadline."""
+        """Return whether torque is enabled, by joint name. Servos that do not answer by the deadline are left out."""
         states: dict[str, bool] = {}
         for name, bus in self.buses.items():
             asked = {joint.servo_id: joint.name for joint in joints if joint.bus == name}
@@ -94,24 +96,24 @@ class JointBuses:
         return states
 
     def counters(self) -> dict[str, BusCounters]:
-        """The counters of each bus by its name; copies, for another thread."""
+        """Return copies of the counters of each bus by its name. Another thread may use the copies."""
         each = ((name, bus.counters) for name, bus in self.buses.items())
         copied = ((n, c, {i: ServoCounters(*_counts(own)) for i, own in c.servos.items()}) for n, c in each)
         return {name: BusCounters(c.noise, c.strange, servos) for name, c, servos in copied}
 
     def port(self, name: str) -> str:
-        """The name of a bus's port."""
+        """Return the port of a bus."""
         return self.buses[name].name
 
     def close(self) -> None:
-        """Give every port back, whatever the others do."""
+        """Close all ports, even if some of them fail."""
         for bus in self.buses.values():
-            with suppress(PortError):  # it is gone: there is nothing to give back
+            with suppress(PortError):  # the port is already lost
                 bus.close()
 
     @contextmanager
     def named(self, name: str) -> Iterator[None]:
-        """An error names its bus, if there are several: a lost port with its joints, a servo with its own."""
+        """Add the bus and its joints to the message of an error, if there are several buses."""
         try:
             yield
         except PortLost as error:

@@ -1,4 +1,4 @@
-"""A leader arm as a hardware component: its servos are limp and only read, a hand moves it."""
+"""Hardware component for a leader arm, which is moved by hand. Its servos have no torque and are only read."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -8,21 +8,21 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from hal.errors import ActivationError
 from hal.joint import Joint
-from hal.servos.limp_arm import LimpArm, falls
+from hal.servos.limp_arm import LimpArm, torque_warning
 from hal.types import JointState
 
 LEADER: Final = "leader"
 
 
 def leader_joint(joint: str) -> str:
-    """The name of a leader's joint among those of both arms."""
+    """Return the name of a leader's joint, which differs from the follower's joint names."""
     return f"{LEADER}/{joint}"
 
 
 class LeaderArm(LimpArm):
-    """A leader takes no commands, and stays inactive: nothing here can switch its torque on.
+    """Leader arm. It takes no commands and stays inactive, so its torque cannot be enabled.
 
-    Its joints are called ``leader/NAME``, for a follower may have some of the same names.
+    Its joints are named ``leader/NAME``, because the follower may have joints with the same names.
     """
 
     def __init__(
@@ -31,26 +31,30 @@ class LeaderArm(LimpArm):
         super().__init__(LEADER, [replace(one, name=leader_joint(one.name)) for one in joints], open_buses, clock)
         self.command_interfaces = ()
         self.asked_s = self.measured_s = 0.0
-        """When it was asked, and when it was asked for what was measured last, on the clock."""
-        self._let_go = False
+        """Clock times of the last request and of the request for the last measurement."""
+        self._released = False
 
     def configure(self) -> None:
         """Find all servos. Torque stays as it is.
 
-        Raises ActivationError if a leader that was limp comes back with torque: it may be another arm.
+        Raises:
+            ActivationError: A released leader has torque when it is connected again. It may be another arm.
         """
         super().configure()
-        if self._let_go and (servos := self.held()):
+        if self._released and (servos := self.held()):
             self.cleanup()
-            raise ActivationError(f"the leader was limp before it was lost. Now {falls(servos)}: restart teleoperation")
+            raise ActivationError(
+                f"the leader had no torque before its connection was lost. Now {torque_warning(servos)}: "
+                "restart teleoperation"
+            )
 
-    def let_go(self) -> None:
-        super().let_go()
-        self._let_go = True
+    def release(self) -> None:
+        super().release()
+        self._released = True
 
     def activate(self) -> None:
-        """Raises ActivationError: a leader is never driven."""
-        raise ActivationError("a leader is moved by hand: it gets no torque")
+        """Raise ActivationError, because a leader is never driven."""
+        raise ActivationError("a leader arm is moved by hand and never gets torque")
 
     def request(self, deadline_s: float | None = None) -> None:
         self.asked_s = self._clock.now()
@@ -58,5 +62,5 @@ class LeaderArm(LimpArm):
 
     def read(self) -> JointState:
         state = super().read()
-        self.measured_s = self.asked_s  # its angles are no older
+        self.measured_s = self.asked_s  # the measurement is not older than its request
         return state

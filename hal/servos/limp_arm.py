@@ -1,4 +1,4 @@
-"""An arm that a hand moves without torque: which of its servos hold torque, and how they are released."""
+"""An arm without torque that is moved by hand, and the release of its servos."""
 
 from collections.abc import Collection
 
@@ -11,54 +11,56 @@ from hal.servos.servo_setup import ServoSetup
 
 
 def servo_name(joint: Joint) -> str:
-    """Name a joint and its servo, for messages."""
+    """Return the names of a joint and its servo for messages."""
     return f"{joint.name} (servo {joint.address})"
 
 
-def falls(servos: Collection[str]) -> str:
-    """State which servos hold torque and what happens to the arm without it.
+def torque_warning(servos: Collection[str]) -> str:
+    """Return a warning that servos hold torque and that the arm may fall without it.
 
     Args:
         servos: Names of the servos, at least one, such as ``elbow_flex (servo 3)``.
     """
-    holds, they_hold = ("holds", "it holds") if len(servos) == 1 else ("hold", "they hold")
-    return f"{', '.join(servos)} {holds} torque, and what {they_hold} falls when torque goes off"
+    holds = "holds" if len(servos) == 1 else "hold"
+    return f"{', '.join(servos)} {holds} torque, and the arm may fall when torque is disabled"
 
 
 def release_question(servos: Collection[str]) -> str:
-    """Ask whether these servos may be released."""
-    return f"{falls(servos)}: hold the arm. Switch its torque off?"
+    """Return the question whether these servos may be released."""
+    return f"{torque_warning(servos)}: hold the arm. Disable torque?"
 
 
 class LimpArm(ServoHardware):
-    """Servos that can be released while the arm is inactive. Nothing but ``let_go`` switches their torque off.
+    """Arm whose servos can be released while it is inactive. Only ``release`` disables their torque.
 
-    Settings are not compared while a servo holds torque, because it takes none then: it may have to be released first.
-    ``let_go`` and every activation compare them.
+    A servo that holds torque does not accept settings. Its settings are therefore checked by ``release`` and at every
+    activation.
     """
 
     _unsettled = False
-    """Whether settings have not been compared yet."""
+    """Whether the settings still have to be checked."""
 
     def _check(self, setup: ServoSetup) -> None:
-        if problems := setup.strangers():
+        if problems := setup.identify_all():
             raise DriverError("\n".join(problems))
         self._unsettled = bool(self.held())
         if not self._unsettled:
             setup.settle()
 
     def held(self) -> list[str]:
-        """Name the servos that hold torque, or brake. Raises DriverError."""
-        setup = ServoSetup(self._opened("look"))
+        """Return the names of servos that hold torque or brake. Raises DriverError."""
+        setup = ServoSetup(self._opened("check the torque"))
         return [servo_name(joint) for joint in self._joints if setup.drives(joint)]
 
-    def let_go(self) -> None:
-        """Make the arm limp: it falls unless it is held by hand. Then its settings are compared.
+    def release(self) -> None:
+        """Disable torque and check the settings. The arm falls unless it is supported by hand.
 
-        Raises ActivationError if a servo may still hold, DriverError for its settings.
+        Raises:
+            ActivationError: A servo may still hold torque.
+            DriverError: The settings of a servo are wrong.
         """
-        require(self.state, LifecycleState.INACTIVE, "let go")
-        setup = ServoSetup(self._opened("let go"))
+        require(self.state, LifecycleState.INACTIVE, "release")
+        setup = ServoSetup(self._opened("release"))
         if problems := setup.torque_off(self._joints):
             raise ActivationError(f"the arm must be limp to be moved by hand: {'; '.join(problems)}")
         if self._unsettled:

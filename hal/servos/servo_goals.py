@@ -1,4 +1,4 @@
-"""The goals that servos are told: how far ahead of where they are, and how fast to go there."""
+"""Compute the goal position and speed of each servo in a cycle."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -10,23 +10,25 @@ from hal.joint import Joint
 from hal.servos.stall_watch import StallWatch
 
 INTERPOLATION_MARGIN: Final = 1.1
-"""The servo is told to be a little faster than needed, so that what it lags behind is made up."""
+"""Factor by which the goal speed exceeds the speed of the command, so that the servo catches up with its lag."""
 INTERPOLATION_FLOOR_COUNTS_S: Final = 100
+"""Constant part of the goal speed, in counts/s."""
 SLOWING_S: Final = 0.2
-"""A servo that follows behind its goals needs their speed for about so long after they stand."""
+"""Time in which the goal speed decays after the goals stop, because the servo still lags behind them."""
 CATCH_UP_S: Final = 0.5
-"""In about this time a servo that lies behind its goal is to be there."""
+"""Approximate time in which a servo that is far from its goal reaches it."""
 BLOCKED_CYCLES: Final = 2
-"""So many cycles in a row a joint is further behind than its servo can pull: one false measurement moves no goal."""
+"""Number of consecutive cycles after which a large lag counts. A single false measurement thus moves no goal."""
 GAINED_S: Final = 0.1
-"""A joint's speed is known from the way between two measurements: by now it may be faster by what it gains in this."""
+"""Age of the measured speed, in seconds. The joint may have accelerated since then."""
 UNKNOWN_LEAD_TURNS: Final = 0.12
-"""Turns of the shaft by which a servo of unknown stiffness and lag may be behind."""
+"""Maximum lag of a servo with unknown stiffness and lag, in turns of the shaft."""
 
 
 class ServoGoals:
-    """The goals of one component's servos. Each is told how fast to go, so that it moves through the whole period
-    instead of leaping to the goal and waiting there.
+    """Goals of the servos of one component.
+
+    Each goal has a speed, so that the servo moves during the whole period instead of moving fast and waiting.
     """
 
     def __init__(self, joints: Sequence[Joint]) -> None:
@@ -36,19 +38,19 @@ class ServoGoals:
         self._behind = {joint.name: 0 for joint in joints}
         self._watch = StallWatch({name: lead.at_rest for name, lead in self._leads.items()})
         self.stalls = self._watch.stalls
-        """The joints that press without motion, by name; the drive of those with a torque limit is reduced."""
+        """Joints that press without motion, by name. The drive of joints with a torque limit is reduced."""
         self._goals: dict[str, ServoGoal] = {}
         self._measured: dict[str, int] = {}
-        """Where the joints were in the cycle before."""
+        """Measured counts of the previous cycle, by joint name."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
-        """Begin with these goals, which are held, by joint name; other joints keep theirs."""
+        """Set the goals (counts by joint name) that the servos hold after activation. Other joints keep their goals."""
         self._goals |= {name: ServoGoal(count) for name, count in counts.items()}
         self._behind |= dict.fromkeys(counts, 0)
         self._watch.restart(counts)
 
     def forget_stalls(self) -> None:
-        """The component is inactive: nothing presses any more."""
+        """Discard all stalls, because the component has become inactive."""
         self._watch.restart([joint.name for joint in self._joints])
 
     def towards(
@@ -59,18 +61,19 @@ class ServoGoals:
         loads: Mapping[str, float],
         withheld: Collection[str],
     ) -> dict[str, ServoGoal]:
-        """The next goals on the way to ``positions`` (rad or m, in the order of the joints); none of those withheld.
+        """Compute the goals of one cycle, by joint name. A goal changes by at most the joint's travel in one period.
 
-        None is further than a joint travels in a period. By joint name, ``measured``: counts; ``loads``: drive shares.
+        ``positions`` are in rad or m, in the order of the joints. ``measured`` has counts and ``loads`` has shares of
+        full drive, both by joint name. Joints in ``withheld`` get no goal.
         """
         goals: dict[str, ServoGoal] = {}
         for joint, position in zip(self._joints, positions, strict=True):
-            if joint.name in withheld:  # without torque it presses against nothing
+            if joint.name in withheld:  # a joint without torque cannot press
                 self._watch.restart((joint.name,))
                 continue
             held, here = self._goals[joint.name].position_counts, measured.get(joint.name)
             lower, upper = self._ranges[joint.name]
-            # A joint that began outside its limits has a goal there, and must not leap back in.
+            # A joint that was activated outside its limits has its goal there and must return slowly.
             share = 1.0 if lower <= held <= upper else RETURN_SHARE
             reach = math.ceil(share * joint.limits.velocity * period_s / abs(joint.units_per_count))
             command = joint.counts(position)
@@ -86,15 +89,17 @@ class ServoGoals:
         return goals
 
     def _within_pull(self, joint: Joint, wanted: int, measured: int | None, reach: int, period_s: float) -> int:
-        """The goal of a joint that is blocked or overloaded, no further ahead than a free one's can be that turns as
-        fast: more pulls no harder, and all of it would be one leap when the joint comes free.
+        """Limit how far the goal of a blocked or overloaded joint is ahead of its position.
+
+        The limit is the largest lag of a free joint at this speed. A goal further ahead would not increase the torque,
+        and the joint would jump when it comes free.
         """
         turn = joint.model.counts_per_turn
-        way = measured - self._measured.get(joint.name, measured) if measured is not None else 0
-        way -= round(way / turn) * turn
-        lead = self._leads[joint.name].counts(abs(way) / period_s) + reach
+        travel = measured - self._measured.get(joint.name, measured) if measured is not None else 0
+        travel -= round(travel / turn) * turn
+        lead = self._leads[joint.name].counts(abs(travel) / period_s) + reach
         ahead = wanted - measured if measured is not None else 0
-        ahead -= round(ahead / turn) * turn  # some report the place within a turn alone
+        ahead -= round(ahead / turn) * turn  # some servos report only the position within a turn
         excess = max(abs(ahead) - lead, 0)
         self._behind[joint.name] = self._behind[joint.name] + 1 if excess else 0
         if self._behind[joint.name] < BLOCKED_CYCLES:
@@ -102,10 +107,10 @@ class ServoGoals:
         return wanted - int(math.copysign(excess, ahead))
 
     def _speed(self, joint: Joint, counts: int, measured: int | None, period_s: float) -> int:
-        """Counts/s.
+        """Return the goal speed in counts/s.
 
-        As fast as the way from the last goal needs. Where a servo lies behind (it was silent, or
-        something was in its way), it catches up in ``CATCH_UP_S``, within the joint's velocity limit.
+        It follows from the distance to the last goal. A servo that was silent or blocked is further behind, and catches
+        up in ``CATCH_UP_S`` within the joint's velocity limit.
         """
         held, former = self._goals[joint.name]
         speed = abs(counts - held) / period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
@@ -117,15 +122,16 @@ class ServoGoals:
 
 
 class _Lead(NamedTuple):
-    """How far behind its goal a joint may be that nothing holds back, in counts of its servo."""
+    """Maximum lag of a free joint behind its goal, in counts."""
 
     at_rest: float
-    """At full drive, by the servo's stiffness."""
+    """Lag at full drive, from the servo's stiffness."""
     lag_s: float = 0.0
     profile_acceleration: float = math.inf
     gained: float = 0.0
-    """Counts/s by which it may be faster than it was between the last measurements."""
+    """Speed that the joint may have gained since the last measurement, in counts/s."""
     fastest: float = math.inf
+    """Velocity limit of the joint, in counts/s."""
 
     @classmethod
     def of(cls, joint: Joint) -> Self:
@@ -141,6 +147,6 @@ class _Lead(NamedTuple):
         )
 
     def counts(self, speed: float) -> int:
-        """At this speed, in counts/s."""
+        """Return the maximum lag at a speed in counts/s."""
         speed = min(speed + self.gained, self.fastest)
         return math.ceil(self.at_rest + self.lag_s * speed + speed**2 / (2.0 * self.profile_acceleration))

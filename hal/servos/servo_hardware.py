@@ -1,4 +1,4 @@
-"""Serial bus servos as a hardware component: real or virtual, the difference is below the port."""
+"""Hardware component for serial bus servos. Real and virtual servos differ only below the port."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -16,13 +16,13 @@ from hal.servos.servo_states import ServoStates
 from hal.types import JointCommand, JointState
 
 READ_SHARE = 0.5
-"""The share of the period that a read may take where nobody gave it a deadline."""
+"""Share of the period that a read may take if it has no deadline."""
 FIRST_PERIOD_S = 0.05
-"""The period until a command tells it."""
+"""Assumed period before the first command."""
 
 
 class ServoHardware:
-    """The hardware's life cycle (hal.hardware.Hardware) over one Bus or several."""
+    """Hardware component (see ``hal.hardware.Hardware``) with servos on one or several buses."""
 
     def __init__(
         self,
@@ -32,7 +32,7 @@ class ServoHardware:
         clock: Clock,
         compensation: GravityCompensation | None = None,
     ) -> None:
-        """``open_buses`` returns the buses by the names that the joints give; or just the one there is."""
+        """Create the component. ``open_buses`` opens and returns its bus, or its buses by name."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
         self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
@@ -70,7 +70,7 @@ class ServoHardware:
         setup.check()
 
     def activate(self) -> None:
-        """Switch the torque on with every goal at its measured position: see ``Activation``."""
+        """Enable torque with every goal at its measured position (see ``Activation``)."""
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
         self._states.faults.forget()
@@ -82,19 +82,19 @@ class ServoHardware:
                 self.compensation.restart()
             self.state = LifecycleState.ACTIVE
             self.read()
-        except BaseException:  # a line is lost: nobody else lets go of an arm whose activation has failed
+        except BaseException:  # a bus is lost; no other code would release the servos
             self.state = LifecycleState.INACTIVE
-            activation.let_go()
+            activation.release()
             raise
         self._activation = activation
 
     def holds(self) -> bool:
-        """Whether a servo of the configured component drives its motor. Raises DriverError."""
+        """Return whether a servo of the configured component has torque. Raises DriverError."""
         setup = ServoSetup(self._opened("ask for torque"))
         return any(setup.torque_is_on(joint) for joint in self._joints)
 
     def undo_activation(self) -> Sequence[str]:
-        """Servos that a former program left under torque go on holding: without torque the arm would fall."""
+        """Undo the activation. Servos that had torque before continue to hold, because the arm would fall otherwise."""
         require(self.state, LifecycleState.ACTIVE, "undo the activation")
         assert self._activation is not None
         self.state = LifecycleState.INACTIVE
@@ -106,16 +106,16 @@ class ServoHardware:
         return self._states.faults.named if self.state is LifecycleState.ACTIVE else frozenset()
 
     def ask_for_torque(self) -> frozenset[str]:
-        """Ask every servo now whether it drives its motor; returns the joints whose servos gave no answer."""
+        """Check the torque of every servo now. Return the joints whose servos did not answer."""
         require(self.state, LifecycleState.ACTIVE, "ask for torque")
         return self._states.faults.ask_all(self._opened("ask for torque"))
 
     def reactivate(self) -> frozenset[str]:
-        """Switch torque on where it is missing, each goal at its measured position; the other servos hold theirs."""
+        """Enable torque of joints without torque at their measured positions. The other servos hold their positions."""
         require(self.state, LifecycleState.ACTIVE, "reactivate")
         names = self.without_torque
         joints = [joint for joint in self._joints if joint.name in names]
-        # No measurement on the way is taken for a servo that answers again: only success ends a fault.
+        # The measurements are not passed to the states, because only a completed activation ends a fault.
         held = Activation(joints, self._opened("reactivate"), self._clock, lambda readings: None).run()
         self._goals.hold(held)
         self._states.faults.reactivated(names)
@@ -136,14 +136,14 @@ class ServoHardware:
             self._buses = None
 
     def request(self, deadline_s: float | None = None) -> None:
-        """Ask all servos for their states, on all buses."""
+        """Request the states of all servos on all buses."""
         buses = self._opened("read")
         self._deadline_s = self._clock.now() + READ_SHARE * self._period_s if deadline_s is None else deadline_s
         buses.request(self._deadline_s)
         self._requested = True
 
     def read(self) -> JointState:
-        """Take the servos' answers that come by the deadline. A silent servo keeps its last values and is named."""
+        """Read the answers of the servos until the deadline. A silent servo keeps its last values and gets a fault."""
         if not self._requested:
             self.request()
         self._requested = False
@@ -154,16 +154,16 @@ class ServoHardware:
         return state
 
     def write(self, command: JointCommand) -> None:
-        """Send one packet a bus with a goal for each of its servos; the command has passed the safety gate.
+        """Send one packet with the goals of its servos on each bus. The command has passed the safety gate.
 
-        A servo that may be limp gets none: it would take it for the order to switch its torque on.
+        A servo that may be limp gets no goal, because the goal would enable its torque.
         """
         require(self.state, LifecycleState.ACTIVE, "write")
         self._period_s = command.period_s
         wanted = command.values if self.compensation is None else command.values + self.compensation.offsets
-        # Kept before they are sent: where one bus is lost, the servos on the others have theirs nevertheless.
+        # The goals are stored before they are sent, because a lost bus does not affect the servos on other buses.
         measured = self._states.measured if self._measured else {}
-        self._measured = False  # a component that has lost a line is not asked in the next cycle
+        self._measured = False  # a component that has lost a bus is not read in the next cycle
         withheld = self._states.faults.withheld
         goals = self._goals.towards(wanted.tolist(), command.period_s, measured, self._states.loads, withheld)
         try:
@@ -172,7 +172,7 @@ class ServoHardware:
             if self.compensation is not None:
                 self.compensation.update(command, self._states)  # for the next command
 
-    def _opened(self, what: str) -> JointBuses:
-        require_configured(self.state, what)
+    def _opened(self, action: str) -> JointBuses:
+        require_configured(self.state, action)
         assert self._buses is not None
         return self._buses

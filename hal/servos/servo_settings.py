@@ -1,7 +1,7 @@
-"""The settings in servos' EEPROM that the robot file names: written at set-up where a servo has others, and said.
+"""Write the EEPROM settings of the robot file to servos during setup, and log each change.
 
-What the file does not name stays as it is. Where that changes how far a joint gives way or lags, it is said too: the
-compensation goes by the factory's gains.
+Settings that the file does not contain stay unchanged. A warning is logged if they affect the stiffness or lag of a
+joint, because the compensation assumes the factory gains.
 """
 
 import logging
@@ -22,28 +22,29 @@ from hal.joint import Joint
 
 LOG = logging.getLogger("servoloop.hal")
 
-NOT_HERE: Final = frozenset(
+NOT_SETTINGS: Final = frozenset(
     {
         *("id", "baud_rate", "protocol_type", "status_level", "status_return_level", "secondary_id"),
         *("operating_mode", "control_mode", "drive_mode", "phase", "homing_offset", "angular_resolution"),
         "external_port_mode",
     }
 )
-"""Persistent registers that say who and where a servo is, which way it turns and what a goal is: not to be changed in
-passing."""
+"""Persistent registers that the robot file must not set.
+
+They define the servo's address, direction and operating mode."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:
-    """The settings of a servo that a robot file may name, by name."""
+    """Return the registers of a servo that a robot file may set, by name."""
     return {
         register.name: register
         for register in series_of(model).registers
-        if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_HERE
+        if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_SETTINGS
     }
 
 
 def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
-    """The settings that this servo does not have or cannot take."""
+    """List settings that the servo does not have, and values outside the range of their register."""
     known = settings_of(model)
     problems: list[str] = []
     for name, value in settings.items():
@@ -59,17 +60,17 @@ def _homing_register(model: ServoModel) -> Register | None:
 
 
 def homing_mistake(model: ServoModel, offset: int | None) -> str | None:
-    """Why this servo cannot have this homing offset, if so."""
+    """Return the error message for a homing offset that the servo cannot have; otherwise None."""
     register = _homing_register(model)
     if offset is None or (register and register.smallest <= offset <= register.largest):
         return None
     if register is None:
-        return f"{model.name} has no homing_offset: take it out"
+        return f"{model.name} has no homing_offset: remove it"
     return f"homing_offset takes {register.smallest} to {register.largest}, not {offset}"
 
 
 def check_homing_offset(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused where the servo counts from another place than when the joint's zero was found."""
+    """Raise ServoRefused if the homing offset of the servo has changed since calibration."""
     register = _homing_register(joint.model)
     if register is None or joint.homing_offset is None:
         return
@@ -77,15 +78,15 @@ def check_homing_offset(joint: Joint, bus: Bus) -> None:
     if held != joint.homing_offset:
         raise ServoRefused(
             joint.servo_id,
-            f"has homing_offset {held}, and {joint.name} was calibrated with {joint.homing_offset}: was the servo "
-            "changed, or reset? Calibrate the arm again, or write the register back",
+            f"has homing_offset {held}, but {joint.name} was calibrated with {joint.homing_offset}: was the servo "
+            "replaced or reset? Calibrate the arm again, or restore the register",
         )
 
 
 def check_mode(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused where a Dynamixel X is not in the mode in which the joint's zero was found.
+    """Raise ServoRefused if a Dynamixel X is not in the operating mode of its calibration.
 
-    In position mode a homing offset may count that is ignored, and in extended position mode the other way round.
+    In position mode some homing offsets are ignored, so positions differ between the modes.
     """
     if series_of(joint.model) is not X:
         return
@@ -95,12 +96,12 @@ def check_mode(joint: Joint, bus: Bus) -> None:
 
 
 def wanted_mode(joint: Joint) -> int:
-    """The operating mode in which the joint's Dynamixel X is driven."""
+    """Return the operating mode in which the joint's Dynamixel X is used."""
     return x.EXTENDED_POSITION_MODE if joint.extended else x.POSITION_MODE
 
 
 def mode_mistake(joint: Joint, held: int) -> str | None:
-    """Why the joint's Dynamixel X must not be driven in the operating mode ``held``, if so."""
+    """Return the error message if ``held`` is the wrong operating mode for the joint's Dynamixel X; otherwise None."""
     wanted = wanted_mode(joint)
     if held == wanted:
         return None
@@ -109,27 +110,28 @@ def mode_mistake(joint: Joint, held: int) -> str | None:
 
 
 def apply_settings(joint: Joint, bus: Bus) -> None:
-    """Write what the robot file names and the servo has otherwise. Raises ServoError with servo and register.
+    """Write the settings of the robot file that differ from those of the servo, and log each change.
 
-    The EEPROM is not written under torque: then a servo that differs is refused.
+    Raises:
+        ServoError: A setting could not be written. The EEPROM is not written while torque is enabled.
     """
     known = settings_of(joint.model)
     wanted = {known[name]: value for name, value in joint.settings}
     lock = series_of(joint.model).lock
     for change in update(bus, joint.servo_id, lock, wanted) if wanted else ():
-        LOG.info("%s (servo %d): %s is %d now, was %d", joint.name, joint.servo_id, change.register.name,
+        LOG.info("%s (servo %d): %s set to %d (was %d)", joint.name, joint.servo_id, change.register.name,
                  change.new, change.old)  # fmt: skip
 
 
 def warn_of_other_gains(joint: Joint, bus: Bus) -> None:
-    """Warn of gains that the compensation does not assume and the robot file does not name."""
+    """Log a warning if the servo has gains that the compensation does not know."""
     known, named = settings_of(joint.model), dict(joint.settings)
     assumed = {name: value for name, value in assumed_settings(joint.model).items() if name not in named}
     held = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in assumed}
     if compliance_of(joint.model, settings=named | held) != compliance_of(joint.model, settings=named):
         others = {name: value for name, value in held.items() if value != assumed[name]}
         LOG.warning(
-            "%s (servo %d) has other gains than the factory's, so it will follow less well than it could. Name them "
-            "in the robot file, as they are or as you want them: settings: %s",
+            "%s (servo %d) has gains that differ from the factory settings, so the compensation is less accurate. "
+            "Write the gains to use in the robot file, for example the present values: settings: %s",
             *(joint.name, joint.servo_id, str(others).replace("'", "")),
         )

@@ -1,4 +1,4 @@
-"""The set-up of the servos behind the joints: checks with diagnosis, measurements without a hurry, and their torque."""
+"""Set up servos: identify and check them, write their settings, measure positions and switch torque."""
 
 import logging
 import math
@@ -15,7 +15,7 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.voltage import voltage_fault
 from hal.joint import Joint
-from hal.servos.diagnose import NOWHERE, diagnose, diagnose_known, now_and_then
+from hal.servos.diagnose import NO_BAUD_RATE, diagnose, diagnose_known, intermittent_text
 from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_faults import REBOOT
@@ -25,67 +25,70 @@ Result = TypeVar("Result")
 
 
 class ServoSetup:
-    """The set-up asks and tells servos one by one, and takes its time: none of this belongs into a cycle."""
+    """Slow access to servos one by one. It must not be used in a cycle."""
 
     def __init__(self, buses: JointBuses) -> None:
         self._buses = buses
 
     def check(self) -> None:
-        """Check that every servo is there and is what the robot file says, and make its settings those of the file.
+        """Check that every servo answers and matches the robot file, and write the settings of the file.
 
-        Raises DriverError with all that are not, or whose settings could not be made so.
+        Raises:
+            DriverError: A check failed, or settings could not be written. The message lists all errors.
         """
-        if problems := self.strangers():
+        if problems := self.identify_all():
             raise DriverError("\n".join(problems))
         self.settle()
 
     def settle(self) -> None:
-        """Make the settings of known servos those of the robot file. Raises DriverError with all that cannot be."""
-        if problems := self._all_unsettled():
+        """Write the settings of the robot file to identified servos. Raises DriverError with all errors."""
+        if problems := self._settle_all():
             raise DriverError("\n".join(problems))
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
-                _failed(self._buses.joints_on[name], bus, warn_of_other_gains)  # of one that is silent now: no matter
+                _failed(self._buses.joints_on[name], bus, warn_of_other_gains)  # errors are ignored for this warning
 
     def problems(self) -> list[str]:
-        """Check every servo, and make its settings those of the robot file; returns what is wrong, by joint."""
-        return self.strangers() or self._all_unsettled()
+        """Check every servo and write the settings of the robot file. Return the errors."""
+        return self.identify_all() or self._settle_all()
 
-    def _all_unsettled(self) -> list[str]:
-        return [problem for name, bus in self._buses.buses.items() for problem in self._unsettled(name, bus)]
+    def _settle_all(self) -> list[str]:
+        return [problem for name, bus in self._buses.buses.items() for problem in self._settle_bus(name, bus)]
 
-    def strangers(self) -> list[str]:
-        """Check that every servo is there and of its joint's model; nothing is written. Returns what is wrong."""
-        return [problem for name, bus in self._buses.buses.items() for problem in self._strangers(name, bus)]
+    def identify_all(self) -> list[str]:
+        """Check that every servo answers and has the model of its joint. Nothing is written. Return the errors."""
+        return [problem for name, bus in self._buses.buses.items() for problem in self._identify_bus(name, bus)]
 
-    def _unsettled(self, name: str, bus: Bus) -> list[str]:
+    def _settle_bus(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]
         with self._buses.named(name):
             errors = _failed(joints, bus, _settle)
-        told = (EepromError, ServoRefused)
-        problems = {i: str(e) if isinstance(e, told) else now_and_then(i, bus.name) for i, e in errors.items()}
+        explained = (EepromError, ServoRefused)
+        problems = {
+            i: str(e) if isinstance(e, explained) else intermittent_text(i, bus.name) for i, e in errors.items()
+        }
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
-    def _strangers(self, name: str, bus: Bus) -> list[str]:
+    def _identify_bus(self, name: str, bus: Bus) -> list[str]:
         joints = self._buses.joints_on[name]
         with self._buses.named(name):
             errors = _failed(joints, bus, _identify)
-            unheard = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
-            causes = diagnose(bus, unheard) if unheard else {}
-            # Two of one model and one ID have the same number: only their states give them away.
+            silent = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
+            causes = diagnose(bus, silent) if silent else {}
+            # Two servos with the same model and ID return the same model number. Only their states reveal them.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
             found = _states(bus, known)
-            causes |= _stateless(bus, found) | _ill_fed(joints, bus, found)
-        if len(causes) == len(joints) and all(NOWHERE in text for text in causes.values()):
+            causes |= _stateless(bus, found) | _wrong_voltages(joints, bus, found)
+        if len(causes) == len(joints) and all(NO_BAUD_RATE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
         problems = {
-            i: now_and_then(i, bus.name) if i in unheard else str(error) for i, error in errors.items()
+            i: intermittent_text(i, bus.name) if i in silent else str(error) for i, error in errors.items()
         } | causes
         return [f"{self._buses.label(j)}: {problems[j.servo_id]}" for j in joints if j.servo_id in problems]
 
     def measure(self) -> dict[str, Reading]:
-        """Measure every servo once, without a hurry, by joint name; a fault has its cause, if one is found."""
+        """Measure every servo once, with retries. Return readings by joint name; a fault contains its likely cause."""
         readings: dict[str, Mapping[int, Reading]] = {}
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
@@ -95,27 +98,24 @@ class ServoSetup:
         return self._buses.by_joint(readings)
 
     def goal(self, joint: Joint) -> int:
-        """The goal that the servo holds, in counts."""
+        """Return the goal of a servo, in counts."""
         return self._ask(joint, lambda bus: bus.goal(joint.servo_id))
 
     def position_limits(self, joint: Joint) -> tuple[int, int] | None:
-        """The servo's own position limits in counts; None where it has none."""
+        """Return the position limits of a servo, in counts; None if it has none."""
         return self._ask(joint, lambda bus: bus.position_limits(joint.servo_id))
 
     def torque_is_on(self, joint: Joint) -> bool:
-        """Whether the servo drives its motor."""
+        """Return whether torque is enabled."""
         return self._ask(joint, lambda bus: bus.torque_is_on(joint.servo_id))
 
     def drives(self, joint: Joint) -> bool:
-        """Return whether the servo does anything with its motor; braking counts."""
+        """Return whether a servo drives or brakes its motor."""
         register = series_of(joint.model).torque_enable
         return self._ask(joint, lambda bus: retry(partial(bus.read, joint.servo_id, register))) != 0
 
     def forget_turns(self, joints: Sequence[Joint]) -> None:
-        """Have limp servos take their place within the turn for their place.
-
-        They must not count what they do not report.
-        """
+        """Make limp servos discard the turns that they have counted but do not report."""
         log = FaultLog()
         try:
             for joint in joints:
@@ -125,11 +125,11 @@ class ServoSetup:
             log.flush()
 
     def limit_torque(self, joint: Joint) -> None:
-        """Limit the servo's drive to the joint's share of full drive."""
+        """Write the torque limit of a joint to its servo."""
         self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
 
     def torque_on(self, joint: Joint) -> None:
-        """Drive the motor."""
+        """Enable the torque of a servo."""
         self._ask(joint, lambda bus: _torque_on(joint, bus))
 
     def _ask(self, joint: Joint, question: Callable[[Bus], Result]) -> Result:
@@ -137,19 +137,19 @@ class ServoSetup:
             return question(self._buses.buses[joint.bus])
 
     def torque_off(self, joints: Sequence[Joint]) -> list[str]:
-        """Let go of these joints, on every bus whatever becomes of the others; returns what failed."""
+        """Disable the torque of joints on all buses, even if some of them fail. Return the errors."""
         problems: list[str] = []
         for name, bus in self._buses.buses.items():
             on = [joint for joint in joints if joint.bus == name]
             try:
                 with self._buses.named(name):
                     failed = bus.torque_off([joint.servo_id for joint in on]) if on else []
-                problems += [self._said(on, error) for error in failed]
+                problems += [self._error_text(on, error) for error in failed]
             except PortError as error:
                 problems.append(str(error))
         return problems
 
-    def _said(self, joints: Sequence[Joint], error: ServoError) -> str:
+    def _error_text(self, joints: Sequence[Joint], error: ServoError) -> str:
         if len(self._buses.buses) == 1:
             return str(error)
         joint = next(joint for joint in joints if joint.servo_id == error.servo_id)
@@ -157,7 +157,7 @@ class ServoSetup:
 
 
 def _failed(joints: Sequence[Joint], bus: Bus, step: Callable[[Joint, Bus], None]) -> dict[int, ServoError]:
-    """Take this step with all of them; what failed, by servo."""
+    """Call ``step`` for all joints. Return the errors by servo ID."""
     errors: dict[int, ServoError] = {}
     for joint in joints:
         try:
@@ -174,18 +174,18 @@ def _identify(joint: Joint, bus: Bus) -> None:
 
 
 def _settle(joint: Joint, bus: Bus) -> None:
-    """The position limits are looked at behind the settings, which may name them."""
     apply_settings(joint, bus)
-    limits = bus.position_limits(joint.servo_id)
-    if limits is None and joint.settings:  # both 0 make a motor of some
+    limits = bus.position_limits(joint.servo_id)  # after the settings, which may change the limits
+    if limits is None and joint.settings:  # some servos rotate continuously if both limits are 0
         bus.check_settings(joint.servo_id, joint.model)
     check_reach(joint, limits)
 
 
 def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
-    """Send the instruction, which some servos and adapters do not know. Raises ServoRefused if it cannot be left out.
+    """Make a servo discard the turns that it has counted. Some servos and adapters do not support the instruction.
 
-    A joint that cannot pass its servo's last count has no turns to forget.
+    Raises:
+        ServoRefused: The instruction is not supported, but the joint can pass the servo's last count and needs it.
     """
     try:
         retry(lambda: bus.forget_turns(joint.servo_id))
@@ -195,15 +195,15 @@ def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
         if joint.seam_inside:
             raise ServoRefused(
                 joint.servo_id,
-                f"does not carry out {name}, and its joint passes the end of its counts: calibrate it with the seam "
-                "outside its range, or use an adapter that passes the instruction on",
+                f"does not support {name}, but its joint passes the last count: calibrate it so that the last count is "
+                "outside its range, or use an adapter that forwards the instruction",
             ) from error
-        text = f"{joint.name}: servo {joint.servo_id} does not carry out {name}: going on without it"
+        text = f"{joint.name}: servo {joint.servo_id} does not support {name}: continuing without it"
         log.note(logging.WARNING, joint.name, joint.servo_id, text)
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:
-    """A Dynamixel that has shut down refuses, and another register says why."""
+    """Enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
     try:
         bus.torque_on(joint.servo_id)
     except ServoRefused as error:
@@ -211,11 +211,11 @@ def _torque_on(joint: Joint, bus: Bus) -> None:
         alarms = source[1](retry(partial(bus.read, joint.servo_id, source[0]))) if source else ()
         if not alarms:
             raise
-        raise ServoRefused(joint.servo_id, f"refuses its torque ({', '.join(alarms)} alarm): {REBOOT}") from error
+        raise ServoRefused(joint.servo_id, f"refuses torque ({', '.join(alarms)} alarm): {REBOOT}") from error
 
 
 def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
-    """The servos' states without a hurry; whoever gave none is asked again."""
+    """Read the states of servos. Servos that gave no state are read again."""
     found: dict[int, Reading] = {}
     missing = list(servo_ids)
     for _ in range(ATTEMPTS):
@@ -227,13 +227,13 @@ def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
 
 
 def _stateless(bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
-    """The cause for each servo known to be there that gave no state, if one is found."""
+    """Return the likely cause for each identified servo that gave no state, if it can be found."""
     missing = [i for i, reading in readings.items() if isinstance(reading, ServoFault)]
     return diagnose_known(bus, missing) if missing else {}
 
 
-def _ill_fed(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
-    """The servos whose voltage is outside their model's rated range in every reading, and what to do."""
+def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
+    """Return messages for servos whose voltage is outside the rated range in every reading, by servo ID."""
     models, wrong = {joint.servo_id: joint.model for joint in joints}, dict[int, str]()
     for _ in range(ATTEMPTS):
         states = {i: reading for i, reading in readings.items() if isinstance(reading, ServoState)}
@@ -246,14 +246,21 @@ def _ill_fed(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading])
 
 
 def _with_cause(reading: Reading, cause: str | None) -> Reading:
-    """A fault with its cause for a text, where there is one."""
+    """Replace the description of a fault by its likely cause, if it is known."""
     return reading._replace(text=cause) if cause and isinstance(reading, ServoFault) else reading
 
 
 def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
-    """Check that the servo's own position limits (counts; None: it has none) hold the joint's. Raises ServoRefused.
+    """Check that the position limits of the servo include those of the joint.
 
-    Beyond its own limits a servo does not go, and does not tell: some stop there, others forget the goal.
+    A servo does not move beyond its own limits and reports no error. Some servos stop there, others discard the goal.
+
+    Args:
+        joint: The joint.
+        limits: Position limits of the servo, in counts; None if it has none.
+
+    Raises:
+        ServoRefused: The limits of the servo are too narrow.
     """
     if limits is None:
         return
@@ -265,16 +272,14 @@ def check_reach(joint: Joint, limits: tuple[int, int] | None) -> None:
     where = "robot file's settings" if named else "servo"
     raise ServoRefused(
         joint.servo_id,
-        f"has position limits of its own, {limits[0]} to {limits[1]} counts, and its joint goes from {lowest} to "
-        f"{highest}: widen them in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
+        f"has position limits {limits[0]} to {limits[1]} counts, but its joint moves from {lowest} to {highest}: "
+        f"widen them in the {where}, or {_advice(joint, max(limits[0], lowest), min(limits[1], highest))}",
     )
 
 
 def _advice(joint: Joint, lowest: int, highest: int) -> str:
-    """The limits that the joint may have, in joint units to six digits, rounded inwards."""
+    """Return a remedy with the limits that the joint may have, rounded inwards to six decimals."""
     if lowest >= highest:
-        return "correct zero_counts: the two hardly overlap"
+        return "correct zero_counts, because the two ranges hardly overlap"
     lower, upper = sorted(joint.position(counts) for counts in (lowest, highest))
-    return (
-        f"narrow the joint's in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"
-    )
+    return f"narrow the limits in the URDF to {math.ceil(lower * 1e6) / 1e6:.6f} to {math.floor(upper * 1e6) / 1e6:.6f}"

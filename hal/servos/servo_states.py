@@ -1,4 +1,4 @@
-"""The joints' states by their servos' readings."""
+"""Convert servo readings to joint states."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,15 +17,15 @@ from hal.types import JointFault, JointState, ServoHealth, Stall
 
 
 class ServoStates:
-    """The states of one component's joints: a silent servo keeps its last values."""
+    """Joint states of one hardware component. A joint whose servo is silent keeps its last state."""
 
     def __init__(self, joints: Sequence[Joint], clock: Clock) -> None:
         self.measured: dict[str, int] = {}
-        """Counts by joint name, where the servo answered in the last exchange."""
+        """Counts of the servos that answered in the last exchange, by joint name."""
         self.loads: dict[str, float] = {}
-        """The drive of each of these as a share of full drive."""
+        """Drive of these servos as a share of full drive, by joint name."""
         self.stalls: Mapping[str, Stall] = {}
-        """The servos that press without motion, by joint name."""
+        """Servos that press without motion, by joint name."""
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock, self.faults.log)
         self._joints = tuple(joints)
@@ -37,7 +37,7 @@ class ServoStates:
         self._plausibility = self._unread()
 
     def reset(self) -> None:
-        """Forget all that is known of the joints."""
+        """Discard all joint states and faults."""
         self.faults.forget()
         self._supply.forget()
         self._last = self._unknown()
@@ -46,9 +46,13 @@ class ServoStates:
     def update(
         self, readings: Mapping[str, Reading], buses: JointBuses, ask_until_s: float | None = None
     ) -> JointState:
-        """The joints' state after these readings (by joint name).
+        """Return the joint states after one exchange on the bus.
 
-        ``ask_until_s``: servos that are to drive their motors are asked for that until then.
+        Args:
+            readings: Reading of each joint, by joint name.
+            buses: Buses of the joints, with their counters.
+            ask_until_s: Clock time until which servos may be asked whether their torque is enabled. None if the
+                component is not active.
         """
         now_s = self._clock.now()
         raw = np.full((3, len(self._joints)), np.nan)  # counts, counts/s, share of full drive
@@ -70,13 +74,13 @@ class ServoStates:
                 current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
                 health[joint.name] = ServoHealth(
                     *(reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a),
-                    supply=self._supply.look(joint, reading.voltage_v, buses.label(joint)),
+                    supply=self._supply.check(joint, reading.voltage_v, buses.label(joint)),
                     stall=self.stalls.get(joint.name),
                 )
                 continue
             account.implausible += reading.kind == "implausible"
             self.faults.note_missing(joint, reading, self._last.stamp_s, buses)
-            if joint.name in health:  # what is counted of a silent servo goes on
+            if joint.name in health:  # the counters of a silent servo must be up to date
                 health[joint.name] = replace(health[joint.name], counters=account)
         try:
             faults = self.faults.present(self.measured, buses, ask_until_s)
@@ -95,7 +99,7 @@ class ServoStates:
     def _believed(
         self, index: int, reading: ServoState, buses: JointBuses, now_s: float, driven: bool
     ) -> ServoState | JointFault:
-        """The reading, or the fault of one whose position the joint cannot have reached."""
+        """Return the reading, or a fault if the joint cannot have reached the position."""
         joint = self._joints[index]
         position = (reading.position_counts - joint.zero_counts) * float(self._units_per_count[index])
         leap = self._plausibility[index].leap(position, now_s, driven)
@@ -104,7 +108,8 @@ class ServoStates:
         return JointFault(
             "implausible",
             f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "
-            "the reading before: no joint moves as fast, so a second reading must confirm it",
+            "the previous reading. No joint moves that fast, so the position is ignored until a second reading "
+            "confirms it",
         )
 
     def _unread(self) -> list[Plausibility]:

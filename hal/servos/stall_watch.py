@@ -1,10 +1,11 @@
-"""The watch for servos that drive with all they may and do not move: a gripper that presses for ever burns its motor.
+"""Detect servos that press with full drive without moving, which would overheat the motor of a gripper.
 
-Every joint is watched and named. The drive is reduced only where a ``torque_limit`` below 1 keeps the servo's own
-overload protection from acting. A joint with its whole torque has that protection, and it may carry a load: drive
-alone does not tell a load from an obstacle, and a joint that carries would fall with less. The drive is reduced by the
-goal: the nearer it is, the less a servo pulls. So it works with every make, writes no register, and the next motion has
-the whole limit again.
+Every stalled joint is reported. The drive is reduced only for joints with a ``torque_limit`` below 1, because this
+limit prevents the servo's own overload protection from acting. A joint with full torque has that protection, and would
+fall with less torque if it carries a load: the drive alone does not distinguish a load from an obstacle.
+
+The drive is reduced by moving the goal closer to the joint. This works with servos of every make, writes no register,
+and the next motion has the full torque limit again.
 """
 
 import logging
@@ -17,78 +18,84 @@ from hal.servos.fault_log import FaultLog
 from hal.types import Stall
 
 STALL_S: Final = 1.0
-"""Time for which a joint may press without motion before its drive is reduced. An STS's own protection takes 2 s."""
+"""Time for which a joint may press without motion before its drive is reduced. The protection of an STS takes 2 s."""
 PRESSING: Final = 0.8
-"""Share of the torque limit above which a servo presses."""
+"""Drive at which a servo counts as pressing, as a share of the torque limit."""
 HOLDING: Final = 0.36
-"""Share of the torque limit that is left to hold with: of 0.5 it is 18 %, below an STS's protective torque of 20 %."""
+"""Reduced drive, as a share of the torque limit. With a limit of 50 % it is 18 %, less than the 20 % of an STS's
+protective torque."""
 SETTLE_S: Final = 0.8
-"""Time that a servo needs to follow to the nearer goal; then its measured drive counts."""
+"""Time that a servo needs to react to the closer goal, before its measured drive is used."""
 WEAKEN_S: Final = 0.5
-"""Time in which a goal at which the servo still pulls too hard would come all the way."""
+"""Time constant with which the goal moves closer while the drive is still too high."""
 STRENGTHEN_PER_S: Final = 0.05
-"""Share of the way to full drive by which a goal goes ahead in a second, if the servo pulls too weakly."""
+"""Speed at which the goal moves away while the drive is too low, in distances at full drive per second."""
 STILL_TURNS: Final = 0.005
-"""Turns of the shaft within which a joint counts as not moving: backlash, and how the fingers give way."""
+"""Motion within which a joint counts as not moving, in turns of the shaft. It covers backlash and soft fingers."""
 FREE_TURNS: Final = 0.02
-"""Turns of the shaft towards its goal after which a joint is free again."""
+"""Motion toward the goal after which a joint counts as free again, in turns of the shaft."""
 NEW_COMMAND_TURNS: Final = 0.005
-"""Turns of the shaft by which a command must change to belong to a motion."""
+"""Minimum change of a command that counts as a motion, in turns of the shaft."""
 NEW_MOTION_S: Final = 1.0
-"""Time for which a command must have been at rest before the next change begins another motion."""
+"""Time for which a command must be at rest before the next change counts as a new motion."""
 WARN_S: Final = 10.0
-"""Time for which fingers that have closed on something are reported with a warning; afterwards they hold it."""
+"""Time for which a gripper that has closed on an object causes a warning. After that, holding it is normal."""
 
 
 @dataclass(slots=True)
 class _Press:
-    """One joint's state; places are in counts of its servo."""
+    """State of one joint. Positions are in counts of its servo."""
 
     began: int
-    """Where the joint was when the motion to its command began."""
+    """Position at the beginning of the motion."""
     command: int
-    """The command, within ``NEW_COMMAND_TURNS``."""
+    """Commanded position, within ``NEW_COMMAND_TURNS``."""
     anchor: int
-    """Where the joint was when it last moved."""
+    """Position when the joint last moved."""
     resting_s: float = 0.0
-    """How long the command has been at rest."""
+    """Time for which the command has been at rest."""
     pressed_s: float = 0.0
     held_s: float = 0.0
-    """How long the drive has been reduced."""
+    """Time for which the drive has been reduced."""
     ahead: float | None = None
-    """How far ahead of the joint its goal is while the drive is reduced; None: it is not reduced."""
+    """Distance from the joint to its goal while the drive is reduced; None if it is not reduced."""
     direction: int = 1
     moved: bool = False
-    """Whether the joint moved at all before it pressed."""
+    """Whether the joint moved before it pressed."""
     goal: int = 0
 
 
 class StallWatch:
-    """The watch over one component's joints; ``stalls`` has those that press, by name."""
+    """Stall detection for the joints of one component."""
 
     def __init__(self, full_ahead: Mapping[str, float]) -> None:
-        """``full_ahead``: by joint, the counts by which a goal is ahead when its servo pulls with full drive."""
+        """Create the detection.
+
+        Args:
+            full_ahead: Distance from a joint to its goal at full drive, in counts, by joint name.
+        """
         self.stalls: dict[str, Stall] = {}
+        """Joints that press without motion, by name."""
         self.log = FaultLog()
-        """The log of a cycle's events; who asks for the goals flushes it."""
+        """Log of the events of a cycle. The caller of ``goal`` flushes it."""
         self._full_ahead = full_ahead
         self._presses: dict[str, _Press] = {}
 
     def restart(self, names: Iterable[str]) -> None:
-        """Forget everything of these joints: they are activated anew."""
+        """Discard the state of joints, for example at their activation."""
         for name in names:
             self.stalls.pop(name, None)
             self._presses.pop(name, None)
 
     def goal(self, joint: Joint, command: int, here: int | None, load: float, period_s: float) -> int | None:
-        """The goal of a joint whose drive is reduced.
+        """Return the goal of a joint if its drive is reduced.
 
         Args:
             joint: The joint.
-            command: The position that it is commanded to, in counts.
-            here: The measured position in counts; None: the joint was not measured.
-            load: The measured drive as a share of full drive; NaN if it is unknown.
-            period_s: The period.
+            command: Commanded position, in counts.
+            here: Measured position, in counts; None if the joint was not measured.
+            load: Measured drive as a share of full drive; NaN if unknown.
+            period_s: Period of the control loop, in seconds.
 
         Returns:
             The goal in counts; None if the drive is not reduced.
@@ -105,13 +112,13 @@ class StallWatch:
         if press.ahead is None:
             return None
         turn = joint.model.counts_per_turn
-        way = (here - press.anchor) * press.direction
-        if way > FREE_TURNS * turn:
-            text = f"{joint.name}: servo {joint.servo_id} moves again with its whole torque limit"
+        travel = (here - press.anchor) * press.direction
+        if travel > FREE_TURNS * turn:
+            text = f"{joint.name}: servo {joint.servo_id} moves again with its full torque limit"
             self.log.note(logging.INFO, joint.name, joint.servo_id, text)
             self._begin(joint, command, here)
             return None
-        press.anchor = here if way < 0 else press.anchor  # fingers that give way follow what they hold
+        press.anchor = here if travel < 0 else press.anchor  # soft fingers yield to the object that they hold
         press.ahead = self._eased(press, press.ahead, joint, load, period_s)
         press.held_s += period_s
         self.stalls[joint.name] = Stall(_text(press, joint), not press.moved or press.held_s < WARN_S)
@@ -121,7 +128,7 @@ class StallWatch:
         return press.goal
 
     def _followed(self, press: _Press | None, joint: Joint, command: int, here: int, period_s: float) -> _Press:
-        """The state after this command. One that changes ends the reduction, and may begin another motion."""
+        """Return the state after a command. A changed command ends the reduction and may begin a new motion."""
         if press is None:
             return self._begin(joint, command, here)
         if abs(command - press.command) <= NEW_COMMAND_TURNS * joint.model.counts_per_turn:
@@ -137,18 +144,18 @@ class StallWatch:
 
     def _presses_too_long(self, press: _Press, joint: Joint, here: int, load: float, period_s: float) -> bool:
         still = abs(here - press.anchor) <= STILL_TURNS * joint.model.counts_per_turn
-        if not still or not abs(load) >= PRESSING * joint.torque_limit:  # NaN presses nothing
+        if not still or not abs(load) >= PRESSING * joint.torque_limit:  # also true for NaN
             press.anchor, press.pressed_s = here, 0.0
             return False
         press.pressed_s += period_s
         return press.pressed_s >= STALL_S - 1e-9
 
     def _name(self, joint: Joint, pressing: bool) -> None:
-        """Name a joint with its whole torque for as long as it presses."""
+        """Report the stall of a joint with full torque, whose drive is not reduced."""
         if not pressing:
             self.stalls.pop(joint.name, None)
         elif joint.name not in self.stalls:
-            self.stalls[joint.name] = Stall(_text_of_whole_torque(joint), warns=True)
+            self.stalls[joint.name] = Stall(_full_torque_text(joint), warns=True)
             text = f"{joint.name}: {self.stalls[joint.name].text}"
             self.log.note(logging.WARNING, joint.name, joint.servo_id, text)
 
@@ -160,7 +167,7 @@ class StallWatch:
         self.log.note(level, joint.name, joint.servo_id, f"{joint.name}: {_text(press, joint)}")
 
     def _eased(self, press: _Press, ahead: float, joint: Joint, load: float, period_s: float) -> float:
-        """The next ``ahead``, corrected where the servo is stiffer or softer than assumed."""
+        """Return the next ``ahead``, corrected if the servo is stiffer or softer than assumed."""
         share = HOLDING * joint.torque_limit
         if press.held_s >= SETTLE_S and abs(load) > 1.1 * share:
             return ahead * max(1.0 - period_s / WEAKEN_S, 0.0)
@@ -169,11 +176,11 @@ class StallWatch:
         return ahead
 
 
-def _text_of_whole_torque(joint: Joint) -> str:
+def _full_torque_text(joint: Joint) -> str:
     return (
-        f"servo {joint.servo_id} has driven with at least {PRESSING:.0%} of its torque for {STALL_S:g} s without "
-        "motion: something is in the joint's way, or it carries too much. Its drive is not reduced, because a loaded "
-        "joint would fall: move it back, or take the load off, before the servo's own protection releases it"
+        f"servo {joint.servo_id} has pressed with at least {PRESSING:.0%} of its torque for {STALL_S:g} s without "
+        "motion: the joint is blocked or overloaded. Its torque is not reduced, because a loaded joint would fall: "
+        "move it back or remove the load before the servo's own protection disables its torque"
     )
 
 
@@ -183,5 +190,5 @@ def _text(press: _Press, joint: Joint) -> str:
         f"without motion and holds with {HOLDING * joint.torque_limit:.0%} until its next motion"
     )
     if press.moved:
-        return f"{pressed}: the joint grips something, or something is in its way"
-    return f"{pressed}: the joint has not moved at all, it is jammed or blocked. Move it the other way, and look at it"
+        return f"{pressed}: the joint has gripped something or is blocked"
+    return f"{pressed}: the joint has not moved at all, so it is jammed or blocked. Move it back and check it"

@@ -1,4 +1,4 @@
-"""The watch over the supply: each servo's voltage against the range that its model is rated for."""
+"""Check the supply voltage of each servo against the rated range of its model."""
 
 import logging
 from collections.abc import Sequence
@@ -10,30 +10,35 @@ from hal.joint import Joint
 from hal.servos.fault_log import FaultLog
 
 BEGINS_S: Final = 0.3
-"""Minimum time of a wrong voltage before it is reported: a motor that brakes lifts the supply for a moment, one that
-starts lowers it."""
+"""Minimum time of a wrong voltage before it is reported. Braking and starting motors change the voltage briefly."""
 ENDS_S: Final = 1.0
-"""Minimum time of a right voltage before the report ends: a supply that sags with each motion is one episode."""
+"""Minimum time of a correct voltage before the report ends. A supply that sags in each motion is thus one episode."""
 
 
 class SupplyWatch:
-    """The faults of the joints' supplies. An episode is logged once, at its beginning and at its end."""
+    """Voltage faults of the joints. The start and the end of each episode are logged once."""
 
     def __init__(self, joints: Sequence[Joint], clock: Clock, log: FaultLog) -> None:
-        """``log``: where episodes are noted; its owner flushes it at the end of a cycle."""
+        """Create the check. The owner of ``log`` flushes it at the end of each cycle."""
         self._clock, self._log = clock, log
         self._good = {joint.name: usual_range(joint.model) for joint in joints}
         self._shown: dict[str, VoltageFault] = {}
         self._changed_s: dict[str, tuple[str, float]] = {}
-        """By joint: the kind that differs from the one that is shown, and since when."""
+        """Kind of fault that differs from the reported fault, and the time since when, by joint name."""
 
     def forget(self) -> None:
-        """Forget all episodes."""
+        """Discard all episodes."""
         self._shown.clear()
         self._changed_s.clear()
 
-    def look(self, joint: Joint, voltage_v: float, label: str) -> VoltageFault | None:
-        """Return what is wrong with the joint's supply, if it lasts. ``label``: the joint's name in a message."""
+    def check(self, joint: Joint, voltage_v: float, label: str) -> VoltageFault | None:
+        """Return the voltage fault of a joint, once it has lasted ``BEGINS_S``.
+
+        Args:
+            joint: The joint.
+            voltage_v: Measured voltage.
+            label: Name of the joint in messages.
+        """
         lowest, highest = self._good[joint.name]
         shown = self._shown.get(joint.name)
         if shown is None and lowest <= voltage_v <= highest:
@@ -43,7 +48,7 @@ class SupplyWatch:
         kind = found.kind if found else ""
         if shown is not None and kind == shown.kind and found is not None:
             self._changed_s.pop(joint.name, None)
-            self._shown[joint.name] = found  # its text has the newest voltage
+            self._shown[joint.name] = found  # updates the voltage in the message
         elif self._lasts(joint.name, kind, BEGINS_S if found else ENDS_S):
             self._show(joint, found, label, voltage_v)
         return self._shown.get(joint.name)
@@ -62,5 +67,5 @@ class SupplyWatch:
             level = logging.ERROR if found.outside else logging.WARNING
             self._log.note(level, label, joint.servo_id, f"{found.kind}: {called} {found.text}")
         elif self._shown.pop(joint.name, None) is not None:
-            text = f"{called} has a right voltage again: {voltage_v:.1f} V"
+            text = f"{called} has a correct voltage again: {voltage_v:.1f} V"
             self._log.note(logging.WARNING, label, joint.servo_id, text)

@@ -19,7 +19,7 @@ from drivers.errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.register import ServoModel
 from hal.joint import Joint
-from hal.servos.limp_arm import falls, servo_name
+from hal.servos.limp_arm import servo_name, torque_warning
 from nodes.ros_environment import RosError, require_ros
 from servoloop.bench.bus import Run, run_cycles, standing_still
 from servoloop.bench.figures import ArmFigures, JointMotion, machine_figures
@@ -62,8 +62,8 @@ def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
         bus.identify(joint.servo_id, joint.model)
     if held := [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]:
         raise DriverError(
-            f"{falls(held)}. At its end this command releases the arm where it is now: lay the arm down and switch its "
-            "torque off first"
+            f"{torque_warning(held)}. This command releases the arm at its end: lay the arm down, and switch its torque "
+            "off first"
         )
 
 

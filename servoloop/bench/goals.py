@@ -15,7 +15,7 @@ from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from drivers.servos.register import ServoModel
-from hal.servos.diagnose import NOWHERE, diagnose
+from hal.servos.diagnose import NO_BAUD_RATE, diagnose
 
 LOG = logging.getLogger("servoloop")
 
@@ -93,7 +93,7 @@ def who_answers(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
 
 def _why_nobody(bus: Bus, servo_ids: Sequence[int]) -> str:
     """In words. Of many servos the first few are searched at other rates: at slow ones that takes long."""
-    found = [text for text in diagnose(bus, servo_ids[:SEARCHED]).values() if NOWHERE not in text]
+    found = [text for text in diagnose(bus, servo_ids[:SEARCHED]).values() if NO_BAUD_RATE not in text]
     check = "check the servos' power, their IDs and the baud rate"
     return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
 

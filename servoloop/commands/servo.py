@@ -95,12 +95,12 @@ def reboot(
     Example: `servoloop reboot 3 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import reboot as restart
-    from hal.servos.limp_arm import falls
+    from hal.servos.limp_arm import torque_warning
 
     with servo_at(port, servo_id, baud) as servo:
         held = servo.holds_torque()
         if held:
-            confirm(f"{falls([f'servo {servo_id}'])}, which a reboot does: go on?", yes)
+            confirm(f"{torque_warning([f'servo {servo_id}'])}, which a reboot does: go on?", yes)
         report = restart(servo, let_go=held)
     if json:
         print_json(report)
@@ -172,7 +172,7 @@ def write(
     """Write one register and read it back. EEPROM only where it differs, under its lock.
 
     Goals are refused, and under torque everything but the torque switch. That asks first: switched on, the servo is
-    held where it stands, and stays so; switched off, what it held falls.
+    held where it stands, and stays so; switched off, what it held torque_warning.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register
@@ -181,7 +181,7 @@ def write(
     with servo_at(port, servo_id, baud) as servo:
         if switch:
             on = value_to_write(servo, name, value)
-            does = "holds where it stands, under torque" if on else "lets go, and what it holds falls"
+            does = "holds where it stands, under torque" if on else "lets go, and what it holds torque_warning"
             confirm(f"servo {servo_id} {does}: go on?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:

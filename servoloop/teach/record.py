@@ -69,7 +69,7 @@ class Recording:
         if self._freedrive is not None:
             self._arm.loop.activate()
         else:
-            self._arm.hardware.let_go()
+            self._arm.hardware.release()
             self._arm.loop.activate(keep_inactive=[ARM])
 
     def take(self, state: JointState) -> None:

@@ -144,7 +144,7 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
     """
     if servos := both.leader_arm.held():
         confirm(f"The leader must be limp. {release_question(servos)}")
-    both.leader_arm.let_go()
+    both.leader_arm.release()
 
 
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:

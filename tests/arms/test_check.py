@@ -55,7 +55,7 @@ def test_a_copy_elsewhere_is_right_too(tmp_path: Path, files: dict[str, Path]) -
 FAULTS: dict[str, tuple[Edit, str]] = {
     "a joint without a servo": (
         ("robot.yaml", "  gripper:\n", "  jaw:\n"),
-        "robot.yaml: the URDF commands gripper, for which the robot file has no servo",
+        "robot.yaml: the URDF commands gripper, but the robot file has no servo",
     ),
     "limits beyond the servo's counts": (
         (
@@ -63,7 +63,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
             "servo_id: 1, model: sts3215_c001, sign: 1, zero_counts: 2047",
             "servo_id: 1, model: sts3215_c001, sign: 1, zero_counts: 900",
         ),
-        "shoulder_pan: its limits are the servo's counts",
+        "shoulder_pan: the limits correspond to counts",
     ),
     "a servo of an unknown model": (("robot.yaml", "model: sts3215_c001", "model: sts9"), "unknown model sts9"),
     "a protection that can never act": (
@@ -77,13 +77,13 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     "an inertia of zero": (("arm.urdf", 'ixx="2.87438e-05"', 'ixx="0"'), "lower_arm_link: its inertia in the URDF"),
     "a placeholder for the velocity": (
         ("arm.urdf", 'effort="1.91" velocity="4"', 'effort="1.91" velocity="10"'),
-        "shoulder_pan: velocity 10 in the URDF; its servo, sts3215_c001, makes 5.45 without load",
+        "shoulder_pan: the velocity limit in the URDF is 10, but its servo, sts3215_c001, only reaches 5.45",
     ),
     "a placeholder for the effort": (
         ("arm.urdf", 'effort="1.91" velocity="4"', 'effort="10" velocity="4"'),
-        "shoulder_pan: effort 10 in the URDF; its servo, sts3215_c001, stalls at 1.91",
+        "shoulder_pan: the effort limit in the URDF is 10, but its servo, sts3215_c001, stalls at 1.91",
     ),
-    "no effort": (("arm.urdf", ' effort="1.91"', ""), "shoulder_pan: the URDF's <limit> has no effort"),
+    "no effort": (("arm.urdf", ' effort="1.91"', ""), "shoulder_pan: its <limit> in the URDF has no effort"),
     "no ros2_control": (("arm.urdf", "<ros2_control", "<nothing"), "arm.urdf"),
     "a scene that MuJoCo cannot read": (("scene.xml", "<worldbody>", "<world>"), "scene.xml: MuJoCo cannot read it"),
     "a joint of another name in the scene": (
@@ -166,7 +166,7 @@ def test_each_fault_is_found(tmp_path: Path, fault: str) -> None:
 MIMIC: dict[str, tuple[Edit, str]] = {
     "the wrong sign in the URDF": (
         ("arm.urdf", '<mimic joint="hand_right_joint"/>', '<mimic joint="hand_right_joint" multiplier="-1"/>'),
-        "hand_left_joint mimics hand_right_joint from -0.05 to 0, and its limits are 0 to 0.05: look at the sign",
+        "hand_left_joint mimics hand_right_joint and would move from -0.05 to 0, but its limits are 0 to 0.05",
     ),
     "the wrong sign in the scene": (
         ("scene.xml", 'joint2="hand_right_joint" solref', 'joint2="hand_right_joint" polycoef="0 -1 0 0 0" solref'),

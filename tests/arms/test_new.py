@@ -143,7 +143,10 @@ def test_other_servos_and_their_bus(tmp_path: Path) -> None:
 def test_what_is_left_to_correct_is_printed(tmp_path: Path) -> None:
     result = new(tmp_path, TWO_JOINTS.replace('velocity="3" effort="2"', 'velocity="10" effort="99"'))
     assert result.exit_code == 0
-    assert "lift: velocity 10 in the URDF" in result.output and "bend: effort 99 in the URDF" in result.output
+    assert (
+        "lift: the velocity limit in the URDF is 10" in result.output
+        and "bend: the effort limit in the URDF is 99" in result.output
+    )
 
 
 @pytest.mark.parametrize(
@@ -154,7 +157,7 @@ def test_what_is_left_to_correct_is_printed(tmp_path: Path) -> None:
         (
             '<link name="foot"/>',
             '<xacro:foot xmlns:xacro="http://www.ros.org/wiki/xacro"/>',
-            "this is xacro and not yet a URDF",
+            "this file is xacro, not URDF",
         ),
         ("</robot>", "", "not well-formed XML"),
         ('<child link="lower"/>', '<child link="nowhere"/>', "nowhere"),

@@ -96,7 +96,7 @@ def test_an_arm_under_torque_is_not_touched() -> None:
     for servo in lying.servos:
         servo.memory.put(sts.goal_position, servo.memory.get(sts.present_position))
         servo.memory.put(sts.torque_enable, 1)
-    with pytest.raises(DriverError, match=r"shoulder_pan .*gripper \(servo 6\) hold torque, and what they hold falls"):
+    with pytest.raises(DriverError, match=r"shoulder_pan .*gripper \(servo 6\) hold torque, and the arm may fall"):
         lying.bench()
     assert lying.held == 6
 

@@ -256,7 +256,7 @@ def test_what_cannot_be_right_is_said_and_nothing_is_written(
         ('{"gripper": {}}', "gripper.id: Field required"),
         ('{"gripper": 1, "gripper": 2}', "gripper stands there twice"),
         ('{"motor_names": [], "start_pos": []}', "older LeRobot"),
-        ('{"gripper": {"id": true}}', "gripper.id: true is a truth value, and a number is needed"),
+        ('{"gripper": {"id": true}}', "gripper.id: true is a boolean, but a number is required"),
     ],
 )
 def test_a_file_that_is_none_is_refused(robot: Path, text: str, said: str) -> None:

@@ -429,7 +429,7 @@ def test_the_defaults_of_a_robot_file_are_checked_too(tmp_path: Path) -> None:
 def test_numeric_joint_names_must_be_quoted(tmp_path: Path) -> None:
     with pytest.raises(ControllersFileError) as error:
         load(tmp_path, PLAIN.replace("[joint1, joint2]", "[1, 2]"))
-    assert ":13: arm_controller.joints.0: 1 is a number here: put the text in quotes ('1')" in str(error.value)
+    assert ":13: arm_controller.joints.0: 1 is read as a number: put the text in quotes ('1')" in str(error.value)
 
 
 def test_a_list_of_command_interfaces_with_position_uses_position(

@@ -19,7 +19,7 @@ from tests.controller.bench import ARM_LIMITS, PERIOD_S, Bench, to
 
 ELBOW = 1
 LEAP = 1.5
-WORDS = "no joint moves as fast, so a second reading must confirm it"
+WORDS = "No joint moves that fast, so the position is ignored until a second reading confirms it"
 
 
 def falsify(hardware: Hardware, number: Callable[[int], float], joint: int = ELBOW) -> None:
@@ -70,7 +70,7 @@ def test_a_leap_is_accepted_when_a_second_reading_confirms_it(caplog: pytest.Log
     assert [bool(state.faults) for state in states] == [n == 3 for n in range(8)]
     assert [state.position[ELBOW] for state in states] == pytest.approx([0.0] * 4 + [LEAP] * 4)
     assert [message for message in caplog.messages if WORDS in message] == [
-        "scripted: elbow is measured at 1.5000, +1.5000 from the reading before: " + WORDS
+        "scripted: elbow is measured at 1.5000, +1.5000 from the previous reading. " + WORDS
     ]
 
 
@@ -102,7 +102,7 @@ def test_only_new_readings_confirm_a_leap() -> None:
     clock = SimulatedClock(5.0)
     hardware = MockHardware("slow", ("a",), clock)
     components = ComponentSet([hardware, MockHardware("other", ("b",), clock)], clock, [3, 1])
-    components.doubt_leaps({"a": JointLimits(-3.0, 3.0, 1.0, 4.0, 40.0)})
+    components.filter_leaps({"a": JointLimits(-3.0, 3.0, 1.0, 4.0, 40.0)})
     for one in components.components:
         one.hardware.configure()
         one.hardware.activate()
@@ -119,7 +119,7 @@ def test_a_continuous_joint_does_not_leap_at_a_full_turn() -> None:
     clock = SimulatedClock(5.0)
     hardware = MockHardware("wheel", ("a",), clock)
     components = ComponentSet([hardware], clock)
-    components.doubt_leaps({"a": JointLimits(-np.inf, np.inf, 1.0, 4.0, 40.0)})
+    components.filter_leaps({"a": JointLimits(-np.inf, np.inf, 1.0, 4.0, 40.0)})
     hardware.configure()
     hardware.activate()
     for position in (3.13, -3.13, 3.12):

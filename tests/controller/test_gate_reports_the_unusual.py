@@ -100,7 +100,7 @@ def test_a_controller_that_leaps_is_reported(gate_lines: Callable[[], list[str]]
 
     bench = Bench(wrap=lambda controller: Leaping(controller) if controller.name == "hand" else controller).up()  # type: ignore[arg-type,return-value]
     bench.cycle(3)
-    assert gate_lines() == ["safety gate: finger: 0.0400 is too far for one period: going to 0.0050"]
+    assert gate_lines() == ["safety gate: finger: command 0.0400 is too far for one cycle: limited to 0.0050"]
 
 
 def test_a_hand_that_starts_outside_its_limits_is_reported(gate_lines: Callable[[], list[str]]) -> None:

@@ -10,7 +10,7 @@ from controller.loop_figures import LoopFigures
 from drivers.errors import DriverError
 from drivers.port.owners import line_advice
 from drivers.printable import PrintableFormatter, counted, printable
-from hal.servos.diagnose import now_and_then
+from hal.servos.diagnose import intermittent_text
 from servoloop import cli
 from servoloop.stack.terminal import log_to_terminal
 from tests.complaint import complaint
@@ -63,5 +63,5 @@ def test_the_advice_for_a_virtual_bus_does_not_name_plugs() -> None:
     device = os.ttyname(slave)
     assert "plugs" not in line_advice(device) and "virtual bus" in line_advice(device)
     assert line_advice("/dev/ttyUSB0") == "the cable's plugs"
-    assert "virtual bus" in now_and_then(1, device)
+    assert "virtual bus" in intermittent_text(1, device)
     os.close(master), os.close(slave)

@@ -76,7 +76,7 @@ DYNAMIXEL = {
     "echo": ["goal: SUCCEEDED"],
     "overload id=3 torque=6": ["joint3: alarm: overload", "servo 3 has lost its torque"],
     "jammed id=3": ["joint3: alarm: overload", "joint3 is off by"],
-    "hot id=3 temperature=90": ["servo 3 has let go (temperature alarm)"],
+    "hot id=3 temperature=90": ["servo 3 released its torque (temperature alarm)"],
     "stuck_encoder id=3": ["joint3 is off by"],
     "wrong_mode id=3 mode=16": ["servo 3 has lost its torque"],
     "wrong_rate id=3 baud=57600": ["servo 3 does not answer"],

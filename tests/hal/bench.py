@@ -1,4 +1,4 @@
-"""Three joints on virtual servos on a bench, below a port that can be watched and disturbed."""
+"""Test bench: three joints on virtual servos, with a port that a test can watch and disturb."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -45,7 +45,7 @@ def joint_of(servo_id: int) -> Joint:
 
 @dataclass
 class WatchedPort:
-    """A port that keeps every instruction, and lets a test act just before one goes out or its reply comes in."""
+    """Port that records every instruction. A test can act before instructions are sent and replies are read."""
 
     port: VirtualPort
     sent: list[Instruction] = field(default_factory=list)
@@ -82,7 +82,7 @@ class WatchedPort:
 
 
 class Bench:
-    """``hardware`` and everything below it. Counts are the servos', positions the joints'."""
+    """A ``ServoHardware`` with virtual servos and a simulated clock."""
 
     def __init__(
         self,
@@ -112,13 +112,13 @@ class Bench:
         return Bus(self.port, self.clock)
 
     def place(self, counts: Sequence[int]) -> None:
-        """Turn the shafts by hand; whoever asks then is told so."""
+        """Set the positions of the shafts, in counts, as if they were turned by hand."""
         angles = [(c + 0.5) * 2.0 * math.pi / 4096 for c in counts]
         self.plant.place(angles)
         for servo, angle in zip(self.servos.servos, angles, strict=True):
             if isinstance(servo, VirtualServo):
-                servo.firmware.observe(angle)  # whose sensor would take some milliseconds to follow a leap
-        self.clock.sleep_until(self.clock.now() + self.plant.timestep_s)  # servos measure step by step
+                servo.firmware.observe(angle)  # otherwise the sensor follows after some milliseconds
+        self.clock.sleep_until(self.clock.now() + self.plant.timestep_s)  # servos measure once per simulation step
 
     def configured(self) -> "Bench":
         self.hardware.configure()
@@ -129,25 +129,25 @@ class Bench:
         return self
 
     def held(self, servo_id: int, register: Register) -> int:
-        """A register as it stands in the servo."""
+        """Return the value of a register in a servo."""
         return self.servos.servo(servo_id).memory.get(register)
 
     def measured(self, servo_id: int) -> int:
-        """Where the shaft is, in counts."""
+        """Return the position of a shaft, in counts."""
         return int(self.servos.servo(servo_id).firmware.position)
 
     def torque(self) -> list[int]:
-        """IDs of the servos that drive their motors."""
+        """Return the IDs of servos with torque."""
         return [servo.servo_id for servo in self.servos.servos if servo.memory.get(sts.torque_enable)]
 
     def cycle(self, position: FloatArray) -> JointState:
-        """One period of the loop: write, wait, read."""
+        """Run one cycle: write, wait one period, read."""
         self.hardware.write(JointCommand(position, PERIOD_S))
         self.clock.sleep_until(self.clock.now() + PERIOD_S)
         return self.hardware.read()
 
     def wait(self) -> JointState:
-        """One period without a command."""
+        """Wait one period and read, without a command."""
         self.clock.sleep_until(self.clock.now() + PERIOD_S)
         return self.hardware.read()
 
@@ -157,7 +157,7 @@ def at(*position: float) -> FloatArray:
 
 
 def switches_torque(instruction: Instruction) -> bool:
-    """Whether it is a write to the torque switch of one servo."""
+    """Return whether an instruction writes the torque register of one servo."""
     return instruction.code == 3 and instruction.parameters[0] == sts.torque_enable.address
 
 

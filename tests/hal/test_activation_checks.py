@@ -1,4 +1,4 @@
-"""Every check of the configuration runs again at each activation: servos are changed, reset and exchanged meanwhile."""
+"""Tests that each activation repeats all checks, because servos may have been changed, reset or replaced."""
 
 from dataclasses import replace
 
@@ -14,10 +14,10 @@ from tests.hal.bench import IDS, JOINTS, Bench, at, switches_torque_on
 CALIBRATED = (replace(JOINTS[0], homing_offset=600, settings=(("position_p", 16),)), *JOINTS[1:])
 
 CHANGES = [
-    (sts.homing_offset, 0, "has homing_offset 0, and shoulder was calibrated with 600"),
+    (sts.homing_offset, 0, "has homing_offset 0, but shoulder was calibrated with 600"),
     (sts.operating_mode, 1, "is not in position mode"),
     (sts.model_number, 1, r"is model 1 \(unknown\), not 777"),
-    (sts.max_position, 2100, "has position limits of its own, 0 to 2100 counts"),
+    (sts.max_position, 2100, "has position limits 0 to 2100 counts"),
     (sts.status_level, 0, "does not acknowledge writes"),
 ]
 
@@ -29,22 +29,22 @@ def calibrated() -> Bench:
 
 
 @pytest.mark.parametrize("held", [False, True], ids=["limp", "held"])
-@pytest.mark.parametrize(("register", "value", "says"), CHANGES, ids=[register.name for register, _, _ in CHANGES])
+@pytest.mark.parametrize(("register", "value", "message"), CHANGES, ids=[register.name for register, _, _ in CHANGES])
 def test_a_servo_that_was_changed_while_inactive_gets_no_torque(
-    register: Register, value: int, says: str, held: bool
+    register: Register, value: int, message: str, held: bool
 ) -> None:
     bench = calibrated()
     if held:
         bench.hardware.activate()
         bench.hardware.deactivate(relax=False)
     bench.servos.servo(1).memory.put(register, value)
-    with pytest.raises(ActivationError, match=f"^not activated: shoulder: servo 1: {says}"):
+    with pytest.raises(ActivationError, match=f"^not activated: shoulder: servo 1: {message}"):
         bench.hardware.activate()
     assert bench.hardware.state is LifecycleState.INACTIVE
-    assert bench.torque() == (list(IDS) if held else []), "a servo that holds goes on holding"
+    assert bench.torque() == (list(IDS) if held else []), "a servo with torque keeps holding"
 
 
-def test_a_servo_that_was_reset_to_the_factory_s_settings_has_those_of_the_file_before_its_torque() -> None:
+def test_settings_of_a_factory_reset_servo_are_restored_before_torque() -> None:
     bench = calibrated()
     memory = bench.servos.servo(1).memory
     memory.put(sts.position_p, 32)
@@ -52,7 +52,7 @@ def test_a_servo_that_was_reset_to_the_factory_s_settings_has_those_of_the_file_
     assert (bench.held(1, sts.position_p), bench.torque()) == (16, list(IDS))
 
 
-def test_a_servo_that_holds_torque_with_other_settings_is_refused_and_goes_on_holding() -> None:
+def test_a_servo_with_torque_and_other_settings_is_refused_and_keeps_holding() -> None:
     bench = calibrated()
     bench.hardware.activate()
     bench.hardware.deactivate(relax=False)
@@ -62,11 +62,11 @@ def test_a_servo_that_holds_torque_with_other_settings_is_refused_and_goes_on_ho
     assert bench.torque() == list(IDS)
 
 
-# One servo again, while the others hold
+# Reactivation of one servo while the others hold
 
 
 def reset(bench: Bench, servo_id: int = 2) -> None:
-    """The servo's power dips: it is away for a moment, and comes back without torque."""
+    """Interrupt the power of a servo. It is silent for a moment and then answers without torque."""
     bench.servos.servo(servo_id).power_cycle()
     bench.wait()
     for _ in range(20):
@@ -75,7 +75,7 @@ def reset(bench: Bench, servo_id: int = 2) -> None:
     raise AssertionError("never noticed")
 
 
-def test_a_reset_servo_gets_its_torque_at_its_place_and_the_others_keep_their_goals() -> None:
+def test_a_reset_servo_is_activated_where_it_is_and_the_others_keep_their_goals() -> None:
     bench = calibrated()
     bench.hardware.activate()
     bench.cycle(at(0.1, 0.1, 0.01))
@@ -97,9 +97,7 @@ def test_a_reset_servo_gets_its_torque_at_its_place_and_the_others_keep_their_go
 @pytest.mark.parametrize(
     ("register", "value"), [(sts.homing_offset, 0), (sts.operating_mode, 1)], ids=lambda one: getattr(one, "name", "")
 )
-def test_a_servo_that_is_another_now_stays_without_torque_and_the_component_active(
-    register: Register, value: int
-) -> None:
+def test_a_replaced_servo_gets_no_torque_and_the_component_stays_active(register: Register, value: int) -> None:
     bench = calibrated()
     bench.hardware.activate()
     reset(bench, 1)
@@ -109,10 +107,10 @@ def test_a_servo_that_is_another_now_stays_without_torque_and_the_component_acti
     assert (bench.hardware.state, bench.torque()) == (LifecycleState.ACTIVE, [2, 7])
     assert set(bench.wait().faults) == {"shoulder"} == bench.hardware.without_torque
     bench.cycle(at(0.0, 0.0, 0.01))
-    assert bench.torque() == [2, 7], "it gets no goal, which would switch it on"
+    assert bench.torque() == [2, 7], "a goal would enable its torque"
 
 
-def test_one_that_fails_half_way_is_limp_again_and_the_others_hold() -> None:
+def test_a_reactivation_that_fails_leaves_its_servo_limp_and_the_others_holding() -> None:
     bench = calibrated()
     bench.hardware.activate()
     reset(bench)

@@ -1,4 +1,4 @@
-"""An activation that is disturbed: which servos are let go, and what each is told before its torque is tried again."""
+"""Tests of disturbed activations: which servos are released, and what is repeated before torque is enabled."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,11 +16,11 @@ from sim_backend.servos.sts.firmware import StsVariant
 from tests.hal.bench import IDS, JOINTS, Bench, switches_torque_on
 
 BEFORE = (2048, 2000, 1500)
-"""Where the joints stand when the activation begins, in counts."""
+"""Positions of the joints at the beginning of an activation, in counts."""
 
 
 def on_first_torque_of(servo_id: int, bench: Bench, act: Callable[[], None]) -> None:
-    """Lose the first torque switch that this servo is sent, and ``act`` then; it hears again 0.1 s later."""
+    """Lose the first torque write to a servo and call ``act`` then. The servo receives packets again 0.1 s later."""
     lost_s: list[float] = []
 
     def watch(number: int, instruction: Instruction) -> None:
@@ -34,15 +34,15 @@ def on_first_torque_of(servo_id: int, bench: Bench, act: Callable[[], None]) -> 
     bench.port.before_write = watch
 
 
-# Letting go
+# Release after a failure
 
 
 @pytest.mark.parametrize("held", [(1,), (7,), (1, 2)])
 @pytest.mark.parametrize("fails", [sts.torque_limit, sts.torque_enable])
-def test_an_arm_that_a_former_program_left_under_torque_is_not_dropped_when_activation_fails(
+def test_a_failed_activation_does_not_release_servos_that_had_torque_before(
     held: tuple[int, ...], fails: sts.Register
 ) -> None:
-    """Only the servos that were limp before are limp again."""
+    """Only servos that were limp before are released."""
     bench = Bench().configured()
     for servo_id in held:
         bench.servos.servo(servo_id).memory.put(sts.goal_position, bench.measured(servo_id))
@@ -61,11 +61,11 @@ def test_an_arm_that_a_former_program_left_under_torque_is_not_dropped_when_acti
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
-# Torque, told again
+# Repeated torque writes
 
 
-def test_joints_that_sink_while_a_torque_switch_is_repeated_are_measured_again() -> None:
-    """The joint in question and those behind it are limp still; a goal from before would make them leap back."""
+def test_joints_that_sink_while_a_torque_write_is_retried_are_measured_again() -> None:
+    """This joint and all later joints are still limp. Old goals would make them jump back."""
     bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=False)).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 1950, 1450)))
     bench.hardware.activate()
@@ -73,8 +73,8 @@ def test_joints_that_sink_while_a_torque_switch_is_repeated_are_measured_again()
     assert [bench.held(i, sts.goal_position) for i in IDS] == [2048, 1950, 1450]
 
 
-def test_joints_that_their_goals_have_switched_on_keep_them_while_another_is_told_again() -> None:
-    """They hold a load: to make where they give way to their goal would let them sink with every packet."""
+def test_joints_enabled_by_their_goals_keep_them_while_another_is_retried() -> None:
+    """The joints hold a load. If the sagged positions became goals, they would sag further with every packet."""
     bench = Bench(counts=BEFORE).configured()
 
     def lean() -> None:
@@ -86,8 +86,8 @@ def test_joints_that_their_goals_have_switched_on_keep_them_while_another_is_tol
     assert [bench.held(i, sts.goal_position) for i in IDS] == list(BEFORE)
 
 
-def test_a_joint_that_has_torque_keeps_its_goal_while_another_is_told_again() -> None:
-    """What gives way a little under load must not sink further with every packet that is lost."""
+def test_a_joint_with_torque_keeps_its_goal_while_another_is_retried() -> None:
+    """A joint that sags under load must not sag further with every lost packet."""
     bench = Bench(counts=BEFORE).configured()
 
     def lean() -> None:
@@ -99,16 +99,16 @@ def test_a_joint_that_has_torque_keeps_its_goal_while_another_is_told_again() ->
     assert bench.held(1, sts.goal_position) == 2048
 
 
-def test_a_joint_that_sank_out_of_its_limits_meanwhile_gets_no_torque() -> None:
+def test_a_joint_that_sinks_beyond_its_limits_gets_no_torque() -> None:
     bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=False)).configured()
     on_first_torque_of(2, bench, lambda: bench.place((2048, 2000, 500)))
-    with pytest.raises(ActivationError, match=r"finger \(servo 7\) stands at .* outside its limits"):
+    with pytest.raises(ActivationError, match=r"finger \(servo 7\) is at .* outside its limits"):
         bench.hardware.activate()
     assert bench.torque() == []
 
 
-def test_a_servo_that_was_reset_at_its_goal_of_zero_counts_has_its_torque_limit_again() -> None:
-    """A reset servo holds goal 0. A joint that stands there has its goal nevertheless, but no torque limit any more."""
+def test_the_torque_limit_of_a_servo_reset_at_goal_zero_is_restored() -> None:
+    """A reset servo has goal 0. At position 0 this goal is correct, but the torque limit is lost."""
     finger = replace(JOINTS[2], zero_counts=0)
     bench = Bench(counts=(2048, 2000, 0), joints=(*JOINTS[:2], finger)).configured()
     on_first_torque_of(7, bench, bench.servos.servo(7).power_cycle)
@@ -118,8 +118,8 @@ def test_a_servo_that_was_reset_at_its_goal_of_zero_counts_has_its_torque_limit_
 
 
 @pytest.mark.parametrize("energises", [True, False])
-def test_joints_that_sink_while_a_line_is_slow_to_confirm_their_goals_are_measured_again(energises: bool) -> None:
-    """A servo that does not hear its goal has it written again: by then it may stand elsewhere."""
+def test_joints_that_sink_while_goals_are_confirmed_slowly_are_measured_again(energises: bool) -> None:
+    """A lost goal is written again. The joint may have moved meanwhile."""
     bench = Bench(counts=BEFORE, variant=StsVariant(goal_write_energises=energises)).configured()
     lost_s: list[float] = []
 
@@ -139,7 +139,7 @@ def test_joints_that_sink_while_a_line_is_slow_to_confirm_their_goals_are_measur
 
 
 def lose_torque_switches_of(servo_id: int, bench: Bench, packets: int) -> list[Instruction]:
-    """The next so many; returns all that this servo is sent, lost or not."""
+    """Lose the next packets to a servo. Return all packets that are sent to it, including the lost ones."""
     sent: list[Instruction] = []
 
     def watch(number: int, instruction: Instruction) -> None:
@@ -154,7 +154,7 @@ def lose_torque_switches_of(servo_id: int, bench: Bench, packets: int) -> list[I
 
 
 @pytest.mark.parametrize("packets", range(1, ATTEMPTS))
-def test_a_torque_switch_that_was_lost_is_told_again(packets: int) -> None:
+def test_a_lost_torque_write_is_repeated(packets: int) -> None:
     bench = Bench(counts=BEFORE).configured()
     sent = lose_torque_switches_of(2, bench, packets)
     bench.hardware.activate()
@@ -162,7 +162,7 @@ def test_a_torque_switch_that_was_lost_is_told_again(packets: int) -> None:
     assert len(sent) == packets + 1
 
 
-def test_a_torque_switch_that_never_arrives_ends_the_activation_and_nothing_has_torque() -> None:
+def test_a_torque_write_that_never_arrives_ends_the_activation_without_torque() -> None:
     bench = Bench(counts=BEFORE).configured()
     sent = lose_torque_switches_of(2, bench, ATTEMPTS)
     with pytest.raises(DriverError, match="servo 2"):
@@ -171,12 +171,12 @@ def test_a_torque_switch_that_never_arrives_ends_the_activation_and_nothing_has_
     assert bench.torque() == []
 
 
-# How far outside its limits a joint may stand
+# Distance of a joint from its limits
 
 
 @pytest.mark.parametrize("upper", [True, False])
 @pytest.mark.parametrize(("share", "accepted"), [(0.048, True), (0.052, False)])
-def test_a_joint_may_stand_outside_its_limits_by_a_twentieth_of_their_span(
+def test_a_joint_may_be_outside_its_limits_by_five_percent_of_its_range(
     upper: bool, share: float, accepted: bool
 ) -> None:
     shoulder = JOINTS[0]
@@ -188,15 +188,15 @@ def test_a_joint_may_stand_outside_its_limits_by_a_twentieth_of_their_span(
         bench.hardware.activate()
         assert bench.held(1, sts.goal_position) == counts
     else:
-        with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) stands at .*, outside its limits"):
+        with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) is at .*, outside its limits"):
             bench.hardware.activate()
     assert bench.torque() == (list(IDS) if accepted else [])
 
 
-# What is told of a servo begins anew with each life
+# Faults are logged again after a new configuration
 
 
-def test_a_fault_of_a_former_life_does_not_keep_a_new_one_out_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_fault_is_logged_again_after_a_new_configuration(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.servos.faults.silence(2)
     bench.wait()
@@ -210,7 +210,7 @@ def test_a_fault_of_a_former_life_does_not_keep_a_new_one_out_of_the_log(caplog:
     assert caplog.text.count("servo 2 does not answer") == 1
 
 
-def test_a_fault_before_a_refused_activation_is_told_again_after_it(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_fault_is_logged_again_after_a_refused_activation(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().configured()
     bench.servos.faults.silence(2)
     bench.wait()

@@ -1,4 +1,4 @@
-"""A servo that counts its shaft's turns: what it reports is a place within one turn, what it drives to is not."""
+"""Tests of servos that count turns: they report the position within one turn, but their goals cover several turns."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ ELBOW = 2
 
 
 def turned_once_round(bench: Bench, way: int = 1) -> None:
-    """The elbow is turned by hand, from where it stands over the seam to there again."""
+    """Turn the elbow by hand by a full turn, back to its position."""
     for step in range(1, 65):
         elbow = 2000 + way * step * TURN // 64
         bench.plant.place([(counts + 0.5) / TURN * math.tau for counts in (2048, elbow, 1500)])
@@ -33,7 +33,7 @@ def shaft_counts(bench: Bench) -> list[float]:
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_a_limp_servo_that_was_turned_once_round_stays_where_it_is(way: int) -> None:
+def test_a_limp_servo_turned_by_a_full_turn_does_not_move_at_activation(way: int) -> None:
     bench = Bench().configured()
     turned_once_round(bench, way)
     before = shaft_counts(bench)
@@ -46,7 +46,7 @@ def test_a_limp_servo_that_was_turned_once_round_stays_where_it_is(way: int) -> 
     assert shaft_counts(bench) == pytest.approx(before, abs=1.5)
 
 
-def test_the_order_to_forget_its_turns_is_given_again_where_it_is_lost() -> None:
+def test_a_lost_instruction_to_forget_turns_is_repeated() -> None:
     bench = Bench().configured()
     turned_once_round(bench)
     before = shaft_counts(bench)
@@ -64,34 +64,34 @@ def lacks_the_instruction(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SingleServo, "forget_turns", silent)
 
 
-def test_a_bus_that_lacks_the_order_to_forget_turns_is_gone_on_with(
+def test_a_bus_without_the_instruction_to_forget_turns_is_accepted(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     lacks_the_instruction(monkeypatch)
     bench = Bench().configured()
     bench.hardware.activate()
     assert caplog.messages == [
-        "shoulder (servo 1), elbow (servo 2), finger (servo 7) do not carry out the instruction 0x0A (forget turns): "
-        "going on without it"
+        "shoulder (servo 1), elbow (servo 2), finger (servo 7) do not support the instruction 0x0A (forget turns): "
+        "continuing without it"
     ]
 
 
-def test_a_joint_that_passes_the_end_of_its_counts_needs_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_joint_that_passes_its_last_count_needs_the_instruction(monkeypatch: pytest.MonkeyPatch) -> None:
     lacks_the_instruction(monkeypatch)
     bench = Bench().configured()
     assert bench.hardware._buses is not None
     bus = bench.hardware._buses.buses[""]
-    with pytest.raises(ServoRefused, match="does not carry out the instruction 0x0A"):
+    with pytest.raises(ServoRefused, match="does not support the instruction 0x0A"):
         forget_turns(replace(JOINTS[1], seam_inside=True), FaultLog(), bus)
 
 
-def test_a_reading_a_turn_away_is_told_as_such() -> None:
+def test_a_reading_in_another_turn_is_explained() -> None:
     assert "it has counted a turn" in counted_turns(JOINTS[1], 6144)
     assert "it has counted 2 turns" in counted_turns(JOINTS[1], -5000)
     assert counted_turns(JOINTS[1], 4095) == counted_turns(JOINTS[1], 0) == ""
 
 
-def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_holding() -> None:
+def test_a_servo_held_in_another_turn_is_refused_and_keeps_holding() -> None:
     bench = Bench().configured()
     servo = bench.servos.servo(ELBOW)
     turned_once_round(bench)
@@ -102,11 +102,11 @@ def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_h
     servo.memory.put(sts.torque_enable, 1)
     bench.clock.sleep_until(bench.clock.now() + 0.2)
     before = shaft_counts(bench)
-    says = (
-        r"elbow \(servo 2\) is held at 6096 counts and reports \d+, as one that is "
-        r"held a turn away\. Hold the arm, and switch the servos' supply off and on$"
+    message = (
+        r"elbow \(servo 2\) has goal 6096 but reports \d+ counts, so it is probably "
+        r"held in another turn\. Hold the arm, and switch the servos' supply off and on$"
     )
-    with pytest.raises(ActivationError, match=says):
+    with pytest.raises(ActivationError, match=message):
         bench.hardware.activate()
     bench.clock.sleep_until(bench.clock.now() + 1.0)
     bench.hardware.read()
@@ -116,15 +116,17 @@ def test_a_servo_that_another_program_holds_a_turn_away_is_refused_and_goes_on_h
 
 @pytest.mark.parametrize("way", [TURN // 2, -TURN // 2])
 @pytest.mark.parametrize("further", [0, 1])
-def test_a_servo_under_torque_may_be_half_a_turn_from_its_goal_and_no_further(way: int, further: int) -> None:
+def test_a_servo_with_torque_may_be_at_most_half_a_turn_from_its_goal(way: int, further: int) -> None:
     middle = 2048
     bench = Bench(counts=(middle, 2000, 1500)).configured()
     memory = bench.servos.servo(1).memory
-    memory.put(sts.goal_position, middle + way + int(math.copysign(further, way)))  # not by a write: it stays
+    memory.put(
+        sts.goal_position, middle + way + int(math.copysign(further, way))
+    )  # not by a write, which would change it
     memory.put(sts.torque_enable, 1)
     if not further:
         bench.hardware.activate()
         assert bench.held(1, sts.goal_position) == middle
         return
-    with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) is held at -?\d+ counts and reports 2048, as one"):
+    with pytest.raises(ActivationError, match=r"shoulder \(servo 1\) has goal -?\d+ but reports 2048 counts"):
         bench.hardware.activate()

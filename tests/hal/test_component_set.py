@@ -1,4 +1,4 @@
-"""Several components as one, before and after the cycles: all of them, whatever becomes of one."""
+"""Tests of a component set: its life cycle and its cycles, also if one component fails."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ NAMES = ("first", "second", "third")
 
 
 class Failing(MockHardware):
-    """Raises in the calls that are named."""
+    """Mock that raises an error in the given calls."""
 
     def __init__(self, name: str, clock: SimulatedClock, commands: Sequence[str] | None = None) -> None:
         super().__init__(name, (f"{name}_joint",), clock, command_interfaces=commands)
@@ -64,7 +64,7 @@ def states(components: ComponentSet) -> list[LifecycleState]:
     return [component.state for component in components.components]
 
 
-def test_the_state_of_all_is_that_of_the_furthest() -> None:
+def test_the_state_of_the_set_is_the_furthest_state() -> None:
     components, made = three()
     assert components.state is UNCONFIGURED
     made[1].configure()
@@ -74,7 +74,7 @@ def test_the_state_of_all_is_that_of_the_furthest() -> None:
     assert components.name == "first, second, third"
 
 
-def test_one_that_cannot_be_configured_gives_the_others_back() -> None:
+def test_a_failed_configuration_cleans_up_the_other_components() -> None:
     components, made = three()
     made[1].failing["configure"] = PortMissing("plug it in")
     with pytest.raises(PortMissing, match="plug it in"):
@@ -82,7 +82,7 @@ def test_one_that_cannot_be_configured_gives_the_others_back() -> None:
     assert states(components) == [UNCONFIGURED] * 3
 
 
-def test_one_that_cannot_be_activated_lets_the_others_go() -> None:
+def test_a_failed_activation_is_undone_for_the_other_components() -> None:
     components, made = three()
     configure_all(components)
     made[2].failing["activate"] = ActivationError("move it by hand")
@@ -92,14 +92,14 @@ def test_one_that_cannot_be_activated_lets_the_others_go() -> None:
     assert [one.relaxed for one in made] == [[True], [True], []]
 
 
-def test_those_that_are_left_out_stay_as_they_are() -> None:
+def test_excluded_components_stay_as_they_are() -> None:
     components, _ = three()
     configure_all(components, ["first"])
     activate_all(components, ["second"])
     assert states(components) == [UNCONFIGURED, INACTIVE, ACTIVE]
 
 
-def test_staying_the_others_go_on_without_those_that_fail(caplog: pytest.LogCaptureFixture) -> None:
+def test_with_keep_alive_the_other_components_continue(caplog: pytest.LogCaptureFixture) -> None:
     components, made = three()
     made[0].failing["configure"] = PortMissing("plug it in")
     made[1].failing["activate"] = ActivationError("move it by hand")
@@ -110,7 +110,7 @@ def test_staying_the_others_go_on_without_those_that_fail(caplog: pytest.LogCapt
     assert "second stays inactive: move it by hand" in caplog.text
 
 
-def test_staying_is_no_excuse_for_a_defect() -> None:
+def test_keep_alive_does_not_hide_unexpected_errors() -> None:
     components, made = three()
     made[1].failing["configure"] = RuntimeError("a defect")
     with pytest.raises(RuntimeError, match="a defect"):
@@ -118,7 +118,7 @@ def test_staying_is_no_excuse_for_a_defect() -> None:
     assert states(components) == [UNCONFIGURED] * 3
 
 
-def test_all_are_switched_off_and_cleaned_up_whatever_becomes_of_one() -> None:
+def test_all_components_are_switched_off_and_cleaned_up_although_one_fails() -> None:
     components, made = three()
     configure_all(components)
     activate_all(components)
@@ -133,7 +133,7 @@ def test_all_are_switched_off_and_cleaned_up_whatever_becomes_of_one() -> None:
     assert states(components) == [UNCONFIGURED] * 3
 
 
-def test_what_was_never_measured_is_not_commanded() -> None:
+def test_a_component_without_measurement_gets_no_command() -> None:
     components, made = three()
     configure_all(components)
     activate_all(components)
@@ -143,7 +143,7 @@ def test_what_was_never_measured_is_not_commanded() -> None:
 
 
 @pytest.mark.parametrize("state", [None, JointState(1.0, np.zeros(2), np.zeros(1), np.zeros(1))])
-def test_a_reading_that_does_not_fit_loses_the_component_and_not_the_others(state: JointState | None) -> None:
+def test_a_state_of_the_wrong_size_loses_only_its_component(state: JointState | None) -> None:
     components, made = three()
     configure_all(components)
     made[1].read = lambda: state  # type: ignore[assignment, method-assign, return-value]
@@ -151,7 +151,7 @@ def test_a_reading_that_does_not_fit_loses_the_component_and_not_the_others(stat
     assert components.lost == [components.components[1]]
 
 
-def test_what_takes_no_commands_is_only_read() -> None:
+def test_a_component_without_commands_is_only_read() -> None:
     clock = SimulatedClock(1.0)
     probe, arm = Failing("probe", clock, ()), Failing("arm", clock)
     components = ComponentSet([probe, arm], clock)
@@ -162,7 +162,7 @@ def test_what_takes_no_commands_is_only_read() -> None:
     assert (len(state.position), len(probe.written), len(arm.written)) == (2, 0, 1)
 
 
-def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_every_cycle() -> None:
+def test_a_slow_component_gets_commands_for_its_whole_period() -> None:
     components, made = three(cycles_per_update=(1, 1, 3))
     configure_all(components)
     activate_all(components)
@@ -178,7 +178,7 @@ def test_a_slow_ones_command_is_for_all_of_its_time_and_at_the_end_each_has_ever
     assert [len(one.written) for one in made] == [12, 12, 8]
 
 
-def test_before_anything_is_read_nothing_is_known() -> None:
+def test_all_states_are_unknown_before_the_first_read() -> None:
     components, _ = three()
     configure_all(components, ["second", "third"])
     state = components.read()

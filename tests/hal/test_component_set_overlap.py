@@ -1,4 +1,4 @@
-"""Components with ports of their own are read at the same time, and none of them hides another."""
+"""Tests that components with their own ports are read at the same time and do not affect each other."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from tests.hal.bench import JOINTS, Bench
 
 
 def side_by_side(count: int) -> tuple[ComponentSet, list[Bench]]:
-    """Benches on one clock; a mock, which has nothing to wait for, is the first of the components."""
+    """Create benches with one clock, after a mock that needs no waiting."""
     clock = SimulatedClock(1000.0)
     benches = [Bench(joints=[replace(j, name=f"{j.name}_{n}") for j in JOINTS], clock=clock) for n in range(count)]
     for number, bench in enumerate(benches):
@@ -30,8 +30,8 @@ def reading_s(components: ComponentSet, clock: SimulatedClock) -> float:
     return clock.now() - begin_s
 
 
-def test_reading_all_takes_as_long_as_the_longest_line() -> None:
-    """The simulated clock is exact."""
+def test_reading_all_takes_as_long_as_the_slowest_bus() -> None:
+    """Times on the simulated clock are exact."""
     alone, (bench,) = side_by_side(1)
     alone_s = reading_s(alone, bench.clock)
     assert alone_s > 0.0003
@@ -39,7 +39,7 @@ def test_reading_all_takes_as_long_as_the_longest_line() -> None:
     assert reading_s(three, bench.clock) < 1.2 * alone_s
 
 
-def test_everyones_values_are_there() -> None:
+def test_the_state_has_the_values_of_every_component() -> None:
     components, benches = side_by_side(2)
     benches[1].place((2148, 2000, 1500))
     components.read()
@@ -48,7 +48,7 @@ def test_everyones_values_are_there() -> None:
     np.testing.assert_allclose(position[4:7], [100 * 2 * np.pi / 4096, 0.0, 0.0219], atol=2e-3)
 
 
-def test_a_lost_line_does_not_keep_the_others_from_theirs() -> None:
+def test_a_lost_bus_does_not_affect_the_others() -> None:
     for lost, kept in ((0, 1), (1, 0)):
         components, benches = side_by_side(2)
         benches[lost].port.port.unplug()

@@ -1,4 +1,4 @@
-"""Absent, alarmed, wrong baud and duplicate are told apart, on the real driver over a simulated line."""
+"""Tests that the diagnosis distinguishes missing servos, alarms, wrong baud rates and duplicate IDs."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -34,45 +34,45 @@ class Line:
         self.port = VirtualPort(self.servos, self.clock)
         self.bus = Bus(self.port, self.clock)
 
-    def said(self) -> dict[int, str]:
+    def diagnosis(self) -> dict[int, str]:
         return diagnose(self.bus, IDS)
 
 
-def test_of_a_sound_line_nothing_is_said() -> None:
-    assert Line().said() == {}
+def test_a_good_connection_yields_no_diagnosis() -> None:
+    assert Line().diagnosis() == {}
 
 
-def test_an_absent_servo_answers_at_no_rate() -> None:
+def test_a_missing_servo_answers_at_no_baud_rate() -> None:
     line = Line()
     line.servos.faults.silence(3)
-    said = line.said()
-    assert said.keys() == {3}
-    assert "does not answer at any baud rate" in said[3]
+    texts = line.diagnosis()
+    assert texts.keys() == {3}
+    assert "does not answer at any baud rate" in texts[3]
     assert line.port.baud == 1_000_000
 
 
 @pytest.mark.parametrize("index", [1, 4, 5])
-def test_a_servo_at_another_rate_is_found_there(index: int) -> None:
+def test_a_servo_at_another_baud_rate_is_found(index: int) -> None:
     line = Line()
     line.servos.servos[1].memory.put(sts.baud_rate, index)
     rate = sts.BAUD_RATES[index]
-    assert f"servo 2: answers at {rate} baud" in line.said()[2]
+    assert f"servo 2: answers at {rate} baud" in line.diagnosis()[2]
     assert line.port.baud == 1_000_000
 
 
 OF_PROTOCOL_1 = (1_000_000, 500_000, 400_000, 250_000, 200_000, 115_200, 57_600, 19_200, 9_600)
-"""2 Mbit/s by 2, 4, 5, 8, 10, 17, 35, 104 and 208: the last five are told by their usual names."""
+"""2 Mbit/s divided by 2, 4, 5, 8, 10, 17, 35, 104 and 208. The last five are known by rounded values."""
 OF_AN_MX = (2_250_000, 2_500_000, 3_000_000)
-"""By its values beyond the formula."""
+"""Baud rates of the register values that do not follow the formula."""
 
 
 @pytest.mark.parametrize("rates", [sts.BAUD_RATES, x_series.BAUD_RATES, xl320.BAUD_RATES, OF_PROTOCOL_1, OF_AN_MX])
-def test_every_rate_of_every_table_is_searched(rates: tuple[int, ...]) -> None:
+def test_every_baud_rate_of_every_control_table_is_tried(rates: tuple[int, ...]) -> None:
     assert set(rates) - set(BAUD_RATES) == set()
 
 
 @pytest.mark.parametrize(("value", "rate"), [(4, 400_000), (9, 200_000), (250, 2_250_000), (251, 2_500_000)])
-def test_an_mx_at_a_rare_rate_is_found_there(value: int, rate: int) -> None:
+def test_an_mx_at_a_rare_baud_rate_is_found(value: int, rate: int) -> None:
     clock = SimulatedClock(50.0)
     servos = VirtualBus.of(BenchPlant(IDS), dxl.MX_28)
     servos.servo(2).memory.put(dxl.baud_rate, value)
@@ -80,7 +80,7 @@ def test_an_mx_at_a_rare_rate_is_found_there(value: int, rate: int) -> None:
     assert f"servo 2: answers at {rate} baud" in diagnose(bus, IDS)[2]
 
 
-def test_an_x_series_servo_at_its_highest_rate_is_found_there() -> None:
+def test_an_x_series_servo_at_its_highest_baud_rate_is_found() -> None:
     clock = SimulatedClock(50.0)
     models = dict.fromkeys(IDS, x_series.XM430_W350)
     servos = VirtualDynamixelBus.of(BenchPlant(IDS), models)
@@ -89,7 +89,7 @@ def test_an_x_series_servo_at_its_highest_rate_is_found_there() -> None:
     assert "servo 2: answers at 4500000 baud" in diagnose(bus, IDS)[2]
 
 
-def test_a_rate_that_the_adapter_cannot_make_does_not_end_the_search() -> None:
+def test_a_baud_rate_unknown_to_the_adapter_does_not_end_the_search() -> None:
     line = Line()
     line.servos.servos[1].memory.put(sts.baud_rate, sts.BAUD_RATES.index(38_400))
     set_baud = line.port.set_baud
@@ -100,10 +100,10 @@ def test_a_rate_that_the_adapter_cannot_make_does_not_end_the_search() -> None:
         set_baud(baud)
 
     line.port.set_baud = only_slow  # type: ignore[method-assign]
-    assert "servo 2: answers at 38400 baud" in line.said()[2]
+    assert "servo 2: answers at 38400 baud" in line.diagnosis()[2]
 
 
-def test_two_servos_with_one_id_are_suspected() -> None:
+def test_two_servos_with_the_same_id_are_suspected() -> None:
     plant = BenchPlant((1, 2, 3, 4, 9))
     servos = [VirtualServo(sts.STS3215, coupling.servo_id) for coupling in plant.couplings]
     plant.place([0.0, 0.0, 0.0, 0.0, 1.0])
@@ -111,16 +111,16 @@ def test_two_servos_with_one_id_are_suspected() -> None:
     servos[-1].memory.put(sts.servo_id, 2)
     servos[-1].memory.put(sts.present_temperature, 55)
     line = Line(double)
-    said = line.said()
-    assert said.keys() == {2}
-    assert "do two servos have ID 2?" in said[2]
+    texts = line.diagnosis()
+    assert texts.keys() == {2}
+    assert "do two servos have ID 2?" in texts[2]
 
 
-# Replies that come too late
+# Late replies
 
 
 class Held:
-    """Three servos behind an adapter that holds every reply back."""
+    """Three servos on an adapter that delays every reply."""
 
     def __init__(self, model: ServoModel, hold_s: float) -> None:
         self.clock = SimulatedClock(50.0)
@@ -129,31 +129,31 @@ class Held:
         self.port.hold_s = hold_s
         self.bus = Bus(self.port, self.clock, dict.fromkeys((1, 2, 3), model))
 
-    def said(self, servo_ids: tuple[int, ...] = (1, 2, 3)) -> dict[int, str]:
+    def diagnosis(self, servo_ids: tuple[int, ...] = (1, 2, 3)) -> dict[int, str]:
         return diagnose(self.bus, servo_ids)
 
 
 @pytest.mark.parametrize("hold_ms", [25, 30, 40, 60, 70, 80, 90, 120, 150, 200, 240])
 @pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, dxl.AX_12A, dxl.MX_28], ids=lambda model: model.name)
 @pytest.mark.parametrize("servo_ids", [(1,), (1, 2, 3)])
-def test_an_adapter_that_holds_good_replies_back_is_named(
+def test_an_adapter_that_delays_replies_is_reported(
     model: ServoModel, hold_ms: int, servo_ids: tuple[int, ...]
 ) -> None:
-    said = Held(model, hold_ms / 1000.0).said(servo_ids)
-    assert said.keys() == set(servo_ids)
-    for servo_id, text in said.items():
+    texts = Held(model, hold_ms / 1000.0).diagnosis(servo_ids)
+    assert texts.keys() == set(servo_ids)
+    for servo_id, text in texts.items():
         assert text.startswith(f"servo {servo_id}: answers too late: the adapter or a hub delays replies")
 
 
-def test_an_answer_from_one_rate_is_not_heard_at_the_next() -> None:
-    """The servos are at 115200, and the adapter slower than the wait: only an answer in its own rate's time counts."""
+def test_a_late_reply_is_not_attributed_to_the_next_baud_rate() -> None:
+    """The servos use 115200 baud, and the adapter is slow. A reply must not count for a later baud rate."""
     line = Held(sts.STS3215, 0.09)
     for servo in line.servos.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
-    assert not [text for text in line.said().values() if "answers at" in text and "500000" not in text]
+    assert not [text for text in line.diagnosis().values() if "answers at" in text and "500000" not in text]
 
 
-def test_a_servo_that_begins_to_answer_meanwhile_is_not_said_to_be_at_another_rate() -> None:
+def test_a_servo_that_starts_answering_is_not_attributed_to_another_baud_rate() -> None:
     line = Line()
     line.servos.faults.silence(2)
     seen: list[int] = []
@@ -168,7 +168,7 @@ def test_a_servo_that_begins_to_answer_meanwhile_is_not_said_to_be_at_another_ra
     assert diagnose(Booting(line.port, line.clock), IDS) == {}
 
 
-def test_the_buss_own_rate_is_not_searched_again_and_the_search_has_an_end() -> None:
+def test_the_search_ends_and_skips_the_baud_rate_of_the_bus() -> None:
     line = Line()
     line.servos.faults.silence(3)
     rates: list[int] = []
@@ -180,13 +180,13 @@ def test_the_buss_own_rate_is_not_searched_again_and_the_search_has_an_end() -> 
 
     line.port.set_baud = noted  # type: ignore[method-assign]
     begin_s = line.clock.now()
-    line.said()
+    line.diagnosis()
     assert rates[::2] == [rate for rate in BAUD_RATES if rate != 1_000_000]
     assert set(rates[1::2]) == {1_000_000}
     assert line.clock.now() - begin_s < 5.0
 
 
-def test_a_line_that_chatters_without_end_does_not_hold_the_search_up() -> None:
+def test_a_bus_with_endless_noise_does_not_delay_the_search() -> None:
     class Chattering(VirtualPort):
         def read(self, size: int, deadline_s: float) -> bytes:
             self._clock.sleep_until(min(deadline_s, self._clock.now() + 0.001))
@@ -199,7 +199,7 @@ def test_a_line_that_chatters_without_end_does_not_hold_the_search_up() -> None:
     assert clock.now() - 50.0 < 2.0
 
 
-def test_a_line_lost_while_searching_is_raised() -> None:
+def test_a_port_lost_during_the_search_is_raised() -> None:
     line = Line()
     line.servos.faults.silence(3)
 
@@ -209,15 +209,15 @@ def test_a_line_lost_while_searching_is_raised() -> None:
 
     line.port.set_baud = lose  # type: ignore[method-assign]
     with pytest.raises(PortLost):
-        line.said()
+        line.diagnosis()
 
 
-def test_an_alarmed_servo_is_no_fault_of_the_line() -> None:
+def test_an_alarm_is_not_attributed_to_the_connection() -> None:
     line = Line()
     for servo in line.servos.servos:
         servo.memory.put(sts.min_voltage, 130)
     line.clock.sleep_until(51.0)
-    assert line.said() == {}
+    assert line.diagnosis() == {}
     readings = line.bus.read_states(IDS)
     assert all(not isinstance(r, ServoFault) and "voltage" in r.alarms for r in readings.values())
 
@@ -226,47 +226,47 @@ SEEDS = range(20)
 
 
 def disturbed(seed: int, drop: float, flip: float) -> tuple[dict[int, str], Disturbance]:
-    """What is said of a line that loses and garbles so much, and what it did."""
+    """Return the diagnosis of a bus that drops and corrupts packets, and the readings."""
     line = Line()
     line.servos.faults.disturbance = done = Disturbance(seed, drop=drop, flip=flip)
-    return line.said(), done
+    return line.diagnosis(), done
 
 
 @pytest.mark.parametrize(("drop", "flip"), [(0.09, 0.0), (0.0, 0.09), (0.045, 0.045), (0.5, 0.0)])
-def test_of_a_bad_line_nothing_is_said_where_each_servo_comes_through_now_and_then(drop: float, flip: float) -> None:
-    """What the caller says then: ``now_and_then``."""
+def test_a_bad_connection_yields_no_diagnosis_if_each_servo_answers_once(drop: float, flip: float) -> None:
+    """The caller then uses the message of ``intermittent_text``."""
     found = [disturbed(seed, drop, flip) for seed in SEEDS]
-    assert [said for said, _ in found] == [{}] * len(SEEDS)
-    # Of 16 replies a line.
+    assert [texts for texts, _ in found] == [{}] * len(SEEDS)
+    # 16 replies for each bus.
     share = sum(done.done.total() for _, done in found) / (len(SEEDS) * TRIES * len(IDS))
-    # More where a servo was unclear, and was asked again.
+    # More replies if the first reads of a servo were unclear.
     assert share == pytest.approx(drop + flip, abs=0.12)
 
 
-def test_where_every_second_reply_is_garbled_those_are_named_that_never_came_through() -> None:
+def test_servos_whose_replies_were_all_corrupted_are_reported() -> None:
     found = [disturbed(seed, 0.0, 0.5) for seed in SEEDS]
     never = [{i for i in IDS if done.done["flip", i] == TRIES} for _, done in found]
-    assert [said.keys() for said, _ in found] == never
+    assert [texts.keys() for texts, _ in found] == never
     assert any(never)
-    assert all(f"servo {i}: answers, but never in one piece" in said[i] for said, _ in found for i in said)
+    assert all(f"servo {i}: answers, but every reply is corrupted" in texts[i] for texts, _ in found for i in texts)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_line_that_loses_one_half_and_garbles_the_other_is_called_bad(seed: int) -> None:
-    said, _ = disturbed(seed, 0.5, 0.5)
-    assert said.keys() == set(IDS)
-    for servo_id, text in said.items():
+def test_a_connection_without_intact_replies_is_reported(seed: int) -> None:
+    texts, _ = disturbed(seed, 0.5, 0.5)
+    assert texts.keys() == set(IDS)
+    for servo_id, text in texts.items():
         assert text.startswith(f"servo {servo_id}: answers") and "check the cable's plugs" in text
-        assert "never in one piece" in text or "now and then, and broken" in text
+        assert "every reply is corrupted" in text or "with corrupted replies" in text
 
 
-def test_a_line_that_loses_every_second_reply_is_not_called_slow() -> None:
-    """But by chance: of 1600 servos on such lines, 3 or 4."""
-    said = [text for seed in range(60) for text in disturbed(seed, 0.5, 0.0)[0].values()]
-    assert sum("too late" in text for text in said) <= 2
+def test_a_connection_that_loses_replies_is_not_reported_as_slow() -> None:
+    """A wrong diagnosis by chance happens for 3 or 4 of 1600 servos."""
+    texts = [text for seed in range(60) for text in disturbed(seed, 0.5, 0.0)[0].values()]
+    assert sum("too late" in text for text in texts) <= 2
 
 
-def test_a_slow_latency_timer_is_named_with_the_remedy(tmp_path: Path) -> None:
+def test_a_slow_latency_timer_is_reported_with_the_remedy(tmp_path: Path) -> None:
     timer = tmp_path / "ttyUSB7" / "device" / "latency_timer"
     timer.parent.mkdir(parents=True)
     timer.write_text("16\n")
@@ -277,12 +277,12 @@ def test_a_slow_latency_timer_is_named_with_the_remedy(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["1\n", "2\n", "", "?"])
-def test_a_fast_or_unknown_timer_needs_no_word(tmp_path: Path, content: str) -> None:
+def test_a_fast_or_unknown_latency_timer_is_not_reported(tmp_path: Path, content: str) -> None:
     timer = tmp_path / "ttyUSB7" / "device" / "latency_timer"
     timer.parent.mkdir(parents=True)
     timer.write_text(content)
     assert latency_advice("/dev/ttyUSB7", tmp_path) is None
 
 
-def test_an_adapter_without_a_timer_needs_no_word(tmp_path: Path) -> None:
+def test_an_adapter_without_a_latency_timer_is_not_reported(tmp_path: Path) -> None:
     assert latency_advice("/dev/ttyACM0", tmp_path) is None

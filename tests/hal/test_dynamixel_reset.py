@@ -1,4 +1,4 @@
-"""A Dynamixel whose supply dips for a moment answers as if nothing had been; it must not pass for one that holds."""
+"""Tests that a Dynamixel that was reset by a supply dip is not taken for a servo with torque."""
 
 import re
 
@@ -25,7 +25,7 @@ JOINTS = [
 
 
 @pytest.mark.parametrize("victim", JOINTS, ids=lambda joint: joint.name)
-def test_one_that_has_shut_down_is_said_to_need_a_reboot_and_activation_says_the_same(victim: Joint) -> None:
+def test_a_servo_that_has_shut_down_is_reported_to_need_a_reboot(victim: Joint) -> None:
     clock = SimulatedClock(20.0)
     servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
     hardware = ServoHardware("arm", JOINTS, lambda: Bus(VirtualPort(servos, clock), clock, MODELS), clock)
@@ -39,12 +39,12 @@ def test_one_that_has_shut_down_is_said_to_need_a_reboot_and_activation_says_the
         faults = fault_texts(hardware.read())
     assert re.search(rf"{victim.name}: servo {victim.servo_id} has lost its torque {remedy}", faults[victim.name])
     hardware.deactivate(relax=False)
-    with pytest.raises(ServoRefused, match=rf"servo {victim.servo_id}: refuses its torque {remedy}"):
+    with pytest.raises(ServoRefused, match=rf"servo {victim.servo_id}: refuses torque {remedy}"):
         hardware.activate()
 
 
 @pytest.mark.parametrize("victim", JOINTS, ids=lambda joint: joint.name)
-def test_one_that_was_reset_is_named_then_asked_for_its_torque_and_can_be_activated_again(victim: Joint) -> None:
+def test_a_reset_servo_is_reported_checked_and_can_be_activated_again(victim: Joint) -> None:
     clock = SimulatedClock(20.0)
     servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
     hardware = ServoHardware("arm", JOINTS, lambda: Bus(VirtualPort(servos, clock), clock, MODELS), clock)
@@ -69,12 +69,12 @@ def test_one_that_was_reset_is_named_then_asked_for_its_torque_and_can_be_activa
     assert servos.servo(victim.servo_id).memory.get(x_series.torque_enable) == 1
 
 
-def test_every_alarm_is_named_where_torque_is_refused() -> None:
+def test_a_refused_torque_is_reported_with_all_alarms() -> None:
     clock = SimulatedClock(20.0)
     servos = VirtualDynamixelBus.of(BenchPlant(list(MODELS)), MODELS)
     hardware = ServoHardware("arm", JOINTS, lambda: Bus(VirtualPort(servos, clock), clock, MODELS), clock)
     hardware.configure()
     protection = servos.servo(2).firmware.protection
     protection.status, protection.released = 1 << 5 | 1 << 2, True
-    with pytest.raises(ServoRefused, match=r"servo 2: refuses its torque \(temperature, overload alarm\): reboot it"):
+    with pytest.raises(ServoRefused, match=r"servo 2: refuses torque \(temperature, overload alarm\): reboot it"):
         hardware.activate()

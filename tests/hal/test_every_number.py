@@ -1,4 +1,4 @@
-"""Every number of every file that users write: truth values are not numbers, and each number has a plausible range."""
+"""Tests that every number in user files rejects booleans and implausible values."""
 
 import math
 from collections.abc import Iterator
@@ -24,11 +24,11 @@ SHAPES = (
     lambda one: {"a": {"a": one}},
     lambda one: {7: one},
 )
-"""A number may stand alone, in a list, and in a mapping, by name or by number."""
+"""Shapes of a number in a file: single, in a list, and in a mapping by name or by number."""
 
 
 def models() -> list[type[BaseModel]]:
-    """The models of all files, by name."""
+    """Return the pydantic models of all files, by name."""
     for package in PACKAGES:
         for module in walk_packages(package.__path__, f"{package.__name__}."):
             if "ray_workers" not in module.name and not module.name.endswith("__main__"):
@@ -48,7 +48,7 @@ MODELS = models()
 
 
 def read(field: FieldInfo, value: Any) -> list[Any]:
-    """What the field makes of the value, in each shape that it takes."""
+    """Return the results of a field for a value, in each shape that the field accepts."""
     adapter: TypeAdapter[Any] = TypeAdapter(Annotated[(field.annotation, None, *field.metadata)])
     found = []
     for shape in SHAPES:
@@ -56,11 +56,11 @@ def read(field: FieldInfo, value: Any) -> list[Any]:
             found.append(adapter.validate_python(shape(value)))
         except (ValidationError, TypeError):
             continue
-    return [] if "Any" in str(field.annotation) else found  # parameters of controllers, which have models of their own
+    return [] if "Any" in str(field.annotation) else found  # parameters of controllers have their own models
 
 
 def numbers(value: Any) -> Iterator[int | float]:
-    """Yields the numbers within a value; a truth value is none."""
+    """Yield the numbers within a value, without booleans."""
     if isinstance(value, dict):
         value = [*value, *value.values()]
     if isinstance(value, list | tuple):
@@ -71,14 +71,14 @@ def numbers(value: Any) -> Iterator[int | float]:
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda one: one.__qualname__)
-def test_a_field_takes_neither_truth_values_nor_nonsense_for_a_number(model: type[BaseModel]) -> None:
+def test_number_fields_accept_neither_booleans_nor_implausible_numbers(model: type[BaseModel]) -> None:
     for name, field in model.model_fields.items():
         for nonsense in (True, math.nan, math.inf, -math.inf, 1e308, -1e308, 10**30, -(10**30)):
             taken = [number for one in read(field, nonsense) for number in numbers(one) if number != 7]
             assert not taken, f"{name} takes {nonsense}"
 
 
-def test_the_models_of_all_kinds_of_files_are_looked_at() -> None:
+def test_the_models_of_all_kinds_of_files_are_tested() -> None:
     names = {model.__qualname__ for model in MODELS}
     assert {"JointFile", "CalibratedJoint", "LerobotJoint", "TaughtFile", "Scenario", "Schedule", "Silent"} <= names
     assert {"TrajectoryParameters", "GripperParameters", "Passport", "PosesFile", "PickPlace", "JointPlan"} <= names

@@ -1,4 +1,4 @@
-"""Servos to which the same happens in one cycle are one event: one line in the log, whatever happens to how many."""
+"""Tests that the same fault of several servos in one cycle is logged as one line."""
 
 import logging
 
@@ -26,7 +26,7 @@ def log_lines(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
         ),
     ],
 )
-def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureFixture) -> None:
+def test_messages_about_one_servo_and_two_servos(what: str, of_two: str, log_lines: pytest.LogCaptureFixture) -> None:
     log = FaultLog()
     log.note(logging.ERROR, "elbow", 2, f"elbow: servo 2 {what}")
     log.flush()
@@ -46,9 +46,9 @@ def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureF
             "low supply: {} have 4.9 to 5.1 V, but a sts3215_c001 is rated for 7.4 V (4.4 to 8.9 V): it is weaker",
         ),
         (
-            "{} reports 5 counts, -0.2 from the reading before: no joint moves as fast",
-            "{} reports 900 counts, +0.75 from the reading before: no joint moves as fast",
-            "{} report 5 to 900 counts, -0.2 to +0.75 from the reading before: no joint moves as fast",
+            "{} reports 5 counts, -0.2 from the previous reading. No joint moves that fast",
+            "{} reports 900 counts, +0.75 from the previous reading. No joint moves that fast",
+            "{} report 5 to 900 counts, -0.2 to +0.75 from the previous reading. No joint moves that fast",
         ),
         (
             "{} has pressed with its torque limit of 50% without motion and holds with 18%: it is jammed",
@@ -57,7 +57,7 @@ def test_one_servo_and_two(what: str, of_two: str, log_lines: pytest.LogCaptureF
         ),
     ],
 )
-def test_servos_whose_figures_differ_are_one_event(
+def test_messages_that_differ_in_numbers_are_one_event(
     first: str, second: str, both: str, log_lines: pytest.LogCaptureFixture
 ) -> None:
     log = FaultLog()
@@ -77,7 +77,7 @@ def test_servos_of_two_models_are_two_events(log_lines: pytest.LogCaptureFixture
     assert len(log_lines.messages) == 2
 
 
-def test_a_line_that_misses_one_cycle_has_two_lines_in_the_log(log_lines: pytest.LogCaptureFixture) -> None:
+def test_a_bus_that_misses_one_cycle_is_logged_twice(log_lines: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.wait()
     log_lines.clear()
@@ -92,7 +92,7 @@ def test_a_line_that_misses_one_cycle_has_two_lines_in_the_log(log_lines: pytest
     assert end == "shoulder (servo 1), elbow (servo 2), finger (servo 7) answer again"
 
 
-def test_servos_behind_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
+def test_servos_after_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.wait()
     log_lines.clear()
@@ -108,7 +108,7 @@ def test_servos_behind_a_cut_cable_are_one_event(log_lines: pytest.LogCaptureFix
     ]
 
 
-def test_servos_that_come_back_limp_together_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
+def test_servos_that_answer_again_without_torque_are_one_event(log_lines: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.wait()
     log_lines.clear()
@@ -126,4 +126,4 @@ def test_servos_that_come_back_limp_together_are_one_event(log_lines: pytest.Log
         "shoulder (servo 1), elbow (servo 2), finger (servo 7) came back without torque (power dip?): activate again"
     )
     bench.hardware.reactivate()
-    assert log_lines.messages[2:] == ["shoulder, elbow, finger are activated again: they hold where they are"]
+    assert log_lines.messages[2:] == ["shoulder, elbow, finger have torque again and hold their positions"]

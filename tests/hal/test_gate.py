@@ -1,4 +1,4 @@
-"""The safety gate: whatever is asked for, what comes out is finite, inside, and near the last command."""
+"""Tests that the output of the safety gate is finite, within the limits and close to the last command."""
 
 import math
 
@@ -29,7 +29,7 @@ shares = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 
 def gate() -> SafetyGate:
-    """A new one for each test: how a gate is made is tested too."""
+    """Create a new gate for each test, because its construction is tested too."""
     return SafetyGate(LIMITS)
 
 
@@ -38,7 +38,7 @@ def gated(wanted: list[float], last: FloatArray = MIDDLE) -> Gated:
 
 
 @given(commands, inside)
-def test_anything_comes_out_finite_inside_and_near(wanted: FloatArray, last: FloatArray) -> None:
+def test_the_output_is_finite_within_the_limits_and_reachable(wanted: FloatArray, last: FloatArray) -> None:
     out = gate().limit(wanted, last, PERIOD_S).values
     assert np.isfinite(out).all()
     assert (out >= LOWER).all() and (out <= UPPER).all()
@@ -52,7 +52,7 @@ def test_the_reach_follows_the_period(wanted: FloatArray, last: FloatArray, peri
 
 
 @given(inside, shares)
-def test_a_legal_command_passes_as_it_is_and_without_a_word(last: FloatArray, share: FloatArray) -> None:
+def test_a_valid_command_passes_unchanged_and_without_reasons(last: FloatArray, share: FloatArray) -> None:
     wanted = np.clip(last + share * REACH, LOWER, UPPER)
     out = gate().limit(wanted, last, PERIOD_S)
     np.testing.assert_allclose(out.values, wanted, rtol=0.0, atol=ROUNDING)
@@ -81,7 +81,7 @@ def test_no_sequence_of_commands_outruns_the_velocity(sequence: list[FloatArray]
 
 
 @pytest.mark.parametrize("nothing", [math.nan, math.inf, -math.inf])
-def test_no_number_means_hold(nothing: float) -> None:
+def test_a_position_that_is_not_finite_means_hold(nothing: float) -> None:
     out = gated([nothing, MIDDLE[1], nothing])
     np.testing.assert_array_equal(out.values, MIDDLE)
     assert out.reasons == {0: f"the command is {nothing}: holding", 2: f"the command is {nothing}: holding"}
@@ -90,17 +90,17 @@ def test_no_number_means_hold(nothing: float) -> None:
 @pytest.mark.parametrize(
     ("wanted", "reason"),
     [
-        (2.5, "2.5000 is outside the limits -2.0000 to 2.0000"),
-        (-7.0, "-7.0000 is outside the limits -2.0000 to 2.0000"),
-        (1.0, "1.0000 is too far for one period: going to 0.2000"),
-        (-1.0, "-1.0000 is too far for one period: going to -0.2000"),
+        (2.5, "command 2.5000 is outside the limits -2.0000 to 2.0000"),
+        (-7.0, "command -7.0000 is outside the limits -2.0000 to 2.0000"),
+        (1.0, "command 1.0000 is too far for one cycle: limited to 0.2000"),
+        (-1.0, "command -1.0000 is too far for one cycle: limited to -0.2000"),
     ],
 )
-def test_a_reason_says_what_was_asked_and_what_is_allowed(wanted: float, reason: str) -> None:
+def test_a_reason_contains_the_command_and_the_limit(wanted: float, reason: str) -> None:
     assert gated([wanted, MIDDLE[1], MIDDLE[2]]).reasons == {0: reason}
 
 
-def test_the_inputs_are_left_alone_and_the_output_is_its_own() -> None:
+def test_inputs_are_not_modified_and_the_output_is_a_copy() -> None:
     wanted, last = np.array([math.nan, 9.0, 0.0]), MIDDLE.copy()
     out = gate().limit(wanted, last, PERIOD_S).values
     out[:] = 77.0
@@ -109,10 +109,10 @@ def test_the_inputs_are_left_alone_and_the_output_is_its_own() -> None:
 
 
 @given(commands, st.tuples(*[st.sampled_from((-1.0, 1.0))] * 3), st.floats(0.0, 5.0))
-def test_from_a_little_outside_it_only_comes_nearer(
+def test_a_joint_slightly_outside_its_limits_returns_slowly(
     wanted: FloatArray, side: tuple[float, ...], reaches: float
 ) -> None:
-    """A joint may begin outside by play. No command takes it further out, and it returns slowly."""
+    """Backlash may place a joint outside its limits. No command moves it further out, and it returns slowly."""
     ends = np.where(np.array(side) > 0.0, UPPER, LOWER)
     last = ends + np.array(side) * REACH * reaches
     out = gate().limit(wanted, last, PERIOD_S).values
@@ -129,23 +129,23 @@ def test_a_slow_return_is_reported_with_position_and_limits() -> None:
     found = gate().limit(MIDDLE, last, PERIOD_S)
     assert found.values[0] == pytest.approx(last[0] - RETURN_SHARE * REACH[0])
     limits = f"{LOWER[0]:.4f} to {UPPER[0]:.4f}"
-    assert found.reasons == {0: f"{last[0]:.4f} is outside the limits {limits}: returning slowly"}
+    assert found.reasons == {0: f"position {last[0]:.4f} is outside the limits {limits}: returning slowly"}
 
 
-def test_an_unknown_last_command_is_not_passed_over_in_silence() -> None:
-    """Nothing safe can be made of it; whoever sends it must at least be told."""
+def test_an_unknown_last_command_is_reported() -> None:
+    """The gate cannot make such a command safe, but must report it."""
     last = MIDDLE.copy()
     last[1] = math.nan
     assert 1 in gate().limit(MIDDLE, last, PERIOD_S).reasons
 
 
 def mixed() -> SafetyGate:
-    """A position, a velocity and an effort."""
+    """Create a gate for a position, a velocity and an effort."""
     return SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0, 3.0)] * 3, ["position", "velocity", "effort"])
 
 
 @given(st.lists(commands, max_size=20))
-def test_velocities_and_efforts_stay_within_theirs_and_velocities_within_the_acceleration(
+def test_velocities_and_efforts_are_limited(
     sequence: list[FloatArray],
 ) -> None:
     last = np.zeros(3)
@@ -158,7 +158,7 @@ def test_velocities_and_efforts_stay_within_theirs_and_velocities_within_the_acc
 
 
 @pytest.mark.parametrize("nothing", [math.nan, math.inf, -math.inf])
-def test_no_number_means_neither_moving_nor_pushing(nothing: float) -> None:
+def test_a_velocity_or_effort_that_is_not_finite_means_zero(nothing: float) -> None:
     out = mixed().limit(np.full(3, nothing), np.array([1.0, 0.2, 2.0]), PERIOD_S)
     np.testing.assert_array_equal(out.values, [1.0, 0.0, 0.0])
     assert out.reasons[1] == f"the command is {nothing}: stopping"
@@ -180,53 +180,53 @@ def test_a_velocity_never_drives_a_joint_out_of_its_range(
         assert abs(position[0]) <= 2.0 + 1e-9
 
 
-def test_at_the_end_of_its_range_a_joint_may_only_go_back() -> None:
+def test_at_the_end_of_its_range_a_joint_may_only_move_back() -> None:
     gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)] * 2, ["velocity"] * 2)
     out = gate.limit(np.array([0.4, -0.4]), np.zeros(2), PERIOD_S, np.array([2.0, 2.0]))
     np.testing.assert_allclose(out.values, [0.0, -0.4])
-    assert out.reasons == {0: "0.4000 is too fast so near to the end of the joint's range: going at 0.0000"}
+    assert out.reasons == {0: "command 0.4000 is too fast this close to the end of the range: limited to 0.0000"}
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize("room", [0.001, 0.05, 0.4])
 @pytest.mark.parametrize("acceleration", [0.5, 10.0])
 @pytest.mark.parametrize("period_s", [0.01, 0.1])
-def test_towards_its_end_a_joint_is_as_fast_as_one_period_and_then_braking_allow(
+def test_near_the_end_the_velocity_allows_one_period_and_braking(
     side: float, room: float, acceleration: float, period_s: float
 ) -> None:
-    """Not slower either: v * T + v² / (2 a) is what is left of the range."""
+    """The velocity is not lower than necessary: v * T + v² / (2 a) equals the remaining range."""
     gate = SafetyGate([JointLimits(-2.0, 2.0, 90.0, acceleration, 100.0)], ["velocity"])
     braked = acceleration * (math.sqrt(period_s**2 + 2.0 * room / acceleration) - period_s)
     assert braked * period_s + braked**2 / (2.0 * acceleration) == pytest.approx(room)
     measured, last = np.array([side * (2.0 - room)]), np.array([side * braked])
     out = gate.limit(np.array([side * 90.0]), last, period_s, measured)
     np.testing.assert_allclose(out.values, last, rtol=1e-6)
-    assert "is too fast so near to the end" in out.reasons[0]  # and not outside its limits, which are 90
+    assert "is too fast this close to the end" in out.reasons[0]  # but within its velocity limits of 90
 
 
-def test_a_command_changed_into_its_opposite_is_not_passed_over_in_silence() -> None:
+def test_a_command_changed_to_its_opposite_is_reported() -> None:
     gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)])
     out = gate.limit(np.array([-0.1]), np.array([0.3]), PERIOD_S)
     np.testing.assert_allclose(out.values, [0.1])
-    assert out.reasons == {0: "-0.1000 is too far for one period: going to 0.1000"}
+    assert out.reasons == {0: "command -0.1000 is too far for one cycle: limited to 0.1000"}
 
 
-def test_a_kind_for_each_limit_is_wanted() -> None:
+def test_each_limit_needs_a_kind() -> None:
     with pytest.raises(ValueError):
         SafetyGate(LIMITS, ["position"])
 
 
-def test_a_joint_whose_place_is_unknown_or_whose_range_has_no_end_is_driven_as_asked() -> None:
+def test_joints_without_position_or_without_limits_are_not_slowed() -> None:
     endless = JointLimits(-math.inf, math.inf, 4.0, 10.0, 100.0)
     gate = SafetyGate([endless, JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)], ["velocity"] * 2)
     out = gate.limit(np.array([0.4, 0.4]), np.zeros(2), PERIOD_S, np.array([1e6, math.nan]))
     np.testing.assert_allclose(out.values, [0.4, 0.4])
 
 
-def test_without_a_limit_of_effort_any_number_passes() -> None:
+def test_without_an_effort_limit_any_effort_passes() -> None:
     gate = SafetyGate([JointLimits(-2.0, 2.0, 4.0, 10.0, 100.0)], ["effort"])
     assert gate.limit(np.array([1e6]), np.zeros(1), PERIOD_S).values[0] == 1e6
 
 
-def test_a_robot_without_joints_is_safe() -> None:
+def test_a_robot_without_joints() -> None:
     assert SafetyGate(()).limit(np.array([]), np.array([]), PERIOD_S).reasons == {}

@@ -1,4 +1,4 @@
-"""Gravity compensation: what the offsets do, and what they never do."""
+"""Tests of the offsets of the gravity compensation and of their limits."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ UNCORRECTED = COMPLIANCE.uncorrected
 
 
 def settled(made: GravityCompensation, command: FloatArray, seconds: float = 3.0) -> FloatArray:
-    """The offset after so long at the command, the arm being where it is told."""
+    """Return the offset after some time at a command that the arm reaches exactly."""
     for _ in range(round(seconds / PERIOD_S)):
         offset = made.offset(command, command, PERIOD_S)
     return offset
@@ -41,14 +41,14 @@ def one(position: float) -> FloatArray:
     return np.array([position])
 
 
-def test_the_offset_is_the_sag_that_the_servos_stiffness_makes_of_gravity() -> None:
+def test_the_offset_equals_the_sag_due_to_gravity() -> None:
     offset = settled(GravityCompensation(JOINTS, GRAVITY), LEANING)
     stiffness = np.array([joint.compliance.stiffness for joint in JOINTS if joint.compliance])
     assert offset == pytest.approx(GRAVITY.torques(LEANING) / stiffness)
     assert 0.03 < offset[1] < 0.08
 
 
-def test_it_fades_in_from_zero_and_begins_anew_with_each_activation() -> None:
+def test_the_offset_fades_in_after_each_activation() -> None:
     made = GravityCompensation(JOINTS, GRAVITY)
     for _ in range(2):
         offsets = [made.offset(LEANING, LEANING, PERIOD_S) for _ in range(30)]
@@ -59,7 +59,7 @@ def test_it_fades_in_from_zero_and_begins_anew_with_each_activation() -> None:
         made.restart()
 
 
-def test_switched_off_it_fades_out_and_comes_back_as_slowly() -> None:
+def test_the_offset_fades_out_and_in_when_it_is_disabled_and_enabled() -> None:
     made = GravityCompensation(JOINTS, GRAVITY)
     before = settled(made, LEANING)
     made.enabled = False
@@ -70,13 +70,13 @@ def test_switched_off_it_fades_out_and_comes_back_as_slowly() -> None:
     assert settled(made, LEANING) == pytest.approx(before)
 
 
-def test_masses_that_make_no_sense_give_no_more_than_half_of_what_the_servo_can() -> None:
+def test_wrong_masses_use_at_most_half_of_full_effort() -> None:
     heavy = Gravity(parse_urdf(URDF.read_text().replace('mass value="', 'mass value="10')), [j.name for j in JOINTS])
     offset = settled(GravityCompensation(JOINTS, heavy), LEANING)
     assert offset[1] == pytest.approx(LARGEST_LOAD * 2.94 / COMPLIANCE.stiffness)
 
 
-def test_a_joint_of_whose_servo_nothing_is_known_or_whose_file_says_no_is_left_alone() -> None:
+def test_joints_with_unknown_servo_or_disabled_compensation_get_no_offset() -> None:
     unknown = replace(JOINTS[1], model=MODELS["scs15"])
     off = replace(JOINTS[2], gravity_compensation=False)
     made = GravityCompensation((JOINTS[0], unknown, off, *JOINTS[3:]), GRAVITY)
@@ -86,7 +86,7 @@ def test_a_joint_of_whose_servo_nothing_is_known_or_whose_file_says_no_is_left_a
 
 
 def spring(made: GravityCompensation, lost: float, seconds: float, wall: float = math.inf) -> tuple[float, float]:
-    """Error and offset after so long at 0 of a joint that stays ``lost`` behind its goal, and stops at ``wall``."""
+    """Return error and offset of a joint that stays ``lost`` behind its goal 0 and stops at ``wall``."""
     measured = 0.0
     for _ in range(round(seconds / PERIOD_S)):
         offset = float(made.offset(one(0.0), one(measured), PERIOD_S)[0])
@@ -94,23 +94,23 @@ def spring(made: GravityCompensation, lost: float, seconds: float, wall: float =
     return -measured, offset
 
 
-def test_what_remains_at_rest_is_corrected_down_to_the_dead_band() -> None:
+def test_the_error_at_rest_is_corrected_down_to_the_dead_band() -> None:
     for lost in (0.012, -0.012):
         error, _ = spring(GravityCompensation([SOFT], None), lost, 6.0)
         assert abs(error) <= COMPLIANCE.dead_band
 
 
-def test_the_correction_ends_where_dead_band_and_friction_end() -> None:
+def test_the_correction_is_limited_to_dead_band_and_friction() -> None:
     error, offset = spring(GravityCompensation([SOFT], None), 1.5 * UNCORRECTED, 60.0)
     assert offset == pytest.approx(UNCORRECTED)
     assert error == pytest.approx(0.5 * UNCORRECTED)
 
 
-def test_a_joint_that_something_holds_is_not_pressed_on() -> None:
+def test_a_blocked_joint_is_not_corrected() -> None:
     assert spring(GravityCompensation([SOFT], None), 0.0, 60.0, wall=-0.1) == (0.1, 0.0)
 
 
-def test_the_correction_stands_still_while_the_reference_moves_and_while_the_servo_is_missing() -> None:
+def test_the_correction_pauses_while_the_command_moves_or_the_servo_is_missing() -> None:
     made = GravityCompensation([SOFT], None)
     _, before = spring(made, 0.012, 3.0)
     for cycle in range(1, 100):
@@ -119,11 +119,11 @@ def test_the_correction_stands_still_while_the_reference_moves_and_while_the_ser
         assert made.offset(one(0.099), one(math.nan), PERIOD_S)[0] == pytest.approx(before)
 
 
-def test_at_the_end_of_its_range_a_joint_gets_no_correction_beyond_it() -> None:
+def test_a_joint_at_its_limit_gets_no_correction_beyond_it() -> None:
     made = GravityCompensation([SOFT], None)
     for _ in range(100):
         assert made.offset(one(1.0), one(0.99), PERIOD_S)[0] == 0.0
-    assert made.offset(one(0.9), one(0.9), PERIOD_S)[0] == 0.0  # nothing has gathered meanwhile
+    assert made.offset(one(0.9), one(0.9), PERIOD_S)[0] == 0.0  # no correction has accumulated meanwhile
 
 
 shares = st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7).map(np.array)
@@ -132,7 +132,7 @@ cycles = st.lists(st.tuples(st.one_of(st.none(), shares), errors), min_size=1, m
 
 
 @given(shares, cycles, st.sampled_from([0.01, 0.05, 0.2]))
-def test_whatever_comes_the_goals_stay_within_the_limits(
+def test_goals_always_stay_within_the_limits(
     start: FloatArray, todo: list[tuple[FloatArray | None, FloatArray]], dt_s: float
 ) -> None:
     made = GravityCompensation(JOINTS, GRAVITY)
@@ -140,7 +140,7 @@ def test_whatever_comes_the_goals_stay_within_the_limits(
     known = [(joint.transmission, joint.compliance.uncorrected) for joint in JOINTS if joint.compliance]
     largest = np.array([(0.5 * 2.94 / 15.0 + GIVE_WAY_RAD) * ratio + left for ratio, left in known])
     for number, (target, error) in enumerate(todo):
-        if target is not None:  # as the gate lets it through
+        if target is not None:  # as the gate passes it
             wanted = LOWER + target * (UPPER - LOWER)
             command = np.clip(wanted, command - VELOCITY * dt_s, command + VELOCITY * dt_s)
         offset = made.offset(command, command + error, dt_s)
@@ -151,6 +151,6 @@ def test_whatever_comes_the_goals_stay_within_the_limits(
         assert (np.abs(offset) <= largest).all()
 
 
-def test_a_joint_that_stands_beyond_its_limit_is_not_thrown_back() -> None:
+def test_a_joint_beyond_its_limit_does_not_jump_back() -> None:
     made = GravityCompensation([SOFT], None)
     assert made.offset(one(1.02), one(1.02), PERIOD_S)[0] == 0.0

@@ -1,4 +1,4 @@
-"""What every Hardware promises, tried on each of them: virtual servos, the arm in MuJoCo, the mock."""
+"""Tests of the ``Hardware`` contract with virtual servos, the arm in MuJoCo and the mock."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -42,27 +42,27 @@ def robot_joints() -> tuple[Joint, ...]:
     description = parse_urdf((ROOT / "urdf" / "robot_arm.urdf").read_text())
     file = load_robot_file(ROOT / "config" / "robot_arm.yaml")
     joints = assemble(file, description, description.components[0]).joints
-    return tuple(replace(joint, settings=()) for joint in joints)  # registers of an STS
+    return tuple(replace(joint, settings=()) for joint in joints)  # the settings are registers of an STS
 
 
 JOINTS = robot_joints()
 MODELS = (sts.STS3215, scs.SCS15, dynamixel1.AX_12A, dynamixel1.MX_28, x_series.XM430_W350)
-"""One of each series, and of those of protocol 1.0 one that is asked by itself and one asked with the others."""
+"""One model of each series; for protocol 1.0 one model that is read individually and one that is read in a group."""
 
 
 def driven(joint: Joint, model: ServoModel) -> Joint:
-    """The joint with another servo. One whose readings end has their middle where the others have half a turn."""
+    """Return the joint with another servo model. The zero of a servo without a full turn is mid-range."""
     if model.positions is None:
         return replace(joint, model=model)
     zero = model.positions // 2 + round((joint.zero_counts / 4096 - 0.5) * model.counts_per_turn)
-    made = replace(joint, model=model, zero_counts=zero, torque_limit=1.0)  # an SCS has no other
+    made = replace(joint, model=model, zero_counts=zero, torque_limit=1.0)  # an SCS does not support other values
     ends = sorted((made.position(0), made.position(model.positions - 1)))
     limits = replace(joint.limits, lower=max(joint.limits.lower, ends[0]), upper=min(joint.limits.upper, ends[1]))
     return replace(made, limits=limits)
 
 
 def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
-    """The arm with this servo in every joint: the bus that drives it, and the line that it is on."""
+    """Return an arm with this servo model in every joint: its bus and its virtual line."""
     joints = [driven(joint, model) for joint in JOINTS]
     models = {joint.servo_id: model for joint in joints}
 
@@ -100,7 +100,7 @@ class Arm:
     clock: SimulatedClock
 
     def up(self) -> FloatArray:
-        """Configure and activate; returns where it stands, within the limits."""
+        """Configure and activate the arm. Return its positions, clipped to the limits."""
         self.hardware.configure()
         self.hardware.activate()
         lower = np.array([joint.limits.lower for joint in JOINTS])
@@ -112,7 +112,7 @@ class Arm:
         return self.hardware.read()
 
     def follow(self, begin: FloatArray, end: FloatArray, cycles: int) -> JointState:
-        """A straight line in so many cycles, and half a second to settle."""
+        """Move along a straight line in some cycles, and wait half a second to settle."""
         for share in [*np.linspace(0.0, 1.0, cycles), *[1.0] * 10]:
             self.hardware.write(JointCommand(begin + (end - begin) * share, PERIOD_S))
             state = self.pause()
@@ -134,13 +134,13 @@ def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
     made.hardware.cleanup()
 
 
-def test_it_begins_unconfigured_with_a_name_and_its_joints(arm: Arm) -> None:
+def test_new_hardware_is_unconfigured_with_name_and_joints(arm: Arm) -> None:
     assert arm.hardware.state is UNCONFIGURED
     assert arm.hardware.name == "arm"
     assert arm.hardware.joints == tuple(joint.name for joint in JOINTS)
 
 
-def test_the_life_cycle_there_and_back(arm: Arm) -> None:
+def test_the_life_cycle(arm: Arm) -> None:
     hardware = arm.hardware
     for _ in range(2):
         hardware.configure()
@@ -183,7 +183,7 @@ CALLS: dict[str, Callable[[Hardware], object]] = {
         (("configure", "activate", "deactivate"), "write"),
     ],
 )
-def test_a_call_out_of_turn_is_refused_and_changes_nothing(arm: Arm, way: tuple[str, ...], call: str) -> None:
+def test_a_call_in_the_wrong_state_is_refused_and_changes_nothing(arm: Arm, way: tuple[str, ...], call: str) -> None:
     for step in way:
         CALLS[step](arm.hardware)
     state = arm.hardware.state
@@ -193,7 +193,7 @@ def test_a_call_out_of_turn_is_refused_and_changes_nothing(arm: Arm, way: tuple[
 
 
 @pytest.mark.parametrize("way", [(), ("configure",), ("configure", "activate")])
-def test_cleaning_up_is_allowed_in_every_state_and_twice(arm: Arm, way: tuple[str, ...]) -> None:
+def test_cleanup_is_allowed_in_every_state_and_twice(arm: Arm, way: tuple[str, ...]) -> None:
     for step in way:
         CALLS[step](arm.hardware)
     arm.hardware.cleanup()
@@ -203,7 +203,7 @@ def test_cleaning_up_is_allowed_in_every_state_and_twice(arm: Arm, way: tuple[st
 
 
 @pytest.mark.parametrize("way", [("configure",), ("configure", "activate")])
-def test_a_state_says_everything_of_every_joint_at_its_time(arm: Arm, way: tuple[str, ...]) -> None:
+def test_a_measurement_is_complete_and_has_its_time(arm: Arm, way: tuple[str, ...]) -> None:
     for step in way:
         CALLS[step](arm.hardware)
     state = arm.pause()
@@ -213,28 +213,28 @@ def test_a_state_says_everything_of_every_joint_at_its_time(arm: Arm, way: tuple
     assert state.faults == {}
 
 
-def test_switching_on_moves_nothing(arm: Arm) -> None:
+def test_activation_moves_nothing(arm: Arm) -> None:
     arm.hardware.configure()
     before = arm.hardware.read().position
     arm.hardware.activate()
     for _ in range(5):
         state = arm.pause()
-        # A limp arm sinks while its servos are asked, and then hangs in its servos' springs.
+        # A limp arm sinks while its servos are read, and then hangs in the springs of its servos.
         np.testing.assert_allclose(state.position, before, atol=0.07)
 
 
-def test_it_goes_where_it_is_told_and_only_there(arm: Arm) -> None:
+def test_only_the_commanded_joint_moves(arm: Arm) -> None:
     begin = arm.up()
     end = begin + np.array([-0.3, 0.0, 0.0, 0.1, 0.0, 0.3, 0.0])
     state = arm.follow(begin, end, cycles=20)
     np.testing.assert_allclose(state.position, end, atol=0.05)
-    # A coarse sensor flickers between two counts all the time, and each time says a speed.
+    # A coarse sensor alternates between two counts and reports a speed each time.
     standing = [arm.pause() for _ in range(40)]
     assert np.ptp([state.position for state in standing], axis=0).max() < 0.01
     np.testing.assert_allclose(np.mean([state.velocity for state in standing], axis=0), 0.0, atol=0.1)
 
 
-def test_the_hand_moves_in_metres(arm: Arm) -> None:
+def test_a_prismatic_joint_moves_in_meters(arm: Arm) -> None:
     begin = arm.up()
     end = begin.copy()
     end[-1] = 0.02
@@ -242,8 +242,8 @@ def test_the_hand_moves_in_metres(arm: Arm) -> None:
     assert state.position[-1] == pytest.approx(0.02, abs=0.002)
 
 
-def test_a_command_is_taken_as_it_is_when_it_is_written(arm: Arm) -> None:
-    """What the caller does with its array afterwards is its own business."""
+def test_later_changes_of_a_command_have_no_effect(arm: Arm) -> None:
+    """The caller may change its array after the call."""
     begin = arm.up()
     command = begin.copy()
     arm.hardware.write(JointCommand(command, PERIOD_S))
@@ -251,15 +251,15 @@ def test_a_command_is_taken_as_it_is_when_it_is_written(arm: Arm) -> None:
     np.testing.assert_allclose(arm.pause().position, begin, atol=0.05)
 
 
-def test_without_commands_it_stays(arm: Arm) -> None:
+def test_without_commands_the_joints_stay(arm: Arm) -> None:
     begin = arm.up()
     arm.hardware.write(JointCommand(begin, PERIOD_S))
     for _ in range(20):
         state = arm.pause()
-    np.testing.assert_allclose(state.position, begin, atol=0.06)  # a soft servo gives way under 0.8 N m
+    np.testing.assert_allclose(state.position, begin, atol=0.06)  # a compliant servo sags under 0.8 N m
 
 
-def test_deactivated_without_relaxing_it_holds(arm: Arm) -> None:
+def test_after_deactivation_without_relax_the_joints_hold(arm: Arm) -> None:
     begin = arm.up()
     lifted = begin + np.array([0.0, 0.2, 0.2, 0.0, 0.0, 0.0, 0.0])
     before = arm.follow(begin, lifted, cycles=15).position
@@ -269,7 +269,7 @@ def test_deactivated_without_relaxing_it_holds(arm: Arm) -> None:
     np.testing.assert_allclose(state.position, before, atol=0.06)
 
 
-def test_it_can_be_switched_on_again_where_it_was_left(arm: Arm) -> None:
+def test_the_hardware_can_be_activated_again(arm: Arm) -> None:
     begin = arm.up()
     arm.hardware.deactivate(relax=True)
     for _ in range(4):

@@ -1,4 +1,4 @@
-"""Counts to joint positions and back: nearest count, never outside the limits."""
+"""Tests of the conversion between counts and joint positions."""
 
 import math
 from dataclasses import replace
@@ -77,13 +77,13 @@ def test_the_ends_of_the_range(joint: Joint, position: float, counts: int) -> No
 
 @pytest.mark.parametrize("joint", [ELBOW, MIRRORED, HAND])
 @pytest.mark.parametrize("wanted", [math.inf, -math.inf, 1e308, -1e308, 1e300, 7.0, -7.0])
-def test_however_far_the_command_it_ends_at_the_limit(joint: Joint, wanted: float) -> None:
+def test_commands_beyond_a_limit_end_at_the_limit(joint: Joint, wanted: float) -> None:
     lowest, highest = joint.counts_range()
     towards_highest = (wanted > 0) == (joint.sign > 0)
     assert joint.counts(wanted) == (highest if towards_highest else lowest)
 
 
-def test_no_number_is_no_position() -> None:
+def test_nan_is_not_a_position() -> None:
     with pytest.raises(ValueError):
         ELBOW.counts(math.nan)
 
@@ -102,7 +102,7 @@ def test_no_command_leaves_the_limits(joint: Joint, wanted: float) -> None:
 
 
 @given(joints(), st.data())
-def test_counts_come_back_exactly(joint: Joint, data: st.DataObject) -> None:
+def test_converting_counts_back_is_exact(joint: Joint, data: st.DataObject) -> None:
     lowest, highest = joint.counts_range()
     assume(lowest <= highest)
     counts = data.draw(st.integers(lowest, highest))
@@ -110,18 +110,18 @@ def test_counts_come_back_exactly(joint: Joint, data: st.DataObject) -> None:
 
 
 @given(joints(), st.floats(0.0, 1.0))
-def test_positions_come_back_within_half_a_count(joint: Joint, share: float) -> None:
+def test_converting_positions_back_is_exact_to_half_a_count(joint: Joint, share: float) -> None:
     lower, upper = joint.limits.lower, joint.limits.upper
     wanted = lower + share * (upper - lower)
     count = abs(joint.units_per_count)
     counts = joint.counts(wanted)
-    # At the ends, the nearest count may lie outside; then it is the next one.
+    # At the ends, the nearest count may be outside the limits; then the next count is used.
     off = 1.0 if counts in joint.counts_range() else 0.5
     assert abs(joint.position(counts) - wanted) <= off * count * (1.0 + 1e-6)
 
 
 @given(joints(), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
-def test_the_sign_says_which_way_the_counts_go(joint: Joint, a: float, b: float) -> None:
+def test_the_sign_is_the_direction_of_the_counts(joint: Joint, a: float, b: float) -> None:
     low, high = sorted((a, b))
     assert joint.counts(low) * joint.sign <= joint.counts(high) * joint.sign
 

@@ -1,4 +1,4 @@
-"""Three joints on two ports, with the same IDs on both: what one line suffers, the other does not."""
+"""Tests with three joints on two buses with the same IDs: faults of one bus do not affect the other."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -42,7 +42,7 @@ COUNTS = {"arm": (2048, 2000), "hand": (1500,)}
 
 
 class Ports:
-    """``hardware`` over two virtual lines."""
+    """A ``ServoHardware`` with two virtual buses."""
 
     def __init__(self) -> None:
         self.clock = SimulatedClock(1000.0)
@@ -70,7 +70,7 @@ class Ports:
         }
 
     def goals(self) -> list[int]:
-        """In the hardware's joint order."""
+        """Return the measured counts in the joint order of the hardware."""
         arm, hand = self.servos["arm"], self.servos["hand"]
         return [s.memory.get(sts.goal_position) for s in (arm.servo(1), hand.servo(1), arm.servo(2))]
 
@@ -80,7 +80,7 @@ ALL = {"arm": [1, 2], "hand": [1]}
 NONE: dict[str, list[int]] = {"arm": [], "hand": []}
 
 
-def test_states_and_goals_find_their_joints_though_ids_repeat() -> None:
+def test_states_and_goals_match_their_joints_although_ids_repeat() -> None:
     bench = Ports().active()
     assert bench.torque() == ALL
     assert bench.goals() == [2048, 1500, 2000]
@@ -90,8 +90,8 @@ def test_states_and_goals_find_their_joints_though_ids_repeat() -> None:
 
 
 @pytest.mark.parametrize("others", [(), ("wheel",)])
-def test_each_lines_noise_is_told(others: tuple[str, ...]) -> None:
-    """Also where the lines are those of one component of several."""
+def test_noise_is_reported_for_each_bus(others: tuple[str, ...]) -> None:
+    """The buses may belong to one of several components."""
     bench = Ports()
     mocks = [MockHardware(name, (name,), bench.clock) for name in others]
     components = ComponentSet([*mocks, bench.hardware], bench.clock)
@@ -103,7 +103,7 @@ def test_each_lines_noise_is_told(others: tuple[str, ...]) -> None:
     assert {name: line.noise > 0 for name, line in lines.items()} == {"/dev/arm": False, "/dev/hand": True}
 
 
-def test_no_torque_anywhere_before_every_goal_everywhere_was_read_back() -> None:
+def test_no_torque_before_all_goals_on_all_buses_are_read_back() -> None:
     bench = Ports()
     bench.hardware.configure()
     order: list[str] = []
@@ -121,7 +121,7 @@ def test_no_torque_anywhere_before_every_goal_everywhere_was_read_back() -> None
 
 
 @pytest.mark.parametrize("lost", ["arm", "hand"])
-def test_a_port_lost_at_any_step_of_the_set_up_is_named_with_its_bus_and_joints(lost: str) -> None:
+def test_a_port_lost_during_setup_is_reported_with_its_bus_and_joints(lost: str) -> None:
     joints = {"arm": "shoulder (servo 1), elbow (servo 2)", "hand": "finger (servo 1)"}[lost]
     whole = Ports()
     whole.hardware.configure()
@@ -137,7 +137,7 @@ def test_a_port_lost_at_any_step_of_the_set_up_is_named_with_its_bus_and_joints(
 
 @pytest.mark.parametrize("lost", ["arm", "hand"])
 @pytest.mark.parametrize("after", range(24))
-def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, after: int) -> None:
+def test_a_port_lost_during_activation_leaves_no_torque_on_the_other(lost: str, after: int) -> None:
     bench = Ports()
     bench.hardware.configure()
     port = bench.ports[lost]
@@ -155,7 +155,7 @@ def test_a_port_lost_while_activating_leaves_no_torque_on_the_other(lost: str, a
 
 
 @pytest.mark.parametrize("lost", ["arm", "hand"])
-def test_a_port_lost_when_all_have_torque_leaves_none_on_the_other_but_what_was_held_before(lost: str) -> None:
+def test_a_port_lost_after_activation_releases_only_servos_limp_before(lost: str) -> None:
     bench = Ports()
     bench.hardware.configure()
     other = "hand" if lost == "arm" else "arm"
@@ -174,7 +174,7 @@ def test_a_port_lost_when_all_have_torque_leaves_none_on_the_other_but_what_was_
     assert bench.torque()[other] == ([2] if other == "arm" else [])
 
 
-def test_a_servo_silent_while_activating_leaves_no_torque_that_can_be_switched_off(
+def test_a_servo_silent_during_activation_leaves_no_torque_on_the_others(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     bench = Ports()
@@ -189,24 +189,24 @@ def test_a_servo_silent_while_activating_leaves_no_torque_that_can_be_switched_o
     bench.ports["arm"].before_write = silence
     with pytest.raises(DriverError, match=r"servo 2: does not answer.*\(elbow, bus arm\)"):
         bench.hardware.activate()
-    # The one that nobody can reach any more has been switched on by its goal, and holds where it stands.
+    # The goal has enabled the torque of the servo that is now silent. It holds its position.
     assert seen and bench.torque() == {"arm": [2], "hand": []}
     assert "torque may still be on: elbow (bus arm): servo 2" in caplog.text
 
 
-def test_a_silent_servo_is_named_with_its_bus_and_hides_nobody() -> None:
+def test_a_silent_servo_is_reported_with_its_bus_and_hides_no_other() -> None:
     bench = Ports().active()
     bench.servos["arm"].faults.silence(1)
     state = bench.hardware.read()
     assert fault_texts(state) == {"shoulder": "shoulder (bus arm): servo 1 does not answer"}
     bench.servos["arm"].faults.restore(1)
-    bench.clock.sleep_until(bench.clock.now() + 1.0)  # one that was silent is not asked in every cycle
+    bench.clock.sleep_until(bench.clock.now() + 1.0)  # a silent servo is not read in every cycle
     assert bench.hardware.read().faults == {}
     bench.servos["hand"].faults.silence(1)
     assert fault_texts(bench.hardware.read()) == {"finger": "finger (bus hand): servo 1 does not answer"}
 
 
-def test_refusals_name_joint_servo_and_bus() -> None:
+def test_refusals_contain_joint_servo_and_bus() -> None:
     bench = Ports()
     bench.hardware.configure()
     bench.servos["hand"].faults.silence(1)
@@ -215,7 +215,7 @@ def test_refusals_name_joint_servo_and_bus() -> None:
     assert bench.torque() == NONE
 
 
-def test_a_line_on_which_nobody_answers_is_told_from_one_silent_servo() -> None:
+def test_a_dead_bus_differs_from_one_silent_servo() -> None:
     bench = Ports()
     bench.servos["hand"].faults.silence(1)
     bench.servos["arm"].faults.silence(2)
@@ -227,7 +227,7 @@ def test_a_line_on_which_nobody_answers_is_told_from_one_silent_servo() -> None:
 
 
 @pytest.mark.parametrize(("lost", "kept"), [("arm", "hand"), ("hand", "arm")])
-def test_a_lost_port_is_named_with_its_joints_and_the_other_line_still_gets_its_goals(lost: str, kept: str) -> None:
+def test_a_lost_port_is_reported_and_the_other_bus_gets_its_goals(lost: str, kept: str) -> None:
     bench = Ports().active()
     bench.ports[lost].port.unplug()
     joints = {"arm": r"shoulder \(servo 1\), elbow \(servo 2\)", "hand": r"finger \(servo 1\)"}[lost]
@@ -241,7 +241,7 @@ def test_a_lost_port_is_named_with_its_joints_and_the_other_line_still_gets_its_
 
 
 @pytest.mark.parametrize(("lost", "kept"), [("arm", "hand"), ("hand", "arm")])
-def test_with_a_lost_port_relaxing_lets_go_on_the_other(lost: str, kept: str) -> None:
+def test_deactivation_with_a_lost_port_releases_the_other_bus(lost: str, kept: str) -> None:
     bench = Ports().active()
     bench.ports[lost].port.unplug()
     (problem,) = bench.hardware.deactivate(relax=True)
@@ -251,7 +251,7 @@ def test_with_a_lost_port_relaxing_lets_go_on_the_other(lost: str, kept: str) ->
     assert bench.hardware.state is LifecycleState.UNCONFIGURED
 
 
-def test_every_servo_that_could_not_be_let_go_is_named_with_its_joint() -> None:
+def test_servos_that_cannot_be_released_are_reported_with_their_joints() -> None:
     bench = Ports().active()
     bench.servos["arm"].faults.silence(1)
     bench.servos["hand"].faults.silence(1)
@@ -263,7 +263,7 @@ def test_every_servo_that_could_not_be_let_go_is_named_with_its_joint() -> None:
 STATES = {"arm": ServoState(1, 0, 0.0, 12.0, 30.0), "hand": ServoState(2, 0, 0.0, 12.0, 30.0)}
 
 
-def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
+def test_all_requests_are_sent_before_the_first_answer_is_awaited() -> None:
     log: list[str] = []
 
     class Line:
@@ -288,11 +288,11 @@ def test_all_questions_are_out_before_the_first_answer_is_waited_for() -> None:
     assert log == ["ask arm", "ask hand", "wait arm", "wait hand"]
 
 
-# One lost packet
+# Lost packets
 
 
 def loses(bench: Ports, wanted: Callable[[Instruction], bool], packets: int) -> list[Instruction]:
-    """The next so many packets of a kind find no listener on the arm's line."""
+    """Lose the next packets of one kind on the bus of the arm."""
     lost: list[Instruction] = []
 
     def watch(number: int, instruction: Instruction) -> None:
@@ -330,7 +330,7 @@ def test_a_few_lost_packets_do_not_fail_an_activation(which: str, packets: int) 
 
 
 @pytest.mark.parametrize("which", SINGLE)
-def test_too_many_lost_packets_fail_it_with_no_torque_left(which: str) -> None:
+def test_too_many_lost_packets_fail_an_activation_without_torque(which: str) -> None:
     bench = Ports()
     bench.hardware.configure()
     lost = loses(bench, SINGLE[which], ATTEMPTS)

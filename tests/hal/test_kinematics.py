@@ -1,4 +1,4 @@
-"""Poses of links against rotation matrices in numpy."""
+"""Tests of link poses against rotation matrices in numpy."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ JOINT = UrdfJoint(
 
 
 def about(axis: Vector, angle: float) -> FloatArray:
-    """Rodrigues' formula."""
+    """Return the rotation matrix by Rodrigues' formula."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     rotation: FloatArray = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
@@ -68,7 +68,7 @@ def test_roll_pitch_yaw(rpy: Vector) -> None:
 
 
 @given(axes, angles)
-def test_a_turn_about_an_axis(axis: Vector, angle: float) -> None:
+def test_a_rotation_about_an_axis(axis: Vector, angle: float) -> None:
     q = kinematics.about_axis(axis, angle)
     close(matrix(q), about(axis, angle))
     assert math.hypot(*q) == pytest.approx(1.0)
@@ -92,7 +92,7 @@ def test_a_revolute_joint_turns_its_child(kind: str, xyz: Vector, rpy: Vector, a
 
 @given(xyz=vectors, rpy=vectors, axis=axes, way=lengths)
 def test_a_prismatic_joint_shifts_its_child(xyz: Vector, rpy: Vector, axis: Vector, way: float) -> None:
-    """By metres along the axis, however long the axis is written."""
+    """The shift is in meters along the axis, whatever the length of the axis vector is."""
     joint = replace(JOINT, kind="prismatic", xyz_m=xyz, rpy_rad=rpy, axis=axis)
     position, orientation = kinematics.child_pose(joint, way)
     unit = np.array(axis) / np.linalg.norm(axis)

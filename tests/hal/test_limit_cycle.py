@@ -1,4 +1,4 @@
-"""Limit cycles of joints at rest: which are seen, and how far goals go along with them."""
+"""Tests of the damping of limit cycles: which are detected, and how far goals follow them."""
 
 import math
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from hal.types import FloatArray
 PERIOD_S = 0.05
 DEAD_BAND = 0.003
 SWUNG = [0.01] * 4
-"""Half a swing that is slow enough for the loop."""
+"""Half a period of an oscillation that is slow enough to be damped."""
 LOOSE, HELD = np.array([True]), np.array([False])
 
 
 def after(errors: Sequence[float], loose: np.ndarray = LOOSE, transmission: float = 1.0) -> LimitCycle:
-    """What has been found behind so many cycles with these errors."""
+    """Return the damping after cycles with these errors."""
     made = LimitCycle(np.array([DEAD_BAND * transmission]), np.array([transmission]))
     for error in errors:
         made.update(np.array([error * transmission]), loose, PERIOD_S)
@@ -40,24 +40,24 @@ def test_a_joint_that_stays_on_its_side_is_left_alone(errors: Sequence[float]) -
     assert not made.swinging.any() and not made.offset.any()
 
 
-def test_the_goal_of_a_joint_that_swings_goes_along() -> None:
+def test_the_goal_of_an_oscillating_joint_follows_it() -> None:
     swing = [*SWUNG, -0.004]
     assert after(swing).offset == pytest.approx(0.004)
     assert after([*swing, 0.002]).offset == pytest.approx(-0.002)
     assert after([*swing, -0.02]).offset == pytest.approx(GIVE_WAY_RAD)
-    assert after([*swing, math.nan]).offset == pytest.approx(0.004), "where the servo is missing its goal stays"
+    assert after([*swing, math.nan]).offset == pytest.approx(0.004), "the goal of a missing servo stays"
 
 
-def test_behind_a_swing_that_is_too_fast_for_the_loop_the_goal_would_drive_it_so_it_stays() -> None:
+def test_the_goal_does_not_follow_an_oscillation_that_is_too_fast() -> None:
     light = after([0.01, -0.01, 0.01, -0.01, 0.01])
     assert not light.swinging.any() and abs(float(light.offset[0])) < GIVE_WAY_RAD
 
 
-def test_a_joint_that_gravity_holds_or_whose_command_moves_swings_by_itself_to_rest() -> None:
+def test_loaded_joints_and_moving_joints_are_not_damped() -> None:
     assert not after([0.01, -0.01, 0.01, -0.01], HELD).offset.any()
 
 
-def test_once_the_command_moves_on_the_goal_returns_to_it_slowly() -> None:
+def test_the_offset_decays_slowly_after_the_command_moves() -> None:
     made = after([*SWUNG, -0.01])
     offsets = [float(made.offset[0])]
     for _ in range(40):
@@ -68,7 +68,7 @@ def test_once_the_command_moves_on_the_goal_returns_to_it_slowly() -> None:
     assert not made.swinging.any()
 
 
-def test_a_finger_goes_along_by_its_servos_angle() -> None:
+def test_the_offset_of_a_finger_follows_its_transmission() -> None:
     assert after([*SWUNG, -0.01], transmission=0.03).offset == pytest.approx(0.03 * GIVE_WAY_RAD)
 
 
@@ -76,7 +76,7 @@ errors = st.one_of(st.just(math.nan), st.floats(-0.1, 0.1))
 
 
 @given(st.lists(st.tuples(errors, st.booleans()), max_size=40))
-def test_whatever_comes_the_goal_gives_way_by_no_more_than_allowed(cycles: list[tuple[float, bool]]) -> None:
+def test_the_offset_never_exceeds_its_maximum(cycles: list[tuple[float, bool]]) -> None:
     made = LimitCycle(np.array([DEAD_BAND]), np.ones(1))
     for error, loose in cycles:
         made.update(np.array([error]), np.array([loose]), PERIOD_S)

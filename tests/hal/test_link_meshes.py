@@ -1,4 +1,4 @@
-"""The real shapes of an arm's links: their places, their files, and edges that stay sharp."""
+"""Tests of link meshes: their poses, their files, and sharp edges."""
 
 import zipfile
 from dataclasses import replace
@@ -18,7 +18,7 @@ from tests.pages import code
 
 OWNED = ("koch", "so100", "so101")
 MOST_BYTES = 3_000_000
-"""The wheel may grow by this much."""
+"""Maximum size of all meshes in the wheel."""
 
 
 def write_stl(path: Path, corners: FloatArray) -> None:
@@ -28,7 +28,7 @@ def write_stl(path: Path, corners: FloatArray) -> None:
 
 
 def cube() -> FloatArray:
-    """The triangles (12, 3, 3) of a unit cube."""
+    """Return the triangles of a unit cube, shape (12, 3, 3)."""
     found = []
     for axis, side in product(range(3), (0.0, 1.0)):
         corners = np.array([np.insert([1.0 * u, v], axis, side) for u, v in ((0, 0), (0, 1), (1, 1), (1, 0))])
@@ -38,7 +38,7 @@ def cube() -> FloatArray:
 
 
 def tube(sides: int) -> tuple[FloatArray, Faces]:
-    """The round wall of a cylinder."""
+    """Return the triangles of the round wall of a cylinder."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     vertices = np.concatenate([np.insert(circle, 2, z, axis=1) for z in (0.0, 1.0)])
@@ -56,13 +56,13 @@ def test_a_file_is_read_with_each_vertex_once(tmp_path: Path) -> None:
     np.testing.assert_allclose(vertices[faces], cube())
 
 
-def test_an_edge_is_sharp_and_a_round_wall_is_smooth(tmp_path: Path) -> None:
+def test_an_edge_stays_sharp_and_a_round_wall_stays_smooth(tmp_path: Path) -> None:
     write_stl(tmp_path / "cube.stl", cube())
     vertices, faces = with_edges(*read_stl(tmp_path / "cube.stl"))
     assert len(vertices) == 24, "each corner of the cube belongs to three planes"
     np.testing.assert_allclose(vertices[faces], cube())
     assert len(with_edges(*tube(36))[0]) == 72, "ten degrees between two faces are not an edge"
-    assert len(with_edges(*tube(6))[0]) == 24, "sixty are one"
+    assert len(with_edges(*tube(6))[0]) == 24, "sixty degrees are an edge"
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_an_edge_is_sharp_and_a_round_wall_is_smooth(tmp_path: Path) -> None:
         (None, "cannot be read: No such file or directory: correct the name in links.yaml"),
     ],
 )
-def test_a_file_that_is_none_is_named(tmp_path: Path, content: bytes | None, message: str) -> None:
+def test_invalid_stl_files_are_reported(tmp_path: Path, content: bytes | None, message: str) -> None:
     path = tmp_path / "part.stl"
     if content is not None:
         path.write_bytes(content)
@@ -82,15 +82,15 @@ def test_a_file_that_is_none_is_named(tmp_path: Path, content: bytes | None, mes
     assert f"{path} {message}" in str(error.value)
 
 
-def test_a_vertex_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
+def test_a_vertex_that_is_not_finite_is_refused(tmp_path: Path) -> None:
     corners = cube()
     corners[3, 1, 2] = np.nan
     write_stl(tmp_path / "part.stl", corners)
-    with pytest.raises(ArmFileError, match="a vertex that is not a number: export the mesh again"):
+    with pytest.raises(ArmFileError, match="a vertex that is not finite: export the mesh again"):
         read_stl(tmp_path / "part.stl")
 
 
-def test_mistakes_in_the_places_are_named_with_their_lines(tmp_path: Path) -> None:
+def test_mistakes_in_links_yaml_are_reported_with_their_lines(tmp_path: Path) -> None:
     path = tmp_path / PLACES
     path.parent.mkdir()
     path.write_text(
@@ -102,7 +102,7 @@ def test_mistakes_in_the_places_are_named_with_their_lines(tmp_path: Path) -> No
 
 
 @pytest.mark.runs("arms/README.md yaml 1")
-def test_the_places_on_the_page_can_be_read(tmp_path: Path) -> None:
+def test_the_example_in_the_documentation_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / PLACES
     path.parent.mkdir()
     path.write_text(code("arms/README.md", "yaml"))
@@ -115,7 +115,7 @@ def test_an_arm_without_meshes_has_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", OWNED)
-def test_every_link_of_an_arm_that_people_own_has_its_real_shape(name: str) -> None:
+def test_every_link_of_a_real_arm_has_a_mesh(name: str) -> None:
     arm = find_arm(name)
     meshes = link_meshes(arm.scene.parent)
     assert {mesh.link for mesh in meshes} == set(parse_urdf(arm.urdf.read_text()).links)
@@ -126,7 +126,7 @@ def test_every_link_of_an_arm_that_people_own_has_its_real_shape(name: str) -> N
 
 
 @pytest.mark.parametrize("name", OWNED)
-def test_the_license_lies_beside_the_meshes_and_each_mesh_is_used(name: str) -> None:
+def test_the_license_exists_and_each_mesh_is_used(name: str) -> None:
     folder = (ARMS / name / PLACES).parent
     text = (folder / "LICENSE").read_text()
     assert "MIT License" in text or "Apache License" in text
@@ -140,7 +140,7 @@ def test_the_wheel_grows_by_less_than_three_megabytes(tmp_path: Path) -> None:
     assert (tmp_path / "meshes.zip").stat().st_size < MOST_BYTES
 
 
-def test_a_name_that_no_mesh_can_have_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_mesh_name_is_refused(tmp_path: Path) -> None:
     for name in ("a\0b.stl", "x" * 1000):
         with pytest.raises(ArmFileError, match=r"cannot be read: .*: correct the name in links.yaml"):
             read_stl(tmp_path / name)

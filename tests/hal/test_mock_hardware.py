@@ -1,4 +1,4 @@
-"""The mock does what GenericSystem does: the state is the command."""
+"""Tests that the mock behaves like GenericSystem: each state equals the last command."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def active(calculate_dynamics: bool = False) -> MockHardware:
     return hardware
 
 
-def test_it_begins_at_zero() -> None:
+def test_all_states_begin_at_zero() -> None:
     state = active().read()
     np.testing.assert_array_equal(state.position, [0.0, 0.0])
     np.testing.assert_array_equal(state.velocity, [0.0, 0.0])
@@ -25,7 +25,7 @@ def test_it_begins_at_zero() -> None:
     assert state.stamp_s == 3.0
 
 
-def test_it_is_at_once_where_it_is_told_to_be() -> None:
+def test_a_command_is_reached_immediately() -> None:
     hardware = active()
     hardware.write(JointCommand(at(1.0, -2.0), 0.05))
     np.testing.assert_array_equal(hardware.read().position, [1.0, -2.0])
@@ -65,14 +65,14 @@ URDF = """
 
 
 def declared(*parameters: str) -> MockHardware:
-    said = "".join(f'<param name="{name}">true</param>' for name in parameters)
-    hardware = MockHardware.of(parse_urdf(URDF.format(said)).components[0], SimulatedClock(3.0))
+    parameter_elements = "".join(f'<param name="{name}">true</param>' for name in parameters)
+    hardware = MockHardware.of(parse_urdf(URDF.format(parameter_elements)).components[0], SimulatedClock(3.0))
     hardware.configure()
     hardware.activate()
     return hardware
 
 
-def test_it_has_the_interfaces_that_are_declared_and_begins_with_their_initial_values() -> None:
+def test_declared_interfaces_and_initial_values() -> None:
     hardware = declared()
     assert hardware.joints == ("a", "b", "c")
     assert hardware.command_interfaces == ("a/position", "a/effort", "b/velocity")
@@ -83,7 +83,7 @@ def test_it_has_the_interfaces_that_are_declared_and_begins_with_their_initial_v
     assert np.isnan(state.effort).all()
 
 
-def test_each_command_is_mirrored_into_the_state_of_its_name() -> None:
+def test_each_command_is_copied_to_its_state() -> None:
     hardware = declared()
     hardware.write(JointCommand(np.array([0.25, 3.0, 0.75]), 0.1))
     state = hardware.read()
@@ -108,13 +108,13 @@ def test_disabled_commands_freeze_the_state() -> None:
     np.testing.assert_array_equal(hardware.read().velocity, [0.0, 0.0, 0.0])
 
 
-def test_a_state_is_the_readers_own() -> None:
+def test_a_state_is_a_copy() -> None:
     hardware = active()
     hardware.read().position[:] = 9.0
     np.testing.assert_array_equal(hardware.read().position, [0.0, 0.0])
 
 
-def test_it_stays_where_it_was_through_a_deactivation() -> None:
+def test_deactivation_keeps_the_position() -> None:
     hardware = active()
     hardware.write(JointCommand(at(1.0, -2.0), 0.05))
     assert hardware.deactivate(relax=True) == []

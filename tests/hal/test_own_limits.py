@@ -1,4 +1,4 @@
-"""A servo that keeps limits of its own, and a joint that goes beyond them."""
+"""Tests of servos whose own position limits are narrower than those of their joint."""
 
 import re
 from dataclasses import replace
@@ -29,7 +29,7 @@ LIMITED = (
 
 
 @pytest.mark.parametrize(("model", "lowest", "highest"), LIMITED, ids=lambda value: getattr(value, "name", ""))
-def test_a_servo_whose_own_limits_are_narrower_than_its_joint_s_is_refused_with_both(
+def test_a_servo_with_limits_narrower_than_its_joint_is_refused(
     model: ServoModel, lowest: Register, highest: Register
 ) -> None:
     kind = next(kind for kind in KINDS if model in kind.models.values())
@@ -45,9 +45,9 @@ def test_a_servo_whose_own_limits_are_narrower_than_its_joint_s_is_refused_with_
         return ServoHardware("arm", [joint], lambda: line.bus, line.clock)
 
     for low, high in ((first + 1, last), (first, last - 1), (first + 9, last + 9), (first - 9, last - 9)):
-        with pytest.raises(DriverError, match=f"position limits of its own, {low} to {high} counts") as caught:
+        with pytest.raises(DriverError, match=f"has position limits {low} to {high} counts") as caught:
             arm_with(low, high).configure()
-        assert f"its joint goes from {first} to {last}" in str(caught.value)
+        assert f"its joint moves from {first} to {last}" in str(caught.value)
     arm_with(first, last).configure()
 
 
@@ -57,7 +57,7 @@ def test_a_servo_whose_own_limits_are_narrower_than_its_joint_s_is_refused_with_
     st.integers(300, 3800),
     st.tuples(st.integers(0, 4095), st.integers(0, 4095)).map(sorted),
 )
-def test_the_advice_is_within_the_joint_s_limits_and_taking_it_helps(
+def test_the_suggested_limits_are_within_the_joint_limits_and_work(
     sign: int, metres: float | None, zero_counts: int, own: list[int]
 ) -> None:
     scale = metres or 1.0
@@ -78,24 +78,26 @@ def test_the_advice_is_within_the_joint_s_limits_and_taking_it_helps(
         assert own[0] <= lowest and highest <= own[1]
 
 
-def test_a_refusal_says_how_far_servo_and_joint_go_and_what_the_joint_s_limits_may_be() -> None:
+def test_a_refusal_contains_both_ranges_and_suggested_limits() -> None:
     wide = Joint("j", 4, sts.STS3215, JointLimits(-3.5, 3.1, 3.0, 5.0, 50.0))
     with pytest.raises(ServoRefused) as caught:
         check_reach(wide, (100, 3900))
     assert caught.value.servo_id == 4
     assert caught.value.text == (
-        "has position limits of its own, 100 to 3900 counts, and its joint goes from 0 to 4068: "
-        "widen them in the servo, or narrow the joint's in the URDF to -2.988194 to 2.840932"
+        "has position limits 100 to 3900 counts, but its joint moves from 0 to 4068: "
+        "widen them in the servo, or narrow the limits in the URDF to -2.988194 to 2.840932"
     )
 
 
-def test_where_servo_and_joint_hardly_overlap_the_zero_is_wrong() -> None:
+def test_if_the_ranges_hardly_overlap_zero_counts_is_wrong() -> None:
     joint = Joint("j", 4, sts.STS3215, JointLimits(-0.5, 0.5, 3.0, 5.0, 50.0))
-    with pytest.raises(ServoRefused, match=r"in the servo, or correct zero_counts: the two hardly overlap$"):
+    with pytest.raises(
+        ServoRefused, match=r"in the servo, or correct zero_counts, because the two ranges hardly overlap$"
+    ):
         check_reach(joint, (3000, 3900))
 
 
-def test_a_servo_without_limits_of_its_own_is_taken() -> None:
+def test_a_servo_without_limits_is_accepted() -> None:
     line = Line(KINDS[0])
     for register in (sts.min_position, sts.max_position):
         line.servos.servo(1).memory.put(register, 0)
@@ -105,8 +107,8 @@ def test_a_servo_without_limits_of_its_own_is_taken() -> None:
 
 @pytest.mark.parametrize("above", [True, False])
 @pytest.mark.parametrize("beside", [0, 3])
-def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside: int, above: bool) -> None:
-    """A joint may begin a little outside its limits. Its servo would cut the goal at its own, and drive there."""
+def test_a_joint_beyond_its_servos_limits_gets_no_torque(beside: int, above: bool) -> None:
+    """A joint may start slightly outside its limits. Its servo would clip the goal to its own limits and move there."""
     lowest, highest = JOINTS[0].counts_range()
     stands = highest + 20 if above else lowest - 20
     own = (lowest, stands - beside) if above else (stands + beside, highest)
@@ -118,21 +120,21 @@ def test_a_joint_that_stands_beyond_its_servo_s_own_limits_gets_no_torque(beside
         bench.hardware.activate()
         assert bench.torque() == list(IDS)
         return
-    says = rf"shoulder \(servo 1\) stands at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, and"
-    with pytest.raises(ActivationError, match=says):
+    message = rf"shoulder \(servo 1\) is at {stands} counts, outside the servo's own limits {own[0]} to {own[1]}, so"
+    with pytest.raises(ActivationError, match=message):
         bench.hardware.activate()
     assert bench.torque() == []
     assert bench.measured(1) == stands
 
 
-def test_limits_that_the_robot_file_names_count_as_they_are_once_they_are_written() -> None:
+def test_limits_from_the_robot_file_are_checked_after_they_are_written() -> None:
     lowest, highest = JOINTS[0].counts_range()
     wide, narrow = (
         [replace(JOINTS[0], settings=(("min_position", lowest + by), ("max_position", highest))), *JOINTS[1:]]
         for by in (0, 1)
     )
     bench = Bench(joints=narrow)
-    with pytest.raises(DriverError, match=rf"limits of its own, {lowest + 1} to .* in the robot file's settings"):
+    with pytest.raises(DriverError, match=rf"has position limits {lowest + 1} to .* in the robot file's settings"):
         bench.configured()
     bench = Bench(joints=wide)
     bench.servos.servo(1).memory.put(sts.min_position, 1500)
@@ -140,7 +142,7 @@ def test_limits_that_the_robot_file_names_count_as_they_are_once_they_are_writte
     assert bench.held(1, sts.min_position) == lowest
 
 
-def test_settings_that_make_a_motor_of_a_servo_are_refused_behind_them() -> None:
+def test_settings_for_continuous_rotation_are_refused() -> None:
     line = Line(next(kind for kind in KINDS if scs.SCS0009 in kind.models.values()))
     servo_id = next(i for i, model in line.kind.models.items() if model is scs.SCS0009)
     motor = (("min_position", 0), ("max_position", 0))

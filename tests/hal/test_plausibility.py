@@ -1,4 +1,4 @@
-"""Which position readings are believed: those that a joint can have reached, and those that a second one confirms."""
+"""Tests of the plausibility check: reachable and confirmed position readings are accepted."""
 
 from dataclasses import replace
 
@@ -16,13 +16,13 @@ HERE = at(0.0, 0.0, 0.014)
 
 
 def followed(*positions: float, period_s: float = PERIOD_S) -> list[bool]:
-    """Whether each reading of a driven joint is believed."""
+    """Return whether each reading of a driven joint is accepted."""
     readings = Plausibility.of_servo(SHOULDER)
     return [readings.leap(position, 10.0 + n * period_s, True) is None for n, position in enumerate(positions)]
 
 
 @given(st.lists(st.floats(-FAST, FAST), max_size=30), st.floats(0.002, 0.2))
-def test_whatever_a_servo_can_do_is_believed(speeds: list[float], period_s: float) -> None:
+def test_every_motion_that_a_servo_can_make_is_accepted(speeds: list[float], period_s: float) -> None:
     positions = [0.0]
     for speed in speeds:
         positions.append(positions[-1] + speed * period_s)
@@ -30,13 +30,13 @@ def test_whatever_a_servo_can_do_is_believed(speeds: list[float], period_s: floa
 
 
 @given(st.floats(-1.0, 1.0), st.floats(1.3, 6.0), st.sampled_from((1, -1)))
-def test_a_leap_is_believed_once_it_is_confirmed(start: float, away: float, side: int) -> None:
+def test_a_jump_is_accepted_once_it_is_confirmed(start: float, away: float, side: int) -> None:
     there = start + side * away
     assert followed(start, there, start, there, start) == [True, False, True, False, True]
     assert followed(start, there, there, there) == [True, False, True, True]
 
 
-def test_after_a_long_silence_a_distant_place_has_to_be_confirmed() -> None:
+def test_after_a_long_silence_a_distant_position_must_be_confirmed() -> None:
     readings = Plausibility.of_servo(SHOULDER)
     assert readings.leap(0.0, 10.0, True) is None
     assert readings.leap(3.0, 20.0, True) == pytest.approx(3.0)
@@ -44,7 +44,7 @@ def test_after_a_long_silence_a_distant_place_has_to_be_confirmed() -> None:
 
 
 def deceive(servo: WiredServo, counts: int) -> None:
-    """Let the servo's next reply with its position report one that is false."""
+    """Make the next position reply of a servo report a false position."""
 
     def falsify(address: int, size: int, data: bytes) -> bytes:
         if not address <= servo.PRESENT_POSITION.address < address + size:
@@ -57,13 +57,13 @@ def deceive(servo: WiredServo, counts: int) -> None:
     servo.on_read.append(falsify)
 
 
-def test_a_false_reading_is_a_fault_of_its_joint_alone_and_is_counted() -> None:
+def test_a_false_reading_is_a_fault_of_its_joint_only_and_is_counted() -> None:
     bench = Bench().active()
     before = bench.cycle(HERE)
     deceive(bench.servos.servo(1), 1000)
     state = bench.cycle(HERE)
     assert {joint: fault.kind for joint, fault in state.faults.items()} == {"shoulder": "implausible"}
-    assert "shoulder: servo 1 reports 3048 counts, +1.5340 from the reading before" in state.faults["shoulder"].text
+    assert "shoulder: servo 1 reports 3048 counts, +1.5340 from the previous reading" in state.faults["shoulder"].text
     assert state.position[0] == before.position[0]
     counters = state.health["shoulder"].counters
     assert counters is not None and counters.implausible == 1
@@ -72,7 +72,7 @@ def test_a_false_reading_is_a_fault_of_its_joint_alone_and_is_counted() -> None:
     assert bench.measured(1) == pytest.approx(2048, abs=6)
 
 
-def test_a_seam_inside_the_limits_is_no_leap_and_one_outside_them_is() -> None:
+def test_a_seam_inside_the_limits_is_not_a_jump_but_one_outside_is() -> None:
     turn = SHOULDER.model.counts_per_turn * abs(SHOULDER.units_per_count)
     across = [0.5 * turn - 0.01, -0.5 * turn + 0.01, 0.5 * turn - 0.02]
     for inside in (True, False):
@@ -81,4 +81,4 @@ def test_a_seam_inside_the_limits_is_no_leap_and_one_outside_them_is() -> None:
         assert believed == [True, inside, True]
     readings = Plausibility.of_servo(replace(SHOULDER, seam_inside=True))
     assert readings.leap(0.0, 10.0, True) is None
-    assert readings.leap(2.0, 10.0 + PERIOD_S, True) == pytest.approx(2.0), "less than a turn is a leap all the same"
+    assert readings.leap(2.0, 10.0 + PERIOD_S, True) == pytest.approx(2.0), "less than a turn is also a jump"

@@ -1,4 +1,4 @@
-"""Numbers of files are checked against what they mean, and truth values are not numbers."""
+"""Tests that implausible numbers and booleans in files are refused."""
 
 from pathlib import Path
 
@@ -19,37 +19,37 @@ GOOD = {"baud": 1000000, "acceleration": 10, "jerk": 100, "torque_limit": 1, "po
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "says"),
+    ("key", "value", "message"),
     [
-        ("acceleration", "true", "true is a truth value, and a number is needed"),
+        ("acceleration", "true", "true is a boolean, but a number is required"),
         ("acceleration", "1.0e+9", "1e+09 is not a plausible acceleration: write 0.001 to 100000 rad/s"),
         ("jerk", "0.001", "0.001 is not a plausible jerk"),
         ("jerk", ".nan", "joints.elbow.jerk: Input should be"),
         ("velocity_scale", "1.0e-9", "1e-09 is not a plausible velocity scale"),
-        ("torque_limit", "true", "true is a truth value"),
+        ("torque_limit", "true", "true is a boolean"),
         ("baud", "7", "7 is not a plausible baud: write 1200 to 1e+07 bit/s"),
-        ("baud", "true", "true is a truth value"),
+        ("baud", "true", "true is a boolean"),
         ("position", "1.0e+30", "1e+30 is not a plausible position"),
     ],
 )
-def test_nonsense_in_a_robot_file(tmp_path: Path, key: str, value: str, says: str) -> None:
+def test_implausible_values_in_a_robot_file(tmp_path: Path, key: str, value: str, message: str) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(ROBOT.format(**GOOD))
     load_robot_file(path)
     path.write_text(ROBOT.format(**{**GOOD, key: value}))
     with pytest.raises(RobotFileError) as error:
         load_robot_file(path)
-    assert says in str(error.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize("rate", [True, 0, 1001, 1e9])
-def test_nonsense_as_the_update_rate(rate: float) -> None:
+def test_implausible_update_rates(rate: float) -> None:
     with pytest.raises(ValueError, match="update_rate"):
         ManagerParameters.model_validate({"update_rate": rate})
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ('velocity="', 'velocity="1e-9" was="', "velocity limit 1e-09 is not a plausible velocity"),
         ('effort="', 'effort="-3" was="', "effort limit -3"),
@@ -80,12 +80,12 @@ def test_nonsense_as_the_update_rate(rate: float) -> None:
         ('type="system"', 'type="system" rw_rate="' + "1" * 5000 + '"', "is not a whole number of hertz (arm.urdf"),
     ],
 )
-def test_nonsense_in_a_urdf(old: str, new: str, says: str) -> None:
+def test_implausible_values_in_a_urdf(old: str, new: str, message: str) -> None:
     xml = URDF.read_text()
     assert old in xml
     with pytest.raises(DescriptionError) as error:
         parse_urdf(xml.replace(old, new, 1), "arm.urdf")
-    assert says in str(error.value)
+    assert message in str(error.value)
 
 
 TWICE = """name="arm2" type="system"><hardware><plugin>a/B</plugin></hardware>
@@ -93,22 +93,22 @@ TWICE = """name="arm2" type="system"><hardware><plugin>a/B</plugin></hardware>
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("<ros2_control ", f"<ros2_control {TWICE}<ros2_control ", "joint 'joint1' is in two <ros2_control> blocks"),
         ("</ros2_control>", "</ros2_control><ros2_control/>", "a <ros2_control> block of the URDF has no name"),
-        ('<joint name="hand_right_joint">', '<joint name="joint9">', "names joint 'joint9', which the URDF has not"),
+        ('<joint name="hand_right_joint">', '<joint name="joint9">', "has joint 'joint9', which is not in the URDF"),
         ('<child link="link1"/>', "", "joint 'joint1' has no <child>"),
         ("<plugin>", "<other>x</other><plug>", "is not well-formed XML: mismatched tag: line"),
         ("<robot ", "<sdf ", "is not well-formed XML: mismatched tag: line"),
     ],
 )
-def test_a_mistake_in_a_urdf_is_named_with_its_line(old: str, new: str, says: str) -> None:
+def test_a_mistake_in_a_urdf_is_reported_with_its_line(old: str, new: str, message: str) -> None:
     xml = URDF.read_text()
     assert old in xml
     with pytest.raises(DescriptionError) as error:
         parse_urdf(xml.replace(old, new), "arm.urdf")
-    assert says in str(error.value) and ("arm.urdf, line " in str(error.value) or ": line " in str(error.value))
+    assert message in str(error.value) and ("arm.urdf, line " in str(error.value) or ": line " in str(error.value))
 
 
 def test_the_files_of_all_arms_are_plausible() -> None:

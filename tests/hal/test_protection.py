@@ -1,4 +1,4 @@
-"""A torque limit and a servo's own protections that do not fit each other are named, with the remedy."""
+"""Tests of messages about torque limits that are incompatible with a servo's protection settings."""
 
 from pathlib import Path
 
@@ -20,28 +20,28 @@ def test_the_protections_of_every_arm_can_act(path: Path) -> None:
 
 
 @pytest.mark.parametrize("arm", ["so100", "so101", "so101_12v"])
-def test_an_so_arms_gripper_has_lerobots_protections(arm: str) -> None:
+def test_the_gripper_of_an_so_arm_has_lerobots_protections(arm: str) -> None:
     gripper = load_robot_file(find_arm(arm).robot).joints["gripper"]
     assert gripper.settings == {"max_torque": 500, "protection_current": 250, "overload_torque": 25}
     assert gripper.torque_limit == 0.5
 
 
 @pytest.mark.parametrize(
-    ("model", "limit", "settings", "says"),
+    ("model", "limit", "settings", "message"),
     [
         (
             "sts3215",
             0.5,
             {},
-            "overload_torque 80 % is not below the torque limit of 50 %, so the servo's overload protection can never "
-            "act: add settings: {overload_torque: 25}",
+            "overload_torque 80 % is not below the torque limit of 50 %, so the overload protection of the servo can "
+            "never act: add settings: {overload_torque: 25}",
         ),
         ("sts3215", 0.8, {}, "overload_torque 80 % is not below the torque limit of 80 %"),
         (
             "sts3215",
             1.0,
             {"max_torque": 700},
-            "torque_limit 1 is above max_torque 700 of its settings, which is 0.7: lower",
+            "torque_limit 1 is above 0.7, the limit set by max_torque 700: lower",
         ),
         ("sts3215", 0.7, {"max_torque": 700}, "overload_torque 80 % is not below the torque limit of 70 %"),
         ("sts3215", 1.0, {"overload_torque": 100}, "overload_torque 100 % is not below the torque limit of 100 %"),
@@ -49,41 +49,41 @@ def test_an_so_arms_gripper_has_lerobots_protections(arm: str) -> None:
             "sts3215",
             0.5,
             {"overload_torque": 25, "protective_torque": 40},
-            "protective_torque 40 % is not below overload_torque 25 %, so an overload reduces nothing: lower",
+            "protective_torque 40 % is not below overload_torque 25 %, so an overload does not reduce the torque",
         ),
         (
             "sts3215",
             1.0,
             {"unloading_condition": 12},
-            "unloading_condition 12 switches the servo's overload protection off",
+            "unloading_condition 12 disables the overload protection of the servo",
         ),
         (
             "sts3215",
             1.0,
             {"protection_current": 0},
-            "protection_current 0 switches the servo's over-current protection off",
+            "protection_current 0 disables the overcurrent protection of the servo",
         ),
         (
             "sts3215",
             1.0,
             {"overcurrent_time": 0},
-            "overcurrent_time 0 switches the servo's over-current protection off",
+            "overcurrent_time 0 disables the overcurrent protection of the servo",
         ),
         ("scs0009", 1.0, {"overload_torque": 100}, "overload_torque 100 % is not below the torque limit of 100 %"),
         (
             "xl430-w250",
             0.6,
             {"pwm_limit": 443},
-            "torque_limit 0.6 is above pwm_limit 443 of its settings, which is 0.501",
+            "torque_limit 0.6 is above 0.501, the limit set by pwm_limit 443",
         ),
-        ("xl430-w250", 0.6, {"shutdown": 32}, "shutdown 32 lets the servo go on at overheating: add 4 to it"),
-        ("xl430-w250", 0.6, {"shutdown": 4}, "shutdown 4 lets the servo go on at overload: add 32 to it"),
+        ("xl430-w250", 0.6, {"shutdown": 32}, "shutdown 32 does not stop the servo at overheating: add 4 to it"),
+        ("xl430-w250", 0.6, {"shutdown": 4}, "shutdown 4 does not stop the servo at overload: add 32 to it"),
     ],
 )
-def test_what_does_not_fit_is_named_with_the_remedy(
-    model: str, limit: float, settings: dict[str, int], says: str
+def test_incompatible_values_are_reported_with_the_remedy(
+    model: str, limit: float, settings: dict[str, int], message: str
 ) -> None:
-    assert any(problem.startswith(says) for problem in protection_problems(MODELS[model], limit, settings))
+    assert any(problem.startswith(message) for problem in protection_problems(MODELS[model], limit, settings))
 
 
 @pytest.mark.parametrize(
@@ -97,11 +97,11 @@ def test_what_does_not_fit_is_named_with_the_remedy(
         ("ax-12a", 0.5, {}),
     ],
 )
-def test_what_fits_is_not_named(model: str, limit: float, settings: dict[str, int]) -> None:
+def test_compatible_values_are_not_reported(model: str, limit: float, settings: dict[str, int]) -> None:
     assert list(protection_problems(MODELS[model], limit, settings)) == []
 
 
-def test_a_robot_file_that_is_loaded_says_so_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_loading_a_robot_file_logs_incompatible_values(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     text = (CONFIG / "robot_arm.yaml").read_text()
     assert ", overload_torque: 25" in text
     path = tmp_path / "robot.yaml"

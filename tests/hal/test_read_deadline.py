@@ -1,4 +1,4 @@
-"""A read ends in time on every kind of line, however bad: also in the cycles in which a servo is back."""
+"""Tests that a read ends in time on every kind of bus, also when a servo answers again."""
 
 import math
 
@@ -22,7 +22,7 @@ every_kind = pytest.mark.parametrize(
 
 
 class Arm:
-    """Joints j1 to j7 on a line of one kind, active, with the period of that kind."""
+    """Active arm with joints j1 to j7 on a bus of one kind, with the period of that kind."""
 
     def __init__(self, kind: Kind) -> None:
         self.line = Line(kind)
@@ -35,7 +35,7 @@ class Arm:
         self.cycle()
 
     def cycle(self) -> dict[str, str]:
-        """Faults after a period of the loop, whose read must be over in time."""
+        """Run one cycle, whose read must end in time. Return the faults."""
         clock = self.line.clock
         self.hardware.write(JointCommand(np.zeros(len(IDS)), self.period_s))
         next_s = clock.now() + self.period_s
@@ -48,11 +48,11 @@ class Arm:
 
 @pytest.mark.soak
 @every_kind
-def test_on_a_bad_line_no_read_ends_after_its_deadline(kind: Kind) -> None:
+def test_no_read_ends_after_its_deadline_on_a_bad_bus(kind: Kind) -> None:
     arm = Arm(kind)
     arm.line.faults.disturbance = Disturbance(seed=3, drop=0.08, flip=0.02, noise=0.02)
     seen = sum(bool(arm.cycle()) for _ in range(CYCLES // 5))
-    assert seen, "no servo was ever away, so none came back"
+    assert seen, "no servo was silent, so none answered again"
     arm.line.faults.disturbance = None
     for _ in range(math.ceil(1.0 / arm.period_s)):
         faults = arm.cycle()
@@ -60,7 +60,7 @@ def test_on_a_bad_line_no_read_ends_after_its_deadline(kind: Kind) -> None:
 
 
 @every_kind
-def test_a_servo_asked_without_any_time_left_is_not_known_and_nothing_is_sent(kind: Kind) -> None:
+def test_without_time_left_no_request_is_sent(kind: Kind) -> None:
     line = Line(kind, WatchedPort)
     assert isinstance(line.port, WatchedPort)
     assert line.bus.torque_is_on(4) is False
@@ -79,7 +79,7 @@ def test_a_servo_asked_without_any_time_left_is_not_known_and_nothing_is_sent(ki
     assert line.clock.now() > begin_s + 0.03, "the limit of one call must not bind the next"
 
 
-def test_all_that_come_back_are_asked_in_one_cycle_and_a_limp_one_hides_nobody() -> None:
+def test_servos_that_answer_again_are_checked_in_one_cycle() -> None:
     arm = Arm(KINDS[0])
     for servo_id in (2, 5, 6):
         arm.line.faults.silence(servo_id)
@@ -87,16 +87,16 @@ def test_all_that_come_back_are_asked_in_one_cycle_and_a_limp_one_hides_nobody()
     arm.line.servos.servo(2).power_cycle()
     for servo_id in (2, 5, 6):
         arm.line.faults.restore(servo_id)
-    arm.line.clock.sleep_until(arm.line.clock.now() + 1.0)  # whoever was silent is asked again
+    arm.line.clock.sleep_until(arm.line.clock.now() + 1.0)  # silent servos are read again
     assert [set(arm.cycle()) for _ in range(4)] == [{"j2"}] * 4
 
 
 @pytest.mark.parametrize("period_s", [0.01, 0.02], ids=str)
 @pytest.mark.parametrize("servo_id", [1, 4, 7])
-def test_a_dynamixel_that_falls_silent_hides_nobody_however_short_the_period(period_s: float, servo_id: int) -> None:
+def test_a_silent_dynamixel_hides_no_other_servo_at_any_period(period_s: float, servo_id: int) -> None:
     kind = next(kind for kind in KINDS if kind.mapped)
     arm = Arm(kind)
-    arm.hardware.write(JointCommand(np.zeros(len(IDS)), period_s))  # from here on a read has its share of this
+    arm.hardware.write(JointCommand(np.zeros(len(IDS)), period_s))  # sets the period on which the read deadline depends
     arm.period_s = period_s
     arm.line.faults.silence(servo_id)
     for _ in range(20):

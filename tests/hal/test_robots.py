@@ -1,4 +1,4 @@
-"""Several components with a robot file each, as one robot."""
+"""Tests of several components, each with its robot file, that form one robot."""
 
 from pathlib import Path
 
@@ -39,13 +39,13 @@ def names(joints: tuple[Joint, ...]) -> list[tuple[str, str]]:
     return [(joint.name, joint.address) for joint in joints]
 
 
-def test_a_single_one_is_as_it_is(tmp_path: Path) -> None:
+def test_a_single_robot_is_unchanged(tmp_path: Path) -> None:
     arm = part(tmp_path, "arm", "elbow")
     assert together([arm]) is arm[1]
     assert names(arm[1].joints) == [("elbow", "1")]
 
 
-def test_each_bus_is_called_after_its_component_so_that_ids_may_repeat(tmp_path: Path) -> None:
+def test_each_bus_is_named_after_its_component(tmp_path: Path) -> None:
     robot = together([part(tmp_path, "arm", "elbow"), part(tmp_path, "the hand", "finger", bus="left", scale=0.2)])
     assert names(robot.joints) == [("elbow", "arm/1"), ("finger", "the_hand-left/1")]
     assert {name: line.baud for name, line in robot.file.lines().items()} == {
@@ -58,13 +58,13 @@ def test_each_bus_is_called_after_its_component_so_that_ids_may_repeat(tmp_path:
     assert robot.file.controller_defaults == {"arm_controller": {"elbow": 1, "finger": 1}}
 
 
-def test_two_buses_never_get_one_name(tmp_path: Path) -> None:
+def test_two_buses_never_get_the_same_name(tmp_path: Path) -> None:
     parts = [part(tmp_path, "hand", "elbow", bus="left"), part(tmp_path, "hand-left", "finger")]
-    with pytest.raises(RobotFileError, match="two buses are called hand-left: give one of hand and hand-left another"):
+    with pytest.raises(RobotFileError, match="two buses are called hand-left: rename component hand or hand-left"):
         together(parts)
 
 
-def test_the_arm_ends_in_one_way(tmp_path: Path) -> None:
+def test_on_exit_must_be_the_same_in_all_robot_files(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="the robot files of arm and hand differ in on_exit"):
         together([part(tmp_path, "arm", "elbow"), part(tmp_path, "hand", "finger", exit_policy="relax")])
 
@@ -75,7 +75,7 @@ def test_a_joint_that_is_only_measured_needs_no_limits() -> None:
     assert list(all_limits([component], together([]), joints)) == ["elbow"]
 
 
-def test_none_at_all() -> None:
+def test_no_components() -> None:
     assert together([]).joints == ()
 
 

@@ -1,4 +1,4 @@
-"""Stiffness and lag of servos: the figures that are known of them."""
+"""Tests of the stiffness and lag of servos against known values."""
 
 import math
 
@@ -11,7 +11,7 @@ from hal.compensation.servo_compliance import compliance_of
 COUNT_RAD = 2.0 * math.pi / 4096
 
 
-def test_an_sts3215_at_12_v_is_as_stiff_and_lags_as_was_found() -> None:
+def test_an_sts3215_at_12_v_has_the_measured_stiffness_and_lag() -> None:
     found = compliance_of(STS3215)
     assert found is not None
     assert found.stiffness == pytest.approx(15.0, rel=0.03)
@@ -22,7 +22,7 @@ def test_an_sts3215_at_12_v_is_as_stiff_and_lags_as_was_found() -> None:
     assert 2.0 * COUNT_RAD < found.uncorrected < 0.02
 
 
-def test_an_x_is_as_stiff_as_its_gain_says() -> None:
+def test_the_stiffness_of_an_x_servo_follows_from_its_gain() -> None:
     soft, stiff = (compliance_of(MODELS["xl430-w250"], gain) for gain in (800, 2400))
     assert soft is not None and stiff is not None
     assert stiff.stiffness == pytest.approx(3.0 * soft.stiffness)
@@ -32,14 +32,14 @@ def test_an_x_is_as_stiff_as_its_gain_says() -> None:
 
 
 @pytest.mark.parametrize("name", ["xl330-m077", "xl330-m288"])
-def test_an_xl330_makes_half_the_drive_of_its_gain(name: str) -> None:
+def test_an_xl330_has_half_the_drive_per_gain(name: str) -> None:
     model = MODELS[name]
     found = compliance_of(model, 800)
     assert found is not None
     assert found.stiffness == pytest.approx(800 / 256 / 885 / COUNT_RAD * model.stall_torque_nm, rel=0.01)
 
 
-def test_a_rack_makes_newtons_and_metres_of_it() -> None:
+def test_a_prismatic_joint_has_newtons_and_meters() -> None:
     turning, sliding = compliance_of(STS3215), compliance_of(STS3215, transmission=0.03)
     assert turning is not None and sliding is not None
     force_n, way_m = 1.0, 1.0 / sliding.stiffness
@@ -51,11 +51,11 @@ def test_a_rack_makes_newtons_and_metres_of_it() -> None:
 
 
 @pytest.mark.parametrize("name", ["scs15", "ax-12a", "mx-28", "xl320", "xl430-w250"])
-def test_where_loop_or_gain_are_unknown_nothing_is_assumed(name: str) -> None:
+def test_an_unknown_loop_or_gain_gives_no_compliance(name: str) -> None:
     assert compliance_of(MODELS[name]) is None
 
 
-def test_every_model_that_is_known_has_figures_of_sense() -> None:
+def test_every_known_model_has_plausible_values() -> None:
     known = [found for model in MODELS.values() if (found := compliance_of(model, 800))]
     assert len(known) > 10
     for found in known:

@@ -1,4 +1,4 @@
-"""The motor's current in amperes, where a servo's state has it."""
+"""Tests of the motor current in the state of servos that measure it."""
 
 import math
 
@@ -19,7 +19,7 @@ from sim_backend.mechanics.plant import BenchPlant
 LIMITS = JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0)
 
 
-def test_it_has_the_joints_direction_and_is_nan_where_a_model_measures_none() -> None:
+def test_current_has_the_joints_sign_or_is_nan() -> None:
     models = {1: x_series.XM430_W350, 2: x_series.XM430_W350, 3: x_series.XL430_W250}
     signs = {1: 1, 2: -1, 3: 1}
     clock, plant = SimulatedClock(20.0), BenchPlant(list(models))
@@ -28,7 +28,7 @@ def test_it_has_the_joints_direction_and_is_nan_where_a_model_measures_none() ->
     hardware = ServoHardware("arm", joints, lambda: Bus(VirtualPort(servos, clock), clock, models), clock)
     hardware.configure()
     hardware.activate()
-    plant.load_nm[:] = [-1.0, -1.0, -1.0]  # pulls backwards, so the motors drive forwards
+    plant.load_nm[:] = [-1.0, -1.0, -1.0]  # the load pulls backwards, so the motors drive forwards
     clock.sleep_until(clock.now() + 0.5)
     health = hardware.read().health
     for servo_id in (1, 2):
@@ -38,7 +38,7 @@ def test_it_has_the_joints_direction_and_is_nan_where_a_model_measures_none() ->
     assert math.isnan(health["joint3"].current_a)
 
 
-def test_it_is_not_among_what_a_cycle_reads_of_a_feetech_servo() -> None:
+def test_a_cycle_does_not_read_the_current_of_a_feetech_servo() -> None:
     clock = SimulatedClock(20.0)
     servos = VirtualBus.of(BenchPlant([1]))
     joints = [Joint("joint1", 1, sts.STS3215, LIMITS)]

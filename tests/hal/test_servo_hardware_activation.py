@@ -1,4 +1,4 @@
-"""Torque on: only with every goal at the measured position, and never half."""
+"""Tests of configuration and activation: torque is enabled only with every goal at the measured position."""
 
 from collections.abc import Callable, Sequence
 
@@ -20,10 +20,10 @@ from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of, s
 
 UNCONFIGURED, INACTIVE, ACTIVE = LifecycleState.UNCONFIGURED, LifecycleState.INACTIVE, LifecycleState.ACTIVE
 
-# Configuring
+# Configuration
 
 
-def test_configuring_looks_and_touches_nothing() -> None:
+def test_configuring_writes_nothing() -> None:
     bench = Bench()
     before = [bytes(servo.memory.read(0, 56)) for servo in bench.servos.servos]
     bench.hardware.configure()
@@ -32,7 +32,7 @@ def test_configuring_looks_and_touches_nothing() -> None:
     assert {instruction.code for instruction in bench.port.sent} <= {0x01, 0x02, 0x82}
 
 
-def test_a_configured_arm_knows_where_it_stands() -> None:
+def test_a_configured_arm_knows_its_position() -> None:
     bench = Bench(counts=(2148, 2100, 1124)).configured()
     state = bench.hardware.read()
     count = 2.0 * np.pi / 4096
@@ -42,7 +42,7 @@ def test_a_configured_arm_knows_where_it_stands() -> None:
     assert state.stamp_s == bench.clock.now()
 
 
-def test_a_silent_servo_is_named_by_its_joint_and_the_port_is_given_back() -> None:
+def test_a_silent_servo_is_reported_and_the_port_is_closed() -> None:
     bench = Bench()
     bench.servos.faults.silence(2)
     with pytest.raises(DriverError, match=r"^elbow: servo 2: does not answer at any baud rate") as caught:
@@ -53,7 +53,7 @@ def test_a_silent_servo_is_named_by_its_joint_and_the_port_is_given_back() -> No
         bench.port.write(b"")
 
 
-def test_all_servos_that_are_not_as_they_should_be_are_named_at_once() -> None:
+def test_all_wrong_servos_are_reported_together() -> None:
     bench = Bench()
     bench.servos.faults.silence(1)
     bench.servos.servo(7).memory.put(sts.model_number, 1)
@@ -64,7 +64,7 @@ def test_all_servos_that_are_not_as_they_should_be_are_named_at_once() -> None:
     assert finger.startswith("finger: servo 7: is model 1 (unknown), not 777 (sts3215)")
 
 
-def test_when_none_answers_it_is_not_the_servos() -> None:
+def test_if_no_servo_answers_the_bus_is_reported() -> None:
     bench = Bench()
     for servo_id in IDS:
         bench.servos.faults.silence(servo_id)
@@ -72,7 +72,7 @@ def test_when_none_answers_it_is_not_the_servos() -> None:
         bench.hardware.configure()
 
 
-def test_servos_of_a_wrong_model_are_not_called_silent_even_if_all_are() -> None:
+def test_servos_of_a_wrong_model_are_not_reported_as_silent() -> None:
     bench = Bench()
     for servo in bench.servos.servos:
         servo.memory.put(sts.model_number, 1)
@@ -93,7 +93,7 @@ def test_a_port_that_does_not_open_leaves_the_arm_unconfigured() -> None:
 
 
 @pytest.mark.parametrize("after", range(4))
-def test_a_line_lost_while_configuring_leaves_nothing_open(after: int) -> None:
+def test_a_port_lost_during_configuration_is_closed(after: int) -> None:
     bench = Bench()
     bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == after else None
     with pytest.raises(PortLost):
@@ -103,7 +103,7 @@ def test_a_line_lost_while_configuring_leaves_nothing_open(after: int) -> None:
     assert (bench.hardware.state, bench.opened) == (INACTIVE, 2)
 
 
-# Torque on
+# Activation
 
 
 def test_no_torque_before_every_goal_is_the_measured_position() -> None:
@@ -137,12 +137,12 @@ def test_the_goals_have_been_read_back_before_the_first_torque() -> None:
 
 def test_the_torque_limits_are_set_before_the_torque() -> None:
     bench = Bench().active()
-    assert [bench.held(i, sts.torque_limit) for i in IDS] == [999, 999, 500]  # power-on gives 1000
+    assert [bench.held(i, sts.torque_limit) for i in IDS] == [999, 999, 500]  # the value after power-on is 1000
     limits = [n for n, i in enumerate(bench.port.sent) if i.code == 3 and i.parameters[0] == sts.torque_limit.address]
     assert max(limits) < min(n for n, i in enumerate(bench.port.sent) if switches_torque_on(i))
 
 
-def test_nothing_moves_when_torque_goes_on() -> None:
+def test_nothing_moves_when_torque_is_enabled() -> None:
     bench = Bench(counts=(3000, 1200, 2000))
     bench.servos.servo(1).memory.put(sts.goal_position, 100)  # left over from another program
     bench.active()
@@ -151,7 +151,7 @@ def test_nothing_moves_when_torque_goes_on() -> None:
         assert [bench.measured(i) for i in IDS] == pytest.approx([3000, 1200, 2000], abs=2)
 
 
-def test_where_it_was_when_configured_does_not_matter() -> None:
+def test_the_position_at_configuration_does_not_matter() -> None:
     bench = Bench().configured()
     bench.place((2500, 1500, 1800))
     bench.hardware.activate()
@@ -159,7 +159,7 @@ def test_where_it_was_when_configured_does_not_matter() -> None:
 
 
 def test_the_measured_position_is_kept_even_if_the_next_readings_fail() -> None:
-    """Whoever takes over starts from it; where the arm stood when it was configured would be a leap."""
+    """Controllers start from this position. The position at configuration would make them jump."""
     bench = Bench().configured()
     bench.place((2500, 1500, 1800))
 
@@ -182,7 +182,7 @@ def silence_elbow(bench: Bench) -> None:
 
 
 def corrupt_elbow(bench: Bench) -> None:
-    bench.servos.faults.corrupt_next(2, replies=ATTEMPTS)  # each time that it is asked
+    bench.servos.faults.corrupt_next(2, replies=ATTEMPTS)  # in each retry
 
 
 def turn_elbow_out(bench: Bench) -> None:
@@ -190,27 +190,27 @@ def turn_elbow_out(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("disturb", "says"),
+    ("disturb", "expected"),
     [
         (silence_elbow, "elbow: servo 2 does not answer"),
         (corrupt_elbow, "elbow: servo 2 answered with a wrong checksum"),
         (
             turn_elbow_out,
-            r"elbow \(servo 2\) stands at -1.8408, outside its limits -1.5000 to 1.5000. Move it by hand, or correct",
+            r"elbow \(servo 2\) is at -1.8408, outside its limits -1.5000 to 1.5000. Move it by hand, or correct",
         ),
     ],
 )
-def test_a_refusal_names_the_joint_and_no_servo_gets_torque(disturb: Callable[[Bench], None], says: str) -> None:
+def test_a_refusal_contains_the_joint_and_no_servo_gets_torque(disturb: Callable[[Bench], None], expected: str) -> None:
     bench = Bench().configured()
     disturb(bench)
-    with pytest.raises(ActivationError, match=f"not activated: {says}"):
+    with pytest.raises(ActivationError, match=f"not activated: {expected}"):
         bench.hardware.activate()
     assert bench.torque() == []
     assert not any(switches_torque_on(instruction) for instruction in bench.port.sent)
     assert bench.hardware.state is INACTIVE
 
 
-def test_after_a_refusal_it_can_be_tried_again() -> None:
+def test_activation_can_be_retried_after_a_refusal() -> None:
     bench = Bench().configured()
     bench.servos.faults.silence(2)
     with pytest.raises(ActivationError):
@@ -230,7 +230,7 @@ def test_every_silent_servo_is_in_the_refusal() -> None:
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_joint_a_little_outside_is_held_there_and_returns_slowly(side: int) -> None:
+def test_a_joint_slightly_outside_its_limits_is_held_and_returns_slowly(side: int) -> None:
     shoulder = JOINTS[0]
     end = 2048 + side * 1303
     begin = end + side * 100  # 0.15 rad further
@@ -245,7 +245,7 @@ def test_a_joint_a_little_outside_is_held_there_and_returns_slowly(side: int) ->
     assert goal == end
 
 
-# Whatever fails on the way
+# Failures during activation
 
 CHECKS = len(IDS) * 7 + 1
 STEPS = 1 + CHECKS + len(IDS) * 6 + 1 + 4
@@ -290,13 +290,13 @@ def test_a_failure_at_any_step_leaves_no_servo_with_torque(
         out_of_reach = [i for i in IDS if bench.servos.faults.is_silent(i)]
         assert set(bench.torque()) <= set(out_of_reach)
         for servo_id in bench.torque():
-            assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be named"
-    else:  # it came too late to matter
+            assert f"servo {servo_id}: does not answer" in caplog.text, "a servo with torque must be reported"
+    else:  # the failure came after the activation
         assert bench.hardware.state is ACTIVE
         assert bench.torque() == list(IDS)
 
 
-def test_a_servo_that_cannot_be_let_go_is_named(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_servo_that_cannot_be_released_is_reported(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().configured()
 
     def cut(number: int, instruction: Instruction) -> None:
@@ -309,11 +309,11 @@ def test_a_servo_that_cannot_be_let_go_is_named(caplog: pytest.LogCaptureFixture
         bench.hardware.activate()
     assert bench.torque() == [1, 7]
     for servo_id in (1, 7):
-        says = f"torque may still be on: servo {servo_id}: does not answer"
-        assert any(message.startswith(says) for message in caplog.messages)
+        expected = f"torque may still be on: servo {servo_id}: does not answer"
+        assert any(message.startswith(expected) for message in caplog.messages)
 
 
-def test_an_activation_has_as_many_steps_as_are_disturbed_here() -> None:
+def test_the_tests_disturb_every_step_of_an_activation() -> None:
     bench = Bench().configured()
     begin = len(bench.port.sent)
     bench.hardware.activate()
@@ -322,8 +322,8 @@ def test_an_activation_has_as_many_steps_as_are_disturbed_here() -> None:
 
 
 @pytest.mark.parametrize("servo_id", IDS)
-def test_a_servo_that_was_reset_as_its_torque_went_on_gets_none(servo_id: int) -> None:
-    """By a dip of its supply: it does not answer for a while, and its goal and its limit are gone."""
+def test_a_servo_reset_while_torque_is_enabled_gets_no_torque(servo_id: int) -> None:
+    """A supply dip resets the servo. It is silent for a while and loses its goal and torque limit."""
     bench = Bench().configured()
     reset_s: list[float] = []
 
@@ -344,7 +344,7 @@ def test_a_servo_that_was_reset_as_its_torque_went_on_gets_none(servo_id: int) -
 
 
 @pytest.mark.parametrize("packets", range(1, ATTEMPTS))
-def test_goals_that_were_lost_are_sent_again(packets: int) -> None:
+def test_lost_goals_are_sent_again(packets: int) -> None:
     bench = Bench().configured()
     lost: list[Instruction] = []
 
@@ -375,7 +375,7 @@ def test_a_goal_that_did_not_arrive_is_noticed() -> None:
 
 
 @pytest.mark.parametrize("step", range(STEPS))
-def test_a_line_lost_at_any_step_is_said_and_the_arm_is_not_called_active(step: int) -> None:
+def test_a_port_lost_at_any_step_leaves_the_arm_inactive(step: int) -> None:
     bench = Bench().configured()
     begin = len(bench.port.sent)
     bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == begin + step else None
@@ -386,7 +386,7 @@ def test_a_line_lost_at_any_step_is_said_and_the_arm_is_not_called_active(step: 
     assert bench.hardware.state is UNCONFIGURED
 
 
-# The life cycle
+# Life cycle
 
 
 def configure(hardware: ServoHardware) -> None:
@@ -410,7 +410,7 @@ def write(hardware: ServoHardware) -> None:
 
 
 @pytest.mark.parametrize(
-    ("before", "call", "says"),
+    ("before", "call", "expected"),
     [
         ((), activate, "cannot activate while unconfigured: it must be inactive"),
         ((), deactivate, "cannot deactivate while unconfigured: it must be active"),
@@ -425,19 +425,19 @@ def write(hardware: ServoHardware) -> None:
         ((configure, activate, deactivate), deactivate, "cannot deactivate while inactive"),
     ],
 )
-def test_calls_out_of_turn(
-    before: Sequence[Callable[[ServoHardware], None]], call: Callable[[ServoHardware], None], says: str
+def test_calls_in_the_wrong_state(
+    before: Sequence[Callable[[ServoHardware], None]], call: Callable[[ServoHardware], None], expected: str
 ) -> None:
     bench = Bench()
     for step in before:
         step(bench.hardware)
     state, torque, sent = bench.hardware.state, bench.torque(), len(bench.port.sent)
-    with pytest.raises(LifecycleError, match=says):
+    with pytest.raises(LifecycleError, match=expected):
         call(bench.hardware)
     assert (bench.hardware.state, bench.torque(), len(bench.port.sent)) == (state, torque, sent)
 
 
-def test_cleaning_up_is_allowed_in_every_state_and_leaves_the_torque_alone() -> None:
+def test_cleanup_is_allowed_in_every_state_and_keeps_the_torque() -> None:
     for make in (Bench, lambda: Bench().configured(), lambda: Bench().active()):
         bench = make()
         torque = bench.torque()
@@ -448,7 +448,7 @@ def test_cleaning_up_is_allowed_in_every_state_and_leaves_the_torque_alone() -> 
         assert not any(switches_torque(i) and not switches_torque_on(i) for i in bench.port.sent)
 
 
-def test_after_cleaning_up_it_begins_anew() -> None:
+def test_an_arm_can_be_configured_again_after_cleanup() -> None:
     bench = Bench().active()
     bench.servos.faults.silence(2)
     assert bench.wait().faults
@@ -460,8 +460,8 @@ def test_after_cleaning_up_it_begins_anew() -> None:
     assert joint_of(2).name == "elbow"
 
 
-def test_a_servo_that_refuses_its_torque_is_told_as_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not every make has a register that says why."""
+def test_a_refused_torque_is_reported_as_the_servo_reports_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not every make has a register with the reason."""
     bench = Bench().configured()
 
     def refuse(bus: Bus, servo_id: int) -> None:

@@ -1,4 +1,4 @@
-"""The arm in operation: goals and their speeds, silent servos, and how it is let go."""
+"""Tests of the cycles of an active arm: goals, speeds, silent servos and deactivation."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from tests.hal.bench import IDS, JOINTS, NAMES, PERIOD_S, Bench, at, joint_of
 from tests.hal.faults import fault_texts
 
 HERE = at(0.0, 0.0, JOINTS[2].position(1500))
-"""Where the bench's joints stand at the beginning."""
+"""Initial positions of the joints."""
 
 
 def speeds(bench: Bench) -> list[int]:
@@ -45,7 +45,7 @@ def test_a_command_is_one_packet_with_every_goal() -> None:
     assert goals(bench) == [joint.counts(p) for joint, p in zip(JOINTS, (0.1, 0.1, 0.02), strict=True)]
 
 
-def test_the_joints_go_where_they_are_told_in_their_own_units() -> None:
+def test_joints_reach_commands_in_their_own_units() -> None:
     bench = Bench().active()
     position = HERE
     for _ in range(20):
@@ -69,14 +69,14 @@ def test_velocity_has_the_joints_sign() -> None:
 
 def test_effort_has_the_joints_sign_and_unit() -> None:
     bench = Bench().active()
-    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # on the shafts; the elbow's is mounted mirrored
+    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # on the shafts; the elbow's servo is mirrored
     for _ in range(10):
         state = bench.cycle(HERE)
     np.testing.assert_allclose(state.effort, [0.5, 0.5, 0.5 / 0.03], rtol=0.2)
 
 
 @pytest.mark.parametrize("wanted", [math.nan, -math.nan])
-def test_no_number_reaches_no_servo(wanted: float) -> None:
+def test_a_command_that_is_not_finite_reaches_no_servo(wanted: float) -> None:
     bench = Bench().active()
     sent, before = len(bench.port.sent), goals(bench)
     with pytest.raises(ValueError):
@@ -87,7 +87,7 @@ def test_no_number_reaches_no_servo(wanted: float) -> None:
 
 @pytest.mark.parametrize("wanted", [math.inf, -math.inf, 1e300, 100.0, -100.0])
 def test_even_without_a_gate_no_goal_is_outside_the_limits_or_out_of_reach(wanted: float) -> None:
-    """The gate is above; this is the last line before the bytes."""
+    """The goals are limited again after the safety gate."""
     bench = Bench().active()
     last = goals(bench)
     for _ in range(30):
@@ -102,33 +102,33 @@ def test_even_without_a_gate_no_goal_is_outside_the_limits_or_out_of_reach(wante
     assert last == ends
 
 
-def test_a_blocked_joints_goal_is_no_further_ahead_than_its_servo_can_pull() -> None:
-    """Else it would leap all the way when it comes free; the other joints are not concerned."""
+def test_the_goal_of_a_blocked_joint_is_not_further_ahead_than_needed() -> None:
+    """Otherwise the joint would jump when it comes free. Other joints are not affected."""
     bench = Bench().active()
     wanted = at(-1.5, 1.0, 0.05)
     stuck = JOINTS[0]
     assert stuck.compliance is not None
-    gives, speed = stuck.compliance, stuck.limits.acceleration * GAINED_S  # it stands still
+    gives, speed = stuck.compliance, stuck.limits.acceleration * GAINED_S  # the joint is at rest
     lags = gives.lag_s * speed + speed**2 / (2.0 * gives.profile_acceleration)
     lead = stuck.full_effort / gives.stiffness + lags + stuck.limits.velocity * PERIOD_S
     free = Gears(0.02, 0.1, 0.05, 0.0)
     bench.plant.fit([replace(free, coulomb_nm=100.0), None, None])
     for _ in range(40):
         bench.cycle(wanted)
-    told = [joint.position(goal) for joint, goal in zip(JOINTS, goals(bench), strict=True)]
-    assert told[0] == pytest.approx(-lead, abs=0.03)
-    assert told[1:] == pytest.approx(wanted[1:], abs=0.002)
+    commanded = [joint.position(goal) for joint, goal in zip(JOINTS, goals(bench), strict=True)]
+    assert commanded[0] == pytest.approx(-lead, abs=0.03)
+    assert commanded[1:] == pytest.approx(wanted[1:], abs=0.002)
     bench.plant.fit([free, None, None])
     for _ in range(40):
         last = goals(bench)
         state = bench.cycle(wanted)
         assert abs(goals(bench)[0] - last[0]) <= stuck.limits.velocity * PERIOD_S / abs(stuck.units_per_count) + 1
-    assert state.position[0] == pytest.approx(wanted[0], abs=0.02), "free again, it goes where it is to go"
+    assert state.position[0] == pytest.approx(wanted[0], abs=0.02), "a free joint reaches its command"
 
 
 @pytest.mark.parametrize("commands", [1, 4])
 def test_one_false_measurement_moves_no_goal(commands: int) -> None:
-    """Nor is it taken for two: a component that has lost a line is not asked in the next cycle, and commanded still."""
+    """The measurement is not used twice: a component with a lost bus is commanded but not read in the next cycle."""
     bench = Bench().active()
     for _ in range(6):
         bench.cycle(HERE)
@@ -141,18 +141,18 @@ def test_one_false_measurement_moves_no_goal(commands: int) -> None:
 
 
 class Lifting(GravityCompensation):
-    """Adds to the shoulder's next goal what was asked for once, and notes what it was told."""
+    """Compensation that adds a given offset to the shoulder's next goal once, and records its updates."""
 
     def __init__(self) -> None:
         super().__init__(JOINTS, None)
-        self.told: list[tuple[JointCommand, dict[str, int]]] = []
+        self.updates: list[tuple[JointCommand, dict[str, int]]] = []
 
     def update(self, command: JointCommand, states: ServoStates) -> None:
-        self.told.append((command, dict(states.measured)))
+        self.updates.append((command, dict(states.measured)))
         self.offsets = at(0.05, 0.0, 0.0)
 
 
-def test_what_compensation_finds_with_one_command_is_added_to_the_next() -> None:
+def test_the_offset_computed_for_one_command_is_added_to_the_next() -> None:
     bench, lifting = Bench(), Lifting()
     bench.hardware = ServoHardware("arm", JOINTS, bench.open_bus, bench.clock, lifting)
     bench.active()
@@ -163,7 +163,7 @@ def test_what_compensation_finds_with_one_command_is_added_to_the_next() -> None
     wanted = HERE + at(0.15, 0.1, 0.0)
     assert goals(bench) == [joint.counts(position) for joint, position in zip(JOINTS, wanted, strict=True)]
     measured = dict(zip(NAMES, (2048, 2000, 1500), strict=True))
-    assert lifting.told == [(first, measured), (second, measured)]
+    assert lifting.updates == [(first, measured), (second, measured)]
 
 
 def test_a_command_for_another_number_of_joints_is_refused() -> None:
@@ -176,21 +176,21 @@ def test_a_command_for_another_number_of_joints_is_refused() -> None:
 
 
 @pytest.mark.parametrize("period_s", [0.05, 0.02, 0.1])
-def test_a_servo_is_told_to_take_the_whole_period(period_s: float) -> None:
+def test_a_servo_moves_during_the_whole_period(period_s: float) -> None:
     bench = Bench().active()
     bench.hardware.write(JointCommand(HERE + at(0.06, -0.03, 0.0), period_s))
     for way, speed in zip((39, 20, 0), speeds(bench), strict=True):
         assert way / period_s < speed <= way / period_s * 1.1 + 105
 
 
-def test_a_servo_that_need_not_move_is_never_told_to_be_as_fast_as_it_can() -> None:
+def test_a_goal_at_rest_never_has_unlimited_speed() -> None:
     bench = Bench().active()
     bench.hardware.write(JointCommand(HERE, PERIOD_S))
     assert all(0 < speed <= 100 for speed in speeds(bench))
 
 
-def test_the_speed_follows_the_way_from_the_last_goal_and_falls_only_as_fast_as_a_servo_comes_after() -> None:
-    """One that is still behind its goals would creep the rest of the way."""
+def test_the_goal_speed_decays_as_slowly_as_the_servo_follows() -> None:
+    """Otherwise a servo that lags behind its goals would creep the rest of the way."""
     bench = Bench().active()
     bench.cycle(HERE + at(0.06, 0.0, 0.0))
     fast = speeds(bench)[0]
@@ -205,7 +205,7 @@ def test_the_speed_follows_the_way_from_the_last_goal_and_falls_only_as_fast_as_
 
 
 @pytest.mark.parametrize(("servo_id", "name"), list(zip(IDS, NAMES, strict=True)))
-def test_a_silent_servo_is_named_while_the_others_go_on(
+def test_a_silent_servo_is_reported_while_the_others_continue(
     servo_id: int, name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench = Bench().active()
@@ -220,11 +220,11 @@ def test_a_silent_servo_is_named_while_the_others_go_on(
     assert list(moved) == [joint.servo_id != servo_id for joint in JOINTS]
     assert set(state.health) == set(NAMES)
     assert [record.getMessage() for record in caplog.records] == [f"{name}: servo {servo_id} does not answer"], (
-        "once an episode, not once a cycle"
+        "logged once per episode, not once per cycle"
     )
 
 
-def test_what_is_counted_of_a_silent_servo_goes_on() -> None:
+def test_the_counters_of_a_silent_servo_are_updated() -> None:
     bench = Bench().active()
     bench.wait()
     bench.servos.faults.silence(1)
@@ -240,7 +240,7 @@ def test_a_corrupt_reply_is_a_fault_of_one_cycle() -> None:
     assert bench.wait().faults == {}
 
 
-def test_a_servo_that_comes_back_with_torque_is_as_before(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_servo_that_answers_again_with_torque_has_no_fault(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().active()
     bench.servos.faults.silence(2)
     bench.wait()
@@ -249,7 +249,7 @@ def test_a_servo_that_comes_back_with_torque_is_as_before(caplog: pytest.LogCapt
     assert [r.getMessage() for r in caplog.records if r.levelname == "WARNING"] == ["elbow: servo 2 answers again"]
 
 
-def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
+def test_a_servo_that_answers_again_without_torque_keeps_its_fault(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     bench = Bench().active()
@@ -264,9 +264,9 @@ def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
         assert fault_texts(state) == {
             "elbow": "elbow: servo 2 came back without torque (power dip?): activate again",
         }
-    said = [r.getMessage() for r in caplog.records if "came back without torque" in r.getMessage()]
-    assert said == ["elbow: servo 2 came back without torque (power dip?): activate again"]
-    assert bench.torque() == [1, 7], "nobody but activate switches torque on"
+    messages = [r.getMessage() for r in caplog.records if "came back without torque" in r.getMessage()]
+    assert messages == ["elbow: servo 2 came back without torque (power dip?): activate again"]
+    assert bench.torque() == [1, 7], "only activate enables torque"
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()
     assert bench.torque() == list(IDS)
@@ -274,15 +274,15 @@ def test_a_servo_that_comes_back_limp_stays_a_fault_until_it_is_activated_again(
 
 
 def comes_back(bench: Bench, position: FloatArray) -> None:
-    """Cycles until nobody is missing any more; the next one's goals are for all."""
+    """Run cycles until no servo is missing. The next goals are for all servos."""
     for _ in range(20):
         if not bench.cycle(position).faults:
             return
     pytest.fail("the servo was not taken back within a second")
 
 
-def told(bench: Bench) -> list[int]:
-    """The IDs of the servos that the next command has a goal for."""
+def commanded_ids(bench: Bench) -> list[int]:
+    """Return the IDs of the servos that get a goal with the next command."""
     before = len(bench.port.sent)
     bench.hardware.write(JointCommand(HERE, PERIOD_S))
     (packet,) = bench.port.sent[before:]
@@ -290,8 +290,8 @@ def told(bench: Bench) -> list[int]:
 
 
 @pytest.mark.parametrize("period_s", [0.05, 0.02, 0.009, 0.004])
-def test_a_servo_that_had_the_time_to_be_reset_gets_no_goal(period_s: float) -> None:
-    """It would switch the torque on; and a fast loop must not stutter with every lost reply."""
+def test_a_servo_that_may_have_been_reset_gets_no_goal(period_s: float) -> None:
+    """A goal would enable torque. A fast loop, however, must not withhold goals after every lost reply."""
     bench = Bench().active()
     heard_s = bench.wait().stamp_s
     bench.servos.faults.silence(2)
@@ -300,21 +300,21 @@ def test_a_servo_that_had_the_time_to_be_reset_gets_no_goal(period_s: float) -> 
         bench.hardware.request(bench.clock.now() + 0.002)
         silent_s = bench.hardware.read().stamp_s - heard_s
         if abs(silent_s - RESET_S) > 0.002:
-            assert told(bench) == ([1, 7] if silent_s > RESET_S else list(IDS)), silent_s
+            assert commanded_ids(bench) == ([1, 7] if silent_s > RESET_S else list(IDS)), silent_s
 
 
-def test_a_servo_that_comes_back_limp_gets_no_goal_after_one_lost_reply_either() -> None:
-    """It would switch its torque on."""
+def test_a_limp_servo_gets_no_goal_after_a_single_lost_reply() -> None:
+    """A goal would enable its torque."""
     bench = Bench().active()
     bench.servos.faults.silence(2)
     bench.wait()
     bench.servos.servo(2).power_cycle()
     bench.servos.faults.restore(2)
     assert bench.wait().faults["elbow"].kind == "no_torque"
-    assert told(bench) == [1, 7]
+    assert commanded_ids(bench) == [1, 7]
 
 
-def test_a_servo_that_was_withheld_has_its_goals_again_once_it_is_activated() -> None:
+def test_a_servo_gets_goals_again_after_its_activation() -> None:
     bench = Bench().active()
     bench.servos.faults.silence(2)
     for _ in range(3):
@@ -322,11 +322,11 @@ def test_a_servo_that_was_withheld_has_its_goals_again_once_it_is_activated() ->
     bench.hardware.deactivate(relax=False)
     bench.servos.faults.restore(2)
     bench.hardware.activate()
-    assert told(bench) == list(IDS)
+    assert commanded_ids(bench) == list(IDS)
 
 
-def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
-    """It got no goals meanwhile: the next one is as far from its last as the joint may go in a period."""
+def test_a_servo_that_answers_again_far_away_does_not_jump() -> None:
+    """The servo got no goals meanwhile. Its next goal differs from its last by at most one period's travel."""
     bench = Bench().active()
     bench.servos.faults.silence(1)
     position = HERE
@@ -343,7 +343,7 @@ def test_a_servo_that_comes_back_from_far_away_does_not_leap() -> None:
 
 
 def missed_goals() -> Bench:
-    """The shoulder was silent for ten cycles, is back, and its next goal is where the last one was."""
+    """Make the shoulder silent for ten cycles. Its next goal equals its last goal."""
     bench = Bench().active()
     bench.servos.faults.silence(1)
     for share in np.linspace(0.05, 0.5, 10):
@@ -354,8 +354,8 @@ def missed_goals() -> Bench:
     return bench
 
 
-def test_a_servo_that_comes_back_catches_up_in_about_half_a_second() -> None:
-    """A resting goal needs no speed; where the servo is does. It must neither creep nor leap."""
+def test_a_servo_that_answers_again_catches_up_in_half_a_second() -> None:
+    """A goal at rest needs no speed, but the distance to the servo does. The servo must neither creep nor jump."""
     bench = missed_goals()
     bound = JOINTS[0].limits.velocity / JOINTS[0].units_per_count
     for _ in range(40):
@@ -363,15 +363,15 @@ def test_a_servo_that_comes_back_catches_up_in_about_half_a_second() -> None:
         state = bench.cycle(HERE + at(0.5, 0.0, 0.0))
         assert abs(bench.measured(1) - before) <= bound * PERIOD_S * 1.1
         if abs(state.position[0] - 0.5) > 0.1:
-            # Told a little faster than needed.
+            # The goal speed is slightly higher than needed.
             velocity = bench.held(1, sts.goal_velocity)
             furthest = math.ceil(bound * PERIOD_S) / PERIOD_S
             assert 0 < velocity <= furthest * 1.1 + 101
     assert state.position[0] == pytest.approx(0.5, abs=0.03)
 
 
-def test_a_servo_that_was_held_fast_is_not_let_loose() -> None:
-    """It answered all the time, so nothing but its position says that it lies behind."""
+def test_a_servo_that_was_blocked_does_not_jump() -> None:
+    """The servo answered all the time, so only its position shows that it lags."""
     bench = Bench().active()
     for share in np.linspace(0.05, 0.5, 10):
         bench.place((2048, 2000, 1500))
@@ -384,7 +384,7 @@ def test_a_servo_that_was_held_fast_is_not_let_loose() -> None:
     assert behind / 0.7 < bench.held(1, sts.goal_velocity) < behind / 0.3
 
 
-def test_a_catching_up_servo_keeps_to_its_joints_velocity() -> None:
+def test_catching_up_respects_the_velocity_limit() -> None:
     slow = [replace(JOINTS[0], limits=replace(JOINTS[0].limits, velocity=0.2)), *JOINTS[1:]]
     bench = Bench(joints=slow).active()
     bench.place((2048 - 600, 2000, 1500))
@@ -395,7 +395,7 @@ def test_a_catching_up_servo_keeps_to_its_joints_velocity() -> None:
     assert bench.held(1, sts.goal_velocity) == round(0.2 / JOINTS[0].units_per_count)
 
 
-def test_a_dead_bus_names_every_joint() -> None:
+def test_a_dead_bus_reports_every_joint() -> None:
     bench = Bench().active()
     for servo_id in IDS:
         bench.servos.faults.silence(servo_id)
@@ -405,7 +405,7 @@ def test_a_dead_bus_names_every_joint() -> None:
     np.testing.assert_array_equal(state.position, before.position)
 
 
-def test_while_inactive_a_servo_is_well_as_soon_as_it_answers() -> None:
+def test_in_an_inactive_component_a_fault_ends_with_the_first_answer() -> None:
     bench = Bench().configured()
     bench.servos.faults.silence(2)
     assert set(bench.wait().faults) == {"elbow"}
@@ -413,7 +413,7 @@ def test_while_inactive_a_servo_is_well_as_soon_as_it_answers() -> None:
     assert bench.wait().faults == {}
 
 
-def test_while_inactive_each_silence_is_told_in_the_log(caplog: pytest.LogCaptureFixture) -> None:
+def test_in_an_inactive_component_each_silence_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench().configured()
     for _ in range(2):
         bench.servos.faults.silence(2)
@@ -427,15 +427,15 @@ def test_alarms_are_part_of_a_joints_health() -> None:
     bench = Bench().active()
     bench.servos.servo(2).memory.put(sts.max_temperature, 1)
     bench.wait()
-    state = bench.wait()  # heat is told after 51 ms
+    state = bench.wait()  # the temperature alarm is reported after 51 ms
     assert state.health["elbow"].alarms == ("temperature",)
     assert state.health["shoulder"].alarms == ()
 
 
-# The end
+# Deactivation
 
 
-def test_deactivating_without_relaxing_holds() -> None:
+def test_deactivation_without_relax_holds() -> None:
     bench = Bench().active()
     bench.plant.load_nm[0] = 0.5
     assert bench.hardware.deactivate(relax=False) == []
@@ -446,14 +446,14 @@ def test_deactivating_without_relaxing_holds() -> None:
     np.testing.assert_allclose(state.position, HERE, atol=0.03)
 
 
-def test_relaxing_lets_go_of_all() -> None:
+def test_relaxing_releases_all_servos() -> None:
     bench = Bench().active()
     assert bench.hardware.deactivate(relax=True) == []
     assert bench.torque() == []
 
 
 @pytest.mark.parametrize("dead", [(1,), (2,), (7,), (1, 7)])
-def test_relaxing_with_dead_servos_lets_go_of_the_others_and_names_them(dead: tuple[int, ...]) -> None:
+def test_relaxing_with_dead_servos_releases_the_others_and_reports_them(dead: tuple[int, ...]) -> None:
     bench = Bench().active()
     for servo_id in dead:
         bench.servos.faults.silence(servo_id)
@@ -465,10 +465,10 @@ def test_relaxing_with_dead_servos_lets_go_of_the_others_and_names_them(dead: tu
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
-# The line
+# Lost ports
 
 
-def test_a_lost_line_is_raised_by_the_cycle() -> None:
+def test_a_lost_port_is_raised_by_the_cycle() -> None:
     bench = Bench().active()
     bench.port.port.unplug()
     for _ in range(2):
@@ -478,7 +478,7 @@ def test_a_lost_line_is_raised_by_the_cycle() -> None:
             bench.hardware.write(JointCommand(HERE, PERIOD_S))
 
 
-def test_with_a_lost_line_deactivating_says_so_and_cleaning_up_works() -> None:
+def test_deactivation_reports_a_lost_port_and_cleanup_works() -> None:
     bench = Bench().active()
     bench.port.port.unplug()
     (problem,) = bench.hardware.deactivate(relax=True)
@@ -488,20 +488,20 @@ def test_with_a_lost_line_deactivating_says_so_and_cleaning_up_works() -> None:
     assert bench.hardware.state is LifecycleState.UNCONFIGURED
 
 
-def test_a_line_lost_within_the_relaxing_is_said_too() -> None:
+def test_a_port_lost_during_relaxing_is_reported() -> None:
     bench = Bench().active()
     sent = len(bench.port.sent)
     bench.port.before_write = lambda number, _: bench.port.port.unplug() if number == sent + 1 else None
     (problem,) = bench.hardware.deactivate(relax=True)
     assert "unplugged" in problem
-    assert bench.torque() == []  # the first packet of all had told everybody
+    assert bench.torque() == []  # the first packet already reached all servos
 
 
-# Torque that is lost in silence
+# Torque lost without notice
 
 
 def cycles_until_fault(bench: Bench, name: str) -> int:
-    """How many cycles pass until a joint has a fault."""
+    """Return the number of cycles until a joint has a fault."""
     for number in range(1, 40):
         if name in bench.cycle(HERE).faults:
             return number
@@ -510,10 +510,10 @@ def cycles_until_fault(bench: Bench, name: str) -> int:
 
 @pytest.mark.parametrize("servo_id", IDS)
 @pytest.mark.parametrize("goal_write_energises", [False, True])
-def test_a_servo_that_was_reset_between_two_readings_is_found_within_half_a_second(
+def test_a_reset_between_two_readings_is_detected_within_half_a_second(
     servo_id: int, goal_write_energises: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """It has answered all the time. Where a goal has switched it on again, its torque limit is lost nevertheless."""
+    """The servo answered all the time. If a goal has enabled its torque again, its torque limit is still lost."""
     bench = Bench(variant=StsVariant(goal_write_energises)).active()
     bench.cycle(HERE)
     bench.servos.servo(servo_id).power_cycle()
@@ -522,7 +522,7 @@ def test_a_servo_that_was_reset_between_two_readings_is_found_within_half_a_seco
     text = f"{joint}: servo {servo_id} has lost its torque (current protection, power dip?): activate again"
     for _ in range(5):
         assert fault_texts(bench.cycle(HERE)) == {joint: text}
-        assert told(bench) == [i for i in IDS if i != servo_id]
+        assert commanded_ids(bench) == [i for i in IDS if i != servo_id]
     assert caplog.text.count("has lost its torque") == 1
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()
@@ -530,13 +530,13 @@ def test_a_servo_that_was_reset_between_two_readings_is_found_within_half_a_seco
     assert bench.torque() == list(IDS)
 
 
-def test_a_servo_that_nobody_has_touched_is_never_taken_for_a_limp_one() -> None:
+def test_a_normal_servo_is_never_reported_as_limp() -> None:
     bench = Bench().active()
     for _ in range(60):
         assert bench.cycle(HERE).faults == {}
 
 
-def test_an_arm_at_rest_is_watched_without_a_command_too() -> None:
+def test_an_arm_without_commands_is_also_checked() -> None:
     bench = Bench().active()
     bench.servos.servo(2).memory.put(sts.torque_enable, 0)
     assert any("elbow" in bench.wait().faults for _ in range(10))
@@ -547,49 +547,49 @@ def overheat(bench: Bench) -> None:
 
 
 def draw_too_much(bench: Bench) -> None:
-    """As much as a load of 0.5 N m takes is too much for this one."""
+    """Set the current limit of a servo below the current for a load of 0.5 N m."""
     bench.servos.servo(2).memory.put(sts.protection_current, 1)
     bench.servos.servo(2).memory.put(sts.overcurrent_time, 1)
     bench.plant.load_nm[1] = 0.5
 
 
 @pytest.mark.parametrize(("alarm", "cause"), [("current", draw_too_much), ("temperature", overheat)])
-def test_a_servo_that_lets_go_gets_no_goal_until_it_is_activated_again(
+def test_a_servo_that_released_its_torque_gets_no_goal_until_activation(
     alarm: str, cause: Callable[[Bench], None]
 ) -> None:
-    """A goal would switch it on again, or send it off as soon as it has cooled down."""
+    """A goal would enable torque again, or move the servo as soon as it has cooled down."""
     bench = Bench().active()
     bench.cycle(HERE)
     cause(bench)
     for _ in range(5):
         bench.wait()
-    assert bench.wait().faults["elbow"].text == f"elbow: servo 2 has let go ({alarm} alarm): activate again"
+    assert bench.wait().faults["elbow"].text == f"elbow: servo 2 released its torque ({alarm} alarm): activate again"
     assert (bench.torque() == [1, 7]) is (alarm == "current")
     bench.plant.load_nm[1] = 0.0
     bench.servos.servo(2).firmware.temperature_c = 30.0
     bench.place((2048, 2000, 1500))
     for _ in range(15):
-        assert told(bench) == [1, 7]
+        assert commanded_ids(bench) == [1, 7]
         assert bench.wait().faults["elbow"].kind == "no_torque"
     bench.servos.faults.silence(2)
     assert bench.wait().faults["elbow"].kind == "silent"
     bench.servos.faults.restore(2)
     for _ in range(15):
-        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it answers again, and is limp as before"
-        assert told(bench) == [1, 7]
+        assert bench.wait().faults["elbow"].text.endswith("activate again"), "it answers again but is still limp"
+        assert commanded_ids(bench) == [1, 7]
     bench.hardware.deactivate(relax=False)
     bench.hardware.activate()
     assert bench.cycle(HERE).faults == {}
 
 
 @pytest.mark.parametrize("alarm", ["voltage", "overload"])
-def test_a_servo_that_only_complains_goes_on(alarm: str) -> None:
-    """Voltage is reported; overload leaves a part of the torque."""
+def test_a_servo_with_a_harmless_alarm_continues(alarm: str) -> None:
+    """A voltage alarm is only reported, and an overload alarm leaves part of the torque."""
     bench = Bench().active()
     memory = bench.servos.servo(2).memory
     if alarm == "voltage":
         memory.put(sts.min_voltage, 130)
-    else:  # any drive that does not move the shaft for 10 ms
+    else:  # an overload is any drive that does not move the shaft for 10 ms
         memory.put(sts.overload_torque, 0)
         memory.put(sts.protective_torque, 0)
         memory.put(sts.protection_time, 1)
@@ -598,4 +598,4 @@ def test_a_servo_that_only_complains_goes_on(alarm: str) -> None:
         state = bench.wait()
     assert state.health["elbow"].alarms == (alarm,)
     assert state.faults == {}
-    assert told(bench) == list(IDS)
+    assert commanded_ids(bench) == list(IDS)

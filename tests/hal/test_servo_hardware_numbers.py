@@ -1,4 +1,4 @@
-"""The numbers of a cycle: how long a read may last, how fast a servo is told to go, which sign its load has."""
+"""Tests of the duration of reads, goal speeds and signs in a cycle."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from tests.hal.bench import JOINTS, Bench, WatchedPort, at
 
 HERE = at(0.0, 0.0, JOINTS[2].position(1500))
 UNTOLD_PERIOD_S = 0.05
-"""What a cycle takes at the stack's usual 20 Hz, which holds until a command says otherwise."""
+"""Default period of the stack (20 Hz), which applies until the first command."""
 
 every_kind = pytest.mark.parametrize(
     "kind", [kind for kind in KINDS if not kind.with_goals], ids=lambda kind: kind.name
@@ -26,7 +26,7 @@ every_kind = pytest.mark.parametrize(
 
 
 def seven_joints(line: Line) -> ServoHardware:
-    """Joints j1 to j7, configured."""
+    """Return configured hardware with joints j1 to j7."""
     kind = line.kind
     limits = JointLimits(-5.0, 5.0, 3.0, 5.0, 50.0)
     joints = [Joint(f"j{i}", i, kind.models[i], limits, zero_counts=kind.table.middle) for i in IDS]
@@ -40,13 +40,13 @@ def silence(line: Line, servo_ids: tuple[int, ...]) -> None:
         line.faults.silence(servo_id)
 
 
-# The time of a read
+# Duration of a read
 
 
 @every_kind
 @pytest.mark.parametrize("period_s", [0.004, 0.01, 0.02])
 @pytest.mark.parametrize("silent", [IDS, (1,), (3, 5)], ids=str)
-def test_whoever_is_silent_a_read_leaves_time_for_the_goals_of_its_cycle(
+def test_a_read_with_silent_servos_leaves_time_for_the_goals(
     kind: Kind, period_s: float, silent: tuple[int, ...]
 ) -> None:
     line = Line(kind)
@@ -62,10 +62,10 @@ def test_whoever_is_silent_a_read_leaves_time_for_the_goals_of_its_cycle(
 
 
 @every_kind
-def test_until_a_command_tells_the_period_it_is_that_of_20_hz(kind: Kind) -> None:
+def test_the_period_before_the_first_command_is_that_of_20_hz(kind: Kind) -> None:
     line = Line(kind)
     hardware = seven_joints(line)
-    line.faults.disturbance = Disturbance(seed=1, drop=0.6)  # takes longest: who answers now and then is asked again
+    line.faults.disturbance = Disturbance(seed=1, drop=0.6)  # the slowest case, because such servos are read again
     for _ in range(20):
         begin_s = line.clock.now()
         hardware.read()
@@ -74,7 +74,7 @@ def test_until_a_command_tells_the_period_it_is_that_of_20_hz(kind: Kind) -> Non
 
 
 @every_kind
-def test_at_20_hz_there_is_time_for_every_servo_although_one_is_silent(kind: Kind) -> None:
+def test_at_20_hz_all_servos_are_read_although_one_is_silent(kind: Kind) -> None:
     line = Line(kind)
     hardware = seven_joints(line)
     silence(line, (4,))
@@ -85,8 +85,8 @@ def test_at_20_hz_there_is_time_for_every_servo_although_one_is_silent(kind: Kin
 
 
 @pytest.mark.parametrize("wait_s", [0.002, 0.01])
-def test_a_read_ends_at_the_deadline_that_its_question_was_given(wait_s: float) -> None:
-    """Nobody answers, so it is waited for to the end."""
+def test_a_read_ends_at_the_deadline_of_its_request(wait_s: float) -> None:
+    """No servo answers, so the read waits until the deadline."""
     bench = Bench().active()
     for joint in JOINTS:
         bench.servos.faults.silence(joint.servo_id)
@@ -96,7 +96,7 @@ def test_a_read_ends_at_the_deadline_that_its_question_was_given(wait_s: float) 
     assert bench.clock.now() == pytest.approx(begin_s + wait_s, abs=1e-6)
 
 
-def test_what_was_asked_for_already_is_not_asked_for_again() -> None:
+def test_a_read_does_not_repeat_its_request() -> None:
     bench = Bench().active()
     bench.hardware.request()
     asked = len(bench.port.sent)
@@ -106,11 +106,11 @@ def test_what_was_asked_for_already_is_not_asked_for_again() -> None:
     assert len(bench.port.sent) == asked + 1
 
 
-# The speed that goes with a goal
+# Goal speeds
 
 
-def test_a_joint_that_may_be_faster_than_its_register_can_say_is_told_the_most_that_it_can() -> None:
-    """One count/s more and the register's sign bit would be set: backwards."""
+def test_the_goal_speed_is_limited_to_the_maximum_of_its_register() -> None:
+    """One count/s more would set the sign bit of the register and reverse the direction."""
     fast = replace(JOINTS[0], limits=replace(JOINTS[0].limits, velocity=60.0))
     bench = Bench(joints=(fast, *JOINTS[1:])).active()
     bench.hardware.write(JointCommand(HERE + at(2.0, 0.0, 0.0), 0.02))
@@ -118,31 +118,31 @@ def test_a_joint_that_may_be_faster_than_its_register_can_say_is_told_the_most_t
     assert bench.held(1, sts.goal_velocity) == 0x7FFF
 
 
-# What a state tells
+# Values of a state
 
 
-def test_voltage_and_temperature_are_those_of_the_joints_own_servo() -> None:
-    """Each servo hangs on a supply of its own, and is as warm as its work has made it."""
-    told = {1: (11.1, 31.0), 2: (11.2, 32.0), 7: (11.7, 37.0)}
-    servos = [servo_of(sts.STS3215, servo_id) for servo_id in told]
+def test_voltage_and_temperature_belong_to_the_servo_of_the_joint() -> None:
+    """Each servo has its own supply voltage and its own temperature."""
+    expected = {1: (11.1, 31.0), 2: (11.2, 32.0), 7: (11.7, 37.0)}
+    servos = [servo_of(sts.STS3215, servo_id) for servo_id in expected]
     for servo in servos:
-        servo.firmware.temperature_c = told[servo.servo_id][1]
-    supplies = [Supply(voltage_v, resistance_ohm=0.0) for voltage_v, _ in told.values()]
+        servo.firmware.temperature_c = expected[servo.servo_id][1]
+    supplies = [Supply(voltage_v, resistance_ohm=0.0) for voltage_v, _ in expected.values()]
     bench = Bench()
     bench.servos = VirtualBus(Rig(servos, bench.plant, supplies))
     bench.port = WatchedPort(VirtualPort(bench.servos, bench.clock))
     health = bench.configured().hardware.read().health
     for joint in JOINTS:
-        voltage_v, temperature_c = told[joint.servo_id]
+        voltage_v, temperature_c = expected[joint.servo_id]
         assert health[joint.name].voltage_v == pytest.approx(voltage_v)
         assert health[joint.name].temperature_c == temperature_c
 
 
-def test_what_went_wrong_is_told_of_the_joint_whose_servo_it_was() -> None:
+def test_communication_faults_are_counted_for_the_right_joint() -> None:
     bench = Bench().active()
     bench.servos.faults.corrupt_next(2)
     health = bench.wait().health
-    assert {name: told.counters.corrupt for name, told in health.items()} == {"shoulder": 0, "elbow": 1, "finger": 0}
+    assert {name: servo.counters.corrupt for name, servo in health.items()} == {"shoulder": 0, "elbow": 1, "finger": 0}
 
 
 def test_a_joints_load_has_the_sign_of_its_effort() -> None:

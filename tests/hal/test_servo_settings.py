@@ -1,4 +1,4 @@
-"""Settings in servos' EEPROM: what the robot file names is written once, said, and nothing else is touched."""
+"""Tests that settings of the robot file are written to the EEPROM once and logged, and nothing else is written."""
 
 import logging
 from dataclasses import replace
@@ -13,7 +13,7 @@ from drivers.servos.catalog import MODELS
 from hal.compensation.servo_compliance import compliance_of
 from hal.errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
-from hal.servos.servo_settings import NOT_HERE, settings_of
+from hal.servos.servo_settings import NOT_SETTINGS, settings_of
 from servoloop.stack.robot_files import CONFIG
 from tests.hal.bench import JOINTS, Bench
 
@@ -23,12 +23,12 @@ WRITE = 3
 
 
 def settings_written(bench: Bench) -> list[tuple[int, int]]:
-    """ID and address of each write to a persistent register."""
+    """Return ID and address of each write to a persistent register."""
     saved = {register.address for register in sts.REGISTERS if register.persistent}
     return [(i.servo_id, i.parameters[0]) for i in bench.port.sent if i.code == WRITE and i.parameters[0] in saved]
 
 
-def test_what_differs_is_written_and_said_and_locked_again(caplog: pytest.LogCaptureFixture) -> None:
+def test_different_settings_are_written_logged_and_locked(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(joints=NAMED)
     with caplog.at_level(logging.INFO):
         bench.configured()
@@ -36,20 +36,20 @@ def test_what_differs_is_written_and_said_and_locked_again(caplog: pytest.LogCap
     assert held == [16, 2, 2]
     assert bench.held(1, sts.lock) != OPEN
     assert bench.torque() == []
-    assert "shoulder (servo 1): position_p is 16 now, was 32" in caplog.messages
+    assert "shoulder (servo 1): position_p set to 16 (was 32)" in caplog.messages
     assert {servo_id for servo_id, _ in settings_written(bench)} == {1}
     bench.servos.servo(1).power_cycle()
     assert bench.held(1, sts.position_p) == 16, "saved, not only held"
 
 
-def test_what_a_servo_has_already_is_not_written_again() -> None:
+def test_settings_that_a_servo_already_has_are_not_written() -> None:
     bench = Bench(joints=NAMED).configured()
     bench.hardware.cleanup()
     bench.configured()
     assert settings_written(bench) == []
 
 
-def test_a_servo_under_torque_that_differs_is_refused_and_named_and_the_arm_keeps_what_it_has() -> None:
+def test_settings_are_not_written_to_a_servo_with_torque() -> None:
     bench = Bench(joints=NAMED)
     bench.servos.servo(1).memory.put(sts.torque_enable, 1)
     with pytest.raises(DriverError, match=r"servo 1\b.*position_p .*holds torque. Support the arm"):
@@ -67,7 +67,7 @@ def test_nothing_is_written_while_a_servo_is_missing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("register", "value", "named", "said"),
+    ("register", "value", "named", "expected"),
     [
         (sts.position_p, 16, (), "settings: {position_p: 16}"),
         (sts.max_acceleration, 50, (), "settings: {max_acceleration: 50}"),
@@ -75,20 +75,26 @@ def test_nothing_is_written_while_a_servo_is_missing() -> None:
         (sts.max_acceleration, 254, (), ""),
         (sts.position_d, 0, (), ""),
     ],
-    ids=["softer", "slower", "named", "faster than it is told to be", "of no account"],
+    ids=["softer", "slower", "named", "faster than its goal speed", "no effect"],
 )
-def test_gains_that_nobody_reckons_with_are_said(
-    register: sts.Register, value: int, named: tuple[tuple[str, int], ...], said: str, caplog: pytest.LogCaptureFixture
+def test_gains_unknown_to_the_compensation_are_logged(
+    register: sts.Register,
+    value: int,
+    named: tuple[tuple[str, int], ...],
+    expected: str,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     bench = Bench(joints=(replace(JOINTS[0], settings=named), *JOINTS[1:]))
     bench.servos.servo(1).memory.put(register, value)
     with caplog.at_level(logging.WARNING):
         bench.configured()
     warnings = [record.getMessage() for record in caplog.records]
-    assert [said in warning and "shoulder (servo 1)" in warning for warning in warnings] == ([True] if said else [])
+    assert [expected in warning and "shoulder (servo 1)" in warning for warning in warnings] == (
+        [True] if expected else []
+    )
 
 
-def test_compensation_goes_by_the_gains_that_the_file_names() -> None:
+def test_the_compensation_uses_the_gains_of_the_robot_file() -> None:
     factory, soft = compliance_of(sts.STS3215), NAMED[0].compliance
     assert factory is not None and soft is not None
     assert soft.stiffness == pytest.approx(factory.stiffness / 2.0)
@@ -99,7 +105,7 @@ def test_compensation_goes_by_the_gains_that_the_file_names() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "says"),
+    ("settings", "message"),
     [
         ("{position_q: 1}", "joint1.settings: sts3215 has no setting position_q: it has "),
         ("{position_p: 256}", "joint1.settings: position_p takes 0 to 255, not 256"),
@@ -108,35 +114,33 @@ def test_compensation_goes_by_the_gains_that_the_file_names() -> None:
         ("{present_position: 3}", "joint1.settings: sts3215 has no setting present_position"),
     ],
 )
-def test_settings_that_a_servo_does_not_have_are_named_before_anything_is_sent(
-    tmp_path: Path, settings: str, says: str
-) -> None:
+def test_unknown_settings_are_reported_before_anything_is_sent(tmp_path: Path, settings: str, message: str) -> None:
     path = tmp_path / "robot.yaml"
     text = (CONFIG / "robot_arm.yaml").read_text()
     path.write_text(text.replace("servo_id: 1,", f"servo_id: 1, settings: {settings},"))
     with pytest.raises(RobotFileError) as caught:
         load_robot_file(path)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
-def test_no_setting_says_who_or_where_a_servo_is(name: str) -> None:
-    assert not NOT_HERE & settings_of(MODELS[name]).keys()
+def test_address_and_mode_registers_are_not_settings(name: str) -> None:
+    assert not NOT_SETTINGS & settings_of(MODELS[name]).keys()
     assert "control_mode" not in settings_of(MODELS[name])
     assert "max_temperature" in settings_of(MODELS[name]) or "temperature_limit" in settings_of(MODELS[name])
 
 
-def test_a_servo_that_counts_from_another_place_than_it_was_calibrated_at_is_refused() -> None:
+def test_a_servo_with_another_homing_offset_is_refused() -> None:
     joints = (replace(JOINTS[0], homing_offset=0), replace(JOINTS[1], homing_offset=120), JOINTS[2])
     bench = Bench(joints=joints)
     with pytest.raises(DriverError) as caught:
         bench.configured()
     assert str(caught.value).startswith(
-        "elbow: servo 2: has homing_offset 0, and elbow was calibrated with 120: was the servo changed, or reset?"
+        "elbow: servo 2: has homing_offset 0, but elbow was calibrated with 120: was the servo replaced or reset?"
     )
 
 
-def test_an_odd_unit_of_speed_is_said_once_of_a_servo_with_settings_too(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_unusual_speed_unit_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench(joints=NAMED)
     bench.servos.servo(1).memory.put(sts.phase, 0)
     with caplog.at_level(logging.WARNING):

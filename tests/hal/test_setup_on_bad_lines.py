@@ -1,4 +1,4 @@
-"""Set-up on lines that lose packets or carry two servos of one ID: the true cause is named."""
+"""Tests of the setup on buses that lose packets or have two servos with the same ID."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -42,7 +42,7 @@ def arm_on(line: Line) -> ServoHardware:
 
 
 def loses_the_question_for(register: Register, bench: Bench, packets: int) -> None:
-    """The next so many of them find no listener; the elbow, servo 2, is meant."""
+    """Lose the next packets to the elbow (servo 2)."""
     lost: list[Instruction] = []
 
     def watch(number: int, instruction: Instruction) -> None:
@@ -63,7 +63,7 @@ def test_a_few_lost_packets_do_not_fail_a_configuration(packets: int) -> None:
     assert bench.hardware.state is LifecycleState.INACTIVE
 
 
-def test_more_fail_it_and_a_servo_that_answers_otherwise_is_not_called_silent() -> None:
+def test_many_lost_packets_fail_it_but_the_servo_is_not_reported_as_silent() -> None:
     bench = Bench()
     loses_the_question_for(sts.model_number, bench, 2 * ATTEMPTS)
     with pytest.raises(DriverError, match=r"^elbow: servo 2: answers pings but not reads: set its status_level"):
@@ -71,17 +71,17 @@ def test_more_fail_it_and_a_servo_that_answers_otherwise_is_not_called_silent() 
 
 
 @pytest.mark.parametrize("register", [sts.status_level, sts.min_position], ids=lambda register: register.name)
-def test_a_servo_that_did_not_answer_and_answers_now_is_named_by_its_joint_and_id(register: Register) -> None:
-    """Whether it was to say who it is, or how it is set."""
+def test_a_servo_that_answers_intermittently_is_reported_with_joint_and_id(register: Register) -> None:
+    """The lost reply may concern the model or a setting."""
     bench = Bench()
     loses_the_question_for(register, bench, ATTEMPTS)
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only now and then: the line is bad"):
+    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers only intermittently: check"):
         bench.hardware.configure()
 
 
 @pytest.mark.soak
 @plain_kinds
-def test_an_arm_on_a_bad_line_is_set_up_all_the_same(kind: Kind) -> None:
+def test_an_arm_on_a_bad_bus_is_set_up(kind: Kind) -> None:
     for seed in range(CYCLES // 100):
         line = Line(kind)
         line.faults.disturbance = Disturbance(seed=seed, drop=0.03, flip=0.02, noise=0.02, miss=0.03)
@@ -98,7 +98,7 @@ def test_an_arm_on_a_bad_line_is_set_up_all_the_same(kind: Kind) -> None:
 
 
 @plain_kinds
-def test_a_line_that_is_too_bad_is_called_so(kind: Kind) -> None:
+def test_a_bus_that_is_too_bad_is_reported(kind: Kind) -> None:
     failures: list[str] = []
     for seed in range(10):
         line = Line(kind)
@@ -108,14 +108,14 @@ def test_a_line_that_is_too_bad_is_called_so(kind: Kind) -> None:
         except DriverError as error:
             failures.append(str(error))
     assert failures
-    assert all("now and then" in text for text in failures), failures
+    assert all("intermittently" in text for text in failures), failures
 
 
-# Two servos with one ID
+# Two servos with the same ID
 
 
 class Doubled:
-    """The bench's arm, and one more servo, like the elbow but elsewhere, that is given the elbow's ID later."""
+    """The arm of the bench with a second servo that gets the elbow's ID later."""
 
     def __init__(self, joints: Sequence[Joint] = JOINTS) -> None:
         plant = BenchPlant((1, 2, 7, 9))
@@ -130,15 +130,17 @@ class Doubled:
         self.twin.memory.put(sts.servo_id, 2)
 
 
-def test_two_servos_with_one_id_and_one_model_are_named_when_configured() -> None:
+def test_two_servos_with_the_same_id_are_reported_at_configuration() -> None:
     bench = Doubled()
     bench.double()
-    with pytest.raises(DriverError, match=r"^elbow: servo 2: answers, but never in one piece: do two servos have ID 2"):
+    with pytest.raises(
+        DriverError, match=r"^elbow: servo 2: answers, but every reply is corrupted: do two servos have ID 2"
+    ):
         bench.hardware.configure()
     assert bench.hardware.state is LifecycleState.UNCONFIGURED
 
 
-def test_a_second_one_that_was_plugged_in_later_is_named_when_activated() -> None:
+def test_a_duplicate_id_plugged_in_later_is_reported_at_activation() -> None:
     bench = Doubled()
     bench.hardware.configure()
     bench.double()
@@ -146,8 +148,8 @@ def test_a_second_one_that_was_plugged_in_later_is_named_when_activated() -> Non
         bench.hardware.activate()
 
 
-def test_a_servo_gone_since_it_was_configured_is_not_searched_at_other_rates() -> None:
-    """Another component of the robot may be moving meanwhile."""
+def test_a_servo_missing_since_configuration_is_not_searched_at_other_baud_rates() -> None:
+    """The search would block other components that may be moving."""
     bench = Bench().configured()
     bench.servos.faults.silence(2)
     begin_s = bench.clock.now()
@@ -156,11 +158,11 @@ def test_a_servo_gone_since_it_was_configured_is_not_searched_at_other_rates() -
     assert bench.clock.now() - begin_s < 0.5
 
 
-def test_problems_of_every_sort_are_told_together() -> None:
+def test_all_kinds_of_problems_are_reported_together() -> None:
     bench = Doubled([replace(JOINTS[0], model=sts.STS3250), *JOINTS[1:]])
     bench.double()
     with pytest.raises(DriverError) as caught:
         bench.hardware.configure()
     shoulder, elbow = str(caught.value).splitlines()
     assert shoulder.startswith("shoulder: servo 1: is model 777")
-    assert elbow.startswith("elbow: servo 2: answers, but never in one piece")
+    assert elbow.startswith("elbow: servo 2: answers, but every reply is corrupted")

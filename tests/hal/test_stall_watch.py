@@ -1,4 +1,4 @@
-"""A servo that presses without motion: when its drive is reduced, to what, what is reported, and what ends it."""
+"""Tests of servos that press without motion: reduction of the drive, messages, and end of a stall."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -20,7 +20,7 @@ OPEN, SHUT = 2048, 2700
 
 @dataclass
 class Jaw:
-    """A jaw that meets something at ``blocked`` counts, and whose servo pulls by how far ahead its goal is."""
+    """Jaw that is blocked at ``blocked`` counts. Its drive is proportional to the distance to its goal."""
 
     joint: Joint = JAW
     at: int = OPEN
@@ -46,7 +46,7 @@ class Jaw:
             )
 
 
-def test_a_jaw_that_presses_is_left_its_holding_share_after_the_time() -> None:
+def test_the_drive_of_a_pressing_jaw_is_reduced_after_the_time() -> None:
     jaw = Jaw(blocked=2400)
     jaw.run(SHUT, 4 * PERIOD_S + STALL_S)
     assert not jaw.watch.stalls and jaw.goals[-1] is None
@@ -58,17 +58,17 @@ def test_a_jaw_that_presses_is_left_its_holding_share_after_the_time() -> None:
     assert jaw.at == 2400
 
 
-def test_fingers_that_hold_something_are_no_failure_for_ever_and_a_jammed_joint_is() -> None:
+def test_a_gripped_object_causes_no_lasting_warning_but_a_jammed_joint_does() -> None:
     grip, jam = Jaw(blocked=2400), Jaw(blocked=OPEN)
     for jaw in (grip, jam):
         jaw.run(SHUT, STALL_S + 1.0)
         assert jaw.watch.stalls["jaw"].warns
         jaw.run(SHUT, WARN_S)
-    assert not grip.watch.stalls["jaw"].warns and "grips something" in grip.watch.stalls["jaw"].text
+    assert not grip.watch.stalls["jaw"].warns and "gripped something" in grip.watch.stalls["jaw"].text
     assert jam.watch.stalls["jaw"].warns and "jammed or blocked" in jam.watch.stalls["jaw"].text
 
 
-def test_what_the_log_says(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_message(caplog: pytest.LogCaptureFixture) -> None:
     jaw = Jaw(blocked=OPEN)
     jaw.run(SHUT, STALL_S + 1.0)
     jaw.watch.log.flush()
@@ -76,20 +76,20 @@ def test_what_the_log_says(caplog: pytest.LogCaptureFixture) -> None:
     assert record.levelname == "WARNING"
     assert record.message == (
         "jaw: servo 6 has pressed with its torque limit of 50% for 1 s without motion and holds with 18% until its "
-        "next motion: the joint has not moved at all, it is jammed or blocked. Move it the other way, and look at it"
+        "next motion: the joint has not moved at all, so it is jammed or blocked. Move it back and check it"
     )
 
 
-def test_the_next_motion_has_the_whole_limit() -> None:
+def test_the_next_motion_has_the_full_torque_limit() -> None:
     jaw = Jaw(blocked=2400)
     jaw.run(SHUT, STALL_S + 1.0)
     jaw.run(OPEN, PERIOD_S)
     assert not jaw.watch.stalls and jaw.goals[-1] is None
-    jaw.run(SHUT, STALL_S)  # and presses again until its time has come
+    jaw.run(SHUT, STALL_S)  # presses again until the drive is reduced
     assert max(jaw.loads[-5:]) == 0.5
 
 
-def test_a_joint_that_comes_free_goes_on_with_the_whole_limit() -> None:
+def test_a_joint_that_comes_free_has_the_full_torque_limit() -> None:
     jaw = Jaw(blocked=2400)
     jaw.run(SHUT, STALL_S + 1.0)
     jaw.blocked = SHUT
@@ -97,8 +97,8 @@ def test_a_joint_that_comes_free_goes_on_with_the_whole_limit() -> None:
     assert not jaw.watch.stalls and jaw.at == SHUT
 
 
-def test_fingers_that_give_way_are_followed() -> None:
-    """The drive stays the holding share, and nothing begins anew."""
+def test_the_goal_follows_fingers_that_yield() -> None:
+    """The drive stays reduced, and no new stall begins."""
     jaw = Jaw(blocked=2400)
     jaw.run(SHUT, STALL_S + 1.0)
     for _ in range(20):
@@ -108,7 +108,7 @@ def test_fingers_that_give_way_are_followed() -> None:
 
 
 @pytest.mark.parametrize("stiffness", [3.0 / FULL_AHEAD, 0.8 / FULL_AHEAD])
-def test_a_servo_of_another_stiffness_is_brought_to_the_share_by_its_drive(stiffness: float) -> None:
+def test_the_drive_of_a_stiffer_or_softer_servo_is_corrected(stiffness: float) -> None:
     jaw = Jaw(blocked=2400, stiffness=stiffness)
     jaw.run(SHUT, STALL_S + SETTLE_S + 4.0)
     assert 0.7 * HOLDING * 0.5 < jaw.loads[-1] < 1.2 * HOLDING * 0.5
@@ -117,24 +117,24 @@ def test_a_servo_of_another_stiffness_is_brought_to_the_share_by_its_drive(stiff
 @pytest.mark.parametrize(
     ("joint", "blocked", "command"),
     [
-        (JAW, SHUT, SHUT),  # it arrives
-        (JAW, 2048, 2048 + 40),  # it pulls with less than it may
-        (ARM, 2048, 2048 + 90),  # it carries a load with three quarters of its torque
+        (JAW, SHUT, SHUT),  # reaches its goal
+        (JAW, 2048, 2048 + 40),  # pulls with less than its torque limit
+        (ARM, 2048, 2048 + 90),  # carries a load with three quarters of its torque
     ],
 )
-def test_who_is_left_alone(joint: Joint, blocked: int, command: int) -> None:
+def test_joints_whose_drive_is_not_reduced(joint: Joint, blocked: int, command: int) -> None:
     jaw = Jaw(joint, blocked=blocked)
     jaw.run(command, 30.0)
     assert set(jaw.goals) == {None} and not jaw.watch.stalls
 
 
-def test_a_joint_that_moves_slowly_at_full_drive_is_left_alone() -> None:
+def test_a_joint_that_moves_slowly_at_full_drive_is_not_reduced() -> None:
     watch = StallWatch({"jaw": FULL_AHEAD})
     for cycle in range(400):
         assert watch.goal(JAW, SHUT, OPEN + 2 * cycle, 0.5, PERIOD_S) is None
 
 
-def test_an_unknown_drive_is_no_pressing_and_a_missing_measurement_keeps_the_goal() -> None:
+def test_an_unknown_drive_is_not_pressing_and_a_missing_measurement_keeps_the_goal() -> None:
     watch = StallWatch({"jaw": FULL_AHEAD})
     for _ in range(200):
         assert watch.goal(JAW, SHUT, OPEN, math.nan, PERIOD_S) is None
@@ -145,26 +145,28 @@ def test_an_unknown_drive_is_no_pressing_and_a_missing_measurement_keeps_the_goa
     assert jaw.goals[-1] == held is not None
 
 
-def test_an_activation_begins_anew() -> None:
+def test_an_activation_resets_the_state() -> None:
     jaw = Jaw(blocked=2400)
     jaw.run(SHUT, STALL_S + 1.0)
     jaw.watch.restart([JAW.name])
     assert not jaw.watch.stalls and jaw.watch.goal(JAW, SHUT, 2400, 0.5, PERIOD_S) is None
 
 
-def test_the_goal_of_a_joint_that_presses_outside_its_limits_stays_within_them() -> None:
+def test_the_goal_of_a_pressing_joint_stays_within_its_limits() -> None:
     jaw = replace(JAW, limits=JointLimits(-1.5, 0.0, 4.0, 12.0, 120.0))
     goals = ServoGoals([jaw])
     goals.hold({"jaw": 2048})
-    told = [goals.towards([-1.0], PERIOD_S, {"jaw": 2300}, {"jaw": 0.5}, ())["jaw"].position_counts for _ in range(200)]
-    assert goals.stalls, "it presses, beyond its upper limit of 2048 counts"
-    assert max(told) <= 2048
+    counts = [
+        goals.towards([-1.0], PERIOD_S, {"jaw": 2300}, {"jaw": 0.5}, ())["jaw"].position_counts for _ in range(200)
+    ]
+    assert goals.stalls, "it presses beyond its upper limit of 2048 counts"
+    assert max(counts) <= 2048
 
 
-# With the whole torque
+# Joints with full torque
 
 
-def test_a_joint_with_its_whole_torque_is_named_and_goes_on_carrying(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_joint_with_full_torque_is_reported_and_keeps_its_torque(caplog: pytest.LogCaptureFixture) -> None:
     arm = Jaw(ARM, blocked=2400)
     arm.run(SHUT, 4 * PERIOD_S + STALL_S)
     assert not arm.watch.stalls
@@ -176,14 +178,14 @@ def test_a_joint_with_its_whole_torque_is_named_and_goes_on_carrying(caplog: pyt
     assert record.levelname == "WARNING"
     assert record.message == "jaw: " + arm.watch.stalls["jaw"].text
     assert arm.watch.stalls["jaw"].text == (
-        "servo 6 has driven with at least 80% of its torque for 1 s without motion: something is in the joint's way, "
-        "or it carries too much. Its drive is not reduced, because a loaded joint would fall: move it back, or take "
-        "the load off, before the servo's own protection releases it"
+        "servo 6 has pressed with at least 80% of its torque for 1 s without motion: the joint is blocked or "
+        "overloaded. Its torque is not reduced, because a loaded joint would fall: move it back or remove the load "
+        "before the servo's own protection disables its torque"
     )
 
 
 @pytest.mark.parametrize("end", ["another command", "a motion", "less load"])
-def test_it_is_named_no_longer_than_it_presses(end: str) -> None:
+def test_a_joint_is_reported_only_while_it_presses(end: str) -> None:
     arm = Jaw(ARM, blocked=2400)
     arm.run(SHUT, 2.0)
     assert arm.watch.stalls
@@ -199,7 +201,7 @@ def test_it_is_named_no_longer_than_it_presses(end: str) -> None:
 
 
 @pytest.mark.parametrize("joint", [ARM, JAW])
-def test_a_joint_that_gets_no_goals_presses_no_more(joint: Joint) -> None:
+def test_a_joint_without_goals_does_not_press(joint: Joint) -> None:
     goals = ServoGoals([joint])
     goals.hold({"jaw": 2048})
     for _ in range(round(2.0 / PERIOD_S)):

@@ -1,4 +1,4 @@
-"""The supply: a servo outside its model's rated range gets no torque, and each episode in motion is reported once."""
+"""Tests of the supply voltage: servos outside their rated range get no torque, and each episode is reported once."""
 
 import pytest
 
@@ -31,7 +31,7 @@ def arm_on(line: Line, model: ServoModel, servo_id: int) -> ServoHardware:
 
 def fed_with(bench: Bench, voltage_v: float) -> None:
     feed(bench.servos, voltage_v)
-    bench.clock.sleep_until(bench.clock.now() + 0.01)  # servos measure now and then
+    bench.clock.sleep_until(bench.clock.now() + 0.01)  # servos measure periodically
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -47,7 +47,7 @@ def test_servos_of_every_make_are_refused_outside_the_range_of_their_model(kind:
 
 
 @pytest.mark.parametrize("voltage_v", [15.5, 6.0])
-def test_a_supply_that_was_exchanged_while_inactive_keeps_the_torque_off(voltage_v: float) -> None:
+def test_a_supply_changed_while_inactive_keeps_torque_disabled(voltage_v: float) -> None:
     bench = Bench().configured()
     fed_with(bench, voltage_v)
     with pytest.raises(ActivationError, match=rf"^not activated: shoulder: servo 1: has {voltage_v} V, but a sts3215"):
@@ -55,7 +55,7 @@ def test_a_supply_that_was_exchanged_while_inactive_keeps_the_torque_off(voltage
     assert (bench.hardware.state, bench.torque()) == (INACTIVE, [])
 
 
-def test_one_reading_of_a_wrong_voltage_refuses_nothing() -> None:
+def test_one_reading_of_a_wrong_voltage_does_not_refuse_activation() -> None:
     bench = Bench()
     fed_with(bench, 6.0)
     readings: list[int] = []
@@ -71,11 +71,11 @@ def test_one_reading_of_a_wrong_voltage_refuses_nothing() -> None:
     assert bench.hardware.state is INACTIVE
 
 
-def test_a_servo_that_measures_no_voltage_is_not_judged() -> None:
+def test_a_servo_that_does_not_measure_voltage_is_not_checked() -> None:
     assert voltage_fault(sts.STS3215, 0.0) is None
 
 
-def test_nothing_is_written_to_servos_on_a_wrong_supply() -> None:
+def test_nothing_is_written_to_servos_with_a_wrong_supply() -> None:
     joints = (Joint("j", 1, sts.STS3215, JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0), settings=(("position_p", 16),)),)
     bench = Bench(counts=(2048,), joints=joints)
     fed_with(bench, 15.5)
@@ -85,7 +85,7 @@ def test_nothing_is_written_to_servos_on_a_wrong_supply() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
-def test_every_range_holds_the_rated_voltage_give_or_take_a_tenth(model: ServoModel) -> None:
+def test_every_range_includes_the_rated_voltage_with_ten_percent_tolerance(model: ServoModel) -> None:
     lowest, highest = usual_range(model)
     assert voltage_range(model)[0] <= lowest <= 0.9 * model.rated_voltage_v
     assert 1.1 * model.rated_voltage_v <= highest <= voltage_range(model)[1]
@@ -97,7 +97,7 @@ def test_every_range_holds_the_rated_voltage_give_or_take_a_tenth(model: ServoMo
         (sts.STS3215_C001, 12.4, "over-voltage"),
         (sts.STS3215_C001, 9.0, "over-voltage"),
         (sts.STS3215_C001, 8.4, None),  # a full battery
-        (sts.STS3215_C001, 5.0, "low supply"),  # as many such arms are fed
+        (sts.STS3215_C001, 5.0, "low supply"),  # many such arms have this supply
         (sts.STS3215_C001, 4.0, "under-voltage"),
         (sts.STS3215, 12.6, None),
         (sts.STS3215, 7.4, "under-voltage"),
@@ -108,16 +108,16 @@ def test_every_range_holds_the_rated_voltage_give_or_take_a_tenth(model: ServoMo
         (x.XL430_W250, 7.4, "low supply"),
     ],
 )
-def test_what_is_said_of_a_voltage(model: ServoModel, voltage_v: float, kind: str | None) -> None:
+def test_messages_about_voltages(model: ServoModel, voltage_v: float, kind: str | None) -> None:
     fault = voltage_fault(model, voltage_v)
     assert (fault and fault.kind) == kind
 
 
-# In motion
+# During motion
 
 
 def fed(voltage_v: float, seconds: float, then_s: float = 0.0) -> FaultRig:
-    """An SO-101, up on its right supply, whose supply changes for so long."""
+    """Run an SO-101 whose supply voltage changes for some time."""
     rig = FaultRig("so101")
     rig.up()
     rig.play(parse(f"weak_supply voltage={voltage_v} for={seconds}s"))
@@ -139,7 +139,7 @@ def logged(rig: FaultRig, words: str) -> list[str]:
     ("voltage_v", "kind", "level"),
     [(12.4, "over-voltage", Level.ERROR), (4.2, "under-voltage", Level.ERROR), (5.0, "low supply", Level.WARN)],
 )
-def test_a_wrong_voltage_in_motion_is_shown_by_name_and_logged_once(voltage_v: float, kind: str, level: Level) -> None:
+def test_a_wrong_voltage_in_motion_is_reported_and_logged_once(voltage_v: float, kind: str, level: Level) -> None:
     rig = fed(voltage_v, 1.0)
     status = shown(rig, "shoulder_pan")
     assert (status.level, status.message.startswith(f"{kind}: it has {voltage_v}")) == (level, True), status.message
@@ -147,31 +147,31 @@ def test_a_wrong_voltage_in_motion_is_shown_by_name_and_logged_once(voltage_v: f
     assert len(logged(rig, f"gripper (servo 6) have {voltage_v} V, but a sts3215_c001 is rated for")) == 1
     rig.endure(1.5)
     assert len(logged(rig, kind)) == 1, "one line for all servos"
-    assert len(logged(rig, "gripper (servo 6) have a right voltage again: 7.4 V")) == 1
+    assert len(logged(rig, "gripper (servo 6) have a correct voltage again: 7.4 V")) == 1
     assert shown(rig, "shoulder_pan").message == "ok"
 
 
-def test_a_dip_or_a_peak_of_a_moment_is_no_episode() -> None:
+def test_a_short_dip_or_peak_is_not_reported() -> None:
     rig = fed(4.2, 0.2, then_s=1.5)
     assert logged(rig, "voltage") == []
     assert shown(rig, "shoulder_pan").level is Level.OK
 
 
-def test_a_supply_that_sags_with_each_motion_is_one_episode() -> None:
+def test_a_supply_that_sags_in_each_motion_is_one_episode() -> None:
     rig = fed(4.2, 0.6, then_s=0.3)
     rig.play(parse("weak_supply voltage=4.2 for=0.6s"))
     rig.endure(0.9)
     assert len(logged(rig, "under-voltage: shoulder_pan")) == 1
 
 
-def test_an_so101_on_a_supply_for_other_servos_gets_no_torque() -> None:
+def test_an_so101_with_a_supply_for_other_servos_gets_no_torque() -> None:
     rig = FaultRig("so101")
     feed(rig.bus, 12.4)
     with pytest.raises(DriverError, match=r"^shoulder_pan: servo 1: has 12\.4 V, but a sts3215_c001 is"):
         rig.up()
 
 
-def test_an_so101_on_five_volts_comes_up() -> None:
+def test_an_so101_with_five_volts_starts() -> None:
     rig = FaultRig("so101")
     feed(rig.bus, 5.0)
     rig.up()

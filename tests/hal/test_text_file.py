@@ -1,4 +1,4 @@
-"""Files of other people: their encodings, and their sizes."""
+"""Tests of the encodings and size limits of user files."""
 
 import codecs
 from pathlib import Path
@@ -21,7 +21,7 @@ DECLARED = '<?xml version="1.0" encoding="{}"?>\n<robot name="{}"/>'
 
 
 def urdf_with(declaration: str, name: str) -> str:
-    """The robot's own URDF with a comment in another language."""
+    """Return the URDF of the robot arm with a comment in another language."""
     _, _, rest = URDF.read_text().partition("<robot")
     return f"{declaration}<!-- {name} -->\n<robot{rest}"
 
@@ -40,7 +40,7 @@ def urdf_with(declaration: str, name: str) -> str:
         ("", "utf-32"),
     ],
 )
-def test_a_urdf_is_read_in_the_encoding_that_it_shows(tmp_path: Path, declaration: str, encoding: str) -> None:
+def test_a_urdf_is_read_in_its_encoding(tmp_path: Path, declaration: str, encoding: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_bytes(urdf_with(declaration, "Länge").encode(encoding))
     description = read_description(path)
@@ -56,27 +56,25 @@ def test_a_urdf_in_a_chinese_encoding(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "says"),
+    ("data", "message"),
     [
         (urdf_with("", "Länge").encode("latin-1"), "arm.urdf is not text in UTF-8 (line 1, byte 0xe4): save"),
         ("<robot>\n<!-- 机械臂 --></robot>".encode("gbk"), "(line 2, byte 0xbb): save the file as UTF-8, or declare"),
         (DECLARED.format("klingon", "a").encode(), "arm.urdf, line 1: the encoding klingon is unknown: save"),
-        (DECLARED.format("rot13", "a").encode(), "line 1: the encoding rot-13 is not for text: save"),
+        (DECLARED.format("rot13", "a").encode(), "line 1: rot-13 is not a text encoding: save"),
         (DECLARED.format("undefined", "a").encode(), "save the file as UTF-8"),
-        (DECLARED.format("UTF-16", "a").encode(), "UTF-16 is declared and another encoding is used: save"),
+        (DECLARED.format("UTF-16", "a").encode(), "the file declares UTF-16 but has another encoding: save"),
         (DECLARED.format("ascii", "ä").encode(), "is not text in ASCII (line 2, byte 0xc3)"),
         (codecs.BOM_UTF16_LE + b"<\x00r", "arm.urdf"),
         (b"\x00\xff" * 9, "arm.urdf"),
     ],
 )
-def test_a_urdf_in_an_encoding_that_is_not_shown_is_refused_in_one_sentence(
-    tmp_path: Path, data: bytes, says: str
-) -> None:
+def test_a_urdf_in_an_undeclared_encoding_is_refused(tmp_path: Path, data: bytes, message: str) -> None:
     path = tmp_path / "arm.urdf"
     path.write_bytes(data)
     with pytest.raises(DescriptionError) as error:
         read_description(path)
-    assert says in str(error.value)
+    assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
 
@@ -93,14 +91,14 @@ def test_yaml_and_json_are_read_in_the_encoding_of_their_first_bytes(tmp_path: P
 def test_yaml_and_json_in_latin_1_are_refused_with_the_line(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_bytes("joints: {}\n# Länge".encode("latin-1"))
-    says = r"robot\.yaml is not text in UTF-8 \(line 2, byte 0xe4\): save the file as UTF-8$"
-    with pytest.raises(RobotFileError, match=says):
+    message = r"robot\.yaml is not text in UTF-8 \(line 2, byte 0xe4\): save the file as UTF-8$"
+    with pytest.raises(RobotFileError, match=message):
         load_robot_file(path)
-    with pytest.raises(CalibrationError, match=says):
+    with pytest.raises(CalibrationError, match=message):
         read_lerobot(path)
 
 
-def test_a_file_that_never_ends_is_refused() -> None:
+def test_an_endless_file_is_refused() -> None:
     with pytest.raises(RobotFileError, match=rf"/dev/zero is larger than {LARGEST_BYTES / 1e6:g} MB: shorten it"):
         read_text(Path("/dev/zero"), RobotFileError)
 
@@ -115,16 +113,16 @@ MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
-        (BOMB, "values, counted with those that its aliases"),
-        (MERGES, "values, counted with those that its aliases"),
+        (BOMB, "values after its aliases"),
+        (MERGES, "values after its aliases"),
         ("joints: [" + ", ".join(["1.25"] * 200_000) + "]", "has more than 150000 values: shorten it"),
         ("joints: [" + "1.25, " * 900_000 + "]", "is larger than 2 MB"),
         ("".join(f"k{number}: 1\n" for number in range(70_000)), "and 69951 more mistakes"),
-        ("".join(f"k{number % 9}: 1\n" for number in range(70_000)), "stands here for the second time"),
-        ("a: " + "[" * 90_000, "contains itself, or is nested too deeply"),
-        ("a: &a [*a]", "contains itself, or is nested too deeply"),
+        ("".join(f"k{number % 9}: 1\n" for number in range(70_000)), "duplicate key"),
+        ("a: " + "[" * 90_000, "contains itself or is nested too deeply"),
+        ("a: &a [*a]", "contains itself or is nested too deeply"),
         ("a: &a0 x\n" + "".join(f"k{n}: &a{n + 1} [*a{n}]\n" for n in range(3000)), "nested too deeply"),
         ("a: " + "1" * 5000, "(line 1): correct it"),
         ("a: !!bool maybe", "(line 1): correct it"),
@@ -134,12 +132,12 @@ MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
         ("a: \x00", "is not YAML: "),
     ],
 )
-def test_no_file_takes_long_and_each_is_refused_with_a_sentence(tmp_path: Path, text: str, says: str) -> None:
+def test_oversized_files_are_refused_quickly(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text(text)
     with pytest.raises(RobotFileError) as error:
         load_robot_file(path)
-    assert says in str(error.value)
+    assert message in str(error.value)
     assert len(str(error.value).splitlines()) <= 51
 
 
@@ -147,7 +145,7 @@ NODES = "controller_manager:\n  ros__parameters: {update_rate: 20"
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (NODES + "".join(f", k{n}: {n}" for n in range(70_000)) + "}", "controller_manager has more than 2000 values"),
         (NODES + "".join(f", c{n}: {{type: x}}" for n in range(20_000)) + "}", "has more than 2000 values"),
@@ -160,20 +158,20 @@ NODES = "controller_manager:\n  ros__parameters: {update_rate: 20"
         (NODES + "".join(f", c{n}: {{type: x}}" for n in range(900)) + "}", "more than 300 controllers"),
     ],
 )
-def test_no_controllers_file_takes_long(tmp_path: Path, text: str, says: str) -> None:
+def test_oversized_controllers_files_are_refused_quickly(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "controllers.yaml"
     path.write_text(text)
     with pytest.raises(ControllersFileError) as error:
         read_arm_files(find_arm(), controllers=path)
-    assert says in str(error.value) and f"{path}:" in str(error.value)
+    assert message in str(error.value) and f"{path}:" in str(error.value)
 
 
-def test_json_with_many_keys_is_refused_at_once(tmp_path: Path) -> None:
+def test_json_with_many_keys_is_refused_quickly(tmp_path: Path) -> None:
     path = tmp_path / "lerobot.json"
-    for text, says in (
+    for text, message in (
         ("{" + ",".join(['"a": 1'] * 200_000) + "}", "a stands there twice"),
         ("{" + ",".join(f'"a{number}": 1' for number in range(100_000)) + "}", "and 99950 more mistakes"),
     ):
         path.write_text(text)
-        with pytest.raises(CalibrationError, match=says):
+        with pytest.raises(CalibrationError, match=message):
             read_lerobot(path)

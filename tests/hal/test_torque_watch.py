@@ -1,4 +1,4 @@
-"""Whether servos have torque is asked also where no cycle has the time for it: then one cycle is late."""
+"""Tests that the torque of servos is checked even if no cycle has time left; one cycle is late then."""
 
 import pytest
 
@@ -12,7 +12,7 @@ HERE = at(0.0, 0.0, JOINTS[2].position(1500))
 
 
 class Paced:
-    """A loop whose cycles have time for the states and for nothing else."""
+    """Control loop whose cycles only have time to read the states."""
 
     def __init__(self, rate_hz: float, held_back_s: float) -> None:
         self.bench = Bench()
@@ -50,16 +50,14 @@ busy = pytest.mark.parametrize(("rate_hz", "held_back_s"), [(400.0, 0.0), (50.0,
 
 
 @busy
-def test_a_servo_that_is_back_is_named_until_it_was_asked_and_then_gets_its_goals(
-    rate_hz: float, held_back_s: float
-) -> None:
+def test_a_servo_that_answers_again_gets_goals_after_its_torque_is_checked(rate_hz: float, held_back_s: float) -> None:
     loop = Paced(rate_hz, held_back_s)
     loop.bench.servos.faults.silence(1)
     loop.cycles(0.2)
     loop.bench.servos.faults.restore(1)
     while (faults := loop.cycle())["shoulder"].kind != "no_torque":
         pass
-    assert faults["shoulder"].text.startswith("shoulder: servo 1 answers again, and nobody has asked it yet")
+    assert faults["shoulder"].text.startswith("shoulder: servo 1 answers again, but its torque has not been checked")
     loop.late = 0
     waited = loop.cycles(LONGEST_S + 0.1)
     assert "shoulder" in waited[0] and waited[-1] == {}
@@ -67,7 +65,7 @@ def test_a_servo_that_is_back_is_named_until_it_was_asked_and_then_gets_its_goal
     assert loop.late <= 2
 
 
-def test_two_short_silences_with_measurements_between_them_are_not_a_long_one() -> None:
+def test_two_short_silences_are_not_one_long_silence() -> None:
     loop = Paced(400.0, 0.0)
     for _ in range(2):
         loop.bench.servos.faults.silence(1)
@@ -79,10 +77,10 @@ def test_two_short_silences_with_measurements_between_them_are_not_a_long_one() 
 
 
 @busy
-def test_a_servo_that_was_reset_within_a_cycle_is_found(rate_hz: float, held_back_s: float) -> None:
+def test_a_servo_reset_within_a_cycle_is_detected(rate_hz: float, held_back_s: float) -> None:
     loop = Paced(rate_hz, held_back_s)
     loop.bench.servos.servo(7).power_cycle()
-    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # as by the next goal
+    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # as the next goal would
     faults = loop.cycles(LONGEST_S + 0.1)[-1]
     assert faults["finger"].text.startswith("finger: servo 7 has lost its torque")
 
@@ -95,9 +93,9 @@ def test_late_cycles_are_few(rate_hz: float, held_back_s: float) -> None:
     assert loop.late <= 5.0 / LONGEST_S + 1
 
 
-def test_on_a_quick_line_one_servo_is_asked_at_a_time_and_no_cycle_is_missed() -> None:
-    loop = Paced(800.0, 0.0)  # all three servos' answers at once do not fit
-    shown = loop.bench.hardware._states.faults._shown_s
+def test_on_a_fast_bus_one_servo_is_checked_at_a_time() -> None:
+    loop = Paced(800.0, 0.0)  # the answers of all three servos do not fit in one cycle
+    shown = loop.bench.hardware._states.faults._checked_s
     oldest = []
     for _ in range(1000):
         loop.cycle()
@@ -106,7 +104,7 @@ def test_on_a_quick_line_one_servo_is_asked_at_a_time_and_no_cycle_is_missed() -
     assert max(oldest) <= LONGEST_S + len(shown) * 2 * loop.period_s
 
 
-def test_on_a_line_that_has_become_slow_all_are_asked_in_the_next_cycle() -> None:
+def test_on_a_bus_that_becomes_slow_all_servos_are_checked_at_once() -> None:
     loop = Paced(50.0, 0.0155)
     faults = loop.bench.hardware._states.faults
     faults._quick = True
@@ -115,10 +113,10 @@ def test_on_a_line_that_has_become_slow_all_are_asked_in_the_next_cycle() -> Non
         if not faults._quick:
             break
     loop.cycle()
-    assert loop.bench.clock.now() - min(faults._shown_s.values()) <= 2 * loop.period_s
+    assert loop.bench.clock.now() - min(faults._checked_s.values()) <= 2 * loop.period_s
 
 
-def test_each_servo_can_be_asked_at_once() -> None:
+def test_all_servos_can_be_checked_at_once() -> None:
     bench = Bench().active()
     bench.wait()
     assert bench.hardware.ask_for_torque() == frozenset()
@@ -131,12 +129,12 @@ def test_each_servo_can_be_asked_at_once() -> None:
     assert set(faults) == {"elbow", "finger"} and "activate again" in faults["elbow"].text
 
 
-def test_a_servo_that_does_not_answer_the_question_is_told_from_one_without_torque() -> None:
+def test_a_servo_that_does_not_answer_differs_from_one_without_torque() -> None:
     bench = Bench().active()
     bench.wait()
     bench.servos.faults.silence(2)
     assert bench.hardware.ask_for_torque() == {"elbow"}
-    assert bench.hardware.without_torque == frozenset(), "a lost answer takes no torque"
+    assert bench.hardware.without_torque == frozenset(), "a lost answer does not mean lost torque"
     bench.servos.faults.restore(2)
     assert bench.wait().faults == {}
     assert bench.hardware.ask_for_torque() == frozenset() == bench.hardware.without_torque

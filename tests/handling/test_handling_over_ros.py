@@ -92,7 +92,7 @@ def hold_on(moving: RobotClient, joint: str) -> None:
     try:
         moving.jog(joint, 1.0)
     except HandlingError as error:
-        if "this machine held up" not in str(error):
+        if "the load of this computer" not in str(error):
             raise
 
 

@@ -134,7 +134,7 @@ def values_in_a_node(arguments: list[str]) -> dict[str, Any]:
         ("kinematics.yaml", "a: &a [*a]", r"kinematics.yaml:1: the file contains itself"),
         ("kinematics.yaml", "a: [", r"kinematics.yaml is not YAML: .*line 2"),
         ("kinematics.yaml", "- a", r"kinematics.yaml:1: this is not a mapping"),
-        ("joint_limits.yaml", "a: 1\na: 2", r"joint_limits.yaml:2: a stands here for the second time"),
+        ("joint_limits.yaml", "a: 1\na: 2", r"joint_limits.yaml:2: duplicate key a"),
         ("ompl_planning.yaml", "a: [" + "1, " * 200_000 + "]", r"ompl_planning.yaml has more than 150000 values"),
         ("planning_scene.yaml", "a: " + "[" * 5000, r"planning_scene.yaml:1: the file .* is nested too deeply"),
         ("robot_arm.srdf", "<!-- L\xe4nge -->", r"robot_arm.srdf is not text in UTF-8 \(line 1"),

@@ -166,7 +166,7 @@ def test_component_whose_cleanup_fails_is_finalized(
         hand.give("cleanup", "defect")
         hand.give("read", "lost")
         client.spin_until(lambda: components(client) == {"arm": "active", "hand": "finalized"})
-        assert f"hand is given up for good: {DEFECT}" in stack.words
+        assert f"hand could not be cleaned up and stays unavailable: {DEFECT}" in stack.words
         hand.withdraw()
         for label in ("active", "inactive", "unconfigured"):
             assert set_state(client, "hand", label=label) == (False, "finalized")

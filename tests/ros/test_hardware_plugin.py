@@ -191,7 +191,7 @@ def test_component_that_deactivates_itself_is_lost_and_its_goals_fail(bench: Ben
     bench.arm.give("write", "rest")
     answer = bench.client.wait(result)
     assert answer.status == ABORTED
-    assert answer.result.error_string.endswith("arm is lost: it has become inactive by itself")
+    assert answer.result.error_string.endswith("arm is lost: it became inactive without a request")
     bench.client.spin_until(lambda: components(bench.client)["arm"] == "unconfigured")
     assert controllers(bench.client) == {"arm_controller": "inactive", **BACKGROUND}
 

@@ -24,37 +24,35 @@ BROKEN = {
     "a sensor element": (
         HARDWARE,
         f'{HARDWARE}<sensor name="scale"/>',
-        "<ros2_control name='arm'>: <sensor> is not supported: the components here have joints, and nothing else",
+        "<ros2_control name='arm'>: <sensor> is not supported, only <joint> is: remove it",
     ),
-    "a joint that the URDF has not": (
+    "a joint that is not in the URDF": (
         ARM_JOINT,
         '<joint name="wheel">',
-        "<ros2_control name='arm'> names joint 'wheel', which the URDF has not",
+        "<ros2_control name='arm'> has joint 'wheel', which is not in the URDF",
     ),
     "a fixed joint": (
         '<joint name="joint1" type="revolute">',
         '<joint name="joint1" type="fixed">',
-        "<ros2_control name='arm'> names joint 'joint1', which is fixed in the URDF: "
-        "hardware has joints that are revolute, continuous, prismatic",
+        "<ros2_control name='arm'> has joint 'joint1', which is fixed in the URDF",
     ),
     "no name": ('<ros2_control name="arm"', "<ros2_control", "a <ros2_control> block of the URDF has no name"),
     "no type": ('"arm" type="system"', '"arm"', "<ros2_control name='arm'> of the URDF has no type"),
     "a sensor that takes commands": (
         '"arm" type="system"',
         '"arm" type="sensor"',
-        "<ros2_control name='arm'> is a sensor: take the <command_interface> of joint 'joint1' out",
+        "<ros2_control name='arm'> is a sensor, but joint 'joint1' has a <command_interface>",
     ),
     "no plugin": (MOCK, "", "<ros2_control name='arm'> has no <hardware><plugin>"),
     "one name for two": (
         'name="hand" type',
         'name="arm" type',
-        "two <ros2_control> blocks are called 'arm': each needs a name of its own",
+        "two <ros2_control> blocks are named 'arm'",
     ),
     "commands to a mimic joint": (
         '<joint name="hand_left_joint">',
         f'<joint name="hand_left_joint">{COMMAND}',
-        "<ros2_control name='hand'>: joint 'hand_left_joint' follows 'hand_right_joint' by its <mimic>: "
-        "take its <command_interface> out",
+        "<ros2_control name='hand'>: joint 'hand_left_joint' has a <command_interface> but mimics 'hand_right_joint'",
     ),
 }
 

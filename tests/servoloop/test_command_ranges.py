@@ -192,15 +192,15 @@ def test_servos_keep_to_the_range_and_calibration_measures_the_whole_travel(tmp_
         ),
         (
             urdf(interface(), interface("velocity", min=0)),
-            "lift/velocity: min 0.0 and max inf (arm.urdf, line 4) forbid one direction, and lift takes positions too",
+            "lift/velocity: min 0.0 and max inf (arm.urdf, line 4) allow only one direction, but lift also takes",
         ),
         (
             urdf(interface(min=0), kind="continuous"),
-            "lift/position: min 0.0 and max inf (arm.urdf, line 4) bound one end only: a continuous joint needs both",
+            "lift/position: min 0.0 and max inf (arm.urdf, line 4) limit only one end, but a continuous joint needs",
         ),
         (
             urdf(interface().replace("</", '<param name="max">1</param><param name="max">2</param></')),
-            "lift/position has max twice (arm.urdf, line 4): take one out.",
+            "lift/position has max twice (arm.urdf, line 4): remove one.",
         ),
     ],
 )

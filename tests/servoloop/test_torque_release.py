@@ -27,7 +27,7 @@ from tests.servoloop.served import served
 SO101 = read_arm_files(find_arm("so101")).robot
 IDS = tuple(joint.servo_id for joint in SO101.joints)
 ALL = ", ".join(f"{joint.name} (servo {joint.servo_id})" for joint in SO101.joints)
-FALL = "and what they hold falls"
+FALL = "and the arm may fall"
 FALLS = "what it holds falls"
 
 
@@ -49,10 +49,10 @@ ROWS = {
     "teach record": Row("teach record wave --arm {arm} --port {held} --limp", [ALL, FALL]),
     "calibrate": Row("calibrate --arm {arm} --port {held}", [ALL, FALL]),
     "register write": Row("register write torque_enable 0 --id 3 --port {held}", ["servo 3", FALLS]),
-    "reboot": Row("reboot 3 --port {held}", ["servo 3", FALLS]),
+    "reboot": Row("reboot 3 --port {held}", ["servo 3", FALL]),
     "tune": Row("tune wrist_roll --arm {arm} --port {held} --out {folder}/one.svg", [ALL, FALL]),
     "factory-reset": Row("factory-reset 3 --port {held} --yes", ["servo 3", FALLS], asks=False),
-    "passport restore": Row("passport restore {passport} --port {held} --yes", ["servo 3 holds torque", FALLS], False),
+    "passport restore": Row("passport restore {passport} --port {held} --yes", ["servo 3 holds torque", FALL], False),
     "doctor": Row("doctor --move --arm {arm} --port {held} --yes", [ALL, FALL], asks=False, status=0),
     "bench arm": Row("bench arm --arm {arm} --port {held} --out {folder}/bench.html --yes", [ALL, FALL], asks=False),
     "set-id": Row("set-id 3 9 --port {held}", ["servo 3", FALLS], asks=False),

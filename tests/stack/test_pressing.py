@@ -78,7 +78,7 @@ def test_an_arm_joint_that_something_holds_is_named_while_it_drives_with_all_it_
 
     rig.after_cycle = look
     rig.run(4.0, lambda: handle.done)
-    assert any(text.startswith("servo 1 has driven with at least 80% of its torque") for text in seen)
+    assert any(text.startswith("servo 1 has pressed with at least 80% of its torque") for text in seen)
     rig.run(1.0)
     assert not seen[-1], "the goal's end has relieved it"
 

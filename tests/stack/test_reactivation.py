@@ -48,7 +48,7 @@ def test_one_request_brings_a_reset_servo_back_and_moves_no_joint(arm: str, serv
     before = rig.world.position().copy()
     activated(rig).result()
     assert controllers(rig) == running, "those that ended meanwhile have begun again"
-    assert rig.says("is activated again: it holds where it is")
+    assert rig.says("has torque again and holds its position")
     rig.endure(1.0)
     np.testing.assert_allclose(rig.world.position()[:6], before[:6], atol=0.03)  # it sags a little
     assert rig.hardware.read().faults == {}
@@ -79,7 +79,7 @@ def test_no_goal_leaps_whatever_the_joint_was_commanded_before() -> None:
 
 @pytest.mark.parametrize(
     ("register", "value", "says"),
-    [(sts.operating_mode, 1, "is not in position mode"), (sts.max_position, 2100, "has position limits of its own")],
+    [(sts.operating_mode, 1, "is not in position mode"), (sts.max_position, 2100, "has position limits ")],
 )
 def test_a_servo_that_is_not_as_it_should_be_stays_limp_and_the_others_hold(
     register: sts.Register, value: int, says: str
@@ -119,7 +119,7 @@ def test_a_request_finds_torque_that_was_lost_just_before(arm: str, servo_id: in
     servo.power_cycle()
     rig.endure(after_s)
     activated(rig).result()
-    assert rig.says("is activated again: it holds where it is")
+    assert rig.says("has torque again and holds its position")
     assert servo.memory.get(series_of(servo.model).torque_enable) == 1
     rig.endure(1.0)
     assert rig.hardware.read().faults == {}
@@ -143,7 +143,7 @@ def test_a_lost_answer_to_the_question_costs_a_cycle_and_no_torque() -> None:
     rig.bus.faults.corrupt_next(3)
     activated(rig).result()
     assert controllers(rig) == running
-    assert not rig.says("is activated again")
+    assert not rig.says("has torque again")
 
 
 def test_a_component_without_faults_is_left_alone() -> None:

@@ -146,7 +146,7 @@ def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
     others.append(ServoFaults.present)  # asks one servo in turn for its torque: no state comes of that
-    others.append(SupplyWatch.look)  # only reports
+    others.append(SupplyWatch.check)  # only reports
     trip = TripRecorder(since=RecordingPort.read, muted=others)
     with trip.recording():
         broadcaster.sample(rig.loop.step())

@@ -114,7 +114,7 @@ def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
     lesson.rig.arm.hardware.deactivate(relax=False)
 
     def no(question: str) -> None:
-        assert question.startswith("shoulder_pan (servo 1), ") and "what they hold falls" in question
+        assert question.startswith("shoulder_pan (servo 1), ") and "the arm may fall" in question
         raise TeachError("no")
 
     with pytest.raises(TeachError, match="no"):

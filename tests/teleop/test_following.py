@@ -74,7 +74,7 @@ def test_a_leader_that_holds_torque_is_released_only_after_a_yes() -> None:
         release_leader(rig.teleop, no)
     assert torque(line) == [2, 3]
     (asked,) = rig.asked
-    assert "leader/shoulder_lift (servo 2), leader/elbow_flex (servo 3) hold torque, and what they hold falls" in asked
+    assert "leader/shoulder_lift (servo 2), leader/elbow_flex (servo 3) hold torque, and the arm may fall" in asked
     release_leader(rig.teleop, rig.asked.append)
     assert torque(line) == []
 
@@ -92,7 +92,7 @@ def test_a_leader_with_other_settings_that_holds_torque_is_released_before_they_
     leader.configure()
     assert leader.held() == ["leader/gripper (servo 6)"]
     assert line.servo(6).memory.get(sts.max_torque) == 1000, "it may be another arm's"
-    leader.let_go()
+    leader.release()
     assert torque(line) == [] and line.servo(6).memory.get(sts.max_torque) == 500
 
 
@@ -105,7 +105,7 @@ def test_a_leader_that_comes_back_with_torque_is_not_released_and_the_person_is_
     rig.leader.plugged = True
     shown = rig.attend(2.5)
     assert torque(line) == [3] and rig.controller.phase is Phase.HOLDING
-    assert "leader/elbow_flex (servo 3) holds torque, and what it holds falls" in shown
+    assert "leader/elbow_flex (servo 3) holds torque, and the arm may fall" in shown
 
 
 def test_the_follower_joins_slowly_from_wherever_it_stands() -> None:
