@@ -62,8 +62,8 @@ def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
         bus.identify(joint.servo_id, joint.model)
     if held := [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]:
         raise DriverError(
-            f"{torque_warning(held)}. This command releases the arm at its end: lay the arm down, and switch its torque "
-            "off first"
+            f"{torque_warning(held)}. This command releases the arm at its end: lay the arm down, and switch its "
+            "torque off first"
         )
 
 
