@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 
 from hal.same_event import as_one, event_of
+from hal.types import Interface
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -18,5 +19,11 @@ def log_gate(reasons: Mapping[str, str]) -> None:
     for interface, reason in reasons.items():
         events.setdefault(event_of(reason), []).append(interface)
     for interfaces in events.values():
-        names = ", ".join(interface.removesuffix("/position") for interface in interfaces)
+        names = ", ".join(_short_name(interface) for interface in interfaces)
         LOG.info("safety gate: %s: %s", names, as_one([reasons[interface] for interface in interfaces]))
+
+
+def _short_name(interface: str) -> str:
+    """Return the joint of a position interface, or the whole name of any other interface."""
+    joint, kind = Interface.parse(interface)
+    return joint if kind == "position" else interface

@@ -19,7 +19,7 @@ from hal.components.component_set import ComponentSet
 from hal.confirm import confirmed_positions
 from hal.errors import ActivationError
 from hal.gate import SafetyGate
-from hal.types import FloatArray, JointLimits, JointState, far_outside
+from hal.types import FloatArray, Interface, JointLimits, JointState, far_outside, joints_of
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -77,12 +77,12 @@ class ControlLoop:
         self.period_s = period_s
         self.figures = LoopFigures()
         self.requests = Requests()
-        split = [name.rpartition("/") for name in self.hardware.command_interfaces]
-        self.limits = tuple(limits[joint] for joint, _, _ in split)
+        interfaces = [Interface.parse(name) for name in self.hardware.command_interfaces]
+        self.limits = tuple(limits[joint] for joint, _ in interfaces)
         """Limits of the joint of each command interface."""
-        self.kinds = tuple(kind for _, _, kind in split)
+        self.kinds = tuple(kind for _, kind in interfaces)
         """Kind of each command interface: position, velocity or effort."""
-        self._joint = [self.hardware.joints.index(joint) for joint, _, _ in split]
+        self._joint = [self.hardware.joints.index(joint) for joint, _ in interfaces]
         self._is_position = np.array([kind == "position" for kind in self.kinds], dtype=bool)
         self.command: FloatArray = np.where(self._is_position, np.nan, 0.0)
         self.previous_command = self.command
@@ -145,7 +145,7 @@ class ControlLoop:
         """
         own, first = component.commands, component.joints.start
         limits, held = self.limits[own], self._is_position[own]
-        names = [name.rpartition("/")[0] for name in self.hardware.command_interfaces[own]]
+        names = joints_of(self.hardware.command_interfaces[own])
         taken = np.array([joints is None or name in joints for name in names], dtype=bool)
         measured = confirmed_positions(
             replace(state, position=state.position[component.joints]),

@@ -14,7 +14,7 @@ from hal.components.component import Component
 from hal.components.component_lifecycle import clean_up_all, deactivate_all
 from hal.hardware import Holding
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointLimits
+from hal.types import FloatArray, JointLimits, joints_of
 
 ARRIVE_S = 0.2
 """Time for which the end of a motion is held so that the servos can reach it, in seconds."""
@@ -120,7 +120,7 @@ def _check_torque(loop: ControlLoop) -> None:
 
 def _park(loop: ControlLoop, park: Mapping[str, float], scale: float, hurry: Callable[[], bool]) -> bool:
     """Move all joints with a known position to the park pose. Return whether the joints reached the pose."""
-    names = [name.rpartition("/")[0] for name in loop.hardware.command_interfaces]
+    names = joints_of(loop.hardware.command_interfaces)
     known = [i for i, kind in enumerate(loop.kinds) if kind == "position" and np.isfinite(loop.command[i])]
     start = loop.within_limits
     target = np.array([park.get(names[i], start[i]) for i in known])

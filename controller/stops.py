@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from controller.motion import Kinematics, Motion, MotionError, plan_stop
-from hal.types import FloatArray, JointLimits
+from hal.types import FloatArray, Interface, JointLimits
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -65,7 +65,7 @@ class DecelerationStops:
     def __init__(self, interfaces: Sequence[str], limits: Mapping[str, JointLimits]) -> None:
         """Use the limits of each joint, by joint name. A joint without limits stops at once."""
         self._limits = limits
-        self._split = [name.rpartition("/") for name in interfaces]
+        self._interfaces = [Interface.parse(name) for name in interfaces]
         self.moving: list[_Stopping] = []
         """Stops in progress. While this list is empty, the cycle calls no method of this class."""
 
@@ -77,11 +77,11 @@ class DecelerationStops:
             command: Last command of all n command interfaces, shape (n,).
             velocity: Change of the last command per second, shape (n,).
         """
-        moving = [i for i in index if self._split[i][0] in self._limits and self._moves(i, command, velocity)]
+        moving = [i for i in index if self._interfaces[i].joint in self._limits and self._moves(i, command, velocity)]
         if not moving:
             return
-        limits = [self._limits[self._split[i][0]] for i in moving]
-        kinds = [self._split[i][2] for i in moving]
+        limits = [self._limits[self._interfaces[i].joint] for i in moving]
+        kinds = [self._interfaces[i].kind for i in moving]
         try:
             stop = StopMotion(command[moving], velocity[moving], limits, kinds)
         except MotionError as error:
@@ -93,7 +93,7 @@ class DecelerationStops:
         self.moving.append(_Stopping({i: k for k, i in enumerate(moving)}, stop))
 
     def _moves(self, i: int, command: FloatArray, velocity: FloatArray) -> bool:
-        speed = velocity[i] if self._split[i][2] == "position" else command[i]
+        speed = velocity[i] if self._interfaces[i].kind == "position" else command[i]
         return bool(np.isfinite(command[i]) and abs(speed) > STANDING)
 
     def holds(self, index: Sequence[int]) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from drivers.clock import Clock
 from hal.lifecycle import LifecycleState, require, require_configured
 from hal.robot_description.description import HardwareInfo
-from hal.types import JointCommand, JointState
+from hal.types import Interface, JointCommand, JointState, position_interfaces
 
 KINDS = ("position", "velocity", "effort")
 
@@ -41,7 +41,7 @@ class MockHardware:
         """
         self.name = name
         self.joints = tuple(joints)
-        positions = [f"{joint}/position" for joint in joints]
+        positions = position_interfaces(joints)
         self.command_interfaces = tuple(positions if command_interfaces is None else command_interfaces)
         self.state = LifecycleState.UNCONFIGURED
         self._clock = clock
@@ -82,7 +82,7 @@ class MockHardware:
         """Return the indices of the joints with a command of this kind, and the indices of these commands."""
         pairs = [
             (self.joints.index(joint), place)
-            for place, (joint, _, own) in enumerate(name.rpartition("/") for name in self.command_interfaces)
+            for place, (joint, own) in enumerate(map(Interface.parse, self.command_interfaces))
             if own == kind
         ]
         return [joint for joint, _ in pairs], [place for _, place in pairs]

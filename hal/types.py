@@ -1,7 +1,7 @@
 """Types that the layers exchange. Values are in SI units, arrays in joint order."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
@@ -19,6 +19,34 @@ AT_LIMIT: Final = 1e-3
 """Distance beyond a limit at which a joint still counts as at the limit, as a share of its range.
 
 It covers two or three counts of 4096, and sag."""
+
+
+class Interface(NamedTuple):
+    """A state or command interface of a joint. ros2_control writes its name as ``joint/kind``."""
+
+    joint: str
+    """Name of the joint."""
+    kind: str
+    """``position``, ``velocity``, ``effort`` or the name of another quantity."""
+
+    @classmethod
+    def parse(cls, name: str) -> "Interface":
+        """Split the name of an interface, such as ``joint1/position``."""
+        joint, _, kind = name.rpartition("/")
+        return cls(joint, kind)
+
+    def __str__(self) -> str:
+        return f"{self.joint}/{self.kind}"
+
+
+def joints_of(interfaces: Iterable[str]) -> list[str]:
+    """Return the joint of each interface, in their order."""
+    return [Interface.parse(name).joint for name in interfaces]
+
+
+def position_interfaces(joints: Iterable[str]) -> tuple[str, ...]:
+    """Return the name of the position interface of each joint."""
+    return tuple(str(Interface(joint, "position")) for joint in joints)
 
 
 @dataclass(frozen=True, slots=True)

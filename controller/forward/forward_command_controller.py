@@ -12,7 +12,7 @@ from controller.interface import Controller, ControllerContext, indices, limits_
 from controller.motion import within_reach
 from controller.parameters import Parameters
 from controller.settling import Settling
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointLimits, JointState, position_interfaces
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -39,7 +39,7 @@ class ForwardCommandController:
         self.name = name
         self.parameters = Parameters()
         self.joints = tuple(joints)
-        self.command_interfaces = tuple(f"{joint}/position" for joint in joints)
+        self.command_interfaces = position_interfaces(joints)
         self.state_interfaces = tuple(f"{joint}/{name}" for joint in joints for name in ("position", "velocity"))
         self.command: FloatArray = np.full(len(joints), np.nan)
         self._lower = np.array([limit.lower for limit in limits])

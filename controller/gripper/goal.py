@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 from controller.action_goals import GoalStatus
 from controller.parameters import Parameters
 from hal.plausible import Effort, MonitorRate, Speed, Time, Tolerance
-from hal.types import JointLimits
+from hal.types import JointLimits, position_interfaces
 
 
 class GripperParameters(Parameters):
@@ -39,7 +39,7 @@ class GripperParameters(Parameters):
         return name
 
     def claims(self) -> tuple[str, ...]:
-        return (f"{self.joint}/position",)
+        return position_interfaces([self.joint])
 
     def unused(self) -> list[str]:
         unused = []

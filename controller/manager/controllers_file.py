@@ -16,6 +16,7 @@ from controller.manager.settings import SETTINGS, Settings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo
+from hal.types import Interface
 from hal.yaml_file import Places, mistakes
 from hal.yaml_nodes import YamlFile
 
@@ -316,10 +317,10 @@ def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[
     key = "joint" if "joint" in type(parameters).model_fields else "joints"
     block = "the URDF's <ros2_control> block"
     for claim in dict.fromkeys(claims):
-        joint = claim.rpartition("/")[0]
+        joint = Interface.parse(claim).joint
         if joint not in joints:
             yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
         elif claim not in component.commands:
             yield key, f"needs {claim}, which is not a command_interface in {block}"
     for claim in sorted({claim for claim in claims if claims.count(claim) > 1}):
-        yield key, f"names {claim.rpartition('/')[0]} twice"
+        yield key, f"names {Interface.parse(claim).joint} twice"

@@ -11,7 +11,7 @@ from controller.parameters import Parameters
 from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.compensation.servo_compliance import Compliance, lags
 from hal.joint import Joint
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointLimits, JointState, position_interfaces
 
 SMOOTHED_S: Final = 0.04
 """Time constant of the filter for joint velocities, in seconds."""
@@ -63,7 +63,7 @@ class FreedriveController:
         self.name = name
         self.parameters = Parameters()
         self.joints = tuple(guided.joint for guided in joints)
-        self.command_interfaces = tuple(f"{joint}/position" for joint in self.joints)
+        self.command_interfaces = position_interfaces(self.joints)
         self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.holds = False

@@ -11,7 +11,7 @@ from controller.interface import indices
 from controller.parameters import Parameters
 from controller.teleop.ramp_in import SHARE, RampIn
 from hal.compensation.servo_compliance import Compliance, lags
-from hal.types import FloatArray, JointLimits, JointState
+from hal.types import FloatArray, JointLimits, JointState, position_interfaces
 
 LEAP_RAD_S: Final = 20.0
 """Maximum plausible speed of the leader, in rad/s. A hand cannot turn a joint faster, so a higher speed is an error."""
@@ -70,8 +70,8 @@ class LeaderFollowerController:
         """Create a controller. ``hardware_joints`` are the joints of both arms, in the order of the measurements."""
         self.name = name
         self.parameters = Parameters()
-        self.command_interfaces = tuple(f"{followed.joint}/position" for followed in joints)
-        self.state_interfaces = tuple(f"{followed.joint}/position" for followed in joints)
+        self.command_interfaces = position_interfaces(followed.joint for followed in joints)
+        self.state_interfaces = self.command_interfaces
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.allowed = False
         """Whether the follower may move. Another thread sets this flag when the operator allows motion."""

@@ -8,6 +8,7 @@ from controller.parameters import Parameters
 from controller.trajectory.goal import Allowed
 from controller.trajectory.tolerances import Tolerances
 from hal.plausible import Deceleration, Factor, MonitorRate, Speed, Time, Tolerance
+from hal.types import position_interfaces
 
 SETTABLE: Final = frozenset(
     {
@@ -116,7 +117,7 @@ class TrajectoryParameters(Parameters):
         return Constraints.model_validate(constraints.model_dump() | others) if others else constraints
 
     def claims(self) -> tuple[str, ...]:
-        return tuple(f"{joint}/position" for joint in self.joints)
+        return position_interfaces(self.joints)
 
     def unused(self) -> list[str]:
         others = set(self.constraints.by_joint()) - set(self.joints)

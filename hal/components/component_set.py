@@ -12,7 +12,7 @@ from hal.components.leap_filter import LeapFilter
 from hal.errors import PartLost
 from hal.hardware import AskedForTorque, DoubtingLeaps, Hardware, Requesting
 from hal.lifecycle import LifecycleState
-from hal.types import FloatArray, JointCommand, JointLimits, JointState
+from hal.types import FloatArray, Interface, JointCommand, JointLimits, JointState
 
 LOG = logging.getLogger("servoloop.hal")
 
@@ -69,12 +69,12 @@ class ComponentSet:
 
     def ready(self, interface: str) -> bool:
         """Return whether a controller can use this command interface now: its component must be active."""
-        home = self._homes.get(interface.rpartition("/")[0])
+        home = self._homes.get(Interface.parse(interface).joint)
         return home is not None and home.active
 
     def measured(self, interface: str) -> bool:
         """Return whether a controller can use this state interface now: its component must be readable."""
-        home = self._homes.get(interface.rpartition("/")[0])
+        home = self._homes.get(Interface.parse(interface).joint)
         return home is None or home.sound  # a mimic joint has no component; its position follows from its leader
 
     def update_every_cycle(self) -> None:

@@ -13,7 +13,7 @@ from hal.servos.joint_buses import JointBuses
 from hal.servos.servo_goals import ServoGoals
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
-from hal.types import JointCommand, JointState
+from hal.types import JointCommand, JointState, position_interfaces
 
 READ_SHARE = 0.5
 """Share of the period that a read may take if it has no deadline."""
@@ -35,7 +35,7 @@ class ServoHardware:
         """Create the component. ``open_buses`` opens and returns its bus, or its buses by name."""
         self.name = name
         self.joints = tuple(joint.name for joint in joints)
-        self.command_interfaces = tuple(f"{joint.name}/position" for joint in joints)
+        self.command_interfaces = position_interfaces(joint.name for joint in joints)
         self.state = LifecycleState.UNCONFIGURED
         self.doubts_leaps = True
         self._joints = tuple(joints)
