@@ -1,1 +1,1 @@
-"""The command line and the wiring: servoloop/ is the only folder that knows all others, and has no logic."""
+"""The programs: the command line, and the control stack that is put together from all other folders."""
