@@ -121,7 +121,9 @@ def test_a_kind_that_a_servo_cannot_have_is_refused_with_a_sentence() -> None:
     said = str(refused.value).splitlines()
     assert len(said) == len(wrong)
     for line, why in zip(
-        said, ["says nothing of its encoder", "no protection", "not 12345", "not 7", "no servo 9"], strict=True
+        said,
+        ["does not report the state of its encoder", "no overcurrent protection", "not 12345", "not 7", "no servo 9"],
+        strict=True,
     ):
         assert why in line
 

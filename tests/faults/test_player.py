@@ -150,7 +150,13 @@ def test_one_that_cannot_happen_keeps_all_from_happening() -> None:
         bench.play("silent id=2", "silent id=4", "jammed id=1", "stall for=1", "adapter_unplugged", "cable_cut after=3")
     said = str(refused.value)
     assert len(said.splitlines()) == 5
-    for why in ("no servo 4: known are 1, 2, 3", "no world", "no stack", "no adapter", "servo 3 is the last"):
+    for why in (
+        "no servo 4: known servos: 1, 2, 3",
+        "without a simulated arm",
+        "no stack",
+        "no adapter",
+        "servo 3 is the last",
+    ):
         assert why in said
     bench.until(10)
     assert bench.reply(2)
@@ -161,12 +167,12 @@ def test_a_fault_of_a_controller_that_is_not_there_is_refused() -> None:
     there = rig.player.targets.inventory
     assert there.servos == inventory_of(rig.files).servos
     assert list(there.servos[""]) == list(range(1, 8))
-    with pytest.raises(FaultError, match="no controller 'nobody': known are"):
+    with pytest.raises(FaultError, match="no controller 'nobody': known controllers"):
         rig.play(parse("controller_nan controller=nobody"))
 
 
 def test_servos_from_the_box_cannot_be_named() -> None:
-    with pytest.raises(FaultError, match="those from a box all have one ID"):
+    with pytest.raises(FaultError, match="all servos from a box have one ID"):
         FaultPlayer(Targets({})).play([parse("echo")])
 
 

@@ -17,14 +17,18 @@ from tests.faults.test_moments import life
 @pytest.mark.parametrize(
     ("text", "model", "why"),
     [
-        ("wrong_setting id=1 register=id value=4", sts.STS3215, "wrong_id is the fault for this register"),
+        ("wrong_setting id=1 register=id value=4", sts.STS3215, "use the fault wrong_id for this register"),
         (
             "wrong_setting id=1 register=torque_enable value=0",
             sts.STS3215,
-            "is no setting that a sts3215 keeps without",
+            "is not a setting that a sts3215 keeps without",
         ),
-        ("wrong_setting id=1 register=model_number value=1", sts.STS3215, "is no setting that a sts3215 keeps without"),
-        ("wrong_setting id=1 register=position_p value=256", sts.STS3215, "position_p takes 0 to 255, not 256"),
+        (
+            "wrong_setting id=1 register=model_number value=1",
+            sts.STS3215,
+            "is not a setting that a sts3215 keeps without",
+        ),
+        ("wrong_setting id=1 register=position_p value=256", sts.STS3215, "position_p must be 0 to 255, not 256"),
         ("wrong_setting id=1 register=position_p value=9", x.XL430_W250, "has no register 'position_p'"),
     ],
 )
