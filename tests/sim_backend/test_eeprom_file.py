@@ -155,14 +155,14 @@ def changed(path: Path, old: str, new: str) -> None:
     ("old", "new", "says"),
     [
         ("servos:", "servos: [", "is not YAML"),
-        ("sts3215", "scs15", "shaft1: the file's servo is a scs15, the arm's a sts3215"),
+        ("sts3215", "scs15", "shaft1: the file has a scs15 here, but the arm has a sts3215"),
         ("shaft2", "shaft7", "shaft7 has no servo"),
         ("shaft2", "shaft1", "shaft1 has no servo, or two entries"),
         ("homing_offset: 0", "homing_offset: 5000", "homing_offset takes -2047 to 2047, not 5000"),
-        ("homing_offset: 0", "homing: 0", "it keeps no homing"),
-        ("baud_rate: 0", "baud_rate: 99", "baud_rate is none that it knows"),
+        ("homing_offset: 0", "homing: 0", "the servo does not keep homing"),
+        ("baud_rate: 0", "baud_rate: 99", "the servo does not support this baud_rate"),
         ("homing_offset: 0", "homing_offset: far", "arm.yaml:"),
-        ("    4: 3", "    3: 3", "it keeps no 3"),
+        ("    4: 3", "    3: 3", "the servo does not keep 3"),
         ("  registers:", "  defaults: '0011'\n  registers:", "defaults has 2 bytes instead of 87"),
     ],
 )

@@ -128,7 +128,7 @@ def test_a_client_that_hangs_up_ends_nothing(client: Client) -> None:
 
 
 def test_a_second_emulator_is_refused_and_says_why(link: Path) -> None:
-    with pytest.raises(PortBusy, match="end that one"):
+    with pytest.raises(PortBusy, match="end that emulator"):
         serve(VirtualBus.of(BenchPlant(IDS)), link, stop=lambda: True)
 
 
