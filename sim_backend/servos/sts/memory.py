@@ -103,7 +103,7 @@ class StsMemory:
         """Write bytes that came over the wire. Read-only bytes do not change."""
         for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
             if at not in READ_ONLY:
-                self._write_byte(at, self._sensible(at, value))
+                self._write_byte(at, self._corrected(at, value))
         self._decode()
 
     def save(self, register: Register, value: int) -> None:
@@ -149,7 +149,7 @@ class StsMemory:
         if at in PERSISTENT and not self._table[sts.lock.address]:
             self._saved[at] = value
 
-    def _sensible(self, at: int, value: int) -> int:
+    def _corrected(self, at: int, value: int) -> int:
         """Correct a byte as the firmware does. It corrects only these two values."""
         if at == sts.baud_rate.address and value >= len(sts.BAUD_RATES):
             return 0
