@@ -94,14 +94,14 @@ class Collision(_OnTheWire):
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        random, said = self.stream(), b""
+        random, last_reply = self.stream(), b""
 
         def become(servo_id: int, packet: bytes) -> bytes:
-            nonlocal said
+            nonlocal last_reply
             if servo_id == self.other_id and packet:
-                said = packet
+                last_reply = packet
             hit = self.hit(random, servo_id)
-            return overlaid([packet, said]) if hit and packet and said else packet
+            return overlaid([packet, last_reply]) if hit and packet and last_reply else packet
 
         with _listed(targets, targets.inventory.bus_of(self.servo_id, self.bus), "on_reply", become):
             yield

@@ -36,11 +36,11 @@ def _never(kind: type[Event], field: str) -> bool:
 
 def usage(kind: type[Event]) -> str:
     """Return the usage text of a kind, with optional parameters in brackets."""
-    said = [kind.model_fields["kind"].default]
+    parts = [kind.model_fields["kind"].default]
     for word, field in words(kind).items():
         text = f"{word}={'SECONDS' if field.endswith('_s') else word.upper()}"
-        said.append(text if kind.model_fields[field].is_required() else f"[{text}]")
-    return " ".join(said)
+        parts.append(text if kind.model_fields[field].is_required() else f"[{text}]")
+    return " ".join(parts)
 
 
 def parse(text: str) -> Any:
@@ -104,8 +104,8 @@ def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> An
     except ValidationError as error:
         for item in error.errors():
             field = str(item["loc"][1]) if len(item["loc"]) > 1 else ""
-            said = item["msg"].removeprefix("Value error, ")
-            wrong.append(f"{word_of(field)}: {said}" if field else said)
+            message = item["msg"].removeprefix("Value error, ")
+            wrong.append(f"{word_of(field)}: {message}" if field else message)
     if wrong:
         raise FaultError(f"{text!r}: {'; '.join(wrong)}. Usage: {usage(kind)}")
     return event
@@ -124,10 +124,10 @@ def _seconds(value: str) -> Any:
 
 def text_of(event: Event) -> str:
     """Return the text from which ``parse`` makes this event."""
-    said = [event.kind]
+    parts = [event.kind]
     for word, field in words(type(event)).items():
         value = getattr(event, field)
         if value == type(event).model_fields[field].default:
             continue
-        said.append(f"{word}={shlex.quote(str(value))}{'s' if field.endswith('_s') else ''}")
-    return " ".join(said)
+        parts.append(f"{word}={shlex.quote(str(value))}{'s' if field.endswith('_s') else ''}")
+    return " ".join(parts)

@@ -139,7 +139,7 @@ def test_a_second_feed_is_refused_and_remains_are_removed(feed: WorldFeed) -> No
 def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "bus.world"
     path.write_text("mine")
-    with pytest.raises(PortBusy, match="no emulator's socket"):
+    with pytest.raises(PortBusy, match="not an emulator's socket"):
         WorldFeed(path)
     assert path.read_text() == "mine"
 
