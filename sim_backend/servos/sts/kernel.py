@@ -567,7 +567,8 @@ def tick(s: Record) -> None:
 def folded(s: Record, position: int) -> int:
     """Return a position as the servo reports it in all modes except step mode.
 
-    It is within one turn, or not wrapped and in units of the angular resolution if the phase register says so.
+    The position is within one turn. With the unfolded bit of the phase register, it is not wrapped, and its unit is the
+    angular resolution.
     """
     return quotient(position, max(1, byte(s, ANGULAR_RESOLUTION))) if byte(s, PHASE) & UNFOLDED_BIT else position % TURN
 
