@@ -75,7 +75,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         rated = {voltage_v: Supply(voltage_v) for voltage_v in {s.model.rated_voltage_v for s in servos}}
         return cls(Rig(servos, plant, supply or [rated[s.model.rated_voltage_v] for s in servos]), paced=paced)
 
-    def _obey(
+    def _execute(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
     ) -> list[Reply]:
         parameters = instruction.parameters

@@ -76,7 +76,9 @@ class VirtualBus(ServoLine[PacketServo]):
         rated = {voltage_v: spread.supply(one) for voltage_v, one in usual.items()}
         return cls(Rig(servos, plant, supply or [rated[servo.model.rated_voltage_v] for servo in servos]), paced=paced)
 
-    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
+    def _execute(
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
+    ) -> list[Reply]:
         """Let ``servos`` execute one instruction, and return the replies in order."""
         parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
         meant = servos if broadcast else named(instruction.servo_id, servos)

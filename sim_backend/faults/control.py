@@ -9,7 +9,9 @@ from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.text import matching, parse, text_of
 
 
-def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command) -> Mapping[str, Any]:
+def handle_fault_command(
+    player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command
+) -> Mapping[str, Any]:
     """Start a fault, or end faults, and return the active and the coming faults.
 
     Times of the fault count from now. ``other`` handles all other commands. Raises ValueError for an unknown fault, or
@@ -20,7 +22,7 @@ def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler,
     text, done, taken = command.get("text"), list[str](), list[str]()
     try:
         if command.get("clear"):
-            taken = _taken_back(player, "" if text is None else str(text))
+            taken = _cancel(player, "" if text is None else str(text))
         elif text is not None:
             event = parse(str(text))
             player.play([event], now_s())
@@ -37,9 +39,9 @@ def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler,
     }
 
 
-def _taken_back(player: FaultPlayer, text: str) -> list[str]:
+def _cancel(player: FaultPlayer, text: str) -> list[str]:
     """End the faults that ``text`` matches, or all, and return their texts. Raises FaultError if none matches."""
-    events = player.take_back(matching(text))
+    events = player.cancel(matching(text))
     if text and not events:
         raise FaultError(f"no fault {text} is active or scheduled")
     return [text_of(event) for event in events]

@@ -98,7 +98,7 @@ class FaultPlayer:
         due = [event for _, order, _, event in sorted(self._due, key=lambda due: due[:3]) if order == BEGINS]
         return due + self._waiting
 
-    def take_back(self, matches: Callable[[Event], bool]) -> list[Event]:
+    def cancel(self, matches: Callable[[Event], bool]) -> list[Event]:
         """End the active faults that match, newest first, and cancel those to come. Return all of them."""
         running = [number for number, event in self.active.items() if matches(event)]
         events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]

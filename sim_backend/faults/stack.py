@@ -9,7 +9,7 @@ from hal.plausible import Duration, Position, Seed
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event, Lasting, Momentary
 from sim_backend.faults.tails import either_way, log_uniform
-from sim_backend.faults.targets import Inventory, Misdeed, StackTarget, Targets, Upset
+from sim_backend.faults.targets import ClientFault, ControllerFault, Inventory, StackTarget, Targets
 
 
 class _OfStack(Event):
@@ -44,7 +44,7 @@ class Stall(_OfStack):
 class _OfController(_OfStack, Lasting):
     """A controller's update goes wrong in each cycle."""
 
-    HOW: ClassVar[Upset]
+    HOW: ClassVar[ControllerFault]
     controller: str | None = None
     """Name of the controller; None for the arm's controller."""
 
@@ -68,7 +68,7 @@ class _OfController(_OfStack, Lasting):
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        with self.stack(targets).upset(self.controller, self.HOW, self._jump):
+        with self.stack(targets).disturb_controller(self.controller, self.HOW, self._jump):
             yield
 
     @property
@@ -116,12 +116,12 @@ class ControllerJumps(_OfController):
 class _OfClient(Momentary, _OfStack):
     """A client of the stack does something wrong."""
 
-    DOES: ClassVar[Misdeed]
+    DOES: ClassVar[ClientFault]
     seed: Seed = 0
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        self.stack(targets).misbehave(self.DOES, self.stream())
+        self.stack(targets).disturb_client(self.DOES, self.stream())
         yield
 
     @classmethod

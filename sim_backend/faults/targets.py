@@ -11,9 +11,9 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.holds import Holds
 from sim_backend.line.line import ServoLine
 
-Upset = Literal["raises", "nan", "jumps"]
+ControllerFault = Literal["raises", "nan", "jumps"]
 """The way in which a controller goes wrong."""
-Misdeed = Literal["nonsense", "cancels", "dies"]
+ClientFault = Literal["nonsense", "cancels", "dies"]
 """The wrong action of a client of the stack."""
 Since = Literal["start", "up", "end"]
 """Moment from which a fault's time counts: before the hardware is configured, when the arm is up, or when the program
@@ -57,13 +57,15 @@ class StackTarget(Protocol):
     def stall(self, seconds: float) -> None:
         """Stall the computer once for this time. The servos and the world continue."""
 
-    def upset(self, controller: str | None, how: Upset, jump: float) -> AbstractContextManager[None]:
+    def disturb_controller(
+        self, controller: str | None, how: ControllerFault, jump: float
+    ) -> AbstractContextManager[None]:
         """Within the context, let a controller raise in its update, or add NaN or ``jump`` (rad or m) to its commands.
 
         ``controller`` is a name, or None for the arm's controller.
         """
 
-    def misbehave(self, what: Misdeed, random: Random) -> None:
+    def disturb_client(self, what: ClientFault, random: Random) -> None:
         """Let a client do this now, with details drawn from ``random``."""
 
 

@@ -151,7 +151,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         for instruction in self._parser.feed(data):
             complete_s = begin_s + (len(data) - self._parser.pending) * byte_s
             self.advance(complete_s)
-            replies += self._obey(instruction, complete_s, byte_s, self._listening(baud))
+            replies += self._execute(instruction, complete_s, byte_s, self._listening(baud))
             self.after_instructions()
         replies += self._silence(self._free_s, byte_s)
         replies.sort(key=lambda reply: reply.due_s)
@@ -184,7 +184,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         ]
 
     @abstractmethod
-    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
+    def _execute(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
         """Let ``servos`` execute one instruction, and return the replies in order."""
 
     def _silence(self, at_s: float, byte_s: float) -> list[Reply]:

@@ -112,7 +112,7 @@ class Rig(Generic[AnyServo]):
         return next(supply for supply, loads in self._loads if servo.firmware in loads)
 
     def _compiled(self) -> Callable[[], None] | None:
-        """Return a timestep of all servos as one call of compiled code, or None if a servo is not made for it."""
+        """Return a compiled function that advances all servos by one timestep; None if not all are STS servos."""
         firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
         if len(firmware) < len(self._firmware):
             return None

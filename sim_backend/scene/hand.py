@@ -102,7 +102,7 @@ def _position(value: Any) -> float:
     return position
 
 
-def obey(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
+def handle_hand_command(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
     """Execute a command of ``servoloop hand`` and return the state of all joints.
 
     Raises ValueError for invalid commands.

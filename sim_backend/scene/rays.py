@@ -1,6 +1,6 @@
 """First hits of rays on the geoms of a MuJoCo model, in compiled code. n is the number of rays.
 
-MuJoCo provides the poses of the geoms. Its own mj_multiRay is not used, because its culling cuts pieces off them.
+MuJoCo provides the poses of the geoms. Its own mj_multiRay is not used, because its culling removes parts of geoms.
 """
 
 from math import inf, sqrt

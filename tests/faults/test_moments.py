@@ -89,7 +89,7 @@ def test_faults_that_wait_for_their_moment_are_listed_and_can_be_canceled() -> N
     rig.player.plan(map(parse, ("silent id=3 since=end", "hot id=2 at=1s", "silent id=4 since=end")))
     rig.up()
     assert [event.kind for event in rig.player.coming] == ["hot", "silent", "silent"]
-    rig.player.take_back(matching("silent id=3"))
+    rig.player.cancel(matching("silent id=3"))
     assert [text_of(event) for event in rig.player.coming] == ["hot id=2 at=1.0s", "silent id=4 since=end"]
 
 

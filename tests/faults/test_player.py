@@ -265,7 +265,7 @@ def test_faults_are_ended_by_kind_and_parameters(text: str, left: list[str]) -> 
     bench = Bench()
     bench.play("silent id=1", "silent id=3 for=2s", "hot id=2 temperature=95 at=5s")
     bench.until(10)
-    bench.player.take_back(matching(text))
+    bench.player.cancel(matching(text))
     assert [text_of(one) for one in (*bench.player.active.values(), *bench.player.coming)] == left
     bench.until(6000)
     assert bench.reply(3) and bool(bench.reply(1)) == ("silent id=1" not in left)

@@ -1,7 +1,7 @@
 """One virtual STS servo: control table, firmware and instructions.
 
-``scs_servo`` and ``protocol1_servo`` have servos with other tables and the same packets. docs/simulation.md lists what
-is known of an STS servo, with sources. Also assumed: a malformed read is not answered.
+``scs_servo`` and ``protocol1_servo`` contain servos with the same packets but other tables. docs/simulation.md lists
+what is known of an STS servo, with sources. Also assumed: a malformed read is not answered.
 """
 
 from typing import ClassVar, Final
@@ -71,10 +71,10 @@ class VirtualServo(PacketServo):
             self.power_cycle()
             self.deaf_s = REBOOT_S
             return None
-        self._obey(instruction.code, parameters)
+        self._execute(instruction.code, parameters)
         return self._status(named) if self.memory.answers == 2 else None  # The write may have changed the status level.
 
-    def _obey(self, code: int, parameters: bytes) -> None:
+    def _execute(self, code: int, parameters: bytes) -> None:
         """Execute an instruction whose reply is an empty status packet. Unknown instructions get the same reply."""
         match code:
             case Code.WRITE if len(parameters) >= 2:
