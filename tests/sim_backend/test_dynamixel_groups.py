@@ -16,7 +16,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets.dynamixel import BROADCAST, Code, fast_block, fast_head, fast_length
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 handler = sdk.Protocol2PacketHandler()
 MODELS = {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XM430_W350}

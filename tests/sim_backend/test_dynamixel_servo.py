@@ -16,7 +16,7 @@ from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
 from sim_backend.servos.dynamixel.servo import VirtualXServo
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 handler = sdk.Protocol2PacketHandler()
 

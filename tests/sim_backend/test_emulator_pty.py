@@ -23,7 +23,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
 from sim_backend.mechanics.plant import BenchPlant
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("scservo_sdk")
 ROOT = Path(__file__).resolve().parents[2]
 IDS = (1, 2, 3)

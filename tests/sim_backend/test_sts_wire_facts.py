@@ -108,7 +108,7 @@ def test_the_dead_zone_has_two_sides(goal: int, drive: int) -> None:
     wire.held = 2048
     wire.write(22, b"\x00")
     wire.write(24, b"\x00")
-    wire.write(26, b"\x03\x0b")  # register 26 counts above the goal, 27 below it
+    wire.write(26, b"\x03\x0b")  # register 26 applies above the goal, 27 below it
     wire.go(goal)
     wire.wait(0.5)
     assert abs(wire.read(60, 2) - drive) <= 8  # a rising count is one short

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import Code, InstructionParser, StsParser, checksum, status_packet
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("scservo_sdk")
 
 instructions = st.builds(

@@ -20,7 +20,7 @@ from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
 from sim_backend.servos.dynamixel.xl320_memory import FACTORY
 from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 handler = sdk.Protocol2PacketHandler()
 IDS = (1, 2)

@@ -1,4 +1,4 @@
-"""Models of protocol 1.0 that are simulated but not driven, because their motors were identified on hardware.
+"""Models of protocol 1.0 that are simulated but not driven. Their motors were identified on hardware.
 
 Source: e-manual. Their tables have more registers than the MX-28's, for current and torque mode, which are left out.
 """
