@@ -97,7 +97,7 @@ class VirtualAdapter:
         """Open a port to the line. Raises PortMissing if no adapter has this name now."""
         if name != self._there:
             there = self._there or "none"
-            raise PortMissing(f"there is no port {name}: plug in the adapter or choose another port (present: {there})")
+            raise PortMissing(f"there is no {name}: plug in the adapter or choose another port (present: {there})")
         port = VirtualPort(self._bus, self._clock, baud=baud, name=name)
         self._ports = [*(port for port in self._ports if port.is_open), port]
         return port

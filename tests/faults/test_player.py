@@ -224,7 +224,7 @@ def test_a_lost_port_stays_lost_after_replugging() -> None:
         port.write(b"")
     assert adapter.open("/dev/ttyACM0").is_open
     adapter.unplug()
-    with pytest.raises(PortMissing, match="there is none"):
+    with pytest.raises(PortMissing, match="present: none"):
         adapter.open("/dev/ttyACM0")
 
 
