@@ -1,7 +1,7 @@
 """A box of factory-new servos on one line. A script can connect single servos or the whole chain.
 
-All have ID 1. As delivered, they delay each reply by 500 us (the set-up of LeRobot removes this delay), and a 7.4 V
-servo allows at most 8 V (assumed, because such servos report a wrong input voltage at 12 V).
+All have ID 1. As delivered, they delay each reply by 500 us, which the set-up of LeRobot changes. A 7.4 V servo allows
+at most 8 V; this is assumed because such servos report a wrong input voltage at 12 V.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,10 +1,16 @@
 """Virtual Feetech servos and Dynamixels of protocol 1.0 on one wire. They convert timed instructions to timed replies.
 
-STS servos behave as in docs/simulation.md. They reply to the last complete instruction when the line is silent. To a
-sync read and a broadcast ping each replies in its own time slot, without listening to the others; a broadcast read is
-answered by all at once. From the manuals of the other servos: a broadcast has no reply. A bulk read is answered in the
-order in which it names the servos, and each waits for the reply before its own, so a silent servo hides those after it.
-Assumed for them: a broadcast ping is answered in order of ID.
+STS servos behave as in docs/simulation.md:
+- They reply when the line is silent, to all packets that came in one piece.
+- In a sync read and a broadcast ping, each servo replies in its own time slot and does not listen to the others.
+- All of them reply to a broadcast read at the same time.
+
+From the manuals of the other servos:
+- A broadcast has no reply.
+- A bulk read is answered in the order in which it names the servos. Each servo waits for the reply before its own, so a
+  silent servo hides those after it.
+
+Assumed for the other servos: they answer a broadcast ping one after the other, in order of ID.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
 """Several lines of servos on one plant. They share one world and one time.
 
-Each line requests physics up to its own time. The first request moves everything by one step: the firmware of all
-lines, and then the plant. The other lines find this step done. A line can therefore find its servos ahead of its own
-packet, by the time that another line's packet needs on the wire, which is less than a millisecond.
+Each line requests physics up to its own time. The first request moves everything by one step: first the firmware of all
+lines, then the plant. The other lines find this step done. A line can therefore find its servos ahead of its own
+packet. The difference is at most the time of another line's packet on the wire, which is less than a millisecond.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,9 @@
 """Servos of any make on one half-duplex wire: timing, faults, and the order of replies.
 
 Nothing runs in the background. When a packet is complete, physics and firmware are advanced to that time, and then the
-packet is answered. A servo therefore reports the state at that time. Assumed: replies of two servos with the same ID
-are combined by a bitwise AND because both pull the same line, and a pause of 20 ms discards a half-received packet.
+packet is answered. A servo therefore reports its state at that time. Assumed:
+- Two servos with the same ID pull the same line, so their replies are combined by a bitwise AND.
+- A pause of 20 ms discards a half-received packet.
 """
 
 from abc import ABC, abstractmethod

@@ -14,8 +14,8 @@ from sim_backend.mechanics.gears import Gears
 ROTOR_INERTIA_KG_M2: Final = 0.0154
 """Inertia of an STS3215's rotor and gears at the output shaft.
 
-Step responses of servos without load, recorded with the reimplemented firmware, start with 211 rad/s2 under the 3.25 N
-m of full drive (from kt and resistance of BAM).
+The value follows from step responses without load, which were recorded with the reimplemented firmware. They start with
+211 rad/s2 under the 3.25 N m of full drive, a torque computed from the kt and the resistance that BAM identified.
 """
 GEAR_FRICTION_NM: Final = 0.052
 """Coulomb friction of an STS3215's gears, identified by BAM on a pendulum."""

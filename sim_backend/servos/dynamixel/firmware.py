@@ -1,7 +1,11 @@
 """Firmware of a virtual X series servo in position mode.
 
-From the e-manual: the motion profile; the structure of the position loop (a PID on counts with PWM as its output) and
-the scale of its gains; the hardware error bits. A shutdown clears the torque switch until a reboot. Assumed:
+From the e-manual:
+- The motion profile and the hardware error bits.
+- The position loop, which is a PID on counts with PWM as its output, and the scale of its gains.
+- A shutdown clears the torque switch until a reboot.
+
+Assumed:
 - One unit of the loop's output is one unit of goal_pwm, and the loop runs once per millisecond.
 - Feedforward gains have no effect, and only position mode and extended position mode drive the motor.
 - goal_position equals the present position after power-on.

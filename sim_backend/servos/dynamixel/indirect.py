@@ -1,12 +1,15 @@
 """Indirect addresses of the X series: data cells next to each other that stand for bytes anywhere in RAM.
 
-From the e-manual (page text "Indirect Address, Indirect Data" and the tables of the models' pages): cell n stands for
-the byte that address n names. At first an address names its own cell, which contains 0. Only RAM can be named (64 to
-the last cell); another address is out of range. A cell has the size, range and access of the byte that it stands for.
-The addresses are in RAM, so power-off and reboot reset them (also ROBOTIS in DynamixelSDK issue 375). Torque locks the
-EEPROM (page text "Torque Enable"), and therefore none of these registers.
-XL330 and XC330 have 20 cells at 208 "prior to V53", then 28 at 224 (note under the table of the XL330's page; the SDK's
-``..._fw52.model`` in addition to ``xl330_m288.model``). Assumed:
+From the e-manual (page text "Indirect Address, Indirect Data" and the tables of the models' pages):
+- Cell n stands for the byte that address n names. At first an address names its own cell, which contains 0.
+- Only RAM can be named (64 to the last cell). Another address is out of range.
+- A cell has the size, range and access of the byte that it stands for.
+- The addresses are in RAM, so power-off and reboot reset them (also ROBOTIS in DynamixelSDK issue 375).
+- Torque locks only the EEPROM (page text "Torque Enable"), so all of these registers stay writable.
+- XL330 and XC330 have 20 cells at 208 "prior to V53", then 28 at 224. The sources are the note under the table of the
+  XL330's page, and the SDK's ``..._fw52.model`` in addition to ``xl330_m288.model``.
+
+Assumed:
 - The address of an indirect address can also be named, because it lies between 64 and the last cell.
 - A cell that names another cell stands for that cell's own byte, not for the byte that the other cell names.
 - A register is written through its cells if all its bytes come in order. Otherwise the write is refused.

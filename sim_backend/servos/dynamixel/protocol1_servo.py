@@ -1,9 +1,13 @@
 """Virtual AX and MX servos of protocol 1.0. They have their own tables and share their firmware with the SCS servos.
 
-From the e-manual: the tables and their factory values; the units; the modes that the angle limits select; the replies
-at each status return level; a factory reset sets the ID to 1; the lock ends at power-off; the gains of an MX (P / 8,
-I * 1000 / 2048, D * 4 / 1000). BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64
-and MX-106; the same values are used for an MX-28. Assumed:
+From the e-manual:
+- The tables, their factory values and their units.
+- The modes that the angle limits select, and the replies at each status return level.
+- A factory reset sets the ID to 1, and the lock ends at power-off.
+- The gains of an MX are P / 8, I * 1000 / 2048 and D * 4 / 1000.
+
+BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. An MX-28 uses the
+same values here. Assumed:
 - I and D of an MX use the same unit of drive as P, with seconds and counts.
 - The position loop of an AX is as stiff as an SCS servo's, regardless of its compliance registers.
 - Overload means nearly full drive for two seconds. It removes the drive until the torque switch is written.

@@ -1,7 +1,10 @@
 """Common firmware of all virtual servos of protocol 2.0: latched errors and a smoothed speed register.
 
-Assumed: overload means full drive for two seconds. All errors last until a reboot. The reported speed is filtered with
-15 ms more than the speed in the control loop, so that a shaft held between two counts does not seem to move.
+Assumed:
+- Overload means full drive for two seconds.
+- All errors last until a reboot.
+- The reported speed has a filter of 15 ms in addition to that of the control loop. A shaft that is held between two
+  counts therefore does not seem to move.
 """
 
 from abc import abstractmethod

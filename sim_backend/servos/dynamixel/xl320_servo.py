@@ -1,7 +1,7 @@
 """One virtual XL-320: protocol 2.0 on a table with ten-bit counts.
 
-From the e-manual: the table and its factory values; the units; the gains (P / 8, I * 1000 / 2048, D * 4 / 1000); the
-effect of the control modes. BAM measured the drive per unit of P. Assumed:
+The e-manual defines the table, its factory values and units, the control modes, and the gains: P / 8, I * 1000 / 2048
+and D * 4 / 1000. BAM measured the drive per unit of P. Assumed:
 - I and D use the same unit of drive as P, with seconds and counts.
 - Only joint mode drives the motor, and ``punch`` has no effect.
 - Readings end where the sensor ends, and after power-on the goal is the present position.

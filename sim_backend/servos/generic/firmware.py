@@ -4,7 +4,7 @@ Registers have the names of the STS table; the memory of each series maps these 
 publish neither the loop nor the scale of its gains (except Robotis for the X series, which replaces the gains). Assumed
 for the others:
 - P: the drive is ``P / 1280`` of full drive per count of error. P = 32 therefore gives full drive at 40 of 4096 counts
-  (3.5 degrees), and at a steady 2 rad/s a lag of 13 ms after the servo's own profile.
+  (3.5 degrees). At a steady 2 rad/s the shaft then lags 13 ms behind the servo's own profile.
 - D: ``D / 32`` of 0.3 drive per rad/s between the profile's speed and the measured speed.
 - I: ``I / 1280`` per count and second.
 - Position, speed and their noise come from the quantized encoder. The speed is filtered with 5 ms.

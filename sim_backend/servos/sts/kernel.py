@@ -4,7 +4,7 @@ Each function is one part of the firmware. Section numbers are the rows of the t
 the sources. Units: drive in 1/1000 of full drive, position in counts (1/4096 turn), time in ms. The motion profile
 uses 1/10000 count and 1/10000 count per ms. Positive drive turns the shaft towards smaller counts.
 
-All arithmetic uses the servo's integers. All compiled code of the firmware is in this file, because numba checks only a
+All arithmetic uses the servo's integers. All compiled code of the firmware is in this file: numba checks only a
 function's own file when it decides whether cached machine code is stale.
 """
 
