@@ -179,7 +179,7 @@ def sense(s: Record) -> None:
 
 @compiled
 def see(s: Record) -> None:
-    """Read the angle from the encoder. In position and step mode, also count turns."""
+    """Read the angle from the encoder and count turns. The homing offset applies only in modes that control positions."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
     mode = byte(s, OPERATING_MODE)
     offset = homing_offset(s) if counts_turns(s) else 0
@@ -341,7 +341,7 @@ def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
 
 @compiled
 def come_to_rest(s: Record) -> None:
-    """Brake when there is no distance left or the speed is 0."""
+    """Brake while the set-point is at the goal or the goal velocity is 0."""
     way, speed = 1 if s.speed_e4 >= 0 else -1, abs(s.speed_e4) - s.ramp_e4
     s.speed_e4 = way * speed if speed > 0 and speed >= s.lowest_counts_s * FINE_PER_MS else 0
     s.setpoint_e4 += s.speed_e4
