@@ -179,7 +179,7 @@ def sense(s: Record) -> None:
 
 @compiled
 def see(s: Record) -> None:
-    """Read the angle from the encoder and count turns. The homing offset applies only in modes that control positions."""
+    """Read the angle from the encoder and count turns. The homing offset applies only to position and step mode."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
     mode = byte(s, OPERATING_MODE)
     offset = homing_offset(s) if counts_turns(s) else 0
