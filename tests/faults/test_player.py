@@ -190,7 +190,7 @@ def test_the_same_faults_give_the_same_bytes() -> None:
     assert wires[0] == wires[1]
 
 
-def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running() -> None:
+def test_a_drawn_schedule_of_all_kinds_does_not_end_the_loop() -> None:
     rig = up()
     schedule = draw(1, replace(rig.player.targets.inventory, start_s=None, end_s=None), 1.0, 40)
     rig.play(*schedule)

@@ -39,7 +39,7 @@ def test_a_reply_takes_time_on_the_wire() -> None:
     assert reply.due_s == pytest.approx(10.0 + 12 * BYTE_S + DELAY_S)
 
 
-def test_unpaced_replies_come_at_once() -> None:
+def test_unpaced_replies_arrive_at_once() -> None:
     bus = bus_of(1, paced=False)
     assert [reply.due_s for reply in bus.receive(packet(1, Code.PING), 10.0)] == [10.0]
 

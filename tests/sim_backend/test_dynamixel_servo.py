@@ -215,7 +215,7 @@ def test_position_mode_ignores_a_large_homing_offset_and_extended_position_mode_
     assert bench.write(x.homing_offset, 1_044_480) == 4
 
 
-def test_turns_are_counted_and_forgotten_with_the_power_or_in_position_mode_with_the_torque() -> None:
+def test_turns_are_counted_until_power_off_or_torque_on_in_position_mode() -> None:
     bench = Bench()
     assert bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE) == 0
     assert bench.write(x.torque_enable, 1) == 0

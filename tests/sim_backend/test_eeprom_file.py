@@ -81,7 +81,7 @@ def test_values_written_with_the_lock_closed_are_lost(path: Path) -> None:
     assert Run(path, STS).bus.read(2, sts.position_p) == 32
 
 
-def test_a_power_cycle_within_a_run_and_the_next_run_agree(path: Path) -> None:
+def test_a_power_cycle_and_the_next_run_restore_the_same_values(path: Path) -> None:
     run = Run(path, STS)
     run.write(1, (sts.lock, 0), (sts.max_torque, 500), (sts.lock, 1), (sts.position_d, 7), (sts.acceleration, 20))
     feed(run.line, 0.0)

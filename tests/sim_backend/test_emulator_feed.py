@@ -81,7 +81,7 @@ def test_only_the_latest_publication_is_returned(feed: WorldFeed) -> None:
     client.close()
 
 
-def test_between_two_periods_nothing_is_published(feed: WorldFeed) -> None:
+def test_nothing_is_published_between_two_periods(feed: WorldFeed) -> None:
     client, world = WorldFeedClient(feed.path), StillWorld()
     feed.tick(1.0, world, 0.0)
     feed.tick(1.0 + PERIOD_S / 4, world, 0.0)

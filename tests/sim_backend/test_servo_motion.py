@@ -282,7 +282,7 @@ def test_a_firmware_variant_that_moves_to_a_stale_goal_at_torque_on() -> None:
 
 
 @pytest.mark.parametrize("forgets", [True, False])
-def test_another_write_within_the_millisecond_makes_it_forget_the_goal(forgets: bool) -> None:
+def test_another_write_within_the_millisecond_discards_the_goal(forgets: bool) -> None:
     bench = StsBench(variant=StsVariant(forgets_goal_within_tick=forgets))
     bench[sts.goal_position] = 2500
     bench[sts.torque_limit] = 900
