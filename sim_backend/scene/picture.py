@@ -53,7 +53,7 @@ class View:
 
     def picture(self, data: Any) -> Picture:
         """Return the picture of a pose with updated kinematics."""
-        total = sum(one.colours(data) for one in self._passes)
+        total = sum(one.colors(data) for one in self._passes)
         shades = np.clip(total / len(self._passes), 0.0, 1.0)
         return (255.0 * shades + 0.5).astype(np.uint8).reshape(self._shape)
 
@@ -73,31 +73,31 @@ class _Pass:
         toward, reach = _from(lamp, point)
         _, first, _ = cast(model, data, lamp, toward, self._still)
         lit = _lit(first, reach, normal[seen], toward)
-        self._colours = np.tile(SKY, (len(rays), 1))
-        self._colours[seen] = self._paint(geom[seen], point, _light(normal[seen], lit))
+        self._colors = np.tile(SKY, (len(rays), 1))
+        self._colors[seen] = self._paint(geom[seen], point, _light(normal[seen], lit))
         # Only lit points can be in the shadow of a moving geom.
         bright = np.flatnonzero(lit > 0.0)
         self._bright, self._toward, self._reach = seen[bright], toward[bright], reach[bright]
         dark = _light(normal[self._bright], np.zeros(len(bright)))
         self._dark = self._paint(geom[self._bright], point[bright], dark)
 
-    def colours(self, data: Any) -> FloatArray:
+    def colors(self, data: Any) -> FloatArray:
         """Return the colors of all rays, shape (n, 3), from 0 to 1."""
-        model, colours = self._model, self._colours.copy()
+        model, colors = self._model, self._colors.copy()
         _, first, _ = cast(model, data, self._lamp, self._toward, self._moving)
         shadow = first <= self._reach - TOUCH_M
-        colours[self._bright[shadow]] = self._dark[shadow]
+        colors[self._bright[shadow]] = self._dark[shadow]
         geom, distance, normal = cast(model, data, self._eye, self._rays, self._moving, self._hits)
         changed = np.flatnonzero(distance < self._hits[1])
         point = self._eye + self._rays[changed] * distance[changed, None]
         toward, reach = _from(self._lamp, point)
         _, first, _ = cast(model, data, self._lamp, toward, self._all)
         lit = _lit(first, reach, normal[changed], toward)
-        colours[changed] = self._paint(geom[changed], point, _light(normal[changed], lit))
-        return colours
+        colors[changed] = self._paint(geom[changed], point, _light(normal[changed], lit))
+        return colors
 
     def _paint(self, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
-        return _colours(self._model.geom_rgba, self._model.geom_type, geom, point, light)
+        return _colors(self._model.geom_rgba, self._model.geom_type, geom, point, light)
 
 
 def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -130,10 +130,10 @@ def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatA
 
 
 @compiled
-def _colours(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
+def _colors(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
     """Return the colors of geoms in this light. The floor has tiles and fades into the sky."""
     near, far = FADE_M
-    colour = np.empty((len(geom), 3))
+    color = np.empty((len(geom), 3))
     for n in range(len(geom)):
         tile, fade = 1.0, 0.0
         if kinds[geom[n]] == PLANE:
@@ -141,8 +141,8 @@ def _colours(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatAr
             tile = 1.0 - 0.06 * ((floor(x / TILE_M) + floor(y / TILE_M)) % 2)
             fade = min(max((sqrt((x - 0.2) ** 2 + y**2) - near) / (far - near), 0.0), 1.0)
         for i in range(3):
-            colour[n, i] = rgba[geom[n], i] * light[n] * tile * (1.0 - fade) + SKY[i] * fade
-    return colour
+            color[n, i] = rgba[geom[n], i] * light[n] * tile * (1.0 - fade) + SKY[i] * fade
+    return color
 
 
 def save_png(path: Path, image: Picture) -> None:

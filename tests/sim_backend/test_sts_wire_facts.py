@@ -313,9 +313,9 @@ def test_a_write_of_one_byte_of_the_goal_counts_as_a_goal(written: tuple[int, ..
 
 
 @pytest.mark.parametrize(
-    ("mode", "energising"), [(0, {42, 43}), (3, {42, 43}), (1, {46, 47}), (2, {44, 45}), (4, set()), (9, set())]
+    ("mode", "enabling"), [(0, {42, 43}), (3, {42, 43}), (1, {46, 47}), (2, {44, 45}), (4, set()), (9, set())]
 )
-def test_only_the_goal_of_the_mode_enables_the_torque(mode: int, energising: set[int]) -> None:
+def test_only_the_goal_of_the_mode_enables_the_torque(mode: int, enabling: set[int]) -> None:
     wire = Wire()
     wire.write(33, bytes((mode,)))
     switched_on = set()
@@ -324,7 +324,7 @@ def test_only_the_goal_of_the_mode_enables_the_torque(mode: int, energising: set
         wire.write(address, b"\x00")
         if wire.read(40):
             switched_on.add(address)
-    assert switched_on == energising
+    assert switched_on == enabling
 
 
 @pytest.mark.parametrize(("value", "falls"), [(0, True), (2, False), (3, True), (64, True), (255, True)])
