@@ -1,1 +1,1 @@
-"""Virtual servos, the simulated world and clock: what stands in for hardware, below the wire."""
+"""Virtual servos, simulated world and simulated clock, which replace the hardware below the drivers."""

@@ -1,7 +1,7 @@
-"""A box of factory-new servos on one line, of which a script connects single ones or the whole chain.
+"""A box of factory-new servos on one line. A script can connect single servos or the whole chain.
 
-All have ID 1. As delivered they wait 500 us with each reply (LeRobot's set-up undoes that) and a servo of 7.4 V allows
-no more than 8 V (assumed: on 12 V such servos report a wrong input voltage).
+All have ID 1. As delivered, they delay each reply by 500 us, which the set-up of LeRobot changes. A 7.4 V servo allows
+at most 8 V; this is assumed because such servos report a wrong input voltage at 12 V.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,13 +25,16 @@ SMALL_SERVO_MAX_VOLTAGE: Final = 80
 
 
 class VirtualBox:
-    """The servos by their number in the box, from 0 on. None is connected at first."""
+    """The servos, indexed by their number in the box from 0. At first, none is connected."""
 
     def __init__(
         self, models: Sequence[ServoModel], plant: Plant | None = None, supply: Supply | None = None, seed: int = 0
     ) -> None:
-        """``plant``: what the shafts drive; its couplings must all have the factory's ID. Else each turns by itself,
-        and ``seed`` says how each stands."""
+        """Create the servos.
+
+        ``plant`` is what the shafts drive; all its couplings must have the factory ID. Without it, each shaft turns
+        freely, and ``seed`` determines its first angle.
+        """
         usual = Supply(min(model.rated_voltage_v for model in models))
         servos = [_as_delivered(model) for model in models]
         self.line = VirtualBus(Rig(servos, plant or _loose(len(models), seed), supply or usual))
@@ -43,7 +46,7 @@ class VirtualBox:
         return self.line.servos
 
     def connect(self, *numbers: int) -> None:
-        """Connect these servos and no others. One that was connected keeps its power."""
+        """Connect these servos and disconnect all others. A servo that stays connected keeps its power."""
         for number, servo in enumerate(self.servos):
             (self.line.plug if number in numbers else self.line.unplug)(servo)
 
@@ -52,19 +55,19 @@ class VirtualBox:
         self.connect(*range(len(self.servos)))
 
     def connected(self) -> list[bool]:
-        """Whether each servo is connected, in the order of their numbers."""
+        """Return whether each servo is connected, by number."""
         return [self.line.plugged(servo) for servo in self.servos]
 
     def ids(self) -> list[int]:
-        """The IDs of all servos, in the order of their numbers."""
+        """Return the IDs of all servos, by number."""
         return [servo.servo_id for servo in self.servos]
 
 
 def plugged(box: VirtualBox, joints: Sequence[str], hand: Handler, command: Command) -> Mapping[str, Any]:
-    """Do what ``servoloop hand`` asks of plugs, connect or disconnect; ``hand`` does the rest.
+    """Connect or disconnect servos as ``servoloop hand`` requests, and let ``hand`` handle all other commands.
 
-    The answer also has the ID of each joint's servo, and whether it is connected.
-    ``joints``: those of the servos, by number. ValueError for a joint that is none of them.
+    The answer also has the ID of each joint's servo, and whether the servo is connected. ``joints`` are the names of
+    the joints by number of the servo. Raises ValueError for an unknown joint.
     """
     what, wanted = command.get("do"), command.get("joints") or []
     if what not in ("connect", "disconnect"):
@@ -89,7 +92,7 @@ def _as_delivered(model: ServoModel) -> PacketServo:
 
 
 def _loose(count: int, seed: int) -> BenchPlant:
-    """Shafts that stand anyhow: two servos whose answers are the same bytes could not be told from one."""
+    """Return free shafts at random angles. Two servos with identical replies could not be told apart."""
     plant, random = BenchPlant([FACTORY_ID] * count), Random(seed)
     plant.place([random.uniform(0.0, tau) for _ in range(count)])
     return plant

@@ -1,4 +1,4 @@
-"""A clock that does not wait: time passes only when somebody sleeps."""
+"""A clock that does not wait. Its time advances only when the program sleeps."""
 
 from collections.abc import Callable
 from math import inf
@@ -9,7 +9,10 @@ class Hang(BaseException):
 
 
 class SimulatedClock:
-    """A ``drivers.clock.Clock`` whose ``sleep_until`` jumps. Seconds; starts where it is told."""
+    """A ``drivers.clock.Clock`` whose ``sleep_until`` advances the time at once.
+
+    It starts at ``start_s``, in seconds.
+    """
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now_s = start_s

@@ -1,4 +1,4 @@
-"""Compiles the simulation ahead of its first use: ``python -m sim_backend.compile_ahead``, which `make setup` runs."""
+"""Compile the simulation ahead of its first use. `make setup` runs ``python -m sim_backend.compile_ahead``."""
 
 from typing import Final
 
@@ -13,11 +13,14 @@ from sim_backend.scene.picture import View
 PICTURED: Final = """<mujoco><worldbody>
 <light pos="0 0 2"/><camera name="overview" pos="0 0 1"/><geom type="plane" size="1 1 1"/>
 </worldbody></mujoco>"""
-"""The smallest scene that can be drawn, of no file: some tests copy a part of this project and run its tests there."""
+"""The smallest scene that can be drawn.
+
+It is not in a file because some tests run in a partial copy of this project.
+"""
 
 
 def compile_ahead() -> None:
-    """Call everything that is compiled once; the machine code goes into the cache beside the sources."""
+    """Call every compiled function once, so that its machine code is cached next to the sources."""
     line = VirtualBus.of(BenchPlant([1]))
     line.rig.step()
     line.servo(1).firmware.step(0.001, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Python functions made into machine code by numba, with their types kept for the type checker."""
+"""Compile Python functions to machine code with numba, and keep their types for the type checker."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,14 +10,14 @@ from numba.core import event
 Function = TypeVar("Function", bound=Callable[..., object])
 
 COMPILES: Final = "numba:compile"
-"""The event with which numba begins to compile; a function that is read from the cache has none."""
+"""Event with which numba begins to compile. A function that is loaded from the cache does not trigger it."""
 COMPILING: Final = (
     "compiling the simulation into machine code; this happens once for each installation and takes about 20 s"
 )
 
 
 def compiled(function: Function) -> Function:
-    """``function`` as machine code, kept on disk between runs. ``.py_func`` is the function as it was written."""
+    """Compile ``function`` and cache its machine code on disk. ``.py_func`` is the original function."""
     return cast(Function, numba.njit(cache=True)(function))
 
 
@@ -38,6 +38,6 @@ class _Announcement(event.Listener):
 
 @contextmanager
 def compilation_announced(announce: Callable[[str], None]) -> Iterator[None]:
-    """Within the block, announce the first compilation, if anything has to be compiled."""
+    """Within the block, announce the first compilation, if any function has to be compiled."""
     with event.install_listener(COMPILES, _Announcement(announce)):
         yield

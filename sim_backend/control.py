@@ -1,6 +1,6 @@
-"""Commands to a running emulator, on a Unix socket beside the bus: what somebody at the bench does with their hands.
+"""Commands to a running emulator, on a Unix socket next to the bus. They stand for manual actions at the bench.
 
-One JSON line asks, one JSON line answers. The emulator's loop polls and never waits.
+A command is one JSON line, and so is its answer. The emulator's loop polls the socket and never waits.
 """
 
 import contextlib
@@ -15,24 +15,27 @@ from drivers.errors import PortError
 from sim_backend.scene.world_feed import listening
 
 ANSWER_S: Final = 5.0
-"""So long a client waits for an emulator's answer."""
+"""Maximum time that a client waits for an emulator's answer, in seconds."""
 LARGEST_COMMAND_BYTES: Final = 100_000
-"""A client that sends a longer line is disconnected."""
+"""Maximum length of a line. A client that sends a longer line is disconnected."""
 
 Command = Mapping[str, Any]
 Handler = Callable[[Command], Mapping[str, Any]]
 
 
 def control_path(link: Path) -> Path:
-    """Where the emulator of the bus at ``link`` takes commands."""
+    """Return the path of the command socket for the bus at ``link``."""
     return link.with_name(link.name + ".control")
 
 
 class ControlServer:
-    """The emulator's side; a context manager. ``tick`` belongs in its loop."""
+    """Server of the command socket; a context manager. Call ``tick`` in the emulator's loop."""
 
     def __init__(self, path: Path, handle: Handler) -> None:
-        """``handle`` does a command and says what came of it; ValueError for one that it does not take."""
+        """Listen at ``path``.
+
+        ``handle`` executes a command and returns its result; it raises ValueError for an invalid one.
+        """
         self.path = path
         self._handle = handle
         self._clients: dict[socket.socket, bytes] = {}
@@ -40,11 +43,11 @@ class ControlServer:
 
     @property
     def clients(self) -> int:
-        """Number of clients that are connected."""
+        """Number of connected clients."""
         return len(self._clients)
 
     def tick(self) -> None:
-        """Do what has been asked since the last call."""
+        """Execute the commands that have arrived since the last call."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 client, _ = self._socket.accept()
@@ -73,7 +76,7 @@ class ControlServer:
         try:
             command = json.loads(line)
             if not isinstance(command, dict):
-                raise ValueError('a command is a JSON object, such as {"do": "look"}')
+                raise ValueError('a command must be a JSON object, such as {"do": "look"}')
             return self._handle(command)
         except (ValueError, TypeError, LookupError, ArithmeticError, RecursionError) as error:
             return {"error": str(error) or type(error).__name__}
@@ -90,7 +93,10 @@ class ControlServer:
 
 
 def ask(path: Path, command: Command) -> dict[str, Any]:
-    """Give a command to the emulator behind ``path``; its answer. Raises PortError, ValueError where it refuses."""
+    """Send a command to the emulator at ``path`` and return its answer.
+
+    Raises PortError, or ValueError if it refuses.
+    """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
         line.settimeout(ANSWER_S)
         try:
@@ -100,7 +106,7 @@ def ask(path: Path, command: Command) -> dict[str, Any]:
             while not answer.endswith(b"\n"):
                 more = line.recv(65536)
                 if not more:
-                    raise ConnectionError("it hung up")
+                    raise ConnectionError("the emulator closed the connection")
                 answer += more
         except OSError as error:
             raise PortError(f"no emulator takes commands at {path} ({error}): is it running?") from error

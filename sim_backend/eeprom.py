@@ -1,6 +1,6 @@
-"""A file that keeps the EEPROM of virtual servos between runs: YAML, an entry for the servo of each joint.
+"""A YAML file that keeps the EEPROM of virtual servos between runs. It has one entry for the servo of each joint.
 
-By the joint, because the ID is in the EEPROM itself, and factory-new servos all have the same.
+Entries are named by joint, because the ID is part of the EEPROM, and all factory-new servos have the same ID.
 """
 
 from collections.abc import Iterable
@@ -18,11 +18,13 @@ from sim_backend.flash import Flash
 from sim_backend.line.line import ServoLine
 from sim_backend.servos.generic.packet_servo import WiredServo
 
-_HEADER: Final = "# EEPROM of virtual servos. Written while they run: edit it when they do not.\n"
+_HEADER: Final = (
+    "# EEPROM of virtual servos. They write this file while they run: edit it only when they are stopped.\n"
+)
 
 
 class EepromError(DriverError):
-    """The file is broken, is another arm's, or cannot be written."""
+    """The EEPROM file is broken, belongs to another arm, or cannot be written."""
 
 
 class _Entry(BaseModel):
@@ -32,9 +34,9 @@ class _Entry(BaseModel):
     model: str
     registers: dict[str, RegisterValue]
     bytes: dict[Number, Annotated[Number, Field(ge=0, le=255)]] = Field(default_factory=dict)
-    """Those without a name, by address."""
+    """Bytes that have no register name, by address."""
     defaults: Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$")] = ""
-    """What a factory reset brings back, in hexadecimal; empty: what it is from the factory."""
+    """Settings that a factory reset restores, in hexadecimal; empty for the factory values."""
 
 
 class _File(BaseModel):
@@ -44,17 +46,17 @@ class _File(BaseModel):
 
 
 class _Owner:
-    """One servo and its entry."""
+    """One servo and its entry in the file."""
 
     def __init__(self, joint: str, servo: WiredServo) -> None:
         self.joint, self.servo = joint, servo
         self._fresh = servo.memory.flash
 
     def take(self, entry: _Entry) -> None:
-        """Be the servo of this entry, after a power-off. Raises ValueError where it is another."""
+        """Load the entry into the servo and restart it. Raises ValueError if the entry is not for this servo."""
         model, memory = self.servo.model.name, self.servo.memory
         if entry.model != model:
-            raise ValueError(f"the file's servo is a {entry.model}, the arm's a {model}")
+            raise ValueError(f"the file has a {entry.model} here, but the arm has a {model}")
         defaults = bytes.fromhex(entry.defaults) or self._fresh.defaults
         if len(defaults) != len(self._fresh.defaults):
             raise ValueError(f"defaults has {len(defaults)} bytes instead of {len(self._fresh.defaults)}")
@@ -62,26 +64,26 @@ class _Owner:
         try:
             memory.flash = Flash(settings, defaults)
         except LookupError:
-            raise ValueError("baud_rate is none that it knows") from None
+            raise ValueError("the servo does not support this baud_rate") from None
         self.servo.power_cycle()
 
     def entry(self) -> dict[str, Any]:
-        """What the file says of it."""
+        """Return the servo's entry for the file."""
         flash, kept = self.servo.memory.flash, self.servo.memory.kept
-        told: dict[str, Any] = {"joint": self.joint, "model": self.servo.model.name}
-        told["registers"] = kept.words(flash.settings)
+        data: dict[str, Any] = {"joint": self.joint, "model": self.servo.model.name}
+        data["registers"] = kept.words(flash.settings)
         if nameless := kept.nameless(flash.settings):
-            told["bytes"] = nameless
+            data["bytes"] = nameless
         if flash.defaults != self._fresh.defaults:
-            told["defaults"] = flash.defaults.hex()
-        return told
+            data["defaults"] = flash.defaults.hex()
+        return data
 
 
 class Eeprom:
-    """The file, and the servos that it is of."""
+    """The EEPROM file and its servos."""
 
     def __init__(self, path: Path, owners: list[_Owner]) -> None:
-        """Take from the file what is in it, and write it. Raises EepromError."""
+        """Load the file, if it exists, and write it. Raises EepromError."""
         self._path, self._owners = path, owners
         if path.exists():
             self._read()
@@ -94,14 +96,17 @@ class Eeprom:
         for number, entry in enumerate(entries):
             owner, place = owners.pop(entry.joint, None), file.place(("servos", number))
             if owner is None:
-                raise EepromError(f"{place}: {entry.joint} has no servo, or two entries: another arm's?")
+                raise EepromError(f"{place}: {entry.joint} has no servo, or two entries: is the file of another arm?")
             try:
                 owner.take(entry)
             except ValueError as error:
-                raise EepromError(f"{place}: {entry.joint}: {error}. Mend the file, or name another") from None
+                raise EepromError(f"{place}: {entry.joint}: {error}. Correct the file, or choose another") from None
 
     def save_changes(self) -> None:
-        """Write the file, if anything in it has changed: beside it first, so that it is never half there."""
+        """Write the file if anything has changed.
+
+        The text goes to a temporary file first, so the file is always complete.
+        """
         flash = [owner.servo.memory.flash for owner in self._owners]
         if flash == self._written:
             return
@@ -116,9 +121,9 @@ class Eeprom:
 
 
 def keep_eeprom(path: Path, lines: Iterable[ServoLine[Any]]) -> None:
-    """Let the servos of these lines begin with what ``path`` keeps, and keep there what they save from now on.
+    """Load the settings of all servos on these lines from ``path``, and save them there from now on.
 
-    Raises EepromError where the file is broken, of other servos, or cannot be written.
+    Raises EepromError if the file is broken, belongs to other servos, or cannot be written.
     """
     lines = list(lines)
     pairs = [pair for line in lines for pair in zip(line.rig.plant.couplings, line.servos, strict=True)]

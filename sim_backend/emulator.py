@@ -1,8 +1,8 @@
-"""Serves virtual buses, each on a pseudo-terminal, in real time, in the caller's one thread.
+"""Serve virtual buses in real time, each on a pseudo-terminal, in the thread of the caller.
 
-Between events it sleeps. Physics is brought up to date before every reply and at least every 5 ms.
-Replies that come within a millisecond of one another reach the client together at the time of the
-last: a USB adapter hands over once a frame, and it spares both sides the wake-ups.
+The emulator sleeps between events. It advances the physics before every reply and at least every 5 ms. Replies less
+than 1 ms apart reach the client together, at the time of the last one. A USB adapter also delivers once per frame, and
+this saves wake-ups on both sides.
 """
 
 from collections import deque
@@ -30,11 +30,11 @@ def serve(
     on_ready: Callable[[], None] | None = None,
     clock: Clock | None = None,
 ) -> None:
-    """Serve ``bus`` at the path ``link`` until ``stop()`` says so; then the link is removed.
+    """Serve ``bus`` at the path ``link`` until ``stop()`` is true, and then remove the link.
 
-    ``on_tick(reached_s)`` is called after every look at the line, at least every 5 ms, with the time up to which the
-    world is brought, and must not block; ``on_ready()`` once, when clients can open the link. Raises PortBusy where
-    ``link`` is taken. A signal handler need only make ``stop()`` true.
+    ``on_tick(reached_s)`` is called at least every 5 ms with the time that the world has reached, and must not block.
+    ``on_ready()`` is called once, when clients can open the link. Raises PortBusy if ``link`` is taken. A signal
+    handler only needs to make ``stop()`` true.
     """
     serve_all({PtyAdapter(link): bus}, stop=stop, on_tick=on_tick, on_ready=on_ready, clock=clock)
 
@@ -47,7 +47,7 @@ def serve_all(
     on_ready: Callable[[], None] | None = None,
     clock: Clock | None = None,
 ) -> None:
-    """``serve`` for several buses, each behind an adapter of its own, in turns."""
+    """Serve several buses, each behind its own adapter. See ``serve``."""
     clock = clock or MonotonicClock()
     with ExitStack() as stack:
         emulators = [Emulator(bus, stack.enter_context(adapter), clock) for adapter, bus in buses.items()]
@@ -59,12 +59,12 @@ def serve_all(
             for emulator in emulators:
                 emulator.turn()
             if on_tick is not None:
-                # Not now: where this process was held up meanwhile, the world is still where it was before.
+                # Report the time that the world has reached: if this process was held up, it is not yet the present.
                 on_tick(max(bus.reached_s for bus in buses.values()))
 
 
 class Emulator:
-    """One bus on one line. ``turn`` does what is due and returns; it never waits."""
+    """One bus on one line. ``turn`` does the work that is due and never waits."""
 
     def __init__(self, bus: ServoLine[Any], line: PtyAdapter | PtyLink, clock: Clock) -> None:
         self._bus = bus
@@ -75,12 +75,12 @@ class Emulator:
         bus.advance(clock.now())
 
     def patience_s(self) -> float:
-        """How long there is nothing to do unless a client writes."""
+        """Return how long there is nothing to do unless a client writes, in seconds."""
         due_s = min(self._next_tick_s, self._burst_end_s()) if self._coming else self._next_tick_s
         return max(0.0, due_s - self._clock.now())
 
     def turn(self) -> None:
-        """Send what is due, answer what came, keep the physics up to date."""
+        """Send the replies that are due, answer new instructions, and advance the physics."""
         if self._coming and self._burst_end_s() <= self._clock.now():
             self._send_burst()
         data = self._line.read()
@@ -92,7 +92,7 @@ class Emulator:
             self._coming += self._bus.receive(data, now_s, self._line.baud)
 
     def _burst_length(self) -> int:
-        """How many of the coming replies are handed over together."""
+        """Return the number of pending replies that are delivered together."""
         coming = self._coming
         length = 1
         while length < len(coming) and (coming[length].due_s - coming[length - 1].due_s < USB_FRAME_S):

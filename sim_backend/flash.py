@@ -1,4 +1,4 @@
-"""What a servo keeps without power, as bytes and in words."""
+"""Content of a servo's flash memory, as bytes and as named registers."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from drivers.servos.register import Access, ByteOrder, Register
 
 @dataclass(frozen=True, slots=True)
 class Flash:
-    """The bytes that are kept."""
+    """Bytes that survive power-off."""
 
     settings: bytes
-    """The table as it comes back with the power; its volatile bytes count for nothing."""
+    """The table as it is after power-on. Its volatile bytes are ignored."""
     defaults: bytes = b""
-    """What a factory reset brings back, where a servo can be told."""
+    """Settings that a factory reset restores, for servos on which they can be changed."""
 
 
 class Kept:
-    """Which bytes of a table are kept and may be written, and what their registers are called."""
+    """The bytes of a table that survive power-off and can be written, with the names of their registers."""
 
     def __init__(self, registers: Iterable[Register], addresses: Iterable[int], order: ByteOrder) -> None:
         kept = frozenset(addresses)
@@ -27,20 +27,20 @@ class Kept:
         self._nameless = sorted(kept - named)
 
     def words(self, settings: bytes) -> dict[str, int]:
-        """The registers by name."""
+        """Return the values of the registers by name."""
         return {
             name: r.decode(settings[r.address : r.address + r.size], self._order) for name, r in self._registers.items()
         }
 
     def nameless(self, settings: bytes) -> dict[int, int]:
-        """The bytes that no register has, by address; those that are 0 are left out."""
+        """Return the bytes that belong to no register, by address. Bytes with the value 0 are left out."""
         return {at: settings[at] for at in self._nameless if settings[at]}
 
     def settings(self, base: bytes, words: Mapping[str, int], nameless: Mapping[int, int]) -> bytes:
-        """``base`` with these registers and bytes. Raises ValueError for one that is not kept, or does not fit."""
+        """Return ``base`` with these values. Raises ValueError for a value that does not fit or that is not kept."""
         unknown = [*sorted(words.keys() - self._registers.keys()), *sorted(nameless.keys() - set(self._nameless))]
         if unknown:
-            raise ValueError(f"it keeps no {', '.join(map(str, unknown))}")
+            raise ValueError(f"the servo does not keep {', '.join(map(str, unknown))}")
         result = bytearray(base)
         for name, value in words.items():
             register = self._registers[name]

@@ -21,7 +21,7 @@ from servoloop.stack.robot_files import Files, ServoFiles
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import require_possible
-from sim_backend.faults.targets import HOLD_S, Inventory, Misdeed, Upset
+from sim_backend.faults.targets import HOLD_S, ClientFault, ControllerFault, Inventory
 
 ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.014}
 """Time that it takes to configure and activate one servo, by make."""
@@ -70,7 +70,7 @@ class Upsettable:
     """A controller that can be made to go wrong; all else is the controller's own."""
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
-        self.upsets: list[tuple[Upset, float]] = []
+        self.upsets: list[tuple[ControllerFault, float]] = []
         """What is wrong with it now: how, and how far its commands jump."""
         self.newest: GoalHandle | None = None
         """The newest goal, of a controller that has goals with an end."""
@@ -147,7 +147,7 @@ class StackFaults:
         self._clock.sleep_until(self._clock.now() + seconds)
 
     @contextmanager
-    def upset(self, controller: str | None, how: Upset, jump: float) -> Iterator[None]:
+    def disturb_controller(self, controller: str | None, how: ControllerFault, jump: float) -> Iterator[None]:
         """One controller goes wrong while the context lasts."""
         upsets, mine = self._controllers[controller or self._arm].upsets, (how, jump)
         upsets.append(mine)
@@ -156,7 +156,7 @@ class StackFaults:
         finally:
             upsets.remove(mine)
 
-    def misbehave(self, what: Misdeed, random: Random) -> None:
+    def disturb_client(self, what: ClientFault, random: Random) -> None:
         """The client does this now."""
         arm = self._controllers[self._arm]
         if what == "nonsense":

@@ -29,7 +29,7 @@ from sim_backend.buses.pty_link import PtyAdapter
 from sim_backend.control import ControlServer, Handler, control_path
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.emulator import serve_all
-from sim_backend.faults.control import obey_faults
+from sim_backend.faults.control import handle_fault_command
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import FaultPlayer, require_possible
 from sim_backend.faults.targets import Targets
@@ -39,7 +39,7 @@ from sim_backend.line.rig import Supply
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.plant import Coupling, Plant, WorldPlant
 from sim_backend.scene.feeder import Feeder
-from sim_backend.scene.hand import Hand, obey
+from sim_backend.scene.hand import Hand, handle_hand_command
 from sim_backend.scene.picture import Recorder
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
@@ -156,7 +156,7 @@ class EmulatedArm:
         self._adapters = {name: PtyAdapter(path) for name, path in device_paths(link, self.lines).items()}
         # The servos of a box have one ID: none can be named.
         self.player = FaultPlayer(Targets({} if build.in_box else self.lines, self.world, self._adapters))
-        self.handle: Handler = partial(obey_faults, self.player, lambda: self.world.time_s, handle)
+        self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
         """Does what a client of the control socket asks for."""
 
     def serve(
@@ -184,7 +184,7 @@ class EmulatedArm:
 
     @property
     def _obeyed(self) -> Handler:
-        return partial(obey, self._hand, self.world.lay_table)
+        return partial(handle_hand_command, self._hand, self.world.lay_table)
 
     def _after_step(self, time_s: float) -> None:
         self.player.update(time_s)

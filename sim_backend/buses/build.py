@@ -1,4 +1,4 @@
-"""How one virtual arm is built: its gears' backlash, and how its parts differ from the nominal ones."""
+"""Options of one virtual arm: backlash of its gears, and deviations of its parts from the nominal ones."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,31 +12,31 @@ from sim_backend.mechanics.plant import Coupling
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """One virtual arm of many."""
+    """Options of one virtual arm."""
 
     backlash_deg: float = 0.0
-    """By so much the shaft of each servo is free of its motor."""
+    """Angle by which each servo's shaft can move without its motor, in degrees."""
     seed: int | None = None
-    """Gives the arm friction, motors, masses and a supply of its own. None: the nominal ones."""
+    """Seed for the arm's friction, motors, masses and supply. None for nominal values."""
     practice_seed: int | None = None
-    """Gives it zeros and directions that nobody has calibrated, on an empty table. None: those of the robot file."""
+    """Seed for uncalibrated zeros and directions, on an empty table. None for those of the robot file."""
     in_box: bool = False
-    """Its servos are as they come from the factory, all with one ID and none connected (``sim_backend.box``)."""
+    """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 
     @property
     def spread(self) -> Spread:
-        """The arm's parts."""
+        """Deviations of the arm's parts."""
         return Spread(self.seed)
 
     def mounted(self, designed: Sequence[Coupling]) -> list[Coupling]:
-        """The couplings of the arm as it was put together."""
+        """Return the couplings of the arm as it was assembled."""
         return list(designed) if self.practice_seed is None else Mounting(self.practice_seed).couplings(designed)
 
     def gaps(self, couplings: Iterable[Coupling]) -> dict[str, float]:
-        """The backlash by joint, rad or m; empty where there is none."""
+        """Return the backlash by joint (rad or m), or nothing if there is none."""
         gap_rad = radians(self.backlash_deg)
         return {one.joint: gap_rad * one.transmission for one in couplings} if gap_rad else {}
 
 
 NOMINAL_BUILD: Final = Build()
-"""Servos without deviations from their data sheets."""
+"""Servos that match their data sheets."""

@@ -1,14 +1,14 @@
-"""Virtual Dynamixel servos on one wire: bytes and a time in, bytes and their arrival out.
+"""Virtual Dynamixel servos on one wire. They convert timed instructions to timed replies.
 
-From the e-manual: no reply to a broadcast other than a ping, which all answer in turn; a sync read and a
-bulk read are answered in the order in which they name the servos. What a servo does whose predecessor
-stays silent, the e-manual does not say: here its turn is a slot in time, or, with ``chained``, it waits
-in vain. A fast read is answered by one packet, to which each servo adds its block; with the checksums in
-it "integrity between Dynamixels" is confirmed. Assumed of it:
-- a servo adds its block when that before its own has come whole, else nothing; so after a silent servo,
-  or one whose firmware knows no fast reads, only the beginning of the packet is on the wire;
-- the first servo's return delay counts, the others add theirs at once;
-- nobody answers one whose length two bytes cannot say.
+From the e-manual: the only broadcast with a reply is a ping, to which all servos reply in turn. A sync read and a bulk
+read are answered in the order in which they name the servos. The e-manual does not define what a servo does if the
+servo before it is silent: here it replies after a time slot or, with ``chained``, not at all. A fast read is answered
+by one packet to which each servo adds its block; its checksums confirm "integrity between Dynamixels". Assumed for a
+fast read:
+- A servo adds its block only after it has received the whole block before its own. After a silent servo, or one
+  whose firmware does not support fast reads, only the beginning of the packet is on the wire.
+- The first servo waits for its return delay, and the others add their blocks at once.
+- No servo replies if the length of the packet does not fit into two bytes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -41,10 +41,13 @@ _ID_AT: Final = 4
 
 
 class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
-    """A line of X series servos and XL-320. Times are the caller's clock; the rig's time begins with the first call."""
+    """A line of X series servos and XL-320.
+
+    Times are those of the caller's clock; the rig's time starts at the first call.
+    """
 
     def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
-        """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
+        """Create the line. ``paced`` bytes take time on the wire; without it they take none, to measure software."""
         super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
         self.chained = False
 
@@ -58,11 +61,11 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         paced: bool = True,
         firmware: Mapping[int, int] | None = None,
     ) -> "VirtualDynamixelBus":
-        """A bus with a servo (its model by its ID) for each coupling of ``plant``.
+        """Create a bus with one servo for each coupling of ``plant``. ``models`` has the model by ID.
 
-        They are set up as for an arm: 1 Mbit/s and no return delay. Without ``supply``, those of one rated
-        voltage share a supply of it, as where a converter feeds the 5 V servos of a 12 V arm.
-        ``firmware``: versions by ID, where they are not the usual one.
+        The servos are set up for an arm: 1 Mbit/s and no return delay. Without ``supply``, servos of the same rated
+        voltage share a supply, as in a 12 V arm with a converter for its 5 V servos. ``firmware`` has versions by ID
+        that differ from the usual one.
         """
         ids = [coupling.servo_id for coupling in plant.couplings]
         servos = [_servo_of(models[i], i, (firmware or {}).get(i)) for i in ids]
@@ -72,7 +75,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         rated = {voltage_v: Supply(voltage_v) for voltage_v in {s.model.rated_voltage_v for s in servos}}
         return cls(Rig(servos, plant, supply or [rated[s.model.rated_voltage_v] for s in servos]), paced=paced)
 
-    def _obey(
+    def _execute(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
     ) -> list[Reply]:
         parameters = instruction.parameters
@@ -96,7 +99,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         return self._in_turn(turns, at_s, byte_s, 0.0)
 
     def _reads(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], byte_s: float) -> list[Turn]:
-        """A turn for each who is there; who is not leaves a gap as long as the reply would have been."""
+        """Return one turn for each servo that is present. A missing servo leaves a gap as long as its reply."""
         turns: list[Turn] = []
         gap_s = 0.0
         for servo_id, address, size in spans:
@@ -112,7 +115,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         return turns
 
     def _fast(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float) -> list[Reply]:
-        """One packet, block by block, as far as each servo finds the block before its own in order."""
+        """Return one packet in blocks, up to the first servo that does not receive the block before its own intact."""
         knowing = [servo for servo in servos if servo.answers_reads and servo.reads_fast]
         wire, replies = b"", list[Reply]()
         length = fast_length(size for _, _, size in spans)
@@ -141,14 +144,14 @@ def _servo_of(model: ServoModel, servo_id: int, firmware: int | None) -> Protoco
 
 
 def _overlaid(blocks: Sequence[bytes]) -> bytes:
-    """Blocks of one length sent at once, by servos that share an ID."""
+    """Overlay blocks of one length that servos with the same ID send at the same time."""
     if len(blocks) == 1:
         return blocks[0]
     return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
 
 
 def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[Reply]:
-    """Each servo's share of a group write. There is no reply."""
+    """Write each servo's part of a group write. There is no reply."""
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):
             servo.write(address, data)

@@ -1,10 +1,16 @@
-"""Virtual servos on one wire, Feetech's and Dynamixels of protocol 1.0: bytes and a time in, bytes and times out.
+"""Virtual Feetech servos and Dynamixels of protocol 1.0 on one wire. They convert timed instructions to timed replies.
 
-STS servos answer as docs/simulation.md says: when the line is silent, to whatever came in one piece; a sync read and
-a broadcast ping each at its own time, without listening to each other; a broadcast read all at once. From the manuals
-of the others: no reply to a broadcast; a bulk read is answered in the order in which it names the servos, and each
-waits for the reply before its own: one that is silent hides those after it. Assumed of them: a broadcast ping is
-answered one after the other by rising ID.
+STS servos behave as in docs/simulation.md:
+- They reply when the line is silent, to all packets that came in one piece.
+- In a sync read and a broadcast ping, each servo replies in its own time slot and does not listen to the others.
+- All of them reply to a broadcast read at the same time.
+
+From the manuals of the other servos:
+- A broadcast has no reply.
+- A bulk read is answered in the order in which it names the servos. Each servo waits for the reply before its own, so a
+  silent servo hides those after it.
+
+Assumed for the other servos: they answer a broadcast ping one after the other, in order of ID.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,22 +38,25 @@ __all__ = ["Reply", "VirtualBus"]
 
 _ID_AT = 2
 _SLOT_PAUSE = 3
-"""Bytes' times between two answers to a sync read."""
+"""Pause between two replies to a sync read, in byte times."""
 _PING_SLOT = 9
-"""Bytes' times in an STS servo's slot of a broadcast ping, which is the one of its ID."""
+"""Length of a slot in the replies to a broadcast ping, in byte times. An STS servo uses the slot of its ID."""
 _LONGEST_ENTRY = 125
-"""Bytes for each servo in a sync write; with more the instruction is dropped."""
+"""Maximum number of bytes per servo in a sync write. A longer instruction is ignored."""
 
 
 class VirtualBus(ServoLine[PacketServo]):
-    """A line of servos with one kind of packet. Times are the caller's clock; the rig's begins with the first call."""
+    """A line of servos with one packet format.
+
+    Times are those of the caller's clock; the rig's time starts at the first call.
+    """
 
     def __init__(self, rig: Rig[PacketServo], *, paced: bool = True) -> None:
-        """``paced`` bytes take their time on the wire; unpaced ones none (to measure software)."""
+        """Create the line. ``paced`` bytes take time on the wire; without it they take none, to measure software."""
         others = [servo for servo in rig.servos if not isinstance(servo, VirtualServo)]
         super().__init__(rig, InstructionParser() if others else StsParser(), _ID_AT, paced=paced)
         self._waiting: dict[VirtualServo, bytes] = {}
-        """Answers of STS servos, each of which waits for the line to be silent."""
+        """Replies of STS servos that wait until the line is silent."""
 
     @classmethod
     def of(
@@ -60,10 +69,12 @@ class VirtualBus(ServoLine[PacketServo]):
         variant: StsVariant = AS_REIMPLEMENTED,
         spread: Spread = NOMINAL,
     ) -> "VirtualBus":
-        """A bus with one new servo for each coupling of ``plant``; ``model``: of all, or by ID.
+        """Create a bus with one new servo for each coupling of ``plant``. ``model`` is that of all servos, or a model
+        by ID.
 
-        All are set up to 1 Mbit/s and no return delay; STS servos have firmware of ``variant`` and motors of
-        ``spread``. Without ``supply``, those of one rated voltage share a supply of it, give or take the spread.
+        All are set up for 1 Mbit/s and no return delay. STS servos have firmware of ``variant`` and motors of
+        ``spread``. Without ``supply``, servos of the same rated voltage share a supply, whose voltage deviates by
+        ``spread``.
         """
         models = {c.servo_id: model if isinstance(model, ServoModel) else model[c.servo_id] for c in plant.couplings}
         servos = [servo_of(own, servo_id, variant, spread) for servo_id, own in models.items()]
@@ -71,8 +82,10 @@ class VirtualBus(ServoLine[PacketServo]):
         rated = {voltage_v: spread.supply(one) for voltage_v, one in usual.items()}
         return cls(Rig(servos, plant, supply or [rated[servo.model.rated_voltage_v] for servo in servos]), paced=paced)
 
-    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
-        """Let ``servos`` do one instruction; whatever comes back, in order."""
+    def _execute(
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
+    ) -> list[Reply]:
+        """Let ``servos`` execute one instruction, and return the replies in order."""
         parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
         meant = servos if broadcast else named(instruction.servo_id, servos)
         if instruction.code == Code.SYNC_READ:
@@ -90,7 +103,7 @@ class VirtualBus(ServoLine[PacketServo]):
         return self._in_turn(self._answers(instruction, others), at_s, byte_s, 0.0)
 
     def _keep_back(self, servos: Sequence[PacketServo], instruction: Instruction) -> None:
-        """STS servos' answers for when the line is silent: after those that wait, but a read overwrites these."""
+        """Queue replies of STS servos until the line is silent. A read discards the replies that are already queued."""
         for servo in servos:
             packet = servo.answer(instruction) if isinstance(servo, VirtualServo) else None
             if isinstance(servo, VirtualServo) and packet is not None:
@@ -105,7 +118,10 @@ class VirtualBus(ServoLine[PacketServo]):
         return [self._reply(packets, at_s + delay_s, byte_s) for delay_s, packets in sorted(turns.items())]
 
     def _sync_read(self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
-        """Address, size, and then the IDs: a slot for each of them; a servo that is named twice answers once."""
+        """Answer a sync read (address, size, IDs).
+
+        Each ID has a time slot; a servo that is named twice replies once.
+        """
         if len(parameters) < 2:
             return []
         address, size = parameters[:2]
@@ -125,7 +141,7 @@ class VirtualBus(ServoLine[PacketServo]):
     def _broadcast(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
     ) -> list[Reply]:
-        """What comes back from an instruction to all: of most of them nothing."""
+        """Return the replies to a broadcast. Most broadcasts have none."""
         own_time = [servo for servo in servos if isinstance(servo, VirtualServo)]
         others = self._answers(instruction, [servo for servo in servos if not isinstance(servo, VirtualServo)])
         if instruction.code == Code.READ:
@@ -144,7 +160,7 @@ class VirtualBus(ServoLine[PacketServo]):
 def servo_of(
     model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
 ) -> PacketServo:
-    """A new servo of ``model``, as those of its series are; an STS with this firmware and a motor of this spread."""
+    """Create a servo of ``model``. An STS servo gets this firmware variant and a motor of this spread."""
     if isinstance(model, dynamixel1.Model):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.save(dynamixel1.baud_rate, 1)
@@ -157,14 +173,15 @@ def servo_of(
 
 
 def _timed_byte_s(byte_s: float) -> float:
-    """A byte's time as the timer of an STS servo counts it, in whole microseconds."""
+    """Return a byte's time as an STS servo's timer measures it, rounded up to whole microseconds."""
     return ceil(byte_s * 1e6 - 1e-6) * 1e-6
 
 
 def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
-    """A zero, and then size, ID and address of each; whoever comes after a silent one waits in vain.
+    """Return the replies to a bulk read: a zero, then size, ID and address of each servo.
 
-    A servo that is asked for more bytes than an answer can hold stays silent (assumed).
+    A servo after a silent one does not reply. A servo that is asked for more bytes than a reply can hold is silent
+    (assumed).
     """
     turns: list[Turn] = []
     for at in range(1, len(parameters) - 2, 3):
@@ -177,9 +194,10 @@ def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
 
 
 def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:
-    """Address, size, and then an ID and ``size`` bytes for each: the last entry of an ID counts.
+    """Execute a sync write: address, size, then an ID and ``size`` bytes for each servo. The last entry of an ID
+    counts.
 
-    An STS takes half an entry as far as it goes.
+    An STS servo also executes an incomplete entry, as far as it goes.
     """
     if len(parameters) < 2 or parameters[1] > _LONGEST_ENTRY:
         return

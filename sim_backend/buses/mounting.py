@@ -1,4 +1,4 @@
-"""How an arm was put together: where each servo's horn sits, and which way its shaft turns the joint."""
+"""Assembly of an arm: the angle of each servo's horn, and the direction in which its shaft turns the joint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,12 +10,12 @@ from sim_backend.mechanics.plant import Coupling
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """One way of putting an arm together, the same for the same ``seed``: any zero, either direction."""
+    """One random assembly of an arm, with any zero and either direction. It depends only on ``seed``."""
 
     seed: int
 
     def couplings(self, designed: Sequence[Coupling]) -> list[Coupling]:
-        """The couplings of an arm whose servos nobody aligned."""
+        """Return the couplings of an arm whose servos were mounted without alignment."""
         random = np.random.default_rng(self.seed)
         return [
             replace(

@@ -1,7 +1,7 @@
-"""The virtual bus as a ``drivers.port.Port``, without any operating system in between.
+"""The virtual bus as a ``drivers.port.Port``, without an operating system in between.
 
-On a simulated clock a read jumps to the arrival of the bytes, so the real driver runs in one
-thread, faster than real time, and every run gives the same bytes.
+On a simulated clock, a read advances the time to the arrival of the bytes. The real driver therefore runs in one
+thread, faster than real time, and every run produces the same bytes.
 """
 
 from collections import deque
@@ -13,7 +13,7 @@ from sim_backend.line.line import Reply, ServoLine
 
 
 class VirtualPort:
-    """One end of the wire of a ``ServoLine``."""
+    """The computer's end of a ``ServoLine``."""
 
     def __init__(self, bus: ServoLine[Any], clock: Clock, *, baud: int = 1_000_000, name: str = "virtual") -> None:
         self._bus = bus
@@ -51,7 +51,7 @@ class VirtualPort:
         return data
 
     def discard_input(self) -> None:
-        """Drop what has arrived. What is still on the wire comes later, as on a real line."""
+        """Discard the bytes that have arrived. Bytes that are still on the wire arrive later, as on a real line."""
         self._alive()
         self._collect()
         self._arrived.clear()
@@ -67,11 +67,11 @@ class VirtualPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether it was neither closed nor lost."""
+        """Whether the port was neither closed nor lost."""
         return not self._gone
 
     def unplug(self) -> None:
-        """Pull the adapter: from now on every method raises ``PortLost``."""
+        """Unplug the adapter. From now on every method raises ``PortLost``."""
         self._gone = "was unplugged: plug it in and open it again"
 
     def _alive(self) -> None:
@@ -85,7 +85,7 @@ class VirtualPort:
 
 
 class VirtualAdapter:
-    """The adapter at the end of a line: opened by its name, pulled out, put back under this name or another."""
+    """The adapter at the end of a line. It can be opened by name, unplugged, and plugged in under any name."""
 
     def __init__(self, bus: ServoLine[Any], clock: Clock, name: str = "virtual") -> None:
         self.name = name
@@ -94,26 +94,26 @@ class VirtualAdapter:
         self._ports: list[VirtualPort] = []
 
     def open(self, name: str, baud: int = 1_000_000) -> VirtualPort:
-        """A port to the line. Raises PortMissing where no adapter has this name now."""
+        """Open a port to the line. Raises PortMissing if no adapter has this name now."""
         if name != self._there:
             there = self._there or "none"
-            raise PortMissing(f"there is no {name}: plug in the adapter or name another port (there is {there})")
+            raise PortMissing(f"there is no {name}: plug in the adapter or choose another port (present: {there})")
         port = VirtualPort(self._bus, self._clock, baud=baud, name=name)
         self._ports = [*(port for port in self._ports if port.is_open), port]
         return port
 
     @property
     def reachable(self) -> bool:
-        """Whether it can be opened under its own name."""
+        """Whether the adapter can be opened under its original name."""
         return self._there == self.name
 
     def unplug(self) -> None:
-        """Pull it: all open ports are lost."""
+        """Unplug the adapter. All open ports are lost."""
         self._there = None
         for port in self._ports:
             if port.is_open:
                 port.unplug()
 
     def plug(self, name: str | None = None) -> None:
-        """Put it back, under its former name or another. What was lost stays lost: it is opened again."""
+        """Plug the adapter in under its original name or another. Lost ports stay lost and have to be opened again."""
         self._there = name or self.name

@@ -1,4 +1,4 @@
-"""A pseudo-terminal at a path of its own, as ``/dev/ttyACM0`` is for an adapter. Linux only."""
+"""A pseudo-terminal at a path of its own, like ``/dev/ttyACM0`` for an adapter. Linux only."""
 
 import contextlib
 import fcntl
@@ -25,13 +25,13 @@ _ANY_SPEED: Final = 0o010000
 class PtyLink:
     """Both ends of a pseudo-terminal and the symlink to the clients' end; a context manager.
 
-    Our own handle on the clients' end keeps the line up while clients come and go.
+    An open handle on the clients' end keeps the line up while clients come and go.
     """
 
     def __init__(self, link: Path, baud: int = 1_000_000) -> None:
-        """Put the line at ``link``; ``baud`` is its speed until a client sets another.
+        """Create the line at ``link``. ``baud`` is its speed until a client sets another.
 
-        Raises PortBusy if something is there that is not the remains of an ended emulator.
+        Raises PortBusy if ``link`` exists and is not a leftover of an emulator that has ended.
         """
         self.link = link
         self._make_room()
@@ -45,24 +45,24 @@ class PtyLink:
     def _make_room(self) -> None:
         link = self.link
         if not link.parent.is_dir():
-            raise PortError(f"{link.parent} is not a folder: make it, or choose another path")
+            raise PortError(f"{link.parent} is not a folder: create it, or choose another path")
         if link.is_symlink() and not link.exists():
             link.unlink()
         elif link.is_symlink():
             raise PortBusy(
-                f"{link} leads to {os.readlink(link)}: another emulator seems to serve it; "
-                "end that one, or remove the link if nothing does"
+                f"{link} points to {os.readlink(link)}: another emulator seems to serve it; "
+                "end that emulator, or remove the link if none is running"
             )
         elif link.exists():
-            raise PortBusy(f"{link} exists and is no emulator's link: choose another path")
+            raise PortBusy(f"{link} exists and is not an emulator's link: choose another path")
 
     def fileno(self) -> int:
-        """The servos' end, for select."""
+        """Return the servos' end of the line, for select."""
         return self._master
 
     @property
     def baud(self) -> int:
-        """Bits per second as the client set them; a pseudo-terminal carries the number, no more."""
+        """Bits per second as set by the client. A pseudo-terminal stores the number but has no speed."""
         return int(_TERMIOS2.unpack(self._settings())[-1])
 
     @baud.setter
@@ -76,19 +76,19 @@ class PtyLink:
         return fcntl.ioctl(self._slave, TCGETS2, bytes(_TERMIOS2.size))
 
     def read(self) -> bytes:
-        """What a client has sent; empty when there is nothing."""
+        """Read the bytes that clients have sent, or none."""
         try:
             return os.read(self._master, 4096)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send to whoever listens. What finds the buffer full is lost, as on any line."""
+        """Send bytes to the clients. If the buffer is full, they are lost, as on any serial line."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
 
     def close(self) -> None:
-        """Take the line away, and the link if it is still ours."""
+        """Close the line, and remove the link if it is still the one that was created."""
         if self.link.is_symlink() and os.readlink(self.link) == self._target:
             self.link.unlink()
         os.close(self._master)
@@ -107,39 +107,39 @@ class PtyLink:
 
 
 class PtyAdapter:
-    """The adapter of a virtual line: a pseudo-terminal that can be pulled out and put back; a context manager."""
+    """The adapter of a virtual line: a pseudo-terminal that can be unplugged and plugged in; a context manager."""
 
     def __init__(self, link: Path) -> None:
-        """``link``: where the line is while the adapter is there."""
+        """Create an adapter. ``link`` is the path of the line while the adapter is plugged in."""
         self.link = link
         self.line: PtyLink | None = None
-        """None while it is not there."""
+        """The open line; None while the adapter is unplugged."""
 
     def unplug(self) -> None:
-        """Pull it: clients lose the line, and the link is gone."""
+        """Unplug the adapter. Clients lose the line, and the link is removed."""
         if self.line is not None:
             self.line.close()
             self.line = None
 
     def plug(self, name: str | None = None) -> None:
-        """Put it back at its link, or beside that under ``name``; where something else is, it stays away."""
+        """Plug the adapter in at its link, or next to it as ``name``. If the path is taken, it stays unplugged."""
         self.unplug()
         try:
             self.line = PtyLink(self.link if name is None else self.link.with_name(name))
         except PortError as error:
-            LOG.error("the adapter does not come back: %s", error)
+            LOG.error("the adapter cannot be plugged in again: %s", error)
 
     @property
     def baud(self) -> int:
-        """As ``PtyLink`` has it; 0 as long as nobody is there."""
+        """Bits per second as set by the client; 0 while the adapter is unplugged."""
         return 0 if self.line is None else self.line.baud
 
     def read(self) -> bytes:
-        """What a client has sent; empty when there is nothing."""
+        """Read the bytes that clients have sent, or none."""
         return b"" if self.line is None else self.line.read()
 
     def write(self, data: bytes) -> None:
-        """Send to whoever listens."""
+        """Send bytes to the clients."""
         if self.line is not None:
             self.line.write(data)
 

@@ -1,7 +1,7 @@
-"""Everything that can go wrong with a virtual arm, by name: docs/faults.md has the list.
+"""Faults of a virtual arm. docs/faults.md lists them by name.
 
-``events`` has a class for each kind, ``player`` lets events happen at their times, ``script`` and ``text`` read and
-write them, ``draw`` makes a random schedule. ``wire`` has the switches for single replies that a line looks at.
+``events`` has a class for each kind of fault. ``player`` starts and ends faults on time, ``script`` and ``text`` read
+and write them, and ``draw`` makes random schedules. ``WireFaults`` has the switches for single replies on a line.
 """
 
 from sim_backend.packets.faults import Disturbance, WireFaults

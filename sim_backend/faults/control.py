@@ -1,4 +1,4 @@
-"""What ``servoloop fault`` asks of a running emulator."""
+"""Handle the commands that ``servoloop fault`` sends to a running emulator."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -9,17 +9,20 @@ from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.text import matching, parse, text_of
 
 
-def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command) -> Mapping[str, Any]:
-    """Let a fault happen, whose time counts from now, and say which there are; ``other`` does all other commands.
+def handle_fault_command(
+    player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command
+) -> Mapping[str, Any]:
+    """Start a fault, or end faults, and return the active and the coming faults.
 
-    ValueError for a fault that is none, or that these servos cannot have.
+    Times of the fault count from now. ``other`` handles all other commands. Raises ValueError for an unknown fault, or
+    for one that these servos cannot have.
     """
     if command.get("do") != "fault":
         return other(command)
     text, done, taken = command.get("text"), list[str](), list[str]()
     try:
         if command.get("clear"):
-            taken = _taken_back(player, "" if text is None else str(text))
+            taken = _cancel(player, "" if text is None else str(text))
         elif text is not None:
             event = parse(str(text))
             player.play([event], now_s())
@@ -36,9 +39,9 @@ def obey_faults(player: FaultPlayer, now_s: Callable[[], float], other: Handler,
     }
 
 
-def _taken_back(player: FaultPlayer, text: str) -> list[str]:
-    """Take back the faults that ``text`` names, or all; returns their texts. Raises FaultError if none matches."""
-    events = player.take_back(matching(text))
+def _cancel(player: FaultPlayer, text: str) -> list[str]:
+    """End the faults that ``text`` matches, or all, and return their texts. Raises FaultError if none matches."""
+    events = player.cancel(matching(text))
     if text and not events:
-        raise FaultError(f"no fault {text} is on or coming")
+        raise FaultError(f"no fault {text} is active or scheduled")
     return [text_of(event) for event in events]

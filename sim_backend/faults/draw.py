@@ -1,6 +1,6 @@
-"""Random schedules of faults, all drawn before anything happens, each kind from a stream of its own.
+"""Draw random schedules of faults before a run. Each kind of fault has its own stream of random numbers.
 
-Moments are drawn uniformly. Durations, delays, chances and sizes are log-uniform (``sim_backend.faults.tails``).
+Start times are uniform. Durations, delays, probabilities and sizes are log-uniform (``sim_backend.faults.tails``).
 """
 
 from collections.abc import Collection, Iterator
@@ -15,24 +15,24 @@ from sim_backend.faults.targets import Inventory, Since
 AT_THE_START: Final = 1 / 6
 """Share of the faults whose time counts from the start of the stack."""
 AT_THE_END: Final = 1 / 6
-"""Share of the faults whose time counts from the beginning of the program's end."""
+"""Share of the faults whose time counts from the moment at which the program begins to end."""
 TRIES: Final = 200
-"""Number of draws after which nothing is taken to have a fault."""
+"""Number of draws after which a kind of fault counts as impossible."""
 
 
 def draw(
     seed: int | str, there: Inventory, seconds: float, how_many: int, kinds: Collection[str] | None = None
 ) -> tuple[Event, ...]:
-    """``how_many`` random faults over the whole life of a stack, by time; of all kinds, or of ``kinds``.
+    """Draw ``how_many`` random faults over the whole life of a stack, in order of time.
 
-    Those that begin while the arm is up do so within ``seconds``.
+    The faults are of all kinds, or of ``kinds``. A fault that starts while the arm is up starts within ``seconds``.
 
-    Each kind bids for places with numbers from its own stream of the seed, and the lowest bids win. So what one kind
-    draws changes nothing of what another does; a kind more can only take places.
+    Each kind bids for places with numbers from its own stream, and the lowest bids win. The draws of one kind therefore
+    do not change those of another; an additional kind can only take places.
     """
     for name in kinds or ():
         if name not in KINDS:
-            raise FaultError(f"there is no fault {name!r}: known are {', '.join(KINDS)}")
+            raise FaultError(f"there is no fault {name!r}: known faults: {', '.join(KINDS)}")
     chosen = [name for name in KINDS if kinds is None or name in kinds]
     bids = sorted((bid for name in chosen for bid in _bids(seed, name, there, seconds, how_many)), key=lambda b: b[:3])
     drawn = (bid[-1] for bid in bids[:how_many])
@@ -40,7 +40,7 @@ def draw(
 
 
 def impossible(kind: str, there: Inventory) -> str:
-    """Return why nothing there can have a fault of this kind, in a sentence; an empty text if something can."""
+    """Return why nothing in the inventory can have a fault of this kind; an empty text if the fault is possible."""
     why = ""
     for number in range(TRIES):
         try:
@@ -55,10 +55,10 @@ def impossible(kind: str, there: Inventory) -> str:
 def _bids(
     seed: int | str, kind: str, there: Inventory, seconds: float, how_many: int
 ) -> Iterator[tuple[float, str, int, Event]]:
-    """As many events as this kind could get places for, each with its bid; none where nothing there can have it."""
+    """Yield the events of one kind with their bids, as many as could win. Yield none if the kind is impossible."""
     random = Random(f"{seed}/{kind}")
     for number in range(how_many):
-        # A stream for each event: one more number in it changes no other.
+        # Each event has its own stream, so that another draw within one event does not change the others.
         own = Random(random.getrandbits(64))
         bid, (since, at_s) = own.random(), _moment(own, there, seconds)
         try:
@@ -68,7 +68,7 @@ def _bids(
 
 
 def _moment(random: Random, there: Inventory, seconds: float) -> tuple[Since, float]:
-    """When a fault begins: from which moment its time counts, and the time."""
+    """Draw the moment from which a fault's time counts, and the time, in seconds."""
     share = random.random()
     since: Since = "start" if share < AT_THE_START else "end" if share < AT_THE_START + AT_THE_END else "up"
     if since not in there.moments:

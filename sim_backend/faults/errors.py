@@ -1,7 +1,7 @@
-"""What is wrong with a list of faults."""
+"""Errors in lists of faults."""
 
 from drivers.errors import DriverError
 
 
 class FaultError(DriverError):
-    """The faults cannot be done, or not be read. The text lists all of them and says what to do."""
+    """Faults that cannot be read or cannot be played. The message lists all of them, with a remedy."""

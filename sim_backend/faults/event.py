@@ -1,4 +1,4 @@
-"""What all faults have in common: a time, a duration, the servo or the line that they are about."""
+"""Base classes of all faults: start time, duration, and the servo or line that a fault affects."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -14,48 +14,48 @@ from sim_backend.faults.tails import log_uniform
 from sim_backend.faults.targets import Inventory, Place, Since, Targets
 
 DRAWN_S: Final = (0.001, 20.0)
-"""Durations of drawn faults that end: from one packet to a whole run with a job."""
+"""Durations of drawn faults that end, in seconds: from one packet to a whole run with a job."""
 USUAL_S: Final = (0.05, 2.0)
-"""Durations of half of them: from a cycle to what outlasts every time-out of the stack."""
+"""Durations of half of the drawn faults, in seconds: from one cycle to longer than every time-out of the stack."""
 STAYS: Final = 0.1
-"""Of the drawn faults that could end so many stay."""
+"""Share of the drawn faults that do not end, among those that could end."""
 
 
 class Event(BaseModel):
-    """A fault at one time: ``kind`` names it, its other fields are the parameters."""
+    """A fault at one time. ``kind`` is its name, and the other fields are its parameters."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: str
     at_s: Time = 0.0
-    """Time of the beginning, counted from ``since``."""
+    """Start of the fault after the moment ``since``, in seconds."""
     since: Since = "up"
-    """An emulator is up when it is ready, and knows no other moment."""
+    """Moment from which the time counts. An emulator is up when it is ready, and has no other moment."""
     for_s: Duration | None = None
-    """How long it lasts. None: it stays."""
+    """Duration in seconds; None if the fault does not end."""
 
     def refuse(self, there: Inventory) -> None:
-        """Raise FaultError, with a sentence that says why, where what there is cannot have this fault."""
+        """Raise FaultError with the reason if nothing in the inventory can have this fault."""
         if self.since not in there.moments:
             does = {"start": "starts", "up": "comes up", "end": "ends"}[self.since]
             raise FaultError(f"no stack {does} here: leave out `since`, or play the fault with servoloop campaign")
 
     def acting(self, targets: Targets) -> AbstractContextManager[None]:
-        """The fault itself: it begins as the context is entered and ends as that is left."""
+        """Return a context in which the fault is active. It starts on entry and ends on exit."""
         raise NotImplementedError
 
     @property
     def lasts_s(self) -> float | None:
-        """How long after its beginning it ends; None: never."""
+        """Time from the start to the end of the fault, in seconds; None if it does not end."""
         return self.for_s
 
     def stream(self) -> Random:
-        """The event's own random numbers: what it draws changes nobody else's."""
+        """Return the event's own random numbers, which do not depend on those of other events."""
         return Random(f"{getattr(self, 'seed', 0)}/{self.kind}")
 
     @classmethod
     def drawn(cls, random: Random, there: Inventory, at_s: float, since: Since = "up") -> Self:
-        """An event of this kind with random parameters. Raises FaultError where nothing can have it."""
+        """Draw an event of this kind with random parameters. Raises FaultError if nothing can have it."""
         parameters = cls.draw_parameters(random, there)
         event = cls.model_validate({"at_s": at_s, "since": since, **parameters})
         event.refuse(there)
@@ -63,12 +63,12 @@ class Event(BaseModel):
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
-        """What ``drawn`` fills in beside the time."""
+        """Draw the parameters of an event, except for its time."""
         return {}
 
 
 class Lasting(Event):
-    """A fault that ends by itself after ``for_s``, or stays."""
+    """A fault that ends after ``for_s``, or does not end."""
 
     @classmethod
     def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
@@ -77,7 +77,7 @@ class Lasting(Event):
 
 
 class Momentary(Event):
-    """A fault that is done as soon as it has begun; what it did stays."""
+    """A fault that ends as soon as it has started. Its effects remain."""
 
     for_s: None = None
 
@@ -85,7 +85,7 @@ class Momentary(Event):
     @classmethod
     def _over_at_once(cls, for_s: object) -> None:
         if for_s is not None:
-            raise ValueError(f"{cls.model_fields['kind'].default} is over at once: leave out for_s")
+            raise ValueError(f"{cls.model_fields['kind'].default} has no duration: leave out for_s")
 
     @property
     def lasts_s(self) -> float | None:
@@ -93,29 +93,29 @@ class Momentary(Event):
 
 
 class OfServo(Event):
-    """A fault of one servo, which is named by the ID that it was mounted with."""
+    """A fault of one servo. ``servo_id`` is the ID with which the servo was mounted."""
 
     servo_id: ServoId
     bus: str | None = None
-    """The line's name, where several lines have a servo of this ID."""
+    """Name of the line, needed only if several lines have a servo with this ID."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         self.refuse_model(self.model(there), there)
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
-        """Raise FaultError where a servo of this model cannot have the fault."""
+        """Raise FaultError if a servo of this model cannot have the fault."""
 
     def model(self, there: Inventory) -> ServoModel:
-        """The servo's model. Raises FaultError where there is no such servo."""
+        """Return the servo's model. Raises FaultError if there is no such servo."""
         return there.servos[there.bus_of(self.servo_id, self.bus)][self.servo_id]
 
     def place(self, targets: Targets) -> Place:
-        """Where the servo is."""
+        """Return the place of the servo on its line."""
         return targets.place(self.servo_id, self.bus)
 
     def cannot(self, model: ServoModel, why: str) -> FaultError:
-        """The refusal of a servo that cannot have the fault."""
+        """Return the error for a servo that cannot have the fault."""
         return FaultError(f"servo {self.servo_id} is a {model.name}, which {why}: it cannot have {self.kind!r}")
 
     @classmethod
@@ -124,10 +124,10 @@ class OfServo(Event):
 
 
 class OfBus(Event):
-    """A fault of a line, or of all lines."""
+    """A fault of one line, or of all lines."""
 
     bus: str | None = None
-    """The line's name; None: all lines."""
+    """Name of the line; None for all lines."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
@@ -140,14 +140,14 @@ class OfBus(Event):
 
 
 class Replies(OfBus, Lasting):
-    """A fault of replies on the wire, of one servo's or of all, each with a chance of its own."""
+    """A fault of replies on the wire, of one servo or of all. Each reply is affected with a probability."""
 
     servo_id: ServoId | None = None
-    """None: the replies of all servos."""
+    """ID of the servo; None for the replies of all servos."""
     chance: Chance = 1.0
-    """For each reply."""
+    """Probability for each reply."""
     seed: Seed = 0
-    """Of the draws."""
+    """Seed of the random numbers."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
@@ -161,11 +161,11 @@ class Replies(OfBus, Lasting):
 
 
 def model_of(drawn: Mapping[str, Any], there: Inventory) -> ServoModel:
-    """The model of the servo that drawn parameters name."""
+    """Return the model of the servo that drawn parameters name."""
     return there.servos[there.bus_of(drawn["servo_id"], drawn["bus"])][drawn["servo_id"]]
 
 
 def any_servo(random: Random, servos: Mapping[str, Mapping[int, ServoModel]]) -> dict[str, Any]:
-    """Name a servo by chance."""
+    """Choose a servo at random."""
     bus, servo_id = random.choice([(bus, servo_id) for bus, ids in servos.items() for servo_id in ids])
     return {"bus": bus if len(servos) > 1 else None, "servo_id": servo_id}

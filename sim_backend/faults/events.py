@@ -1,4 +1,4 @@
-"""All kinds of faults. ``FaultEvent`` is any of them, told apart by its ``kind``."""
+"""All kinds of faults. ``FaultEvent`` is their union; the field ``kind`` distinguishes them."""
 
 from typing import Annotated, Any, Final
 
@@ -40,9 +40,9 @@ FaultEvent = Annotated[
 ]  # fmt: skip
 
 EVENT: Final[TypeAdapter[Any]] = TypeAdapter(FaultEvent)
-"""Makes an event of plain data."""
+"""Converts plain data to an event."""
 KINDS: Final[dict[str, type[Event]]] = {
     kind.model_fields["kind"].default: kind
     for kind in FaultEvent.__origin__.__args__  # type: ignore[attr-defined]
 }
-"""Every kind by its name."""
+"""Class of each kind of fault, by name."""

@@ -1,4 +1,4 @@
-"""False values in replies whose checksum is right: of 256 corrupted replies one passes it."""
+"""False values in replies with a correct checksum. One of 256 corrupted replies passes the checksum by chance."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,19 +20,22 @@ READ_IN_CYCLES: Final = (
     *("present_velocity", "present_speed", "present_load", "present_pwm", "present_current"),
     *("present_voltage", "present_temperature", "torque_enable", "status", "hardware_error_status"),
 )
-"""Registers, except for the position, that the stack reads in its cycle; no model has all of them."""
+"""Registers, other than the position, that the stack reads in its cycle. No model has all of them."""
 
 
 class _FalseReplies(OfServo, Lasting):
-    """A servo reports something false: once, in every n-th reply that has it, or in each."""
+    """A servo reports a false value once, in every n-th reply that contains the value, or in each."""
 
     every: Annotated[Number, Field(ge=1)] = 1
-    """Of the replies that report the value, every n-th is false, the first one included."""
+    """Every n-th reply that reports the value is false, starting with the first."""
     replies: Annotated[Number, Field(ge=1)] | None = None
-    """Number of false replies. None: as many as there are until the fault ends."""
+    """Number of false replies; None for no limit."""
 
     def _turns(self) -> Callable[[], bool]:
-        """Whether the next reply that has the value is a false one; asked once for each."""
+        """Return a function that decides whether the next reply with the value is false.
+
+        Call it once for each reply.
+        """
         asked = 0
 
         def due() -> bool:
@@ -53,11 +56,14 @@ class _FalseReplies(OfServo, Lasting):
 
 
 class FalsePosition(_FalseReplies):
-    """A servo reports a false position in a reply whose checksum is right; its own control loop has the true one."""
+    """A servo reports a false position in a reply with a correct checksum.
+
+    Its own control loop uses the true position.
+    """
 
     kind: Literal["false_position"] = "false_position"
     counts: Counts = 1000
-    """Added to the true position."""
+    """Number of counts added to the true position."""
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
@@ -69,7 +75,7 @@ class FalsePosition(_FalseReplies):
             further = true + self.counts
             value = further if register.smallest <= further <= register.largest else true - self.counts
             false = _with(servo, register, value, (address, size))
-            return false if false != data and due() else data  # the same: the position is not in this reply
+            return false if false != data and due() else data  # Equal data means that the reply has no position.
 
         with _reporting(servo.on_read, falsify):
             yield
@@ -81,13 +87,13 @@ class FalsePosition(_FalseReplies):
 
 
 class FalseValue(_FalseReplies):
-    """A servo reports a false value of one register, its `status` for instance, in a reply whose checksum is right."""
+    """A servo reports a false value of one register, such as `status`, in a reply with a correct checksum."""
 
     kind: Literal["false_value"] = "false_value"
     register_name: str
-    """As `servoloop register list` names it. What `status` says also stands in the error byte of each reply."""
+    """Name of the register in `servoloop register list`. The value of `status` is also the error byte of each reply."""
     value: RegisterValue
-    """As the register has it, without a unit."""
+    """Raw value of the register, without a unit."""
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         register = register_of(model, self.register_name)
@@ -117,7 +123,7 @@ class FalseValue(_FalseReplies):
 
 
 def _with(servo: Any, register: Register, value: int, part: tuple[int, int]) -> bytes:
-    """A part (address, size) of the servo's table, if the register had this value."""
+    """Return a part (address, size) of the servo's table as if the register had this value."""
     memory = servo.memory
     true = memory.get(register)
     memory.put(register, value)

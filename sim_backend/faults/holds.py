@@ -1,4 +1,4 @@
-"""Switches and values that several faults may hold at the same time."""
+"""Switches and values that several faults can change at the same time."""
 
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
@@ -6,14 +6,20 @@ from typing import Any
 
 
 class Holds:
-    """Of the faults that hold one thing the last to begin counts; when the last has ended it is as it was before."""
+    """Changes of shared values by faults.
+
+    The newest change is in effect, and after the last the usual value returns.
+    """
 
     def __init__(self) -> None:
         self._held: dict[Hashable, list[list[Any]]] = {}
 
     @contextmanager
     def hold(self, key: Hashable, apply: Callable[[Any], None], value: Any, usual: Any) -> Iterator[None]:
-        """``apply(value)`` now. ``usual`` is applied when nobody holds ``key`` any more: that of the first to come."""
+        """Apply ``value`` within the context.
+
+        When no fault holds ``key`` anymore, the first holder's ``usual`` is applied.
+        """
         values = self._held.setdefault(key, [[usual]])
         mine = [value]
         values.append(mine)

@@ -1,4 +1,4 @@
-"""Faults of a whole line: its cable, its supply, its adapter, and who else talks on it."""
+"""Faults of a whole line: its cable, its supply, its adapter, and other programs that use it."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,23 +18,23 @@ from sim_backend.line.line import ServoLine
 from sim_backend.line.power import feed, restart, watch_supply
 
 READ, WRITE = 2, 3
-"""The instructions, in all protocols."""
+"""Instruction codes, which are the same in all protocols."""
 
 
 class CableCut(OfBus, Lasting):
-    """The cable breaks behind a servo: all behind it hear nothing and have no power, so their joints are limp."""
+    """The cable breaks after a servo. All servos after the break lose data and power, so their joints go limp."""
 
     kind: Literal["cable_cut"] = "cable_cut"
     after: ServoId | None = None
-    """The last servo that is still there; None: the cable breaks before the first."""
+    """Last servo that is still connected; None if the cable breaks before the first servo."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if any(first == len(there.servos[bus]) for bus, first in self._cut(there).items()):
-            raise FaultError(f"servo {self.after} is the last of its line: nothing hangs behind it")
+            raise FaultError(f"servo {self.after} is the last on its line, so nothing follows it: name another")
 
     def _cut(self, there: Inventory) -> dict[str, int]:
-        """The place of the first servo that is cut off, by line."""
+        """Return the index of the first servo that is cut off, by line."""
         if self.after is None:
             return dict.fromkeys(there.buses(self.bus), 0)
         bus = there.bus_of(self.after, self.bus)
@@ -73,18 +73,18 @@ def _after(random: Random, there: Inventory) -> dict[str, Any]:
 
 
 class WeakSupply(OfBus, Lasting):
-    """The supply has another voltage, or thin leads; where less than a controller needs is left, it starts anew."""
+    """The supply has another voltage or thin leads. A servo whose controller gets too little voltage restarts."""
 
     kind: Literal["weak_supply"] = "weak_supply"
     voltage_v: Volts | None = None
-    """Without load. None: as it was."""
+    """Voltage without load; None for no change."""
     resistance_ohm: Ohms | None = None
-    """Of the leads. None: as it was."""
+    """Resistance of the leads; None for no change."""
 
     @model_validator(mode="after")
     def _weak(self) -> Self:
         if self.voltage_v is None and self.resistance_ohm is None:
-            raise ValueError("a weak supply has a voltage_v, a resistance_ohm, or both")
+            raise ValueError("a weak supply needs voltage_v, resistance_ohm, or both")
         return self
 
     @contextmanager
@@ -116,7 +116,7 @@ def _fed(targets: Targets, line: ServoLine[Any], supply: tuple[float | None, flo
 
 
 class Echo(OfBus, Lasting):
-    """The adapter's wires are joined: what is sent comes back before the answer."""
+    """The adapter's transmit and receive wires are joined, so each instruction comes back before the reply."""
 
     kind: Literal["echo"] = "echo"
 
@@ -138,16 +138,16 @@ def _echoing(targets: Targets, line: ServoLine[Any]) -> Iterator[None]:
 
 
 class AdapterUnplugged(OfBus, Lasting):
-    """The adapter is pulled out, and put back under its former name or another; the servos keep their power."""
+    """The adapter is unplugged, and plugged in again under the same name or another. The servos keep their power."""
 
     kind: Literal["adapter_unplugged"] = "adapter_unplugged"
     back_as: str | None = None
-    """The name under which it comes back. None: the former one."""
+    """Name of the adapter when it is plugged in again; None for the same name."""
 
     @model_validator(mode="after")
     def _comes_back(self) -> Self:
         if self.back_as is not None and self.for_s is None:
-            raise ValueError("an adapter that comes back as another needs for_s: when")
+            raise ValueError("back_as needs for_s: the time after which the adapter is plugged in again")
         return self
 
     def refuse(self, there: Inventory) -> None:
@@ -164,7 +164,7 @@ class AdapterUnplugged(OfBus, Lasting):
                 def pull(out: str | None, adapter: Any = adapter) -> None:
                     adapter.unplug() if out == "" else adapter.plug(out)
 
-                # Of two that have pulled it the last to let go puts it back.
+                # If two faults have unplugged the adapter, the last one to end plugs it in again.
                 pulled.enter_context(targets.holds.hold(("adapter", adapter), pull, "", self.back_as))
             yield
 
@@ -176,7 +176,7 @@ class AdapterUnplugged(OfBus, Lasting):
 
 
 class ForeignPackets(OfServo, Lasting):
-    """Another program talks on the same line, between our packets: it reads a servo, or switches its torque off."""
+    """Another program uses the same line between our packets. It reads a servo, or switches its torque off."""
 
     kind: Literal["foreign_packets"] = "foreign_packets"
     every_s: Duration = 0.1

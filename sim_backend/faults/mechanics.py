@@ -17,7 +17,7 @@ from sim_backend.faults.targets import Inventory, Mechanics, Targets
 
 
 class Jammed(OfServo, Lasting):
-    """The gears of a servo jam: no force turns its joint."""
+    """The gears of a servo jam. No force can turn its joint."""
 
     kind: Literal["jammed"] = "jammed"
 
@@ -36,11 +36,14 @@ class Jammed(OfServo, Lasting):
 
 
 class Overload(OfServo, Lasting):
-    """Something pulls at a servo's shaft with this torque: more than the servo has, and its protection acts."""
+    """An external torque pulls at a servo's shaft.
+
+    By default it exceeds the servo's torque, and its protection acts.
+    """
 
     kind: Literal["overload"] = "overload"
     torque_nm: Torque = 4.0
-    """Positive towards larger joint positions."""
+    """Torque on the shaft. Positive values pull towards larger joint positions."""
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         _require_world(there, self.kind)
@@ -63,7 +66,7 @@ class Overload(OfServo, Lasting):
 
 
 class SlippedHorn(Momentary, OfServo):
-    """The horn slips on the shaft: from now on the encoder says so many counts more at the same joint position."""
+    """The horn slips on the shaft. From then on, the encoder reads ``counts`` more at the same joint position."""
 
     kind: Literal["slipped_horn"] = "slipped_horn"
     counts: Counts
@@ -72,7 +75,7 @@ class SlippedHorn(Momentary, OfServo):
     @classmethod
     def _slips(cls, counts: int) -> int:
         if counts == 0:
-            raise ValueError("0 counts are no slip")
+            raise ValueError("a slip of 0 counts has no effect: give another number")
         return counts
 
     @contextmanager
@@ -89,9 +92,9 @@ class SlippedHorn(Momentary, OfServo):
 
 def _require_world(there: Inventory, kind: str) -> None:
     if not there.world:
-        raise FaultError(f"there is no world here, only servos on a line: no joint can have {kind!r}")
+        raise FaultError(f"there are only servos on a line here, without a simulated arm: no joint can have {kind!r}")
 
 
 def _world(targets: Targets) -> Mechanics:
-    assert targets.world is not None, "refused before"
+    assert targets.world is not None, "``refuse`` checks this"
     return targets.world

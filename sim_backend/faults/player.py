@@ -1,4 +1,4 @@
-"""Lets faults happen at their times, in the world's own milliseconds."""
+"""Start and end faults on time, at the time steps of the simulated world."""
 
 from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack
@@ -10,33 +10,33 @@ from sim_backend.faults.event import Event
 from sim_backend.faults.targets import Inventory, Since, Targets
 
 ENDS, BEGINS = 0, 1
-"""Of what is due at one time, this comes first: a fault that ends makes room for the next."""
+"""Order of events at the same time. A fault ends before the next one begins."""
 ROUNDING_S: Final = 1e-6
-"""The world's time is a sum of milliseconds."""
+"""Tolerance for times, in seconds, because the world's time is a sum of milliseconds."""
 
 
 class FaultPlayer:
-    """Begins and ends faults. ``update`` belongs behind every step of the world, with the world's time."""
+    """Starts and ends faults. Call ``update`` after every step of the world with the world's time."""
 
     def __init__(self, targets: Targets) -> None:
         self.active: dict[int, Event] = {}
-        """The faults that last now, in the order in which they began."""
+        """Active faults in the order in which they began."""
         self.happened: list[Event] = []
-        """The faults that have begun or ended so far, once for each."""
+        """Log of the faults that have begun or ended. A fault that has done both is in it twice."""
         self.targets = targets
-        """What the faults are done to."""
+        """Lines, world, adapters and stack that faults act on."""
         self._due: list[tuple[float, int, int, Event]] = []
         self._waiting: list[Event] = []
-        """Events whose times count from a moment that is still to come."""
+        """Events whose times count from a moment that is not yet reached."""
         self._reached: set[Since] = set()
         self._running: dict[int, ExitStack] = {}
         self._number = 0
 
     def play(self, events: Iterable[Event], since_s: float = 0.0) -> None:
-        """Let ``events`` happen to what is up already; their times count from ``since_s`` of the world.
+        """Schedule ``events`` for a stack that is already up. Their times count from ``since_s`` of the world.
 
-        Those since the program's end wait for it. Raises FaultError, which lists all that cannot be done here; then
-        none of them will be.
+        Events since the program's end wait for that moment. Raises FaultError, which lists all events that are
+        impossible here; then none is scheduled.
         """
         events = tuple(events)
         over: list[Since] = ["start", "end"] if "end" in self._reached else ["start"]
@@ -48,16 +48,17 @@ class FaultPlayer:
                 self._waiting.append(event)
 
     def plan(self, events: Iterable[Event]) -> None:
-        """Let ``events`` happen, each in its time since the moment that it names, which ``reach`` tells.
+        """Schedule ``events`` for a stack that is not yet started. ``reach`` reports the moments from which times
+        count.
 
-        Raises FaultError, which lists all that cannot be done here; then none of them will be.
+        Raises FaultError, which lists all events that are impossible here; then none is scheduled.
         """
         events = tuple(events)
         self._require(events, self._reached)
         self._waiting += events
 
     def reach(self, moment: Since, time_s: float) -> None:
-        """The stack starts, is up, or begins to end, at ``time_s`` of the world."""
+        """Report that the stack starts, is up, or begins to end, at ``time_s`` of the world."""
         self._reached.add(moment)
         for event in self._waiting:
             if event.since == moment:
@@ -66,7 +67,7 @@ class FaultPlayer:
         self.begin_due(time_s)
 
     def _require(self, events: tuple[Event, ...], over: Collection[Since]) -> None:
-        """Raise FaultError where an event cannot happen here, or counts from a moment that is over."""
+        """Raise FaultError if an event is impossible here, or counts from a moment that is over."""
         require_possible(events, self.targets.inventory)
         if late := [event for event in events if event.since in over]:
             texts = (f"{one.kind} at {one.at_s:g} s since {one.since}: that moment is over" for one in late)
@@ -77,13 +78,13 @@ class FaultPlayer:
         heappush(self._due, (since_s + event.at_s, BEGINS, self._number, event))
 
     def update(self, time_s: float) -> None:
-        """The world has reached ``time_s``."""
+        """Report that the world has reached ``time_s``."""
         if self._due:
             self.begin_due(time_s)
         self.targets.step(time_s)
 
     def begin_due(self, time_s: float) -> None:
-        """Begin and end what is due."""
+        """Begin and end the faults that are due."""
         while self._due and self._due[0][0] <= time_s + ROUNDING_S:
             at_s, order, number, event = heappop(self._due)
             if order == BEGINS:
@@ -93,12 +94,12 @@ class FaultPlayer:
 
     @property
     def coming(self) -> list[Event]:
-        """The faults that have not begun yet, in the order in which they will."""
+        """Faults that have not begun, in the order of their beginning."""
         due = [event for _, order, _, event in sorted(self._due, key=lambda due: due[:3]) if order == BEGINS]
         return due + self._waiting
 
-    def take_back(self, matches: Callable[[Event], bool]) -> list[Event]:
-        """End the active faults that match, the last to have begun first, and forget those to come; returns all."""
+    def cancel(self, matches: Callable[[Event], bool]) -> list[Event]:
+        """End the active faults that match, newest first, and cancel those to come. Return all of them."""
         running = [number for number, event in self.active.items() if matches(event)]
         events = [self.active[number] for number in running] + [event for event in self.coming if matches(event)]
         coming = {number for _, order, number, event in self._due if order == BEGINS and matches(event)}
@@ -110,7 +111,7 @@ class FaultPlayer:
         return events
 
     def close(self) -> None:
-        """End all faults, the last to have begun first, and forget those to come."""
+        """End all faults, newest first, and cancel those to come."""
         self._due.clear()
         self._waiting.clear()
         for number in reversed(list(self._running)):
@@ -132,9 +133,9 @@ class FaultPlayer:
 def require_possible(
     events: Iterable[Event], there: Inventory, place: Callable[[int], str] = lambda number: ""
 ) -> None:
-    """Raise FaultError, with a sentence for each, where some of the events cannot happen to what there is.
+    """Raise FaultError with one sentence for each event that is impossible in this inventory.
 
-    ``place``: the beginning of the sentence about the event of this number.
+    ``place`` returns the beginning of the sentence about the event with this index.
     """
     wrong = []
     for number, event in enumerate(events):

@@ -1,4 +1,4 @@
-"""Faults of packets on the wire, each with its own chance from its own stream of random numbers."""
+"""Faults of packets on the wire. Each has its own probability and its own stream of random numbers."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,10 +15,10 @@ from sim_backend.packets.faults import LONGEST_NOISE
 
 
 class _OnTheWire(Replies):
-    """A fault of each reply, with a chance."""
+    """A fault that affects each reply with a probability."""
 
     def spoil(self, random: Random, packet: bytes) -> bytes:
-        """What becomes of one reply that is hit."""
+        """Return what a reply becomes if it is affected."""
         raise NotImplementedError
 
     @contextmanager
@@ -33,8 +33,11 @@ class _OnTheWire(Replies):
             yield
 
     def hit(self, random: Random, servo_id: int) -> Random | None:
-        """The numbers for what becomes of this reply, if it is hit. Of ``random`` each that could be takes one: what
-        other faults have left of a reply changes nothing of what happens to the next."""
+        """Return the random numbers for the effect on this reply, or None if the reply is not affected.
+
+        Each reply that could be affected takes one number from ``random``. Other faults of a reply therefore do not
+        change the effect on the next reply.
+        """
         if self.servo_id not in (None, servo_id):
             return None
         number = random.random()
@@ -51,7 +54,7 @@ class LostReplies(_OnTheWire):
 
 
 class TruncatedReplies(_OnTheWire):
-    """Of a reply only the beginning arrives."""
+    """Only the beginning of a reply arrives."""
 
     kind: Literal["truncated_replies"] = "truncated_replies"
 
@@ -60,7 +63,7 @@ class TruncatedReplies(_OnTheWire):
 
 
 class FlippedReplies(_OnTheWire):
-    """One bit of a reply arrives as its opposite."""
+    """One bit of a reply arrives inverted."""
 
     kind: Literal["flipped_replies"] = "flipped_replies"
 
@@ -70,7 +73,7 @@ class FlippedReplies(_OnTheWire):
 
 
 class Noise(_OnTheWire):
-    """Bytes that nobody sent arrive before a reply."""
+    """Noise bytes arrive before a reply."""
 
     kind: Literal["noise"] = "noise"
 
@@ -79,7 +82,7 @@ class Noise(_OnTheWire):
 
 
 class Collision(_OnTheWire):
-    """Another servo says what it said last at the same time: what arrives is both, one over the other."""
+    """Another servo repeats its last reply at the same time. The two replies overlap on the wire."""
 
     kind: Literal["collision"] = "collision"
     servo_id: ServoId
@@ -91,14 +94,14 @@ class Collision(_OnTheWire):
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        random, said = self.stream(), b""
+        random, last_reply = self.stream(), b""
 
         def become(servo_id: int, packet: bytes) -> bytes:
-            nonlocal said
+            nonlocal last_reply
             if servo_id == self.other_id and packet:
-                said = packet
+                last_reply = packet
             hit = self.hit(random, servo_id)
-            return overlaid([packet, said]) if hit and packet and said else packet
+            return overlaid([packet, last_reply]) if hit and packet and last_reply else packet
 
         with _listed(targets, targets.inventory.bus_of(self.servo_id, self.bus), "on_reply", become):
             yield
@@ -115,7 +118,7 @@ class Collision(_OnTheWire):
 
 
 class LateReplies(Replies):
-    """The adapter keeps replies back for so long, and what comes behind them with them."""
+    """The adapter delays replies, and all replies after them."""
 
     kind: Literal["late_replies"] = "late_replies"
     by_s: Delay = 0.02
@@ -137,7 +140,7 @@ class LateReplies(Replies):
 
 
 class MissedInstructions(Replies):
-    """Instructions do not reach a servo in one piece, so it does nothing."""
+    """Instructions arrive damaged at a servo, so it does nothing."""
 
     kind: Literal["missed_instructions"] = "missed_instructions"
 
@@ -154,7 +157,7 @@ class MissedInstructions(Replies):
 
 @contextmanager
 def _listed(targets: Targets, bus: str | None, where: str, act: Callable[..., Any]) -> Iterator[None]:
-    """While the context lasts ``act`` stands in this list of the lines' switches."""
+    """Within the context, ``act`` is in this list of each line's faults."""
     lists: list[list[Any]] = [getattr(line.faults, where) for line in targets.lines_of(bus)]
     for each in lists:
         each.append(act)

@@ -1,4 +1,4 @@
-"""A YAML file with a list of faults: each is a mapping with its ``kind``, its time ``at_s`` and its parameters."""
+"""A YAML file with a list of faults. Each is a mapping with its ``kind``, its time ``at_s`` and its parameters."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,19 +13,19 @@ from sim_backend.faults.events import FaultEvent
 
 
 class _Script(RootModel[list[FaultEvent]]):
-    """The file."""
+    """Content of the file."""
 
 
 def read_script(path: Path) -> tuple[FaultEvent, ...]:
-    """The faults of the file at ``path``. Raises FaultError, which lists every mistake with its line."""
+    """Read the faults from the file at ``path``. Raises FaultError, which lists every mistake with its line."""
     return tuple(load(path, _Script, FaultError).root)
 
 
 def script_text(events: Iterable[Event]) -> str:
-    """What ``read_script`` reads; what a fault has by default is left out."""
+    """Return the YAML text that ``read_script`` reads. Default values are left out."""
     return yaml.safe_dump([plain(event) for event in events], sort_keys=False)
 
 
 def plain(event: Event) -> dict[str, object]:
-    """The event as plain data, for YAML and JSON; what it has by default is left out."""
+    """Return the event as plain data for YAML and JSON. Default values are left out."""
     return {"kind": event.kind, **event.model_dump(exclude_defaults=True)}

@@ -1,4 +1,4 @@
-"""Faults of one servo: its data line, its power, its motor, its encoder."""
+"""Faults of one servo: its data line, its power, its motor and its encoder."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +16,11 @@ from sim_backend.faults.targets import Inventory, Targets
 from sim_backend.line.power import restart
 
 BEARABLE_C: Final = 70.0
-"""The highest temperature at which a servo drives its motor, as it comes from the factory."""
+"""Maximum temperature at which a servo drives its motor with factory settings, in degrees Celsius."""
 
 
 class Silent(OfServo, Lasting):
-    """The data line to one servo breaks: it neither hears nor answers, and holds what it was told last."""
+    """The data line to one servo breaks. The servo neither receives nor replies, and it holds its last goal."""
 
     kind: Literal["silent"] = "silent"
 
@@ -37,7 +37,7 @@ class Silent(OfServo, Lasting):
 
 
 class BrownOut(Momentary, OfServo):
-    """One servo's power dips and it starts anew: RAM is gone, the motor free, the EEPROM as it was."""
+    """A servo's voltage drops for a moment and it restarts. RAM is lost, the torque is off, and the EEPROM is kept."""
 
     kind: Literal["brown_out"] = "brown_out"
 
@@ -48,7 +48,7 @@ class BrownOut(Momentary, OfServo):
 
 
 class LoosePlug(OfServo, Lasting):
-    """A servo's plug has a loose contact: its power fails for a moment, again and again."""
+    """A servo's plug has a loose contact. The power fails for a moment, again and again."""
 
     kind: Literal["loose_plug"] = "loose_plug"
     every_s: Duration = 1.0
@@ -72,7 +72,7 @@ class LoosePlug(OfServo, Lasting):
 
 
 class Hot(OfServo, Lasting):
-    """A servo's motor is kept at least at this temperature, as in a closed box; afterwards it cools down by itself."""
+    """A servo's motor has at least this temperature, as in a closed box. It cools down after the fault."""
 
     kind: Literal["hot"] = "hot"
     temperature_c: Celsius = 90.0
@@ -94,14 +94,14 @@ class Hot(OfServo, Lasting):
 
 
 class Overcurrent(OfServo, Lasting):
-    """A winding is shorted: of its turns only a share is left, so the same torque takes as much more current."""
+    """A winding is partly shorted. Only a share of its turns is left, so the same torque needs more current."""
 
     kind: Literal["overcurrent"] = "overcurrent"
     turns_left: Annotated[Chance, Field(lt=1.0)] = 0.05
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         if model not in sts.MODELS.values():
-            raise self.cannot(model, "has no protection against too much current")
+            raise self.cannot(model, "has no overcurrent protection")
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
@@ -119,13 +119,13 @@ class Overcurrent(OfServo, Lasting):
 
 
 class DeadEncoder(OfServo, Lasting):
-    """The encoder does not answer the firmware any more, and that says so in its status."""
+    """The encoder does not answer the firmware, which reports this in its status."""
 
     kind: Literal["dead_encoder"] = "dead_encoder"
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         if model not in sts.MODELS.values():
-            raise self.cannot(model, "says nothing of its encoder")
+            raise self.cannot(model, "does not report the state of its encoder")
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
@@ -139,7 +139,7 @@ class DeadEncoder(OfServo, Lasting):
 
 
 class StuckEncoder(OfServo, Lasting):
-    """The encoder reports the same angle from then on, whatever the shaft does: its magnet has come off."""
+    """The encoder reports the same angle from then on, because its magnet has come off."""
 
     kind: Literal["stuck_encoder"] = "stuck_encoder"
 

@@ -1,4 +1,4 @@
-"""Faults of what a servo keeps without power: another program, or nobody, has set it up."""
+"""Faults of a servo's EEPROM: another program has changed its settings, or they were never set."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,16 +22,16 @@ from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
 
 MODES: Final = {"sts": (0, 1, 2, 3), "Dynamixel X": (0, 1, 3, 4, 5, 16)}
-"""The values of ``operating_mode`` by series; the others have no such register."""
+"""Values of ``operating_mode`` by series. The other series have no such register."""
 OWN_KINDS: Final = {"id": "wrong_id", "baud_rate": "wrong_rate", "operating_mode": "wrong_mode"}
-"""The kind of fault by the register that it concerns."""
+"""Registers whose wrong values are faults of their own kind, with that kind."""
 
 
 class _WrongSetting(OfServo, Lasting):
-    """A register of the EEPROM has another value."""
+    """A register of the EEPROM has a wrong value."""
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
-        """The register's name, and its wrong value."""
+        """Return the name of the register and its wrong value."""
         raise NotImplementedError
 
     @contextmanager
@@ -49,7 +49,7 @@ class _WrongSetting(OfServo, Lasting):
 
 
 class WrongId(_WrongSetting):
-    """A servo answers to another ID; to one that another servo has, both answer."""
+    """A servo has a wrong ID. If another servo has the same ID, both reply."""
 
     kind: Literal["wrong_id"] = "wrong_id"
     to: Annotated[ServoId, Field(le=252)]
@@ -63,14 +63,14 @@ class WrongId(_WrongSetting):
 
 
 class WrongRate(_WrongSetting):
-    """A servo listens and talks at another rate than the line's."""
+    """A servo has a baud rate that differs from the line's."""
 
     kind: Literal["wrong_rate"] = "wrong_rate"
     baud: Baud
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         if self.baud not in _rates(model):
-            raise self.cannot(model, f"knows {', '.join(map(str, sorted(_rates(model))))} baud and not {self.baud}")
+            raise self.cannot(model, f"supports {', '.join(map(str, sorted(_rates(model))))} baud but not {self.baud}")
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
         return "baud_rate", _rates(model)[self.baud]
@@ -81,7 +81,7 @@ class WrongRate(_WrongSetting):
 
 
 class WrongMode(_WrongSetting):
-    """A servo runs in another operating mode than position control."""
+    """A servo is in an operating mode other than position control."""
 
     kind: Literal["wrong_mode"] = "wrong_mode"
     mode: Number
@@ -91,7 +91,7 @@ class WrongMode(_WrongSetting):
         if modes is None:
             raise self.cannot(model, "has no register for its operating mode")
         if self.mode not in modes:
-            raise self.cannot(model, f"has the modes {', '.join(map(str, modes))} and not {self.mode}")
+            raise self.cannot(model, f"has the modes {', '.join(map(str, modes))} but not {self.mode}")
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
         return "operating_mode", self.mode
@@ -102,20 +102,20 @@ class WrongMode(_WrongSetting):
 
 
 class WrongSetting(_WrongSetting):
-    """A register of a servo's EEPROM has another value: a gain, a limit, the homing offset."""
+    """A register of a servo's EEPROM has a wrong value, such as a gain, a limit or the homing offset."""
 
     kind: Literal["wrong_setting"] = "wrong_setting"
     register_name: str
-    """As `servoloop register list` names it."""
+    """Name of the register in `servoloop register list`."""
     value: RegisterValue
-    """As the register has it, without a unit."""
+    """Raw value of the register, without a unit."""
 
     def refuse_model(self, model: ServoModel, there: Inventory) -> None:
         register = register_of(model, self.register_name)
         if register.name in OWN_KINDS:
-            raise FaultError(f"{register.name}: {OWN_KINDS[register.name]} is the fault for this register")
+            raise FaultError(f"{register.name}: use the fault {OWN_KINDS[register.name]} for this register")
         if register not in _settings(model):
-            raise FaultError(f"{register.name} is no setting that a {model.name} keeps without power")
+            raise FaultError(f"{register.name} is not a setting that a {model.name} keeps without power")
         require_value(register, self.value)
 
     def _setting(self, model: ServoModel) -> tuple[str, int]:
@@ -129,7 +129,7 @@ class WrongSetting(_WrongSetting):
 
 
 class EepromGone(Momentary, OfServo):
-    """A servo has lost its settings and starts anew with those of the factory: ID 1, the factory's rate and limits."""
+    """A servo has lost its settings and restarts with factory values: ID 1, and the factory's baud rate and limits."""
 
     kind: Literal["eeprom_gone"] = "eeprom_gone"
 
@@ -143,16 +143,16 @@ class EepromGone(Momentary, OfServo):
 
 
 def _settings(model: ServoModel) -> list[Register]:
-    """The registers of the EEPROM that may be set, except for those whose wrong values are kinds of their own."""
+    """Return the writable registers of the EEPROM, without those whose wrong values are faults of their own kind."""
     kept = (one for one in registers_of(model) if one.persistent and one.access is Access.READ_WRITE)
     return [register for register in kept if register.name not in OWN_KINDS]
 
 
 def _put(servo: Any, register: Register, value: int) -> None:
-    """Put and save a value, whatever the lock or the torque says; what follows from a change follows."""
+    """Write and save a value regardless of lock and torque, and apply its side effects."""
     if isinstance(servo, VirtualServo):
         servo.write(register.address, register.encode(value, "little"))
-    elif series_of(servo.model).make == "dynamixel":  # whose EEPROM nobody writes while it holds its torque
+    elif series_of(servo.model).make == "dynamixel":  # The EEPROM of a Dynamixel is locked while the torque is on.
         servo.memory.put(series_of(servo.model).torque_enable, 0)
     servo.memory.save(register, value)
     if not isinstance(servo, VirtualServo):
@@ -160,7 +160,7 @@ def _put(servo: Any, register: Register, value: int) -> None:
 
 
 def _rates(model: ServoModel) -> Mapping[int, int]:
-    """The value of ``baud_rate`` by the rate."""
+    """Return the values of ``baud_rate`` by baud rate."""
     series = series_of(model)
     if series is AX_MX:
         return {2_000_000 // (value + 1): value for value in (207, 103, 34, 16, 9, 7, 4, 3, 1)}

@@ -1,4 +1,4 @@
-"""Faults above the servos: of the machine that the stack runs on, of a controller, of a client."""
+"""Faults above the servos: of the computer that runs the stack, of a controller, or of a client."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,24 +9,24 @@ from hal.plausible import Duration, Position, Seed
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event, Lasting, Momentary
 from sim_backend.faults.tails import either_way, log_uniform
-from sim_backend.faults.targets import Inventory, Misdeed, StackTarget, Targets, Upset
+from sim_backend.faults.targets import ClientFault, ControllerFault, Inventory, StackTarget, Targets
 
 
 class _OfStack(Event):
-    """A fault that only a whole stack on simulated time can have."""
+    """A fault that needs a whole stack on simulated time."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if not there.stack:
-            raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs one on simulated time")
+            raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs a stack on simulated time")
 
     def stack(self, targets: Targets) -> StackTarget:
-        assert targets.stack is not None, "refused before"
+        assert targets.stack is not None, "``refuse`` checks this"
         return targets.stack
 
 
 class Stall(_OfStack):
-    """The machine stands still for so long, as where another program has it: cycles are missed, the world goes on."""
+    """The computer stalls, as if another program used the processor. Cycles are missed while the world continues."""
 
     kind: Literal["stall"] = "stall"
     for_s: Duration
@@ -42,18 +42,20 @@ class Stall(_OfStack):
 
 
 class _OfController(_OfStack, Lasting):
-    """A controller's update goes wrong, in each cycle."""
+    """A controller's update goes wrong in each cycle."""
 
-    HOW: ClassVar[Upset]
+    HOW: ClassVar[ControllerFault]
     controller: str | None = None
-    """Its name; None: the arm's."""
+    """Name of the controller; None for the arm's controller."""
 
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if self.controller is None or not there.controllers:
             return
         if self.controller not in there.controllers:
-            raise FaultError(f"there is no controller {self.controller!r}: known are {', '.join(there.controllers)}")
+            raise FaultError(
+                f"there is no controller {self.controller!r}: known controllers: {', '.join(there.controllers)}"
+            )
         able = self._able(there)
         if self.controller not in able:
             which = f"name one of {', '.join(able)}" if able else "no controller here does"
@@ -61,12 +63,12 @@ class _OfController(_OfStack, Lasting):
 
     @classmethod
     def _able(cls, there: Inventory) -> list[str]:
-        """The controllers that can have this fault: all that are known, or those that command joints."""
+        """Return the controllers that can have this fault: all for an exception, else those that command joints."""
         return [name for name, commands in there.controllers.items() if commands or cls.HOW == "raises"]
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        with self.stack(targets).upset(self.controller, self.HOW, self._jump):
+        with self.stack(targets).disturb_controller(self.controller, self.HOW, self._jump):
             yield
 
     @property
@@ -93,7 +95,7 @@ class ControllerNan(_OfController):
 
 
 class ControllerJumps(_OfController):
-    """A controller's commands jump by so much."""
+    """A controller's commands jump by ``by_rad``."""
 
     kind: Literal["controller_jumps"] = "controller_jumps"
     HOW = "jumps"
@@ -112,14 +114,14 @@ class ControllerJumps(_OfController):
 
 
 class _OfClient(Momentary, _OfStack):
-    """A client of the stack does something it should not."""
+    """A client of the stack does something wrong."""
 
-    DOES: ClassVar[Misdeed]
+    DOES: ClassVar[ClientFault]
     seed: Seed = 0
 
     @contextmanager
     def acting(self, targets: Targets) -> Iterator[None]:
-        self.stack(targets).misbehave(self.DOES, self.stream())
+        self.stack(targets).disturb_client(self.DOES, self.stream())
         yield
 
     @classmethod
@@ -128,21 +130,21 @@ class _OfClient(Momentary, _OfStack):
 
 
 class ClientNonsense(_OfClient):
-    """A client sends a goal that makes no sense: NaN, joints that are not there, positions beyond the limits."""
+    """A client sends an invalid goal: NaN, joints that do not exist, or positions beyond the limits."""
 
     kind: Literal["client_nonsense"] = "client_nonsense"
     DOES = "nonsense"
 
 
 class ClientCancels(_OfClient):
-    """A client cancels the goal that is on its way."""
+    """A client cancels its running goal."""
 
     kind: Literal["client_cancels"] = "client_cancels"
     DOES = "cancels"
 
 
 class ClientDies(_OfClient):
-    """A client dies: its goal goes on, and nobody sends the next."""
+    """A client dies. Its goal continues, and no other goal follows."""
 
     kind: Literal["client_dies"] = "client_dies"
     DOES = "dies"

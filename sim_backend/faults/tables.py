@@ -1,4 +1,4 @@
-"""The control tables of all models, by name."""
+"""Control tables of all models, by register name."""
 
 from collections.abc import Sequence
 from random import Random
@@ -15,26 +15,26 @@ ZERO: Final = 0.15
 
 
 def registers_of(model: ServoModel) -> Sequence[Register]:
-    """All registers of a model, by address."""
+    """Return all registers of a model, in order of address."""
     return x.registers(model) if isinstance(model, x.Model) else series_of(model).registers
 
 
 def register_of(model: ServoModel, name: str) -> Register:
-    """A model's register. Raises FaultError where it has none of this name."""
+    """Return a register of a model. Raises FaultError if the model has no register with this name."""
     for register in registers_of(model):
         if register.name == name:
             return register
-    raise FaultError(f"a {model.name} has no register {name!r}: `servoloop register list` names those that it has")
+    raise FaultError(f"a {model.name} has no register {name!r}: `servoloop register list` lists its registers")
 
 
 def require_value(register: Register, value: int) -> None:
-    """Raise FaultError where the register cannot have this value."""
+    """Raise FaultError if the register cannot have this value."""
     if not register.smallest <= value <= register.largest:
-        raise FaultError(f"{register.name} takes {register.smallest} to {register.largest}, not {value}")
+        raise FaultError(f"{register.name} must be {register.smallest} to {register.largest}, not {value}")
 
 
 def any_value(random: Random, register: Register) -> int:
-    """A value that the register may have: 0, or small or large with either sign."""
+    """Draw a value that the register can have: 0, or a small or large number of either sign."""
     if random.random() < ZERO:
         return 0
     size = round(log_uniform(random, 1.0, float(register.largest)))

@@ -1,19 +1,19 @@
-"""Log-uniform numbers for drawn faults: each factor of ten is as likely as any other, so no extreme value is rare."""
+"""Log-uniform random numbers for faults. Each power of ten is equally likely, so extreme values are not rare."""
 
 from random import Random
 
 
 def log_uniform(random: Random, lowest: float, highest: float) -> float:
-    """A number from ``lowest`` to ``highest``, to three digits."""
+    """Draw a number from ``lowest`` to ``highest``, rounded to three digits."""
     drawn = lowest * (highest / lowest) ** random.random()
     return min(max(float(f"{drawn:.3g}"), lowest), highest)
 
 
 def about(random: Random, usual: float, factor: float) -> float:
-    """A number from ``usual`` divided by ``factor`` to ``usual`` times ``factor``, to three digits."""
+    """Draw a number from ``usual`` divided by ``factor`` to ``usual`` times ``factor``, rounded to three digits."""
     return log_uniform(random, usual / factor, usual * factor)
 
 
 def either_way(random: Random, value: float) -> float:
-    """``value``, or its negative."""
+    """Return ``value`` or its negative."""
     return random.choice((-1, 1)) * value

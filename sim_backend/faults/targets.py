@@ -1,4 +1,4 @@
-"""What faults can be done to: lines of servos, the world, adapters, and the stack above them."""
+"""Targets of faults: lines of servos, the world, adapters, and the stack above them."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -11,31 +11,31 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.holds import Holds
 from sim_backend.line.line import ServoLine
 
-Upset = Literal["raises", "nan", "jumps"]
-"""What a controller does when it is upset."""
-Misdeed = Literal["nonsense", "cancels", "dies"]
-"""What a client of the stack does."""
+ControllerFault = Literal["raises", "nan", "jumps"]
+"""The way in which a controller goes wrong."""
+ClientFault = Literal["nonsense", "cancels", "dies"]
+"""The wrong action of a client of the stack."""
 Since = Literal["start", "up", "end"]
-"""The moment from which a fault's time counts: before the hardware is configured, when the arm is up, or when the
-program begins to end."""
+"""Moment from which a fault's time counts: before the hardware is configured, when the arm is up, or when the program
+begins to end."""
 START_S: Final = 0.1
-"""Time in which the shipped arms are configured and activated: 0.04 s on STS servos, 0.1 s on Dynamixels."""
+"""Time to configure and activate the included arms, in seconds: 0.04 s with STS servos, 0.1 s with Dynamixels."""
 HOLD_S: Final = 0.2
-"""Time in which an arm that is held at the program's end has come to rest."""
+"""Time until an arm that holds its position at the program's end is at rest, in seconds."""
 
 
 class Adapter(Protocol):
     """The adapter between a line and the computer."""
 
     def unplug(self) -> None:
-        """Pull it: whoever has it open has lost it."""
+        """Unplug the adapter. Every program that has it open loses it."""
 
     def plug(self, name: str | None) -> None:
-        """Put it back, under its former name or another."""
+        """Plug the adapter in again, under the same name or another."""
 
 
 class Mechanics(Protocol):
-    """What faults need of ``sim_backend.scene.world.World``."""
+    """The part of ``sim_backend.scene.world.World`` that faults need."""
 
     def jam(self, joint: str) -> None:
         """Block the joint's gears."""
@@ -44,7 +44,7 @@ class Mechanics(Protocol):
         """Undo ``jam``."""
 
     def load(self, joint: str, effort: float) -> None:
-        """Pull at the joint with ``effort`` (N m, or N) more than before."""
+        """Add ``effort`` (N m, or N) to the external load on the joint."""
 
 
 class StackTarget(Protocol):
@@ -52,38 +52,42 @@ class StackTarget(Protocol):
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """The names of the controllers, and whether each commands joints."""
+        """Names of the controllers, and whether each commands joints."""
 
     def stall(self, seconds: float) -> None:
-        """Let the machine stand still for so long once; the servos and the world go on."""
+        """Stall the computer once for this time. The servos and the world continue."""
 
-    def upset(self, controller: str | None, how: Upset, jump: float) -> AbstractContextManager[None]:
-        """While the context lasts a controller (by name; None: that of the arm) raises in its update, or adds NaN
-        or ``jump`` (rad or m) to its commands."""
+    def disturb_controller(
+        self, controller: str | None, how: ControllerFault, jump: float
+    ) -> AbstractContextManager[None]:
+        """Within the context, let a controller raise in its update, or add NaN or ``jump`` (rad or m) to its commands.
 
-    def misbehave(self, what: Misdeed, random: Random) -> None:
-        """Let a client do this now; it draws what it needs from ``random``."""
+        ``controller`` is a name, or None for the arm's controller.
+        """
+
+    def disturb_client(self, what: ClientFault, random: Random) -> None:
+        """Let a client do this now, with details drawn from ``random``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Inventory:
-    """What there is, without its being there: schedules are drawn and checked from this."""
+    """The servos, lines and other targets of a cell. Schedules are drawn and checked from it without the targets."""
 
     servos: Mapping[str, Mapping[int, ServoModel]]
-    """The servos of each line in the order of their chain."""
+    """Servo models of each line by ID, in the order of the chain."""
     world: bool = True
     adapters: bool = True
     stack: bool = True
     controllers: Mapping[str, bool] = field(default_factory=dict)
-    """The controllers of the stack as far as they are known, and whether each commands joints."""
+    """Known controllers of the stack, and whether each commands joints."""
     start_s: float | None = START_S
-    """Time that the stack takes to come up. None: it is up already."""
+    """Time that the stack needs to come up, in seconds; None if it is already up."""
     end_s: float | None = HOLD_S
-    """Time that the program takes to end. None: it is not ended here."""
+    """Time that the program needs to end, in seconds; None if it does not end here."""
 
     @property
     def moments(self) -> tuple[Since, ...]:
-        """The moments from which faults can count here, in their order."""
+        """Moments from which faults can count here, in chronological order."""
         there: dict[Since, bool] = {
             "start": self.stack and self.start_s is not None,
             "up": True,
@@ -92,25 +96,25 @@ class Inventory:
         return tuple(moment for moment, known in there.items() if known)
 
     def bus_of(self, servo_id: int, bus: str | None) -> str:
-        """The name of the line that has this servo. Raises FaultError where there is none, or one on several lines."""
+        """Return the name of the line with this servo. Raises FaultError if no line or more than one line has it."""
         self.require_bus(bus)
         found = [name for name, servos in self.servos.items() if servo_id in servos and bus in (None, name)]
         if not found:
             known = "; ".join(f"{name + ' has ' if name else ''}{_ids(ids)}" for name, ids in self.servos.items())
-            raise FaultError(f"there is no servo {servo_id}{f' on bus {bus}' if bus else ''}: known are {known}")
+            raise FaultError(f"there is no servo {servo_id}{f' on bus {bus}' if bus else ''}: known servos: {known}")
         if len(found) > 1:
-            raise FaultError(f"several lines have a servo {servo_id}: name one with bus, of {', '.join(found)}")
+            raise FaultError(f"several lines have a servo {servo_id}: choose one with bus: {', '.join(found)}")
         return found[0]
 
     def require_bus(self, bus: str | None) -> None:
-        """Raise FaultError where there is no such line; None is all of them."""
+        """Raise FaultError if there is no such line. None stands for all lines."""
         if not self.servos:
-            raise FaultError("there is no line here whose servos could be named (those from a box all have one ID)")
+            raise FaultError("there is no line here whose servos could be named (all servos from a box have one ID)")
         if bus is not None and bus not in self.servos:
-            raise FaultError(f"there is no bus {bus!r}: known are {', '.join(map(repr, self.servos))}")
+            raise FaultError(f"there is no bus {bus!r}: known buses: {', '.join(map(repr, self.servos))}")
 
     def buses(self, bus: str | None) -> list[str]:
-        """The names of the lines that ``bus`` means."""
+        """Return the names of the lines that ``bus`` refers to."""
         return list(self.servos) if bus is None else [bus]
 
 
@@ -120,11 +124,11 @@ def _ids(servos: Mapping[int, ServoModel]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A servo where it was mounted, whatever ID it has now."""
+    """Place at which a servo was mounted, regardless of its present ID."""
 
     line: ServoLine[Any]
     number: int
-    """Its place on the line."""
+    """Index of the servo on the line."""
 
     @property
     def servo(self) -> Any:
@@ -136,13 +140,13 @@ class Place:
 
     @property
     def ratio(self) -> float:
-        """Joint units per radian of the shaft, with the sign."""
+        """Joint units per radian of the shaft, with its sign."""
         return self.line.rig.plant.couplings[self.number].ratio
 
 
 @dataclass(slots=True)
 class Targets:
-    """What faults are done to; servos are named by the IDs that they were mounted with."""
+    """Targets of faults. Servos are named by the IDs with which they were mounted."""
 
     lines: Mapping[str, ServoLine[Any]]
     world: Mechanics | None = None
@@ -153,7 +157,7 @@ class Targets:
 
     @property
     def inventory(self) -> Inventory:
-        """What there is."""
+        """Inventory of these targets."""
         servos = {
             name: {
                 coupling.servo_id: servo.model
@@ -165,18 +169,18 @@ class Targets:
         return Inventory(servos, self.world is not None, bool(self.adapters), self.stack is not None, controllers)
 
     def place(self, servo_id: int, bus: str | None) -> Place:
-        """Where the servo is."""
+        """Return the place of a servo."""
         line = self.lines[self.inventory.bus_of(servo_id, bus)]
         ids = [coupling.servo_id for coupling in line.rig.plant.couplings]
         return Place(line, ids.index(servo_id))
 
     def lines_of(self, bus: str | None) -> list[ServoLine[Any]]:
-        """One line, or all."""
+        """Return one line, or all lines."""
         return [self.lines[name] for name in self.inventory.buses(bus)]
 
     @contextmanager
     def each_step(self, act: Callable[[float], None]) -> Iterator[None]:
-        """While the context lasts ``act(time_s)`` is called after each step of the world."""
+        """Within the context, call ``act(time_s)`` after each step of the world."""
         self._each_step.append(act)
         try:
             yield
@@ -184,6 +188,6 @@ class Targets:
             self._each_step.remove(act)
 
     def step(self, time_s: float) -> None:
-        """A step of the world is done."""
+        """Report that a step of the world is complete."""
         for act in self._each_step:
             act(time_s)

@@ -1,4 +1,4 @@
-"""Faults as people type them: ``silent id=3 for=2s``. The kind, and then its parameters in any order."""
+"""Faults as command-line text, such as ``silent id=3 for=2s``: the kind, then its parameters in any order."""
 
 import shlex
 from collections.abc import Callable
@@ -14,43 +14,43 @@ from sim_backend.faults.events import EVENT, KINDS
 _WORDS: Final = {"servo_id": "id", "other_id": "other", "back_as": "as", "register_name": "register"}
 _UNITS: Final = ("_s", "_v", "_ohm", "_nm", "_rad", "_c")
 _TIMES: Final = ("at_s", "since", "for_s")
-"""Parameters that all kinds have, which are named last."""
+"""Parameters that all kinds have. They come last in the usage text."""
 
 
 def words(kind: type[Event]) -> dict[str, str]:
-    """The parameters of a kind: the field by the word that stands for it."""
+    """Return the parameters of a kind: the field for each word of the text."""
     fields = [name for name in kind.model_fields if name != "kind" and not _never(kind, name)]
     fields.sort(key=lambda name: (name in _TIMES, not kind.model_fields[name].is_required()))
     return {word_of(name): name for name in fields}
 
 
 def word_of(field: str) -> str:
-    """The word for a field: without its unit."""
+    """Return the word for a field, which is its name without the unit."""
     return _WORDS.get(field) or next((field.removesuffix(u) for u in _UNITS if field.endswith(u)), field)
 
 
 def _never(kind: type[Event], field: str) -> bool:
-    """Whether the kind always leaves the field alone: what is done in a moment has no duration."""
+    """Whether the kind never uses the field. A momentary fault, for example, has no duration."""
     return kind.model_fields[field].annotation in (None, type(None))
 
 
 def usage(kind: type[Event]) -> str:
-    """How a kind is typed, its optional parameters in brackets."""
-    said = [kind.model_fields["kind"].default]
+    """Return the usage text of a kind, with optional parameters in brackets."""
+    parts = [kind.model_fields["kind"].default]
     for word, field in words(kind).items():
         text = f"{word}={'SECONDS' if field.endswith('_s') else word.upper()}"
-        said.append(text if kind.model_fields[field].is_required() else f"[{text}]")
-    return " ".join(said)
+        parts.append(text if kind.model_fields[field].is_required() else f"[{text}]")
+    return " ".join(parts)
 
 
 def parse(text: str) -> Any:
-    """The event that ``text`` names. Raises FaultError, which lists all mistakes."""
+    """Parse one fault. Raises FaultError, which lists all mistakes."""
     kind, name, parameters = _split(text)
     return _event(kind, name, text, parameters)
 
 
 def matching(text: str) -> Callable[[Event], bool]:
-    """Whether an event is of the kind that ``text`` names and has the parameters that ``text`` gives.
+    """Return a function that checks whether an event has the kind and the parameters of ``text``.
 
     An empty text matches every event. Raises FaultError.
     """
@@ -76,15 +76,15 @@ def _equal(held: Any, wanted: Any) -> bool:
 
 
 def _split(text: str) -> tuple[type[Event], str, list[str]]:
-    """The kind, its name and the parameters. Raises FaultError."""
+    """Return the class of the kind, its name and the parameters. Raises FaultError."""
     try:
         name, *parameters = shlex.split(text) or [""]
     except ValueError as error:
-        raise FaultError(f"{text!r} cannot be read: {str(error).lower()}") from None
+        raise FaultError(f"{text!r} is not valid: {str(error).lower()}") from None
     kind = KINDS.get(name)
     if kind is None:
         near = get_close_matches(name, KINDS)
-        meant = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(KINDS)}"
+        meant = f"did you mean {' or '.join(near)}?" if near else f"known faults: {', '.join(KINDS)}"
         raise FaultError(f"there is no fault {name!r}: {meant}")
     return kind, name, parameters
 
@@ -96,7 +96,7 @@ def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> An
         if not equals or word not in known:
             wrong.append(f"{parameter}: {name} takes {', '.join(f'{each}=' for each in known)}")
         elif known[word] in values:
-            wrong.append(f"{parameter}: {word} stands here for the second time")
+            wrong.append(f"{parameter}: {word} is given twice")
         else:
             values[known[word]] = _seconds(value) if known[word].endswith("_s") else value
     try:
@@ -104,15 +104,15 @@ def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> An
     except ValidationError as error:
         for item in error.errors():
             field = str(item["loc"][1]) if len(item["loc"]) > 1 else ""
-            said = item["msg"].removeprefix("Value error, ")
-            wrong.append(f"{word_of(field)}: {said}" if field else said)
+            message = item["msg"].removeprefix("Value error, ")
+            wrong.append(f"{word_of(field)}: {message}" if field else message)
     if wrong:
-        raise FaultError(f"{text!r}: {'; '.join(wrong)}. It is typed {usage(kind)}")
+        raise FaultError(f"{text!r}: {'; '.join(wrong)}. Usage: {usage(kind)}")
     return event
 
 
 def _seconds(value: str) -> Any:
-    """A time with or without its unit; what is none is left for the checks."""
+    """Convert a time with or without a unit to seconds. Other values are returned unchanged for later checks."""
     for unit, scale in (("ms", 1e-3), ("s", 1.0)):
         if value.endswith(unit):
             try:
@@ -123,11 +123,11 @@ def _seconds(value: str) -> Any:
 
 
 def text_of(event: Event) -> str:
-    """What ``parse`` makes this event of."""
-    said = [event.kind]
+    """Return the text from which ``parse`` makes this event."""
+    parts = [event.kind]
     for word, field in words(type(event)).items():
         value = getattr(event, field)
         if value == type(event).model_fields[field].default:
             continue
-        said.append(f"{word}={shlex.quote(str(value))}{'s' if field.endswith('_s') else ''}")
-    return " ".join(said)
+        parts.append(f"{word}={shlex.quote(str(value))}{'s' if field.endswith('_s') else ''}")
+    return " ".join(parts)

@@ -1,8 +1,8 @@
-"""Several lines of servos over one plant: one world, one time, however many wires lead into it.
+"""Several lines of servos on one plant. They share one world and one time.
 
-Each line asks for physics up to its own moment. Whichever asks first moves everything: the firmware of all
-lines, and then the plant, once. The others find the step done. So a line can find its servos ahead of its own
-packet by as much as the other line has looked ahead: one packet's time on the wire, under a millisecond.
+Each line requests physics up to its own time. The first request moves everything by one step: first the firmware of all
+lines, then the plant. The other lines find this step done. A line can therefore find its servos ahead of its own
+packet. The difference is at most the time of another line's packet on the wire, which is less than a millisecond.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from sim_backend.mechanics.plant import Plant
 
 
 class PlantPart(Plant):
-    """Some of a plant's shafts. ``advance`` does nothing: the plant moves when all parts have had their torques."""
+    """Some of a plant's shafts. ``advance`` does nothing; the plant moves when all parts have set their torques."""
 
     def __init__(self, plant: Plant, places: Sequence[int]) -> None:
         couplings = [plant.couplings[i] for i in places]
@@ -33,7 +33,7 @@ class PlantPart(Plant):
 
 
 class CommonPlant:
-    """The plant below several lines: give each line a ``part``, and let it ``join``."""
+    """A plant that several lines share. Create a ``part`` for each line, and let the line ``join``."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -41,17 +41,20 @@ class CommonPlant:
         self._steps = 0
 
     def part(self, joints: Sequence[str]) -> PlantPart:
-        """The shafts of these joints, in the plant's order."""
+        """Return the shafts of these joints, in the plant's order."""
         places = [i for i, coupling in enumerate(self._plant.couplings) if coupling.joint in joints]
         return PlantPart(self._plant, places)
 
     def join(self, line: ServoLine[Any]) -> None:
-        """From now on the line's servos move with those of all lines. Before the line's time begins."""
+        """Move the line's servos together with those of all lines from now on.
+
+        Call it before the line's time begins.
+        """
         line.rig = _JoinedRig(line.rig, self)
         self._rigs.append(line.rig)
 
     def reach(self, steps: int) -> None:
-        """Bring everything to this step, unless it is there."""
+        """Advance everything to this step, unless that is done."""
         while self._steps < steps:
             for rig in self._rigs:
                 rig.step_servos()
@@ -60,7 +63,7 @@ class CommonPlant:
 
 
 class _JoinedRig(Rig[AnyServo]):
-    """One line's servos. Their line counts its steps here; who is first moves all."""
+    """The servos of one line. The line counts its steps here, and the first line that asks moves all lines."""
 
     def __init__(self, rig: Rig[AnyServo], common: CommonPlant) -> None:
         super().__init__(rig.servos, rig.plant, rig.supply)
@@ -72,5 +75,5 @@ class _JoinedRig(Rig[AnyServo]):
         self._common.reach(self._asked)
 
     def step_servos(self) -> None:
-        """This line's share of one step."""
+        """Advance this line's servos by one step."""
         super().step()

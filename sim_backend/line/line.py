@@ -1,9 +1,9 @@
-"""Servos on one half-duplex wire, whatever their make: time, pace, faults, turns.
+"""Servos of any make on one half-duplex wire: timing, faults, and the order of replies.
 
-Nothing here runs by itself. Physics and firmware are brought up to the moment at which a packet is
-complete, and only then is it answered: what a servo reports is what it would see at that moment.
-Two servos with one ID pull the same line, so their replies come out and-ed; a pause of 20 ms ends a
-half-received packet (both assumed).
+Nothing runs in the background. When a packet is complete, physics and firmware are advanced to that time, and then the
+packet is answered. A servo therefore reports its state at that time. Assumed:
+- Two servos with the same ID pull the same line, so their replies are combined by a bitwise AND.
+- A pause of 20 ms discards a half-received packet.
 """
 
 from abc import ABC, abstractmethod
@@ -19,11 +19,11 @@ BITS_PER_BYTE: Final = 10
 PAUSE_S: Final = 0.02
 
 Turn = tuple[float, list[bytes]]
-"""Who replies at one time: the return delay (s), and the packets; two of them if two share an ID."""
+"""Reply at one time: the return delay (s) and the packets. Servos that share an ID send two packets."""
 
 
 class Wired(Stepped, Protocol):
-    """What a line needs of a servo."""
+    """The part of a servo that a line needs."""
 
     @property
     def baud(self) -> int: ...
@@ -44,29 +44,30 @@ AnyServo = TypeVar("AnyServo", bound=Wired)
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Bytes that have all arrived at the master when the clock says ``due_s``."""
+    """Bytes that have all reached the master at ``due_s``."""
 
     due_s: float
     data: bytes
     held_s: float = 0.0
-    """For so much longer the adapter keeps them, while the wire is free."""
+    """Additional time that the adapter holds the bytes back while the wire is free, in seconds."""
 
 
 class ServoLine(ABC, Generic[AnyServo]):
-    """A line of servos. Times are the caller's clock; the rig's time begins with the first call."""
+    """A line of servos. Times are those of the caller's clock; the rig's time starts at the first call."""
 
     def __init__(self, rig: Rig[AnyServo], parser: Parser, id_at: int, *, paced: bool = True) -> None:
-        """``paced`` bytes take their time on the wire; unpaced ones none (to measure software).
+        """Create a line.
 
-        ``id_at`` is where a reply has its servo's ID.
+        ``paced`` bytes take time on the wire; without it they take none, to measure software. ``id_at`` is the index of
+        the servo's ID in a reply.
         """
         self.rig = rig
         self.paced = paced
         self.faults = WireFaults()
         self.dropped_s = 0.0
-        """Physical time that was skipped because the caller came too late."""
+        """Simulated time that was skipped because the caller was late, in seconds."""
         self.after_instructions: Callable[[], None] = _nothing
-        """Called after servos have done what they were told, before anybody hears of it."""
+        """Called after servos have executed an instruction, before the master gets the reply."""
         self._unplugged: set[AnyServo] = set()
         self._parser = parser
         self._id_at = id_at
@@ -82,39 +83,39 @@ class ServoLine(ABC, Generic[AnyServo]):
         return self.rig.servos
 
     def servo(self, servo_id: int) -> AnyServo:
-        """The first servo with this ID."""
+        """Return the first servo with this ID."""
         return next(servo for servo in self.servos if servo.servo_id == servo_id)
 
     def unplug(self, servo: AnyServo) -> None:
-        """Pull the servo's plug: it has no power and hears nothing until ``plug``."""
+        """Unplug the servo. It has no power and hears nothing until ``plug``."""
         self._unplugged.add(servo)
         servo.power_cycle()
 
     def plugged(self, servo: AnyServo) -> bool:
-        """Whether the servo's plug is in."""
+        """Whether the servo is plugged in."""
         return servo not in self._unplugged
 
     def plug(self, servo: AnyServo) -> None:
-        """Plug the servo in, if it is not: it comes up as after any power-off."""
+        """Plug the servo in, unless it is. It starts as after any power-off."""
         if servo in self._unplugged:
             self._unplugged.remove(servo)
             servo.power_cycle()
 
     @property
     def reached_s(self) -> float:
-        """The moment, on the caller's clock, up to which physics and firmware are brought."""
+        """Time that physics and firmware have reached, on the caller's clock."""
         return (self._origin_s or 0.0) + self._steps * self.rig.timestep_s
 
     def advance(self, now_s: float, longest_s: float | None = None) -> None:
-        """Bring physics and firmware up to ``now_s``.
+        """Advance physics and firmware to ``now_s``.
 
-        Beyond ``longest_s`` the time is dropped and counted: a stalled machine must not stall again
-        by catching up.
+        Time beyond ``longest_s`` is skipped and counted, because a stalled computer must not stall again while it
+        catches up.
         """
         if self._origin_s is None:
             self._origin_s = now_s
         dt_s = self.rig.timestep_s
-        # The small part keeps a rounding error from costing a step.
+        # The small term keeps a rounding error from losing a step.
         behind = int((now_s - self._origin_s) / dt_s + 1e-6) - self._steps
         if longest_s is not None and behind * dt_s > longest_s:
             excess = behind - int(longest_s / dt_s)
@@ -126,8 +127,8 @@ class ServoLine(ABC, Generic[AnyServo]):
         self._steps += max(0, behind)
 
     def receive(self, data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
-        """What the servos answer to ``data``, whose first byte the master sends at ``now_s``."""
-        if baud == 0:  # hung up, as termios has it: nothing goes over the line
+        """Return the replies to ``data``, whose first byte the master sends at ``now_s``."""
+        if baud == 0:  # A baud rate of 0 means a closed line in termios.
             return []
         replies: list[Reply] = []
         while self.faults.foreign:
@@ -137,7 +138,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return self._through_adapter(replies + self._exchange(data, now_s, baud))
 
     def _exchange(self, data: bytes, now_s: float, baud: int) -> list[Reply]:
-        """What comes back to what somebody sends, by the time at which it has left the wire."""
+        """Return the replies to bytes that a program sends, with the times at which they have left the wire."""
         byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
         begin_s = max(now_s, self._free_s)
         if now_s - self._heard_s > PAUSE_S:
@@ -151,7 +152,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         for instruction in self._parser.feed(data):
             complete_s = begin_s + (len(data) - self._parser.pending) * byte_s
             self.advance(complete_s)
-            replies += self._obey(instruction, complete_s, byte_s, self._listening(baud))
+            replies += self._execute(instruction, complete_s, byte_s, self._listening(baud))
             self.after_instructions()
         replies += self._silence(self._free_s, byte_s)
         replies.sort(key=lambda reply: reply.due_s)
@@ -160,7 +161,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _through_adapter(self, replies: list[Reply]) -> list[Reply]:
-        """The replies as the master gets them: what the adapter holds back holds up all that comes behind it."""
+        """Delay the replies as the adapter does. A reply that it holds back also delays all replies after it."""
         late = any(reply.held_s for reply in replies)
         if not replies or not (late or replies[0].due_s < self._handed_over_s):
             return replies
@@ -171,7 +172,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         return through
 
     def _listening(self, baud: int) -> list[AnyServo]:
-        """Servos that understand this baud and are there. The others hear garbage, or nothing."""
+        """Return the servos that are connected and use this baud rate. The others hear noise, or nothing."""
         faults = self.faults
         return [
             servo
@@ -184,15 +185,15 @@ class ServoLine(ABC, Generic[AnyServo]):
         ]
 
     @abstractmethod
-    def _obey(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
-        """Let ``servos`` do one instruction; whatever comes back, in order."""
+    def _execute(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
+        """Let ``servos`` execute one instruction, and return the replies in order."""
 
     def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
-        """What servos say only when the line is silent: the master's bytes end at ``at_s``."""
+        """Return the replies that servos send only when the line is silent. The master's bytes end at ``at_s``."""
         return []
 
     def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[Reply]:
-        """Replies one after the other; a turn without a reply lasts ``slot_s``."""
+        """Return replies one after the other. A turn without a reply lasts ``slot_s``."""
         replies = []
         for delay_s, packets in turns:
             if not packets:
@@ -204,13 +205,13 @@ class ServoLine(ABC, Generic[AnyServo]):
         return replies
 
     def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> Reply:
-        """What comes out of the wire when these packets are sent at once."""
+        """Return the bytes on the wire if these packets are sent at the same time."""
         servo_id = packets[0][self._id_at]
         data = self.faults.pass_reply(servo_id, overlaid(packets))
         return Reply(begin_s + max(map(len, packets)) * byte_s, data, self.faults.held_s(servo_id))
 
     def _answers(self, instruction: Instruction, servos: Sequence[AnyServo]) -> list[Turn]:
-        """All do the instruction; answers with the same ID in them come at the same time."""
+        """Let all servos execute the instruction. Replies with the same ID are sent at the same time."""
         turns: dict[int, Turn] = {}
         for servo in sorted(servos, key=lambda servo: servo.servo_id):
             packet = servo.answer(instruction)
@@ -224,12 +225,12 @@ def _nothing() -> None:
 
 
 def named(servo_id: int, servos: Sequence[AnyServo]) -> list[AnyServo]:
-    """Those that answer to this ID."""
+    """Return the servos with this ID."""
     return [servo for servo in servos if servo.servo_id == servo_id]
 
 
 def overlaid(packets: Sequence[bytes]) -> bytes:
-    """Packets sent at once on one line whose idle level is 1."""
+    """Combine packets that are sent at the same time on one line, whose idle level is 1."""
     if len(packets) == 1:
         return packets[0]
     length = max(map(len, packets))

@@ -1,7 +1,7 @@
-"""The power of a line of servos over time: another voltage, a plug that is pulled and put back.
+"""Power of a line of servos: changes of the supply voltage, and plugs that are pulled and put back.
 
-Below ``BROWN_OUT_V`` a servo's controller stops: it is deaf, its motor free. When the voltage is back it starts as
-after a reboot; what was not saved is gone. Known of STS servos, assumed of the others.
+Below ``BROWN_OUT_V`` a servo's controller stops: it hears nothing, and its torque is off. When the voltage returns, it
+starts as after a reboot, without the values that were not saved. This is known of STS servos and assumed of the others.
 """
 
 from math import inf
@@ -11,13 +11,13 @@ from sim_backend.line.line import ServoLine
 from sim_backend.servos.generic.packet_servo import WiredServo
 
 BROWN_OUT_V: Final = 3.5
-"""What a regulator of 3.3 V needs to feed the controller (assumed)."""
+"""Minimum voltage at which a 3.3 V regulator can feed the controller (assumed)."""
 
 
 def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
-    """Feed all servos of the line with so much, over such leads, from now on; None: as the line was built.
+    """Feed all servos of the line with this voltage over leads of this resistance from now on.
 
-    No voltage at all is a pulled plug.
+    None stands for the value with which the line was built. A voltage of 0 stands for a pulled plug.
     """
     line.rig.feed(voltage_v, resistance_ohm)
     for servo in line.servos:
@@ -25,13 +25,13 @@ def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: f
 
 
 def watch_supply(line: ServoLine[Any]) -> None:
-    """Let servos stop whose supply has broken down under its load, and those start to which it has come back."""
+    """Stop servos whose voltage has dropped too far under load, and start those whose voltage is back."""
     for servo in line.servos:
         _supplied(servo, servo.firmware.voltage_v)
 
 
 def restart(servo: WiredServo) -> None:
-    """The servo starts anew, as power comes back to it: after a bad plug's moment, for instance."""
+    """Restart the servo as after a short loss of power, for instance by a loose plug."""
     servo.power_cycle()
     servo.deaf_s = servo.BOOT_S
 

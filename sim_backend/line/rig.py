@@ -1,4 +1,4 @@
-"""Servos on a plant with their power supplies, advanced together in fixed steps. Deterministic."""
+"""Servos on a plant with their power supplies, advanced together in fixed steps. The result is deterministic."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from sim_backend.servos.sts.state import STATE, SUPPLY, Supplies
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """A power supply with its leads: the voltage sags by resistance times the current of all that hang on it."""
+    """A power supply with leads. Its voltage drops by the resistance times the current of all servos that it feeds."""
 
     voltage_v: float = 12.0
     resistance_ohm: float = 0.1
 
 
 class Fed(Protocol):
-    """What a rig needs of a servo's firmware."""
+    """The part of a servo's firmware that a rig needs."""
 
     voltage_v: float
 
@@ -35,7 +35,7 @@ class Fed(Protocol):
 
 
 class Stepped(Protocol):
-    """What a rig needs of a servo."""
+    """The part of a servo that a rig needs."""
 
     @property
     def servo_id(self) -> int: ...
@@ -53,14 +53,17 @@ AnyServo = TypeVar("AnyServo", bound=Stepped)
 
 
 class Rig(Generic[AnyServo]):
-    """Steps the firmware of all servos, the voltage between them, and the plant below."""
+    """Advances the firmware of all servos, the voltage of their supplies, and the plant."""
 
     def __init__(
         self, servos: Sequence[AnyServo], plant: Plant, supply: Supply | Sequence[Supply] | None = None
     ) -> None:
-        """One supply for all of them, one for each (the same object for those that share it), or the usual one."""
+        """Create a rig.
+
+        ``supply`` is one for all servos, one for each servo (shared objects are one supply), or the default.
+        """
         if [s.servo_id for s in servos] != [c.servo_id for c in plant.couplings]:
-            raise ValueError("servos and the plant's couplings must name the same IDs in one order")
+            raise ValueError("servos and the plant's couplings must have the same IDs in the same order")
         self.servos = tuple(servos)
         self.plant = plant
         self.timestep_s = plant.timestep_s
@@ -69,7 +72,7 @@ class Rig(Generic[AnyServo]):
         self._firmware = [servo.firmware for servo in servos]
         self.supply = supply or Supply()
         each = [self.supply] * len(servos) if isinstance(self.supply, Supply) else self.supply
-        # Two of the same voltage are still two.
+        # Two supplies of the same voltage are still separate.
         supplies = list({id(supply): supply for supply in each}.values())
         self._loads = [
             (supply, [servo for servo, own in zip(self._firmware, each, strict=True) if own is supply])
@@ -78,18 +81,18 @@ class Rig(Generic[AnyServo]):
         self._built = self._loads
         self._shared: Supplies | None = None
         self.tables: NDArray[np.uint8] | None = None
-        """The control tables of all servos as they are, a row for each, where all are STS; written by them alone."""
+        """Live control tables, one row for each servo, if all are STS servos. Only the servos write to them."""
         self._step_servos = self._compiled() or self._one_by_one
         for firmware, angle in zip(self._firmware, plant.angles(), strict=True):
             firmware.observe(angle)
 
     def step(self) -> None:
-        """One timestep of everything."""
+        """Advance everything by one timestep."""
         self._step_servos()
         self.plant.advance()
 
     def feed(self, voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
-        """Another voltage from all supplies, and leads of another resistance, from now on. None: as they were built."""
+        """Change the voltage of all supplies and the resistance of their leads. None restores the original value."""
         self._loads = [
             (
                 Supply(
@@ -105,11 +108,11 @@ class Rig(Generic[AnyServo]):
             self._shared["resistance_ohm"] = [supply.resistance_ohm for supply, _ in self._loads]
 
     def supply_of(self, servo: AnyServo) -> Supply:
-        """The supply that feeds the servo now."""
+        """Return the supply that feeds the servo now."""
         return next(supply for supply, loads in self._loads if servo.firmware in loads)
 
     def _compiled(self) -> Callable[[], None] | None:
-        """All servos' timestep as one call of compiled code, if all are made for it."""
+        """Return a compiled function that advances all servos by one timestep; None if not all are STS servos."""
         firmware = [firmware for firmware in self._firmware if isinstance(firmware, StsFirmware)]
         if len(firmware) < len(self._firmware):
             return None
@@ -126,7 +129,7 @@ class Rig(Generic[AnyServo]):
         return partial(step_all, states, shared, shafts, position, velocity, effort, self.timestep_s)
 
     def _one_by_one(self) -> None:
-        """One timestep of all servos, whatever they are."""
+        """Advance all servos of any kind by one timestep."""
         dt_s, plant = self.timestep_s, self.plant
         for supply, loads in self._loads:
             total_a = 0.0

@@ -1,4 +1,4 @@
-"""Two arms of the same parts are never the same: friction, motors, masses and supply lie about their nominal values."""
+"""Differences between arms of the same parts. Friction, motors, masses and supply deviate from their nominal values."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -10,11 +10,14 @@ from sim_backend.line.rig import Supply
 from sim_backend.mechanics.motor import MotorConstants
 
 SHARE: Final = 0.1
-"""The largest deviation of a value, as a share of it; all within are equally likely."""
+"""Maximum deviation of a value, as a share of the value. All deviations up to it are equally likely."""
 
 
 class Quantity(IntEnum):
-    """What differs. Each has random numbers of its own: one more of them leaves the others as they are."""
+    """Quantities that deviate.
+
+    Each has its own random numbers, so that another draw of one does not change the others.
+    """
 
     MAGNET = 1
     RESISTANCE = 2
@@ -25,18 +28,18 @@ class Quantity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One arm of many, the same for the same ``seed``. None: the nominal one."""
+    """Deviations of one arm, which depend only on ``seed``. None stands for the nominal arm."""
 
     seed: int | None = None
 
     def factor(self, quantity: Quantity, which: int) -> float:
-        """By what the quantity of one servo, joint or body differs from its nominal value."""
+        """Return the factor on the nominal value of the quantity, for one servo, joint or body."""
         if self.seed is None:
             return 1.0
         return 1.0 + SHARE * np.random.default_rng((self.seed, quantity, which)).uniform(-1.0, 1.0)
 
     def motor(self, nominal: MotorConstants, servo_id: int) -> MotorConstants:
-        """One servo's motor. One magnet makes both the torque and the back-EMF."""
+        """Return the motor of one servo. One magnet determines both the torque and the back-EMF."""
         magnet = self.factor(Quantity.MAGNET, servo_id)
         return replace(
             nominal,
@@ -46,11 +49,11 @@ class Spread:
         )
 
     def supply(self, nominal: Supply) -> Supply:
-        """The power supply of a line."""
+        """Return the power supply of a line."""
         return replace(nominal, voltage_v=nominal.voltage_v * self.factor(Quantity.SUPPLY, 0))
 
     def vary(self, model: Any) -> None:
-        """The friction of each joint and the mass of each body of a MuJoCo model, bodies' shapes as they are."""
+        """Vary the friction of each joint and the mass of each body in a MuJoCo model. Shapes stay as they are."""
         for dof in range(model.nv):
             friction = self.factor(Quantity.FRICTION, dof)
             model.dof_frictionloss[dof] *= friction

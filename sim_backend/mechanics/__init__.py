@@ -1,1 +1,1 @@
-"""Motors, gears, backlash and supply: the servos' physics in SI units."""
+"""Motors, gears and plants: the mechanics of servos in SI units."""

@@ -1,7 +1,7 @@
-"""Gears between a motor and its shaft: inertia, and friction that grows with the load and shrinks with the speed.
+"""Gears between a motor and its shaft, with inertia and with friction that depends on load and speed.
 
-The law is BAM's fourth (github.com/Rhoban/bam, M4): a shaft is held back by at most a Coulomb friction, a share of the
-torque that goes through the gears, and a viscous friction. Near rest both of the first are larger (Stribeck).
+The friction law is the fourth one of BAM (github.com/Rhoban/bam, M4). A shaft is held back by Coulomb friction, by a
+share of the torque through the gears, and by viscous friction. Near rest, the first two are larger (Stribeck effect).
 """
 
 from collections.abc import Iterable
@@ -18,38 +18,38 @@ Floats = NDArray[np.float64]
 GearTable = NDArray[np.void]
 """An array with one record of ``GEARS`` for each shaft."""
 Record = Any
-"""One record of ``GEARS``: numba has no name for its type."""
+"""One record of ``GEARS``. numba cannot name the type of a record."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gears:
-    """One servo's gears, seen at the output shaft. SI units."""
+    """Gears of one servo, as seen at the output shaft. SI units."""
 
     rotor_kg_m2: float
-    """Of the motor and all wheels."""
+    """Inertia of the motor and all wheels."""
     viscous_nm_s: float
     coulomb_nm: float
     load_share: float
-    """Friction in a newton metre of the torque through the gears."""
+    """Friction per newton meter of torque through the gears."""
     sticking_nm: float = 0.0
-    """Coulomb friction beyond ``coulomb_nm``, of a shaft at rest."""
+    """Additional Coulomb friction of a shaft at rest."""
     sticking_share: float = 0.0
-    """The same of ``load_share``."""
+    """Additional ``load_share`` of a shaft at rest."""
     sticking_rad_s: float = 1.0
-    """The speed at which a share of 1/e of the sticking is left."""
+    """Speed at which the additional friction has fallen to 1/e."""
     sticking_exponent: float = 1.0
 
     def friction_nm(self, load_nm: float, speed_rad_s: float) -> float:
-        """The largest torque of friction, without the viscous one.
+        """Return the maximum friction torque, without the viscous part.
 
-        ``load_nm`` goes through the gears: what the motor gives less what the rest of the world gives, as a shaft
-        that is pulled at one end and held at the other has both on its teeth.
+        ``load_nm`` is the torque through the gears: that of the motor minus that of the load. A shaft that is pulled at
+        one end and held at the other has both torques on its teeth.
         """
         largest_nm: float = friction_nm(gear_table([self])[0], load_nm, speed_rad_s)
         return largest_nm
 
     def behind(self, ratio: float) -> "Gears":
-        """The same as felt by a joint whose shaft turns ``ratio`` radians in a unit of the joint."""
+        """Convert the gears to joint units, for a joint whose shaft turns ``ratio`` radians per joint unit."""
         ratio = abs(ratio)
         return replace(
             self,
@@ -65,13 +65,13 @@ GEARS: Final = np.dtype([(name, "f8") for name in Gears.__dataclass_fields__])
 
 
 def gear_table(gears: Iterable[Gears]) -> GearTable:
-    """The same gears for compiled code."""
+    """Return the gears as an array for compiled code."""
     return np.array([astuple(own) for own in gears], GEARS)
 
 
 @compiled
 def friction_nm(gears: Record, load_nm: float, speed_rad_s: float) -> float:
-    """What ``Gears.friction_nm`` returns."""
+    """Compute ``Gears.friction_nm`` for one record."""
     sticking = exp(-((abs(speed_rad_s) / gears.sticking_rad_s) ** gears.sticking_exponent))
     share = gears.load_share + sticking * gears.sticking_share
     largest_nm: float = gears.coulomb_nm + sticking * gears.sticking_nm + share * abs(load_nm)
@@ -80,7 +80,7 @@ def friction_nm(gears: Record, load_nm: float, speed_rad_s: float) -> float:
 
 @compiled
 def renew_friction(gears: GearTable, load_nm: Floats, speed_rad_s: Floats, least_nm: float, friction: Floats) -> None:
-    """Write the largest friction of all shafts into ``friction`` (n,)."""
+    """Write the maximum friction of all shafts into ``friction`` (n,)."""
     for i in range(len(gears)):
         friction[i] = max(least_nm, friction_nm(gears[i], load_nm[i], speed_rad_s[i]))
 
@@ -94,7 +94,7 @@ def turn_shafts(
         per_nm = step_s / gears[i].rotor_kg_m2
         friction = friction_nm(gears[i], torque_nm[i] - load_nm[i], velocity[i]) * per_nm
         speed = velocity[i] + (torque_nm[i] + load_nm[i] - gears[i].viscous_nm_s * velocity[i]) * per_nm
-        # Friction takes speed away but never turns it round.
+        # Friction slows a shaft down but never reverses it.
         speed = copysign(max(0.0, abs(speed) - friction), speed)
         velocity[i] = speed
         position[i] += speed * step_s

@@ -1,7 +1,7 @@
-"""Identified gears in a MuJoCo model: their friction follows the torque that went through them in the last timestep.
+"""Identified gears in a MuJoCo model. Their friction depends on the torque through them in the last timestep.
 
-MuJoCo solves for friction as a constraint with a largest torque, so it holds a joint and never turns it round, at any
-timestep; only that largest torque is renewed here, before each step.
+MuJoCo treats friction as a constraint with a maximum torque, so at any timestep it holds a joint and never reverses it.
+Only this maximum torque is updated here, before each step.
 """
 
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ import numpy as np
 from sim_backend.mechanics.gears import Gears, gear_table, renew_friction
 
 LEAST_FRICTION_NM: Final = 1e-9
-"""MuJoCo has no constraint for a joint without friction, and the places of the others would shift."""
+"""Minimum friction. MuJoCo has no constraint for a joint without friction, so the indices of the others would shift."""
 
 
 class JointGears:
-    """Keeps the friction of some degrees of freedom of one model."""
+    """Updates the friction of some degrees of freedom of one model."""
 
     def __init__(self, model: Any, data: Any, gears: Mapping[int, Gears], before: "JointGears | None" = None) -> None:
-        """``gears`` by degree of freedom, beside those of ``before``."""
+        """Fit ``gears``, by degree of freedom, in addition to those of ``before``."""
         self._model, self._data = model, data
         self._gears: dict[int, Gears] = {**(before._gears if before else {}), **gears}
         self._dofs = np.array(sorted(self._gears))
@@ -29,14 +29,14 @@ class JointGears:
         for dof, own in self._gears.items():
             model.dof_armature[dof] = own.rotor_kg_m2
             model.dof_damping[dof] = own.viscous_nm_s
-        # At rest, and so that the first timestep does not wait until the compiled code is loaded.
+        # This sets the friction at rest, and loads the compiled code before the first timestep.
         renew_friction(self._table, self._friction.copy(), self._friction.copy(), LEAST_FRICTION_NM, self._friction)
         model.dof_frictionloss[self._dofs] = self._friction
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the inertias
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # Update the constants that depend on inertias.
         mujoco.mj_forward(model, data)
 
     def update(self) -> None:
-        """Renew the largest friction from the last timestep's torques."""
+        """Update the maximum friction from the torques of the last timestep."""
         dofs, data = self._dofs, self._data
         motor = data.qfrc_actuator[dofs]
         world = data.qfrc_constraint[dofs] - self._friction_now() - data.qfrc_bias[dofs]
@@ -44,7 +44,7 @@ class JointGears:
         self._model.dof_frictionloss[dofs] = self._friction
 
     def _friction_now(self) -> Any:
-        """The share of friction in the constraint forces, by degree of freedom: it is not what friction depends on."""
+        """Return the friction in the constraint forces, by degree of freedom. Friction must not depend on itself."""
         data = self._data
         rows = slice(data.ne, data.ne + data.nf)
         share = np.zeros(self._model.nv)

@@ -1,7 +1,7 @@
-"""The brushed motor behind the gears, seen at the output shaft: torque, current, heat. SI units.
+"""Brushed motor with gears, as seen at the output shaft: torque, current and temperature. SI units.
 
-Gear friction and the rotor's inertia are the plant's, because a physics engine handles them better than a torque
-can. docs/simulation.md says where each number comes from.
+Gear friction and rotor inertia belong to the plant, because a physics engine handles them better than a torque would.
+docs/simulation.md has the source of each number.
 """
 
 from dataclasses import dataclass, replace
@@ -12,23 +12,27 @@ from drivers.servos.register import ServoModel
 from sim_backend.mechanics.gears import Gears
 
 ROTOR_INERTIA_KG_M2: Final = 0.0154
-"""Of an STS3215's rotor and gears at the output shaft: 3.25 N m of full drive (BAM's kt and resistance) start the shaft
-at 211 rad/s2 (the reimplemented firmware's step responses, recorded on hardware without load)."""
+"""Inertia of an STS3215's rotor and gears at the output shaft.
+
+The value follows from step responses without load, which were recorded with the reimplemented firmware. They start with
+211 rad/s2 under the 3.25 N m of full drive, a torque computed from the kt and the resistance that BAM identified.
+"""
 GEAR_FRICTION_NM: Final = 0.052
 """Coulomb friction of an STS3215's gears, identified by BAM on a pendulum."""
 GEAR_DAMPING_NM_S: Final = 0.03
-"""Viscous friction that leaves 45 rpm of the 12 V motor's full drive, as its data sheet says."""
+"""Viscous friction at which full drive of the 12 V motor reaches 45 rpm, the value in its data sheet."""
 IDENTIFIED_DAMPING_NM_S: Final = 0.052
-"""What BAM identified with the 7.4 V motor."""
+"""Viscous friction that BAM identified with the 7.4 V motor."""
 STALL_CURRENT_A: Final = 2.7
-"""Of the STS3215 at 12 V; of other Feetech servos for want of their own."""
+"""Stall current of the STS3215 at 12 V, also used for Feetech servos without a published value."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotorConstants:
-    """What one motor with its gears does. Ambient temperature included, because it sits there.
+    """Constants of one motor with its gears, including the ambient temperature.
 
-    Heat: +15 K in ten minutes at half the stall torque, in a published test of an STS3215; one heat capacity.
+    The thermal model has one heat capacity. A published test of an STS3215 at half its stall torque showed a rise of 15
+    K in ten minutes.
     """
 
     torque_constant_nm_a: float
@@ -38,11 +42,11 @@ class MotorConstants:
     thermal_time_s: float = 400.0
     ambient_c: float = 27.0
     gears: Gears | None = None
-    """Where anybody has identified them; the plant's own otherwise."""
+    """Identified gears; None if the plant's own values apply."""
 
     @classmethod
     def of(cls, model: ServoModel, stall_current_a: float = STALL_CURRENT_A) -> "MotorConstants":
-        """What a data sheet says: torque and current at stall, speed without load, all at the rated voltage."""
+        """Return the constants from a data sheet, which gives stall torque, stall current and no-load speed."""
         voltage_v = model.rated_voltage_v
         return cls(
             model.stall_torque_nm / stall_current_a,
@@ -51,15 +55,18 @@ class MotorConstants:
         )
 
 
-# Data sheet's torque and current at stall; back-EMF such that full drive, friction taken off, turns at its 45 rpm.
+# Stall torque and current are from the data sheet. With this back-EMF, full drive minus friction reaches its 45 rpm.
 STS3215_12V: Final = MotorConstants(2.94 / 2.7, 2.3, 12.0 / 2.7)
-# BAM's, identified on hardware; with ROTOR_INERTIA_KG_M2 and 0.052 N m s of damping they have the time constant of
-# 26 ms and the 5.4 rad/s without load of the recorded step responses.
+# Identified on hardware by BAM. With ROTOR_INERTIA_KG_M2 and 0.052 N m s of damping, they yield the time constant of
+# 26 ms and the no-load speed of 5.4 rad/s of the recorded step responses.
 STS3215_7V4: Final = MotorConstants(1.21, 1.21, 2.68)
 
 
 def _geared(ratio: float) -> MotorConstants:
-    """The 7.4 V motor behind ``ratio`` times the gears that were identified; the rotor is felt by the square of it."""
+    """Return the 7.4 V motor with ``ratio`` times the identified gear ratio.
+
+    The rotor's inertia grows with its square.
+    """
     gears = Gears(ROTOR_INERTIA_KG_M2 * ratio**2, IDENTIFIED_DAMPING_NM_S * ratio**2, GEAR_FRICTION_NM * ratio, 0.0)
     at_shaft = STS3215_7V4.torque_constant_nm_a * ratio
     return replace(STS3215_7V4, torque_constant_nm_a=at_shaft, back_emf_v_s=at_shaft, gears=gears)
@@ -74,19 +81,19 @@ _IDENTIFIED: Final = {
 
 
 def sts_motor(model: ServoModel) -> MotorConstants:
-    """The motor of an STS servo: identified where anybody has, else as its data sheet says."""
+    """Return the motor of an STS servo: identified on hardware if available, otherwise from its data sheet."""
     return _IDENTIFIED.get(model) or MotorConstants.of(model)
 
 
 class Thermometer:
-    """The motor's temperature: one heat capacity, one way out to the air."""
+    """Temperature of the motor, with one heat capacity and one path to the air."""
 
     def __init__(self, motor: MotorConstants) -> None:
         self._motor = motor
         self.temperature_c = motor.ambient_c
 
     def step(self, dt_s: float, current_a: float) -> None:
-        """Heat by the winding's loss, cool towards the air."""
+        """Heat the motor by the loss in the winding, and cool it towards the air."""
         motor = self._motor
         power_w = current_a * current_a * motor.resistance_ohm
         steady_c = motor.ambient_c + power_w * motor.thermal_resistance_k_w

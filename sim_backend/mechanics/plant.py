@@ -1,7 +1,7 @@
-"""What the servos' shafts are fastened to: the simulated arm, or a test bench. SI units.
+"""The plant that the servos' shafts drive: the simulated arm or a test bench. SI units.
 
-A servo knows only its shaft. A ``Coupling`` says which joint the shaft moves and how; forces go
-back by the same ratio, so no energy appears or is lost on the way.
+A servo knows only its shaft. A ``Coupling`` defines which joint the shaft moves and how. Forces use the same ratio in
+the other direction, so energy is conserved.
 """
 
 from abc import ABC, abstractmethod
@@ -21,8 +21,8 @@ from sim_backend.mechanics.motor import GEAR_DAMPING_NM_S, GEAR_FRICTION_NM, ROT
 class Coupling:
     """One servo on one joint: position = sign * transmission * (shaft angle - angle at the zero).
 
-    ``transmission`` is rad per rad for a revolute joint, metres per radian for a prismatic one.
-    ``zero_counts`` is what the encoder says, without homing offset, where the joint is at zero.
+    ``transmission`` is in rad per rad for a revolute joint and in meters per radian for a prismatic joint.
+    ``zero_counts`` is the encoder count at the joint's zero, without homing offset.
     """
 
     servo_id: int
@@ -34,12 +34,12 @@ class Coupling:
 
     @property
     def zero_rad(self) -> float:
-        """The shaft's angle where the joint is at zero: mid-count, not at the count's edge."""
+        """Shaft angle at the joint's zero, in the middle of the count."""
         return (self.zero_counts + 0.5) * 2.0 * pi / self.counts_per_turn
 
     @property
     def ratio(self) -> float:
-        """Joint units per radian of the shaft, with the sign."""
+        """Joint units per radian of the shaft, with its sign."""
         return self.sign * self.transmission
 
 
@@ -48,7 +48,7 @@ ShaftTable = NDArray[np.void]
 
 SHAFT: Final = np.dtype(
     [
-        # Where the shaft's joint is in the arrays.
+        # Indices of the shaft's joint in the arrays.
         ("position_at", "i8"),
         ("velocity_at", "i8"),
         ("effort_at", "i8"),
@@ -61,13 +61,13 @@ SHAFT: Final = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class JointArrays:
-    """The state of joints where it really is: who reads sees it change, who writes an effort has it act."""
+    """Live state of the joints. Readers see each change, and a written effort takes effect."""
 
     position: Floats
     velocity: Floats
     effort: Floats
     position_at: Sequence[int]
-    """Where the joints are in ``position``, and so on."""
+    """Indices of the joints in ``position``; the other two fields are the indices for velocity and effort."""
     velocity_at: Sequence[int]
     effort_at: Sequence[int]
 
@@ -75,7 +75,7 @@ class JointArrays:
 class Plant(ABC):
     """Shafts in the order of ``couplings``, all advanced together by a fixed step.
 
-    Compiled servos work on ``joints`` and ``shafts`` and the others call its methods.
+    Compiled servos work on ``joints`` and ``shafts``; other servos call the methods.
     """
 
     def __init__(
@@ -88,37 +88,37 @@ class Plant(ABC):
         self._rows: list[tuple[int, int, int, float, float]] = shafts.tolist()
 
     def angles(self) -> list[float]:
-        """The shafts' angles, rad."""
+        """Return the angles of the shafts, in rad."""
         position = self.joints.position.tolist()
         return [position[at] * per_unit + zero_rad for at, _, _, per_unit, zero_rad in self._rows]
 
     def velocities(self) -> list[float]:
-        """The shafts' velocities, rad/s."""
+        """Return the velocities of the shafts, in rad/s."""
         velocity = self.joints.velocity.tolist()
         return [velocity[at] * per_unit for _, at, _, per_unit, _ in self._rows]
 
     def push(self, torques: Sequence[float]) -> None:
-        """The servos' torques (N m) for the timestep to come."""
+        """Apply the servos' torques (N m) in the next timestep."""
         effort = self.joints.effort
         for (_, _, at, per_unit, _), torque in zip(self._rows, torques, strict=True):
             effort[at] = torque * per_unit
 
     def slip(self, number: int, angle_rad: float) -> None:
-        """The shaft at this place has slipped: it is so much further at the same joint position from now on."""
+        """Let a shaft slip: from now on its angle is larger by ``angle_rad`` at the same joint position."""
         self.shafts["zero_rad"][number] += angle_rad
         self._rows = self.shafts.tolist()
 
     @abstractmethod
     def fit(self, gears: Sequence[Gears | None]) -> None:
-        """Give shafts the inertia and friction of these gears; None leaves a shaft as the plant has it."""
+        """Apply the inertia and friction of these gears to the shafts. None leaves a shaft unchanged."""
 
     @abstractmethod
     def advance(self) -> None:
-        """Advance one timestep under the efforts that are in ``joints``."""
+        """Advance by one timestep under the efforts in ``joints``."""
 
 
 class JointWorld(Protocol):
-    """What a plant needs of ``sim_backend.scene.world.World``."""
+    """The part of ``sim_backend.scene.world.World`` that a plant needs."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
@@ -138,10 +138,10 @@ class JointWorld(Protocol):
 
 
 class WorldPlant(Plant):
-    """The servos on a simulated arm. Joints without a servo swing freely.
+    """Servos on a simulated arm. Joints without a servo swing freely.
 
-    ``after_step(time_s)`` is called after every step with the world's time: for what happens in the
-    world beside the arm, in world time, so that it is the same in every run.
+    ``after_step(time_s)`` is called after every step with the world's time. Events around the arm happen in this call,
+    so that they are the same in every run.
     """
 
     def __init__(
@@ -173,10 +173,10 @@ class WorldPlant(Plant):
 
 
 class BenchPlant(Plant):
-    """Servos on a bench, each with its own load: inertia, a constant torque, friction of both kinds. No joints.
+    """Servos on a bench, each with a load of its own: inertia, a constant torque, and friction. There are no joints.
 
-    ``load_nm`` pulls on a shaft all the time, as gravity does; friction holds a shaft that stands. A servo whose gears
-    were identified brings them along; the others have what is said here.
+    ``load_nm`` pulls at a shaft all the time, as gravity does; friction holds a shaft at rest. Servos with identified
+    gears use those; the others use the constructor's values.
     """
 
     def __init__(
@@ -192,12 +192,12 @@ class BenchPlant(Plant):
         places = range(len(couplings))
         angles = np.array([c.zero_rad for c in couplings])
         joints = JointArrays(angles, np.zeros(len(places)), np.zeros(len(places)), places, places, places)
-        # A joint's position is its shaft's angle.
+        # The position of a joint is the angle of its shaft.
         super().__init__(couplings, timestep_s, joints, np.array([(i, i, i, 1.0, 0.0) for i in places], SHAFT))
         self.load_nm = np.zeros(len(couplings))
         usual = Gears(inertia_kg_m2, damping_nm_s, friction_nm, 0.0)
         self._gears: GearTable = gear_table([usual] * len(couplings))
-        # The first timestep does not wait until the compiled code is loaded.
+        # This loads the compiled code before the first timestep.
         turn_shafts(self._gears[:0], self.load_nm, joints.effort, joints.position, joints.velocity, timestep_s)
 
     def fit(self, gears: Sequence[Gears | None]) -> None:

@@ -1,6 +1,6 @@
-"""The servo's side of Dynamixel protocol 2.0: instruction packets in, status packets out. Pure.
+"""Servo side of Dynamixel protocol 2.0: parse instruction packets and build status packets. No I/O.
 
-Source: ROBOTIS e-manual, "Protocol 2.0". The format stands in ``drivers.protocol.v2``.
+Source: ROBOTIS e-manual, "Protocol 2.0". ``drivers.protocol.v2`` describes the format.
 """
 
 from collections.abc import Iterable
@@ -14,18 +14,18 @@ from sim_backend.packets.instructions import Instruction, Parser
 
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 11
-"""Bytes of a status packet beside its data."""
+"""Number of bytes in a status packet, without its data."""
 _BLOCK_OVERHEAD: Final = 4
-"""Bytes of a servo's block in a fast reply beside its data: error, ID, CRC."""
+"""Number of bytes in a servo's block of a fast reply, without its data: error, ID and CRC."""
 _HEAD: Final = 7
 _SHORTEST: Final = 3
 _LONGEST: Final = 1024
 LONGEST_REPLY: Final = 0xFFFF
-"""What the length field can say."""
+"""Maximum value of the length field."""
 
 
 class Code(IntEnum):
-    """Instructions that an X series servo knows."""
+    """Instructions of an X series servo."""
 
     PING = 0x01
     READ = 0x02
@@ -43,33 +43,36 @@ class Code(IntEnum):
 
 
 def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A servo's reply; ``error`` as in ``drivers.protocol.v2``."""
+    """Return a servo's reply. ``error`` is as in ``drivers.protocol.v2``."""
     return packet(servo_id, STATUS, bytes((error,)) + data)
 
 
 def fast_length(sizes: Iterable[int]) -> int:
-    """What a fast reply says of its length: as if all who are asked added their blocks."""
+    """Return the length field of a fast reply. It counts the blocks of all servos, even of those that are silent."""
     return 1 + sum(size + _BLOCK_OVERHEAD for size in sizes)
 
 
 def fast_head(length: int) -> bytes:
-    """How a fast reply begins."""
+    """Return the beginning of a fast reply."""
     return HEADER + bytes((BROADCAST,)) + length.to_bytes(2, "little") + bytes((STATUS,))
 
 
 def fast_block(before: bytes, servo_id: int, error: int, data: bytes) -> bytes:
-    """What a servo adds to a fast reply behind the bytes ``before``. Not stuffed; its CRC is of all so far."""
+    """Return the block that a servo adds to a fast reply after ``before``.
+
+    It is not stuffed; its CRC covers all bytes.
+    """
     block = bytes((error, servo_id)) + data
     return block + crc16(before + block).to_bytes(2, "little")
 
 
 def ends_whole(packet_so_far: bytes) -> bool:
-    """Whether the last two bytes are the CRC of those before."""
+    """Whether the last two bytes are the CRC of the bytes before them."""
     return crc16(packet_so_far[:-2]) == int.from_bytes(packet_so_far[-2:], "little")
 
 
 class InstructionParser(Parser):
-    """Other servos' replies are no instructions."""
+    """Parser for instructions. It ignores the replies of other servos."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
@@ -92,7 +95,7 @@ class InstructionParser(Parser):
         return None
 
     def _find_header(self) -> bool:
-        """Drop what cannot begin a packet; whether a whole header is left."""
+        """Discard bytes that cannot begin a packet. Return whether a whole header is left."""
         start = self._buffer.find(HEADER)
         del self._buffer[: start if start >= 0 else max(0, len(self._buffer) - len(HEADER) + 1)]
         return start >= 0

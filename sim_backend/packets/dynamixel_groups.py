@@ -1,34 +1,34 @@
-"""What the group instructions of protocol 2.0 ask for: parameters to (ID, address, size or data). Pure.
+"""Parse the parameters of the group instructions of protocol 2.0 into (ID, address, size or data). No I/O.
 
-Source: ROBOTIS e-manual, "Protocol 2.0". Half an entry at the end is ignored (assumed).
+Source: ROBOTIS e-manual, "Protocol 2.0". An incomplete last entry is ignored (assumed).
 """
 
 from collections.abc import Iterator
 from typing import Final
 
 Span = tuple[int, int, int]
-"""ID, address, size."""
+"""ID, address and size."""
 Entry = tuple[int, int, bytes]
-"""ID, address, data."""
+"""ID, address and data."""
 
 _BULK_HEAD: Final = 5
-"""ID, address and size in a bulk instruction."""
+"""Number of bytes for ID, address and size in a bulk instruction."""
 
 
 def sync_spans(parameters: bytes) -> list[Span]:
-    """Address, size, and then the IDs."""
+    """Parse a sync read: address, size, then the IDs."""
     address, size = _number(parameters, 0), _number(parameters, 2)
     return [(servo_id, address, size) for servo_id in parameters[4:]]
 
 
 def bulk_spans(parameters: bytes) -> list[Span]:
-    """ID, address and size of each."""
+    """Parse a bulk read: ID, address and size of each servo."""
     heads = range(0, len(parameters) - _BULK_HEAD + 1, _BULK_HEAD)
     return [(parameters[at], _number(parameters, at + 1), _number(parameters, at + 3)) for at in heads]
 
 
 def sync_entries(parameters: bytes) -> Iterator[Entry]:
-    """Address, size, and then an ID and ``size`` bytes for each."""
+    """Parse a sync write: address, size, then an ID and ``size`` bytes for each servo."""
     if len(parameters) < 4:
         return
     address, size = _number(parameters, 0), _number(parameters, 2)
@@ -37,7 +37,7 @@ def sync_entries(parameters: bytes) -> Iterator[Entry]:
 
 
 def bulk_entries(parameters: bytes) -> Iterator[Entry]:
-    """ID, address, size and as many bytes for each."""
+    """Parse a bulk write: ID, address, size and ``size`` bytes for each servo."""
     at = 0
     while at + _BULK_HEAD <= len(parameters):
         begin = at + _BULK_HEAD

@@ -1,4 +1,4 @@
-"""What can be made to go wrong on the virtual wire."""
+"""Faults of packets on the virtual wire."""
 
 import random
 from collections import Counter, deque
@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 LONGEST_NOISE: Final = 6
-"""Bytes; less than half a reply, as a glitch of the supply leaves."""
+"""Maximum number of noise bytes: less than half a reply, as a glitch of the supply causes."""
 
 
 @dataclass(slots=True)
 class Disturbance:
-    """Chance for each reply to be dropped, to arrive with a flipped bit, or behind noise, and for each instruction
-    not to reach a servo (``miss``). By seed.
+    """Random disturbances of the wire, determined by a seed.
 
-    ``done`` counts what was done to whom: (kind, servo ID), to hold a driver's counters against it.
+    ``drop``, ``flip`` and ``noise`` are the probabilities that a reply is lost, arrives with a flipped bit, or arrives
+    after noise. ``miss`` is the probability that an instruction does not reach a servo. ``done`` counts the
+    disturbances by kind and servo ID, for comparison with a driver's counters.
     """
 
     seed: int
@@ -30,14 +31,14 @@ class Disturbance:
         self._random = random.Random(self.seed)
 
     def reaches(self, servo_id: int) -> bool:
-        """Whether an instruction comes to this servo in one piece."""
+        """Whether an instruction reaches this servo intact."""
         if self.miss == 0.0 or self._random.random() >= self.miss:
             return True
         self.done["miss", servo_id] += 1
         return False
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
-        """The reply as it comes out of the wire; at most one thing happens to it."""
+        """Return the reply as it leaves the wire, with at most one disturbance."""
         chance = self._random.random()
         if chance < self.drop:
             self.done["drop", servo_id] += 1
@@ -53,21 +54,21 @@ class Disturbance:
 
 
 class WireFaults:
-    """Switches that the bus looks at whenever a servo is about to reply. Servos are named by ID."""
+    """Fault switches that the bus checks when a servo receives or replies. Servos are named by ID."""
 
     def __init__(self) -> None:
         self.mute: set[Any] = set()
-        """Servos, whatever their IDs, whose data lines are broken."""
+        """Servos whose data lines are broken, regardless of their IDs."""
         self.echo = False
-        """Whether the adapter hears what it sends."""
+        """Whether the adapter receives the bytes that it sends."""
         self.on_reply: list[Callable[[int, bytes], bytes]] = []
-        """What a reply of a servo (its ID) becomes on the wire, one after the other."""
+        """Functions that change a reply (servo ID, packet) on the wire, applied one after the other."""
         self.on_instruction: list[Callable[[int], bool]] = []
-        """Whether an instruction reaches the servo: each of these must say so."""
+        """Functions that decide whether an instruction reaches the servo. All of them must agree."""
         self.on_arrival: list[Callable[[int], float]] = []
-        """For how long (s) the adapter holds a reply of the servo back."""
+        """Functions that return how long the adapter holds back a servo's reply, in seconds."""
         self.foreign: deque[bytes] = deque(maxlen=1)
-        """The packet of another program that goes out before the master's next one."""
+        """Packet of another program that is sent before the master's next packet."""
         self._silent: set[int] = set()
         self._corrupt: dict[int, int] = {}
         self._late: set[int] = set()
@@ -75,44 +76,44 @@ class WireFaults:
         self.disturbance: Disturbance | None = None
 
     def silence(self, servo_id: int) -> None:
-        """The servo's data line breaks: it neither hears nor answers until ``restore``."""
+        """Break the servo's data line. It neither receives nor replies until ``restore``."""
         self._silent.add(servo_id)
 
     def restore(self, servo_id: int) -> None:
-        """Mend what ``silence`` broke."""
+        """Repair the data line that ``silence`` broke."""
         self._silent.discard(servo_id)
 
     def corrupt_next(self, servo_id: int, replies: int = 1) -> None:
-        """The next replies of the servo arrive with a wrong checksum."""
+        """Let the next replies of the servo arrive with a wrong checksum."""
         self._corrupt[servo_id] = self._corrupt.get(servo_id, 0) + replies
 
     def delay_next(self, servo_id: int) -> None:
-        """The next reply of the servo comes when the master has asked somebody again."""
+        """Let the servo's next reply arrive only after the master has sent another instruction."""
         self._late.add(servo_id)
 
     def take_held(self) -> bytes:
-        """Replies that were held back and come now."""
+        """Return delayed replies that arrive now."""
         held = b"".join(self._held)
         self._held.clear()
         return held
 
     def is_silent(self, servo_id: int) -> bool:
-        """Whether the servo is cut off."""
+        """Whether the servo's data line is broken."""
         return servo_id in self._silent
 
     def hears(self, servo_id: int) -> bool:
         """Whether the next instruction reaches the servo."""
         reached = not self.is_silent(servo_id) and (self.disturbance is None or self.disturbance.reaches(servo_id))
-        for reaches in self.on_instruction:  # each draws its own, whatever the others say
+        for reaches in self.on_instruction:  # Each one draws its own number, so all of them are called.
             reached = reaches(servo_id) and reached
         return reached
 
     def held_s(self, servo_id: int) -> float:
-        """For how long the adapter holds back the servo's next reply."""
+        """Return how long the adapter holds back the servo's next reply, in seconds."""
         return sum(held(servo_id) for held in self.on_arrival)
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
-        """A reply as it comes out of the wire."""
+        """Return a reply as it leaves the wire."""
         if self.disturbance is not None:
             packet = self.disturbance.pass_reply(servo_id, packet)
         for become in self.on_reply:

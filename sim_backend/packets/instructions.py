@@ -1,4 +1,4 @@
-"""Instructions on a wire, and what all parsers of them have in common, whatever the packets. Pure."""
+"""Instructions on a wire, and the base class of their parsers. No I/O."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """One packet from the master. ``code`` may be one that no servo knows."""
+    """One packet from the master. ``code`` can be unknown to the servos."""
 
     servo_id: int
     code: int
@@ -15,28 +15,28 @@ class Instruction:
 
 
 class Parser(ABC):
-    """Bytes in any portions to instructions. What does not hold together costs one byte, not a packet."""
+    """Splits a stream of bytes into instructions. A malformed packet costs one byte, not the packet after it."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     @property
     def pending(self) -> int:
-        """How many bytes are waiting for the rest of their packet."""
+        """Number of bytes that wait for the rest of their packet."""
         return len(self._buffer)
 
     def reset(self) -> None:
-        """Forget a half packet, as a servo does after a pause."""
+        """Discard an incomplete packet, as a servo does after a pause."""
         self._buffer.clear()
 
     def feed(self, data: bytes) -> Iterator[Instruction]:
-        """Yield each instruction as soon as its last byte is consumed.
+        """Yield each instruction when its last byte is consumed.
 
-        While one is being handled, ``pending`` is the number of bytes that came after it.
+        While an instruction is handled, ``pending`` is the number of bytes after it.
         """
         self._buffer += data
         return iter(self._next_packet, None)
 
     @abstractmethod
     def _next_packet(self) -> Instruction | None:
-        """The next whole one, taken from the buffer; None until more bytes come."""
+        """Take the next complete instruction from the buffer; None if more bytes are needed."""

@@ -1,8 +1,8 @@
-"""The servo's side of the Feetech protocols and of Dynamixel 1.0: instructions in, status packets out. Pure.
+"""Servo side of the Feetech protocols and of Dynamixel 1.0: parse instructions and build status packets. No I/O.
 
-Source: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An instruction is
-``FF FF id length code parameters checksum``, a status is ``FF FF id length error data checksum``;
-length counts what follows it, the checksum is the inverted sum of everything between header and itself.
+Sources: Feetech's "FT-SCS protocol" manual; ROBOTIS e-manual, protocol 1.0. An instruction is ``FF FF id length code
+parameters checksum``, and a status packet is ``FF FF id length error data checksum``. The length counts the bytes after
+it. The checksum is the inverted sum of all bytes between the header and the checksum.
 """
 
 from enum import IntEnum
@@ -13,42 +13,42 @@ from sim_backend.packets.instructions import Instruction, Parser
 HEADER: Final = b"\xff\xff"
 BROADCAST: Final = 0xFE
 STATUS_OVERHEAD: Final = 6
-"""Bytes of a status packet beside its data."""
+"""Number of bytes in a status packet, without its data."""
 LONGEST_DATA: Final = 0xFF - 2
 """Maximum number of data bytes that a status packet's length can count."""
 
 
 class Code(IntEnum):
-    """Instructions; which a servo knows depends on its series."""
+    """Instructions. The series of a servo determines which of them it supports."""
 
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
     REG_WRITE = 0x04
     ACTION = 0x05
-    RESET = 0x06  # EEPROM back to factory values, the ID excepted
-    REBOOT = 0x08  # never answered
-    SAVE_DEFAULTS = 0x09  # STS: the present table is what RESET brings back
+    RESET = 0x06  # resets the EEPROM to factory values, except for the ID
+    REBOOT = 0x08  # has no reply
+    SAVE_DEFAULTS = 0x09  # STS: saves the present table as the values that RESET restores
     FORGET_TURNS = 0x0A  # STS
-    SET_MIDDLE = 0x0B  # STS: the present angle is what two bytes say
+    SET_MIDDLE = 0x0B  # STS: sets the homing offset so that the present angle is the count in two bytes
     SYNC_READ = 0x82
     SYNC_WRITE = 0x83
     BULK_READ = 0x92
 
 
 def checksum(body: bytes | bytearray) -> int:
-    """The checksum of a packet's ``body``, which is everything after the header."""
+    """Return the checksum of a packet's ``body``, which is everything after the header."""
     return ~sum(body) & 0xFF
 
 
 def status_packet(servo_id: int, error: int, data: bytes = b"") -> bytes:
-    """A servo's reply; ``error`` has the bits of ``drivers.servos.sts.STATUS_BITS``."""
+    """Return a servo's reply. ``error`` has the bits of ``drivers.servos.sts.STATUS_BITS``."""
     body = bytes((servo_id, len(data) + 2, error)) + data
     return HEADER + body + bytes((checksum(body),))
 
 
 class InstructionParser(Parser):
-    """The search for the next header goes on within rejected bytes: a packet behind a half packet is still found."""
+    """Parser that searches for the next header within rejected bytes, so it finds a packet after a half packet."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
@@ -67,7 +67,7 @@ class InstructionParser(Parser):
         return None
 
     def _find_header(self) -> bool:
-        """Drop what cannot begin a packet; whether a whole header is left."""
+        """Discard bytes that cannot begin a packet. Return whether a whole header is left."""
         start = self._buffer.find(HEADER)
         if start < 0:
             start = len(self._buffer) - self._buffer.endswith(b"\xff")
@@ -76,13 +76,13 @@ class InstructionParser(Parser):
 
 
 class StsParser(Parser):
-    """What an STS servo makes of the stream: two FF bytes begin a packet wherever they are, even inside another.
+    """Parser of an STS servo. Two FF bytes begin a packet at any place, even inside another packet.
 
-    It has no time-out: a half packet lasts until the rest comes, or two FF bytes.
+    It has no time-out. A half packet remains until its rest or two FF bytes arrive.
     """
 
     LONGEST = 130
-    """Maximum length that is believed, except in a sync write: more than 128 parameters are not."""
+    """Maximum accepted length, except for a sync write. Packets with more than 128 parameters are ignored."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ class StsParser(Parser):
         self._last = 0
 
     def reset(self) -> None:
-        """A pause changes nothing."""
+        """Do nothing, because a pause has no effect."""
 
     def _next_packet(self) -> Instruction | None:
         buffer = self._buffer
@@ -109,7 +109,7 @@ class StsParser(Parser):
         return None
 
     def _whole_packet(self) -> int:
-        """The size of the sound packet with which the buffer begins, or 0: most need no look at each byte."""
+        """Return the size of the valid packet at the start of the buffer, or 0. This avoids a check of each byte."""
         buffer = self._buffer
         if self._body is not None or self._last == 0xFF or len(buffer) < STATUS_OVERHEAD or buffer[:2] != HEADER:
             return 0
@@ -119,7 +119,7 @@ class StsParser(Parser):
         return end if checksum(buffer[2 : end - 1]) == buffer[end - 1] else 0
 
     def _take(self, value: int) -> Instruction | None:
-        """One byte more; the instruction that it completes, if the checksum says so."""
+        """Process one byte. Return the instruction that it completes, if the checksum is correct."""
         body, header = self._body, value == self._last == 0xFF
         self._last = value
         complete = body is not None and len(body) >= 2 and len(body) == body[1] + 1
@@ -129,12 +129,12 @@ class StsParser(Parser):
             return None
         body.append(value)
         if complete:
-            self._body = bytearray() if header else None  # an FF that was the checksum may begin the next header
+            self._body = bytearray() if header else None  # An FF that was the checksum can begin the next header.
             return Instruction(body[0], body[2], bytes(body[3:-1])) if checksum(body[:-1]) == value else None
         if (len(body) == 2 and value < 2) or (len(body) == 3 and not self._believed(body[1], value)):
             self._body = None
         return None
 
     def _believed(self, length: int, code: int) -> bool:
-        """Whether a packet of this instruction may be so long."""
+        """Whether a packet with this instruction can have this length."""
         return length >= 2 and (length <= self.LONGEST or code == Code.SYNC_WRITE)

@@ -1,1 +1,1 @@
-"""The arm and its surroundings in MuJoCo, and their pictures."""
+"""The arm and its surroundings in MuJoCo, and pictures of them."""

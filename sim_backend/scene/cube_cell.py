@@ -1,7 +1,7 @@
-"""The cell of the pick-and-place job in the simulated world: one cube, its stand and three bins.
+"""Cell of the pick-and-place job in the simulated world: one cube, its stand and three bins.
 
-A scene has all of it or nothing: the freejoint and geom `cube`; the geoms `stand` and `cube_place`; a body `bin_A` and
-a site `bin_A_inside` for each bin.
+A scene must have all parts of the cell or none: the freejoint and geom `cube`, the geoms `stand` and `cube_place`, and
+for each bin a body `bin_A` and a site `bin_A_inside`.
 """
 
 from dataclasses import dataclass
@@ -21,31 +21,31 @@ CUBE: Final = "cube"
 REST_M_S: Final = 0.01
 REST_RAD_S: Final = 0.1
 OFF_STAND_M: Final = 0.002
-"""With its middle so far beyond the stand's edges the cube would topple."""
+"""Distance of the cube's middle beyond the stand's edges at which the cube would topple."""
 LIFTED_M: Final = 0.006
-"""So much higher or lower than on the stand the cube lies on something else."""
+"""Difference in height at which the cube is not on the stand but on something else."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a body is in base_link: position (m) and orientation (unit quaternion, x y z w)."""
+    """Pose of a body in base_link: position (m) and orientation (unit quaternion, x y z w)."""
 
     position_m: tuple[float, float, float]
     quaternion_xyzw: tuple[float, float, float, float]
 
 
 def has_cell(model: Any) -> bool:
-    """Whether a scene has the cube, and so needs the rest of the cell."""
+    """Whether a scene has the cube, and therefore needs the rest of the cell."""
     return CUBE in [model.joint(i).name for i in range(model.njnt)]
 
 
 class CubeCell:
-    """The cube, its stand and the bins of a world. ``of_arm``: whether each geom is a part of the arm, (ngeom,)."""
+    """The cube, its stand and the bins of a world. ``of_arm`` marks the geoms that are part of the arm, (ngeom,)."""
 
     def __init__(self, model: Any, data: Any, arrays: JointArrays, of_arm: NDArray[np.bool_]) -> None:
         self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
         self.laid = True
-        """Whether stand, bins and cube are there."""
+        """Whether stand, bins and cube are present."""
         cube = model.joint(CUBE)
         self.qpos = slice(cube.qposadr[0], cube.qposadr[0] + 7)
         self.qvel = slice(cube.dofadr[0], cube.dofadr[0] + 6)
@@ -56,7 +56,7 @@ class CubeCell:
         self._on_stand_m = (float(width) + OFF_STAND_M, float(depth) + OFF_STAND_M, LIFTED_M)
 
     def locate(self) -> None:
-        """Note where the bins are, once the kinematics are up to date."""
+        """Store the poses of the bins. Call it when the kinematics are up to date."""
         bodies = {f"bin_{name}": self._data.body(f"bin_{name}") for name in BINS}
         self._bin_poses = {name: _pose(body.xpos, body.xquat) for name, body in bodies.items()}
         sites = [(name, f"bin_{name}_inside") for name in BINS]
@@ -65,27 +65,30 @@ class CubeCell:
         ]
 
     def poses(self) -> dict[str, Pose]:
-        """Poses in base_link of "cube" and "bin_A", "bin_B", "bin_C" (a bin: the middle of its floor)."""
+        """Return the poses in base_link of "cube", "bin_A", "bin_B" and "bin_C".
+
+        A bin's pose is the middle of its floor.
+        """
         cube = self._data.qpos[self.qpos]
         return {CUBE: _pose(cube[:3], cube[3:]), **self._bin_poses}
 
     def cube_at_rest(self) -> bool:
-        """Whether the cube is still (lying, or held still)."""
-        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # NumPy takes longer for six
+        """Whether the cube is at rest, on a surface or in the hand."""
+        speed: list[float] = self._arrays.velocity[self.qvel].tolist()  # For six values, NumPy is slower.
         return max(map(abs, speed[:3])) < REST_M_S and max(map(abs, speed[3:])) < REST_RAD_S
 
     def cube_bin(self) -> str | None:
-        """The bin in which the cube lies at rest: "A", "B" or "C"; None if it moves or is in none.
+        """Return the bin in which the cube is at rest: "A", "B" or "C"; None if it moves or is in no bin.
 
-        The cube on the stand is in no bin: the bins' insides end below the stand's top.
+        A cube on the stand is in no bin, because the insides of the bins end below the stand's top.
         """
         middle = self._data.qpos[self.qpos][:3]
         inside = (name for name, box, size in self._insides if (np.abs(middle - box) < size).all())
         return next(inside, None) if self.cube_at_rest() else None
 
     def cube_on_stand(self) -> bool:
-        """Whether the cube lies at rest on the stand."""
-        place: list[float] = self._arrays.position[self.qpos].tolist()  # NumPy takes longer for three
+        """Whether the cube is at rest on the stand."""
+        place: list[float] = self._arrays.position[self.qpos].tolist()  # For three values, NumPy is slower.
         apart = map(sub, place[:3], self.home.tolist())
         return all(abs(way) < reach for way, reach in zip(apart, self._on_stand_m, strict=True)) and self.cube_at_rest()
 
@@ -95,14 +98,14 @@ class CubeCell:
         return bool(((pairs == self._cube_geom).any(axis=1) & self._of_arm[pairs].any(axis=1)).any())
 
     def stand_free(self) -> bool:
-        """Whether no part of the arm is where a fresh cube would be laid (and 2 mm around it)."""
+        """Whether no part of the arm is within 2 mm of the place for a new cube."""
         model, data, place = self._model, self._data, self._place_geom
         arm = np.flatnonzero(self._of_arm)
         distance = (mujoco.mj_geomDistance(model, data, geom, place, 0.01, None) for geom in arm)
         return all(gap > 0.0 for gap in distance)
 
     def clear(self) -> None:
-        """Take stand, bins and cube away: nothing is in the arm's way but the table."""
+        """Remove stand, bins and cube, so that only the table is left."""
         model, things = self._model, self._things()
         self._cleared = model.geom_contype[things].copy(), model.geom_conaffinity[things].copy()
         model.geom_contype[things] = model.geom_conaffinity[things] = 0
@@ -111,7 +114,7 @@ class CubeCell:
         self.laid = False
 
     def lay(self) -> None:
-        """Bring back what ``clear`` took away, with the cube on its stand."""
+        """Restore what ``clear`` removed, with the cube on its stand."""
         if self.laid:
             return
         model, things = self._model, self._things()
@@ -122,18 +125,18 @@ class CubeCell:
         self.feed_cube()
 
     def _things(self) -> NDArray[np.int64]:
-        """The geometries on the table."""
+        """Return the geoms on the table."""
         return np.array([g for g in np.flatnonzero(~self._of_arm) if g != self._model.geom("table").id])
 
     def feed_cube(self) -> None:
-        """Lay the cube at rest in the middle of the stand."""
+        """Place the cube at rest in the middle of the stand."""
         self._data.qpos[self.qpos] = self.home
         self._data.qvel[self.qvel] = 0.0
         mujoco.mj_forward(self._model, self._data)
 
 
 def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:
-    """MuJoCo says w first; everything else here says w last."""
+    """Convert a MuJoCo pose, whose quaternion starts with w. Everywhere else here, w comes last."""
     x, y, z = (float(value) for value in position)
     qw, qx, qy, qz = (float(value) for value in quaternion_wxyz)
     return Pose((x, y, z), (qx, qy, qz, qw))

@@ -1,4 +1,4 @@
-"""The model of which pictures are drawn: a scene with the real shapes of the arm's links in place of its boxes."""
+"""Model for pictures: a scene in which the real shapes of the arm's links replace its boxes."""
 
 from collections.abc import Iterable
 from typing import Any, Final
@@ -12,13 +12,13 @@ from hal.robot_description.link_meshes import Faces, LinkMesh, read_stl, with_ed
 from hal.types import FloatArray
 
 UNSEEN_GROUP: Final = 3
-"""The group of the boxes that a real shape replaces; MuJoCo's own viewer shows them on demand."""
+"""Geom group of the boxes that a real shape replaces. MuJoCo's own viewer can show them."""
 
 
 def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
-    """Compile a scene with the links' meshes; the meshes have no mass and touch nothing.
+    """Compile a scene with the links' meshes. The meshes have no mass and no contacts.
 
-    A link that the scene does not have is left out.
+    Meshes of links that are not in the scene are left out.
     """
     bodies = {body.name: body for body in spec.bodies}
     replaced: dict[str, list[Any]] = {
@@ -40,14 +40,14 @@ def drawn_model(spec: Any, meshes: Iterable[LinkMesh]) -> Any:
 
 
 def add_mesh(spec: Any, name: str, vertices: FloatArray, faces: Faces) -> None:
-    """Add triangles to a specification under a name."""
+    """Add a triangle mesh to a specification under a name."""
     mesh = spec.add_mesh(name=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     mesh.uservert = vertices.ravel()
     mesh.userface = faces.astype(np.int32).ravel()
 
 
 def add_shape(body: Any, name: str, pose: tuple[Vector, Quaternion], rgb: Vector) -> None:
-    """Show a mesh on a body. ``pose``: the mesh's, in the body."""
+    """Show a mesh on a body. ``pose`` is the pose of the mesh in the body."""
     position_m, (x, y, z, w) = pose
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,

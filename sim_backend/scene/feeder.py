@@ -1,7 +1,7 @@
-"""When a fresh cube is laid on the stand: after the last one is done, as the arm sets out again.
+"""Feed a new cube to the stand when the last one is done and the arm starts to move again.
 
-Between two jobs the arm rests at ready, its open fingers around the stand. The old cube stays where it
-ended until the arm leaves for the next job; so one can see (and measure) where it is.
+Between two jobs the arm rests at the ready pose with its open fingers around the stand. The old cube stays in place
+until the arm leaves for the next job, so that it can be seen and measured.
 """
 
 import math
@@ -14,36 +14,40 @@ from sim_backend.scene.world import World
 
 LOOK_S: Final = 0.01
 SLOW_RAD_S: Final = 0.05
-"""Slower than this a joint is at rest. A servo that holds hums a little."""
+"""Maximum speed of a joint at rest. A servo that holds its position vibrates a little."""
 SLOW_HAND_1_S: Final = 0.1
-"""The same of the hand, in its whole travel a second."""
+"""Maximum speed of the hand at rest, in travels per second."""
 STAYS_RAD: Final = 0.03
-"""A joint that stays within so much is at rest too: more than the backlash of its gears, in which it may swing."""
+"""Maximum motion of a joint that also counts as at rest. It exceeds the backlash, in which a joint can swing."""
 STAYS_HAND: Final = 0.1
-"""The same of the hand, as a share of its travel."""
+"""Maximum motion of the hand at rest, as a share of its travel."""
 AT_READY_RAD: Final = 0.15
 OPEN: Final = 0.1
-"""The hand is open so near to where it is at ready, as a share of its travel; the cube stops it much further on."""
+"""Maximum distance of an open hand from the ready pose, as a share of its travel. A cube stops the hand much further
+away."""
 REST_S: Final = 0.1
-"""At ready. A node that goes straight on to the next job rests no longer than its goal takes to arrive."""
+"""Time at rest in the ready pose. A node that continues with the next job rests only until its goal arrives."""
 SWINGING_REST_S: Final = 0.5
-"""For an arm that is not slow, but stays: on its way to ready it never stays so long."""
+"""Time at rest for an arm that swings in place. On its way to the ready pose it never stays that long."""
 LONG_REST_S: Final = 10.0
-"""Away from ready a rest may be a pause within the job, so it must be this long to end one."""
+"""Time at rest in other poses. It is long because a rest there can be a pause within the job."""
 
 
 class Feeder:
-    """Call `update` after every step of one world. State: since when and where all rests, and whether a cube is due."""
+    """Feeds cubes to one world.
+
+    Call `update` after every step. It tracks since when the arm rests, and if a cube is due.
+    """
 
     def __init__(self) -> None:
         self._next_s = 0.0
         self._slow_since_s = self._stays_since_s = math.inf
         self._stays_at: FloatArray | None = None
         self.due = False
-        """The old cube is done and the arm has rested; the next motion brings a fresh one."""
+        """Whether the old cube is done and the arm has rested, so that the next motion brings a new cube."""
 
     def update(self, world: World, time_s: float) -> None:
-        """Feed a cube if it is time to, and there is a stand. `time_s`: the world's."""
+        """Feed a cube if it is time and the scene has a stand. `time_s` is the world's time."""
         if time_s < self._next_s or world.cell is None or not world.cell.laid:
             return
         self._next_s = time_s + LOOK_S
@@ -59,7 +63,7 @@ class Feeder:
         self._stays_at = None
 
     def _rest(self, world: World, time_s: float) -> None:
-        """Look whether the rest has been long enough."""
+        """Check whether the arm has rested long enough."""
         self._slow_since_s = min(self._slow_since_s, time_s) if _slow(world) else math.inf
         if self._stays_at is None or not _stays(self._stays_at, world):
             self._stays_at, self._stays_since_s = world.position(), time_s
@@ -70,7 +74,10 @@ class Feeder:
             self.due = max(slow_s, stays_s) >= LONG_REST_S
 
     def _feed(self, world: World, cell: CubeCell) -> None:
-        """Wait while a finger is in the way; a hand that only opens and closes is no new job."""
+        """Feed a cube when the arm leaves and the stand is free.
+
+        A hand that only opens or closes does not start a job.
+        """
         if self._stays_at is not None and _set_out(self._stays_at, world) and cell.stand_free():
             cell.feed_cube()
             self.due = False
@@ -83,7 +90,7 @@ def _slow(world: World) -> bool:
 
 
 def _set_out(rest: FloatArray, world: World) -> bool:
-    """Whether the arm has left where it rested, whatever the hand does."""
+    """Whether the arm has left its place of rest, regardless of the hand."""
     return bool(np.abs((world.position() - rest)[:-1]).max() > STAYS_RAD)
 
 
@@ -92,9 +99,9 @@ def _stays(rest: FloatArray, world: World) -> bool:
 
 
 def _done(world: World, cell: CubeCell) -> bool:
-    """Whether the cube ended its way: in a bin or lost, but not on the stand and not in the hand.
+    """Whether the cube is done: in a bin or lost, but not on the stand and not in the hand.
 
-    A job that failed may leave it leaning against the fingers that are open around the stand.
+    After a failed job it can lean against the open fingers around the stand.
     """
     if not cell.cube_at_rest() or cell.cube_on_stand():
         return False

@@ -1,6 +1,6 @@
-"""A person's hand on the simulated arm: it holds joints where they are, moves them, and lets them go.
+"""A person's hand on the simulated arm. It holds joints in place, moves them and releases them.
 
-It pushes with limited force at a limited speed, as a spring and a damper: against a stop it presses, and no more.
+It acts as a spring with a damper, with limited force and speed. Against a stop it only presses.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,14 +10,14 @@ from typing import Any, Final, Protocol
 from hal.plausible import range_mistake, without_truth
 
 STRONGEST_NM: Final = 2.0
-"""What the hand does to a joint at most."""
+"""Maximum torque of the hand on a joint."""
 STIFFNESS_NM_RAD: Final = 40.0
 DAMPING_NM_S: Final = 1.0
 SPEED_RAD_S: Final = 1.0
 
 
 class Pushable(Protocol):
-    """What a hand needs of ``sim_backend.scene.world.World``."""
+    """The part of ``sim_backend.scene.world.World`` that a hand needs."""
 
     @property
     def data(self) -> Any: ...
@@ -28,7 +28,7 @@ class Pushable(Protocol):
 
 @dataclass(slots=True)
 class Grip:
-    """One joint in the hand; ``reach`` is how many joint units a radian of its servo makes."""
+    """One joint in the hand. ``reach`` is the number of joint units per radian of its servo."""
 
     target: float
     reference: float
@@ -36,51 +36,51 @@ class Grip:
 
 
 class Hand:
-    """The hand; ``update`` belongs behind every step of the world. Positions in rad or m."""
+    """A person's hand. Call ``update`` after every step of the world. Positions are in rad or m."""
 
     def __init__(self, world: Pushable, reach: Mapping[str, float]) -> None:
-        """``reach``: joint units per radian of the servo's shaft, by joint; 1 for revolute joints."""
+        """Create a hand. ``reach`` has joint units per radian of the servo's shaft, by joint; 1 for revolute joints."""
         self._world = world
         self._reach = dict(reach)
         self._grips: dict[str, Grip] = {}
 
     def hold(self, *joints: str) -> None:
-        """Take joints (all of them, unless said) and keep them where they are."""
+        """Hold joints (by default all) where they are."""
         for joint in joints or self._reach:
             here = self.position(joint)
             self._grips[joint] = Grip(here, here, self._reach[joint])
 
     def move(self, joint: str, position: float) -> None:
-        """Take a joint there, at the hand's speed; it holds it then."""
+        """Move a joint to a position at the hand's speed, and then hold it there."""
         if joint not in self._grips:
             self.hold(joint)
         self._grips[joint].target = position
 
     def release(self, *joints: str) -> None:
-        """Let joints go (all, unless said)."""
+        """Release joints (by default all)."""
         for joint in joints or list(self._grips):
             self._grips.pop(joint, None)
             self._world.data.joint(joint).qfrc_applied = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """All joints that it can take."""
+        """Names of all joints that the hand can hold."""
         return tuple(self._reach)
 
     def holds(self, joint: str) -> bool:
-        """Whether the hand has the joint."""
+        """Whether the hand holds the joint."""
         return joint in self._grips
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has gone where it was to take the joint; a stop may have kept the joint itself behind."""
+        """Whether the hand has reached its target. A stop can have kept the joint itself from it."""
         return joint not in self._grips or self._grips[joint].reference == self._grips[joint].target
 
     def position(self, joint: str) -> float:
-        """Where the joint is."""
+        """Return the position of the joint."""
         return float(self._world.data.joint(joint).qpos[0])
 
     def update(self) -> None:
-        """One timestep of pushing."""
+        """Push the joints for one timestep."""
         for joint, grip in self._grips.items():
             step = SPEED_RAD_S * grip.reach * self._world.timestep_s
             way = grip.target - grip.reference
@@ -95,15 +95,18 @@ class Hand:
 
 
 def _position(value: Any) -> float:
-    """A joint position of a command. Raises ValueError."""
+    """Check the joint position of a command. Raises ValueError."""
     position = float(without_truth(value))
     if mistake := range_mistake("position", position):
         raise ValueError(mistake)
     return position
 
 
-def obey(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
-    """Do what ``servoloop hand`` asks, and say where all joints are. ValueError for what a hand cannot do."""
+def handle_hand_command(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
+    """Execute a command of ``servoloop hand`` and return the state of all joints.
+
+    Raises ValueError for invalid commands.
+    """
     joints, what = command.get("joints", []), command.get("do")
     if unknown := [name for name in joints if name not in hand.joints]:
         raise ValueError(f"the arm has no joint {', '.join(unknown)}: it has {', '.join(hand.joints)}")
@@ -116,7 +119,7 @@ def obey(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) 
     elif what == "lay":
         lay_table()
     elif what != "look":
-        raise ValueError(f"a hand holds, releases, moves one joint to a position, lays the table or looks, not {what}")
+        raise ValueError(f"do must be hold, release, move (one joint to a position), lay or look, not {what}")
     return {
         name: {"position": round(hand.position(name), 5), "held": hand.holds(name), "arrived": hand.arrived(name)}
         for name in hand.joints

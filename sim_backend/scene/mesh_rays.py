@@ -1,4 +1,4 @@
-"""Where rays first meet a mesh of a MuJoCo model, as machine code, in the tree of boxes that MuJoCo builds for it."""
+"""First hits of rays on a mesh of a MuJoCo model. Compiled code searches the tree of boxes that MuJoCo builds."""
 
 from math import inf, sqrt
 from typing import Any, Final, NamedTuple
@@ -11,17 +11,20 @@ from sim_backend.compiled import compiled
 FloatArray = NDArray[np.float64]
 Xyz = tuple[float, float, float]
 DEPTH: Final = 64
-"""Size of the stack: the tree halves the triangles at every level."""
+"""Size of the stack. Each level of the tree halves the number of triangles."""
 EDGE: Final = 1e-6
-"""Distance, as a share of a triangle, at which a ray beside it still meets it: no ray slips between two triangles."""
+"""Distance from a triangle at which a ray still hits it, as a share of the triangle.
+
+It closes gaps between triangles.
+"""
 THICK_M: Final = 1e-9
-"""Added to the boxes of the tree: a flat part has boxes without any thickness."""
+"""Thickness that is added to the boxes of the tree, because flat parts have boxes without thickness."""
 
 ASKEW: Final = 1e-12
 
 
 class MeshParts(NamedTuple):
-    """A mesh's arrays: v vertices, f faces, m normals and b boxes of the tree."""
+    """Arrays of a mesh with v vertices, f faces, m normals and b boxes in its tree."""
 
     vertices: NDArray[np.float32]
     """Shape (v, 3), in the geom's frame."""
@@ -32,15 +35,15 @@ class MeshParts(NamedTuple):
     face_normals: NDArray[np.int32]
     """Shape (f, 3), indices of normals."""
     boxes: FloatArray
-    """Shape (b, 6), middle and half of the size."""
+    """Shape (b, 6), middle and half size."""
     children: NDArray[np.int32]
-    """Shape (b, 2), -1 where there is none."""
+    """Shape (b, 2), -1 for no child."""
     face_of: NDArray[np.int32]
-    """Shape (b,), the face in a leaf, -1 in other boxes."""
+    """Shape (b,), index of the face in a leaf, -1 in other boxes."""
 
 
 def mesh_parts(model: Any, mesh: int) -> MeshParts:
-    """The arrays of one mesh of a model."""
+    """Return the arrays of one mesh of a model."""
     vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
     normal, box = model.mesh_normaladr[mesh], model.mesh_bvhadr[mesh]
     faces, boxes = slice(face, face + model.mesh_facenum[mesh]), slice(box, box + model.mesh_bvhnum[mesh])
@@ -60,7 +63,7 @@ def cast_mesh(
     number: int, parts: MeshParts, axes: FloatArray, away: FloatArray, origin: FloatArray, beside: float,
     rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
 ) -> None:  # fmt: skip
-    """Note the rays that meet one mesh first; the arguments are those of ``rays._cast_one``."""
+    """Store the rays that hit one mesh first. The arguments are those of ``rays._cast_one``."""
     x, y, z = away
     start = (origin[0], origin[1], origin[2])
     stack = np.empty(DEPTH, np.int32)
@@ -82,7 +85,7 @@ def cast_mesh(
 
 @compiled
 def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: NDArray[np.int32]) -> tuple[float, int]:
-    """Distance and face of the first hit that is nearer than ``nearest``; face -1 for none."""
+    """Return distance and face of the first hit nearer than ``nearest``; the face is -1 if there is none."""
     pace = (_inverse(ray[0]), _inverse(ray[1]), _inverse(ray[2]))
     found, count = -1, 0
     if _entry(parts.boxes, 0, origin, pace) < nearest:
@@ -104,7 +107,7 @@ def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: 
         if to_far < nearest:
             stack[count] = far
             count += 1
-        if to_near < nearest:  # on top of the stack: it comes next
+        if to_near < nearest:  # The nearer box is on top of the stack, so it comes next.
             stack[count] = near
             count += 1
     return nearest, found
@@ -112,13 +115,16 @@ def _first_face(parts: MeshParts, origin: Xyz, ray: Xyz, nearest: float, stack: 
 
 @compiled
 def _inverse(value: float) -> float:
-    """The inverse of a part of a direction; a ray along a face of a box goes a little askew."""
+    """Return the inverse of one component of a direction. A component near 0 is replaced by a small one."""
     return 1.0 / value if abs(value) > ASKEW else (1.0 / ASKEW if value >= 0.0 else -1.0 / ASKEW)
 
 
 @compiled
 def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
-    """Distance at which a ray enters a box, 0 from within it, infinite if it passes. ``pace``: inverse directions."""
+    """Return the distance at which a ray enters a box: 0 from within, infinite for a miss.
+
+    ``pace``: inverse direction.
+    """
     enter, leave = 0.0, inf
     for i in range(3):
         middle = (boxes[box, i] - origin[i]) * pace[i]
@@ -129,7 +135,8 @@ def _entry(boxes: FloatArray, box: int, origin: Xyz, pace: Xyz) -> float:
 
 @compiled
 def _on_triangle(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> tuple[float, float, float]:
-    """Distance of the hit from either side, infinite for none, and the weights of the second and the third corner.
+    """Return the distance of a hit from either side, infinite for a miss, and the weights of the second and third
+    corner.
 
     This is the method of Möller and Trumbore.
     """
@@ -150,7 +157,7 @@ def _on_triangle(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> tuple[fl
 
 @compiled
 def _normal(parts: MeshParts, face: int, origin: Xyz, ray: Xyz) -> Xyz:
-    """The normal at a hit between those of the corners, on the side from which the ray comes."""
+    """Return the normal at a hit, interpolated from the corners, on the side from which the ray comes."""
     _, u, v = _on_triangle(parts, face, origin, ray)
     a, b, c = parts.face_normals[face, 0], parts.face_normals[face, 1], parts.face_normals[face, 2]
     x = (1.0 - u - v) * parts.normals[a, 0] + u * parts.normals[b, 0] + v * parts.normals[c, 0]

@@ -1,8 +1,8 @@
-"""The arm in MuJoCo as a hardware component, without servos and without a wire.
+"""The arm in MuJoCo as a hardware component without servos and without a bus.
 
-Each joint follows the line between two commands by a stiff spring with damping, as strong as the servo
-that the robot file names. The arm's own weight is compensated, as the stack compensates it on servos. For what a servo
-and its bus do to a command, take the virtual bus.
+Each joint follows the line between two commands by a stiff spring with damping. The spring is as strong as the servo in
+the robot file. The weight of the arm is compensated, as the stack does it with servos. For the effects of servos and
+their bus on a command, use the virtual bus.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from sim_backend.scene.world import World
 IntArray = NDArray[np.int64]
 
 STIFFNESS = 15.0
-"""Share of the stall torque per radian of shaft error: all of it at four degrees."""
+"""Share of the stall torque per radian of shaft error. Full torque is reached at four degrees."""
 LONGEST_CATCH_UP_S = 0.2
-"""More simulated time than this is never made up for after the program was held up."""
+"""Maximum simulated time that is made up after the program was held up, in seconds."""
 
 
 @compiled
@@ -42,9 +42,9 @@ def drive(
     strongest: FloatArray,
     damping: FloatArray,
 ) -> None:
-    """Springs pull joints to where they are to be after ``share`` of the way from ``begin`` to ``end``.
+    """Pull joints by springs towards their set-points, after ``share`` of the way from ``begin`` to ``end``.
 
-    ``weight``: the efforts that gravity and motion ask of each degree of freedom, which the drives add.
+    ``weight`` has the efforts for gravity and motion of each degree of freedom. They are added to those of the springs.
     """
     for i in range(len(begin)):
         error = begin[i] + (end[i] - begin[i]) * share - position[position_at[i]]
@@ -54,7 +54,7 @@ def drive(
 
 
 class MujocoHardware:
-    """The life cycle of hal.hardware.Hardware over a World. Its time is the clock's."""
+    """A component with the life cycle of hal.hardware.Hardware on a World. Its time is that of the clock."""
 
     def __init__(self, name: str, joints: Sequence[Joint], world: World, clock: Clock) -> None:
         self.name = name
@@ -105,7 +105,7 @@ class MujocoHardware:
         self.state = LifecycleState.UNCONFIGURED
 
     def read(self) -> JointState:
-        """Bring the world up to now and look at it."""
+        """Advance the world to the present time and return the joint states."""
         require_configured(self.state, "read")
         now_s = self._clock.now()
         due_s = min(now_s - self._last_s, LONGEST_CATCH_UP_S)

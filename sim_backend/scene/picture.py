@@ -1,8 +1,8 @@
-"""Pictures of the arm at work, by ray casting: no OpenGL, so they work on every machine.
+"""Pictures of the arm by ray casting. They need no OpenGL, so they work on every machine.
 
-One ray a pixel from the camera, one from the lamp for its shadow, Lambert shading. Smooth pictures are
-the mean of four, each with the rays a quarter of a pixel off and the lamp moved a little.
-Images are uint8 arrays of shape (height, width, 3); n is the number of rays.
+There is one ray per pixel from the camera and one from the lamp for shadows, with Lambert shading. A smooth picture is
+the mean of four, each with rays shifted by a quarter of a pixel and a slightly different place of the lamp. Images are
+uint8 arrays of shape (height, width, 3); n is the number of rays.
 """
 
 from collections.abc import Sequence
@@ -25,41 +25,41 @@ CAMERA: Final = "overview"
 SKY: Final = np.array([0.93, 0.95, 0.97])
 AMBIENT: Final = 0.48
 LAMP_M: Final = 0.02
-"""How far the lamp is moved to either side for a soft shadow."""
+"""Distance by which the lamp is moved to either side for soft shadows."""
 TILE_M: Final = 0.1
 FADE_M: Final = (0.7, 2.2)
-"""Where the floor begins to turn into sky, and where it has."""
+"""Distances at which the floor begins to fade into the sky, and at which it ends."""
 TOUCH_M: Final = 1e-4
-"""A hit so near to a point is the point itself."""
+"""Distance from a point within which a hit is the point itself."""
 QUARTERS: Final = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
 
 
 class View:
-    """What a camera that stands still sees of one model. What never moves is cast and shaded once, for all pictures."""
+    """View of a fixed camera on one model. Parts that never move are cast and shaded once for all pictures."""
 
     def __init__(
         self, model: Any, data: Any, camera: str = CAMERA, width: int = 480, height: int = 360, smooth: bool = True
     ) -> None:
-        """``data``: with the kinematics up to date, whatever the pose. Smooth costs four times as much."""
+        """Prepare the view. ``data`` has any pose with updated kinematics. Smooth pictures take four times as long."""
         self._shape = (height, width, 3)
         view = data.cam(camera)
         focal = 0.5 * height / np.tan(0.5 * np.radians(model.cam(camera).fovy[0]))
         self._passes = []
         for dx, dy in QUARTERS if smooth else ((0.0, 0.0),):
-            # A matrix product would wake the matrix library's threads, on processors that others may need.
+            # A matrix product would start the threads of the matrix library, on processors that others may need.
             rays = np.einsum("ni,ji->nj", _rays(width, height, focal, dx, dy), view.xmat.reshape(3, 3))
             lamp = data.light_xpos[0] + 4.0 * LAMP_M * np.array([dx, dy, 0.0])
             self._passes.append(_Pass(model, data, view.xpos.copy(), rays, lamp))
 
     def picture(self, data: Any) -> Picture:
-        """The picture of a pose whose kinematics are up to date."""
-        total = sum(one.colours(data) for one in self._passes)
+        """Return the picture of a pose with updated kinematics."""
+        total = sum(one.colors(data) for one in self._passes)
         shades = np.clip(total / len(self._passes), 0.0, 1.0)
         return (255.0 * shades + 0.5).astype(np.uint8).reshape(self._shape)
 
 
 class _Pass:
-    """One ray a pixel, and the lamp at one place. ``_still`` are the geoms that are fixed to the world."""
+    """One ray per pixel with the lamp in one place. ``_still`` are the geoms that are fixed to the world."""
 
     def __init__(self, model: Any, data: Any, eye: FloatArray, rays: FloatArray, lamp: FloatArray) -> None:
         self._model, self._eye, self._rays, self._lamp = model, eye, rays, lamp
@@ -73,53 +73,56 @@ class _Pass:
         toward, reach = _from(lamp, point)
         _, first, _ = cast(model, data, lamp, toward, self._still)
         lit = _lit(first, reach, normal[seen], toward)
-        self._colours = np.tile(SKY, (len(rays), 1))
-        self._colours[seen] = self._paint(geom[seen], point, _light(normal[seen], lit))
-        # Only what is in the light can come into the shadow of something that moves.
+        self._colors = np.tile(SKY, (len(rays), 1))
+        self._colors[seen] = self._paint(geom[seen], point, _light(normal[seen], lit))
+        # Only lit points can be in the shadow of a moving geom.
         bright = np.flatnonzero(lit > 0.0)
         self._bright, self._toward, self._reach = seen[bright], toward[bright], reach[bright]
         dark = _light(normal[self._bright], np.zeros(len(bright)))
         self._dark = self._paint(geom[self._bright], point[bright], dark)
 
-    def colours(self, data: Any) -> FloatArray:
-        """Colours of all rays, shape (n, 3), 0 to 1."""
-        model, colours = self._model, self._colours.copy()
+    def colors(self, data: Any) -> FloatArray:
+        """Return the colors of all rays, shape (n, 3), from 0 to 1."""
+        model, colors = self._model, self._colors.copy()
         _, first, _ = cast(model, data, self._lamp, self._toward, self._moving)
         shadow = first <= self._reach - TOUCH_M
-        colours[self._bright[shadow]] = self._dark[shadow]
+        colors[self._bright[shadow]] = self._dark[shadow]
         geom, distance, normal = cast(model, data, self._eye, self._rays, self._moving, self._hits)
         changed = np.flatnonzero(distance < self._hits[1])
         point = self._eye + self._rays[changed] * distance[changed, None]
         toward, reach = _from(self._lamp, point)
         _, first, _ = cast(model, data, self._lamp, toward, self._all)
         lit = _lit(first, reach, normal[changed], toward)
-        colours[changed] = self._paint(geom[changed], point, _light(normal[changed], lit))
-        return colours
+        colors[changed] = self._paint(geom[changed], point, _light(normal[changed], lit))
+        return colors
 
     def _paint(self, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
-        return _colours(self._model.geom_rgba, self._model.geom_type, geom, point, light)
+        return _colors(self._model.geom_rgba, self._model.geom_type, geom, point, light)
 
 
 def _from(lamp: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The way from the lamp to each point: unit vectors, and how far it is."""
+    """Return unit vectors from the lamp to each point, and the distances."""
     away = point - lamp
     reach = np.linalg.norm(away, axis=1)
     return away / reach[:, None], reach
 
 
 def _lit(first: FloatArray, reach: FloatArray, normal: FloatArray, toward: FloatArray) -> FloatArray:
-    """How much of the lamp's light falls on each point; none where its ``first`` hit on the way is another one."""
+    """Return the share of the lamp's light on each point.
+
+    It is 0 if the ``first`` hit from the lamp is another point.
+    """
     return np.where(first > reach - TOUCH_M, np.maximum(0.0, -np.sum(normal * toward, axis=1)), 0.0)
 
 
 def _light(normal: FloatArray, lit: FloatArray) -> FloatArray:
-    """All light on each point: the lamp's, and a little from everywhere, most of it from above."""
+    """Return all light on each point: that of the lamp, and ambient light that comes mostly from above."""
     light: FloatArray = AMBIENT * (0.8 + 0.2 * normal[:, 2]) + (1.0 - AMBIENT) * lit
     return light
 
 
 def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatArray:
-    """Unit vectors through all pixels in the camera's frame (x right, y up, z back), shape (n, 3)."""
+    """Return unit vectors through all pixels in the camera's frame (x right, y up, z back), shape (n, 3)."""
     x, y = np.meshgrid(np.arange(width) + 0.5 + dx - width / 2, height / 2 - np.arange(height) - 0.5 - dy)
     rays = np.stack([x, y, np.full_like(x, -focal)], axis=-1).reshape(-1, 3)
     unit: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -127,10 +130,10 @@ def _rays(width: int, height: int, focal: float, dx: float, dy: float) -> FloatA
 
 
 @compiled
-def _colours(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
-    """The geoms' own colours in this light; the floor has tiles and fades into the sky."""
+def _colors(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatArray) -> FloatArray:
+    """Return the colors of geoms in this light. The floor has tiles and fades into the sky."""
     near, far = FADE_M
-    colour = np.empty((len(geom), 3))
+    color = np.empty((len(geom), 3))
     for n in range(len(geom)):
         tile, fade = 1.0, 0.0
         if kinds[geom[n]] == PLANE:
@@ -138,27 +141,27 @@ def _colours(rgba: Any, kinds: Any, geom: Any, point: FloatArray, light: FloatAr
             tile = 1.0 - 0.06 * ((floor(x / TILE_M) + floor(y / TILE_M)) % 2)
             fade = min(max((sqrt((x - 0.2) ** 2 + y**2) - near) / (far - near), 0.0), 1.0)
         for i in range(3):
-            colour[n, i] = rgba[geom[n], i] * light[n] * tile * (1.0 - fade) + SKY[i] * fade
-    return colour
+            color[n, i] = rgba[geom[n], i] * light[n] * tile * (1.0 - fade) + SKY[i] * fade
+    return color
 
 
 def save_png(path: Path, image: Picture) -> None:
-    """Write one picture."""
+    """Save one picture as PNG."""
     Image.fromarray(image).save(path, optimize=True)
 
 
 def save_gif(path: Path, images: Sequence[Picture], fps: float) -> None:
-    """Write a film that repeats. One palette for all frames: smaller, and it does not flicker."""
+    """Save a looping animation. One palette for all frames makes the file smaller and prevents flicker."""
     palette = Image.fromarray(np.concatenate(images[:: max(1, len(images) // 4)])).quantize(256, kmeans=2)
     frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0)
 
 
 class Recorder:
-    """Remembers how the world stood, to draw it when there is time. Rests are left out."""
+    """Records the motion of the world to draw it later. Phases without motion are left out."""
 
     def __init__(self, world: World, period_s: float = 0.3, frames: int = 75) -> None:
-        """Look every `period_s` of world time; keep at most the first `frames` of those in which it moved."""
+        """Record every `period_s` of world time, and keep at most the first `frames` in which the world moved."""
         self._world = world
         self._period_s = period_s
         self._frames = frames
@@ -167,7 +170,7 @@ class Recorder:
         self._best = world.configuration()
 
     def update(self, time_s: float) -> None:
-        """To be called at least once a period; costs next to nothing in between."""
+        """Record a frame if it is time. Call this at least once per period; most calls return at once."""
         if time_s < self._next_s:
             return
         self._next_s = time_s + self._period_s
@@ -178,21 +181,21 @@ class Recorder:
             self._taken.append(now)
 
     def save(self, folder: Path, fps: float = 8.0, width: int = 960) -> None:
-        """Draw `arm.png` and `arm.gif`, half as wide, into `folder`."""
+        """Save `arm.png`, and `arm.gif` with half its width, to `folder`."""
         folder.mkdir(parents=True, exist_ok=True)
         self.save_still(folder / "arm.png", width)
         self.save_film(folder / "arm.gif", fps, width // 2)
 
     def save_still(self, path: Path, width: int = 960) -> None:
-        """Draw the moment in which the cube was held at its highest."""
+        """Draw the moment at which the cube was held highest."""
         save_png(path, *self._draw([self._best], width, smooth=True))
 
     def save_film(self, path: Path, fps: float = 8.0, width: int = 480) -> None:
-        """Draw all that was remembered."""
+        """Draw all recorded frames."""
         save_gif(path, self._draw(self._taken or [self._best], width, smooth=False), fps)
 
     def _draw(self, configurations: Sequence[FloatArray], width: int, smooth: bool) -> list[Picture]:
-        model = self._world.drawn_model()  # its own: drawing must not disturb the world
+        model = self._world.drawn_model()  # A separate model, because drawing must not disturb the world.
         data = mujoco.MjData(model)
         _place(model, data, configurations[0])
         view = View(model, data, width=width, height=width * 3 // 4, smooth=smooth)
@@ -204,7 +207,7 @@ class Recorder:
 
 
 def _place(model: Any, data: Any, configuration: FloatArray) -> None:
-    """Bring geoms, cameras and lamps to where they are in a ``configuration``."""
+    """Move geoms, cameras and lamps to their poses in a ``configuration``."""
     data.qpos[:] = configuration
     mujoco.mj_kinematics(model, data)
     mujoco.mj_camlight(model, data)

@@ -1,7 +1,7 @@
-"""A scene of an arm alone, made of its robot description: links, a motor for each servo, table, light and camera.
+"""Scene of an arm alone, generated from its robot description: links, motors, table, light and camera.
 
-Primitive shapes of the description are kept. A link without any is a stick between its joints: meshes may be in formats
-that MuJoCo does not read, and contacts between them would cost time.
+Primitive shapes of the description are kept. A link without primitive shapes becomes a stick between its joints,
+because MuJoCo cannot read all mesh formats, and contacts between meshes would take time.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -20,26 +20,27 @@ from sim_backend.scene.world import READY, place_followers
 
 TIMESTEP_S: Final = 0.001
 LIGHTEST_KG: Final = 1e-6
-"""The mass of a link for which the description gives none; MuJoCo does not move one without."""
+"""Mass of a link without one in the description. MuJoCo does not move a body without mass."""
 SMALLEST_KG_M2: Final = 1e-12
 STICK_M: Final = 0.012
-"""The radius of a stick."""
+"""Radius of a stick."""
 SHORTEST_M: Final = 0.01
-"""The length below which a stick is left out."""
+"""Minimum length of a stick. Shorter sticks are left out."""
 PRIMITIVES: Final = ("box", "cylinder", "sphere")
 TABLE_RGBA: Final = (0.86, 0.87, 0.88, 1.0)
 ARM_RGBA: Final = (0.96, 0.76, 0.16, 1.0)
 CAMERA_FROM: Final = np.array([0.77, -0.52, 0.44])
-"""The direction from the middle of the arm to the camera."""
+"""Direction from the middle of the arm to the camera."""
 CAMERA_REACHES: Final = 2.6
-"""The distance of the camera, in sizes of the arm."""
+"""Distance of the camera, as a multiple of the arm's size."""
 FOVY_DEG: Final = 40.0
 
 
 def plain_scene(urdf_xml: str, servos: Mapping[str, float]) -> str:
-    """The MJCF of a scene. ``servos``: joint units per radian of the servo's shaft, by driven joint, the hand's last.
+    """Return the MJCF of a scene.
 
-    Raises DescriptionError where MuJoCo cannot read the description.
+    ``servos`` has joint units per radian of the servo's shaft, by driven joint; the hand's joint is the last. Raises
+    DescriptionError if MuJoCo cannot read the description.
     """
     try:
         spec: Any = mujoco.MjSpec.from_string(_with_primitives(urdf_xml))
@@ -53,7 +54,7 @@ def plain_scene(urdf_xml: str, servos: Mapping[str, float]) -> str:
 
 
 def _with_primitives(urdf_xml: str) -> str:
-    """The description with the primitive shapes alone, and no link without a mass."""
+    """Return the description with primitive shapes only, and with a mass for each link."""
     robot = ElementTree.fromstring(urdf_xml)
     for link in robot.findall("link"):
         shapes = [_primitive(shape) for shape in (*link.findall("collision"), *link.findall("visual"))]
@@ -73,7 +74,7 @@ def _with_primitives(urdf_xml: str) -> str:
 
 
 def _primitive(shape: Element) -> Element | None:
-    """The shape as a collision; None for a mesh."""
+    """Return the shape as a collision element, or None for a mesh."""
     geometry = shape.find("geometry")
     if geometry is None or not any(geometry.find(kind) is not None for kind in PRIMITIVES):
         return None
@@ -83,11 +84,11 @@ def _primitive(shape: Element) -> Element | None:
 
 
 def _set_up(spec: Any, servos: Mapping[str, float]) -> None:
-    """Give the joints their servos' gears and motors, and the links shapes that meet the table and not each other."""
+    """Add gears and motors to the joints. Links collide with the table but not with each other."""
     spec.option.timestep = TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for joint in spec.joints:
-        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the servo's motor is its limit
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # The servo's motor is the limit.
         ratio = servos.get(joint.name, 1.0) ** 2
         joint.armature = ROTOR_INERTIA_KG_M2 / ratio if joint.name in servos else 0.0
         joint.damping = [GEAR_DAMPING_NM_S / ratio, 0.0, 0.0]
@@ -114,7 +115,7 @@ def _add_sticks(body: Any) -> None:
 
 
 def _first_pose(model: Any) -> FloatArray:
-    """MuJoCo's positions of the pose at zero, or in the middle of a range that does not include zero."""
+    """Return MuJoCo's positions with all joints at zero, or in the middle of a range that does not include zero."""
     pose: FloatArray = model.qpos0.copy()
     for joint in range(model.njnt):
         low, high = model.jnt_range[joint]
@@ -125,7 +126,7 @@ def _first_pose(model: Any) -> FloatArray:
 
 
 def _finished(spec: Any, pose: FloatArray) -> Any:
-    """Add table, light, camera and the keyframe with the first pose; returns the compiled scene."""
+    """Add table, light, camera and the keyframe with the first pose. Return the compiled scene."""
     model: Any = spec.compile()
     data: Any = mujoco.MjData(model)
     data.qpos[:] = pose
@@ -142,14 +143,14 @@ def _finished(spec: Any, pose: FloatArray) -> Any:
 
 
 def _table_m(model: Any, data: Any) -> float:
-    """The height of the table: that of the arm's foot, or lower so that no moving link begins in it."""
+    """Return the height of the table: that of the arm's base, or lower so that no moving link starts inside it."""
     moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     lowest = (data.geom_xpos[moving, 2] - model.geom_rbound[moving]).min(initial=0.0)
     return float(min(0.0, lowest))
 
 
 def _camera(middle: FloatArray, distance_m: float) -> dict[str, Any]:
-    """A camera that looks at the middle of the arm."""
+    """Return the settings of a camera that looks at the middle of the arm."""
     back = CAMERA_FROM / np.linalg.norm(CAMERA_FROM)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)

@@ -1,6 +1,6 @@
-"""Where rays first meet the geoms of a MuJoCo model, as machine code. n is the number of rays.
+"""First hits of rays on the geoms of a MuJoCo model, in compiled code. n is the number of rays.
 
-MuJoCo says where the geoms are; its own mj_multiRay cuts pieces off them (it culls too much).
+MuJoCo provides the poses of the geoms. Its own mj_multiRay is not used, because its culling removes parts of geoms.
 """
 
 from math import inf, sqrt
@@ -15,42 +15,42 @@ from sim_backend.scene.mesh_rays import cast_mesh, mesh_parts
 
 FloatArray = NDArray[np.float64]
 Hits = tuple[Any, FloatArray, FloatArray]
-"""Of each ray: geom (n,), -1 for none; distance (n,), infinite for none; normal (n, 3)."""
+"""For each ray: geom (n,), -1 for none; distance (n,), infinite for none; normal (n, 3)."""
 
 VISIBLE_GROUPS: Final = (0, 1, 2)
-"""Geom groups that are drawn; the others only serve the simulation."""
+"""Geom groups that are drawn. Other groups are used only by the simulation."""
 PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
 BOX: Final = int(mujoco.mjtGeom.mjGEOM_BOX)
 CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 MESH: Final = int(mujoco.mjtGeom.mjGEOM_MESH)
 WALL: Final = -1
-"""Where a ray entered a solid: a cylinder's round wall; other places are the axis across the face."""
+"""Face of a hit on a cylinder's round wall. Other faces are named by the axis normal to them."""
 
 
 def visible(model: Any) -> Any:
-    """All geoms that are drawn."""
+    """Return the indices of all geoms that are drawn."""
     return np.flatnonzero(np.isin(model.geom_group, VISIBLE_GROUPS) & (model.geom_rgba[:, 3] > 0.0))
 
 
 def no_hits(count: int) -> Hits:
-    """What so many rays have hit before there is anything."""
+    """Return the hits of ``count`` rays in an empty scene."""
     return np.full(count, -1), np.full(count, np.inf), np.zeros((count, 3))
 
 
 def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any, so_far: Hits | None = None) -> Hits:
-    """First hit of each ray on one of ``geoms``, unless something nearer has been hit ``so_far``.
+    """Return the first hit of each ray on one of ``geoms``, unless ``so_far`` has a nearer one.
 
-    Raises ValueError where a geom is none of the shapes that can be drawn.
+    Raises ValueError if a geom's shape cannot be drawn.
     """
     geom, nearest, normal = (values.copy() for values in so_far or no_hits(len(rays)))
     for i in geoms:
         kind, axes = int(model.geom_type[i]), data.geom_xmat[i].reshape(3, 3)
         if kind not in (PLANE, BOX, CYLINDER, MESH):
-            raise ValueError(f"pictures are made of planes, boxes, cylinders and meshes; this is geom type {kind}")
+            raise ValueError(f"pictures can show planes, boxes, cylinders and meshes, but not geom type {kind}")
         away = data.geom_xpos[i] - origin
         half = np.array([0.0, 0.0, model.geom_size[i][1]]) if kind == CYLINDER else model.geom_size[i]
         radius = model.geom_size[i][0] if kind == CYLINDER else 0.0
-        # A plane has no bounding sphere: every ray may meet it.
+        # A plane has no bounding sphere, so every ray can hit it.
         outside = float(away @ away) - (1.001 * model.geom_rbound[i]) ** 2
         beside = -inf if kind == PLANE else max(0.0, outside) ** 0.5
         if kind == MESH:
@@ -66,8 +66,11 @@ def _cast_one(
     number: int, plane: bool, half: FloatArray, radius: float, axes: FloatArray, away: FloatArray, origin: FloatArray,
     beside: float, rays: FloatArray, geom: Any, nearest: FloatArray, normal: FloatArray,
 ) -> None:  # fmt: skip
-    """Note the rays that meet one geom first. ``origin``: the rays', in the geom's frame. ``away``: from there to its
-    middle; rays that go less than ``beside`` along it pass its bounding sphere."""
+    """Store the rays that hit one geom first.
+
+    ``origin`` is the start of the rays in the geom's frame, and ``away`` the vector from there to the geom's middle.
+    Rays with a component of less than ``beside`` along ``away`` miss its bounding sphere.
+    """
     x, y, z = away
     ray = np.empty(3)
     for n in range(len(rays)):
@@ -89,16 +92,16 @@ def _cast_one(
 
 @compiled
 def _on_plane(origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
-    """Distance (infinite for none) and face of the hit, in the plane's own frame."""
+    """Return distance (infinite for none) and face of the hit, in the plane's frame."""
     return (-origin[2] / ray[2] if ray[2] < 0.0 else inf), 2
 
 
 @compiled
 def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, int]:
-    """Distance (infinite for none) and face of the first hit, in the solid's own frame.
+    """Return distance (infinite for none) and face of the first hit, in the solid's frame.
 
-    The solids are convex, so each is a meeting of slabs (with a ``radius``: of one, and a round wall): a ray is inside
-    from the last entry to the first exit.
+    Each solid is convex: an intersection of slabs or, with a ``radius``, of one slab and a round wall. A ray is inside
+    it from the last entry to the first exit.
     """
     enter, leave, face = -inf, inf, WALL
     if radius > 0.0:
@@ -117,7 +120,7 @@ def _on_solid(half: FloatArray, radius: float, origin: FloatArray, ray: FloatArr
 
 @compiled
 def _in_circle(radius: float, origin: FloatArray, ray: FloatArray) -> tuple[float, float]:
-    """Between which distances a ray is within a circle about the third axis; from infinity on where it never is."""
+    """Return the distances between which a ray is within a circle around the third axis; (inf, -inf) if it never is."""
     a = ray[0] * ray[0] + ray[1] * ray[1]
     b = ray[0] * origin[0] + ray[1] * origin[1]
     c = origin[0] * origin[0] + origin[1] * origin[1] - radius * radius

@@ -1,7 +1,7 @@
-"""Whether a scene is the arm that the robot description says, and has what a world needs.
+"""Check that a scene matches the robot description, and that it has what a world needs.
 
-MuJoCo reads the description too, so that two models are compared: each body's place in the one before it at random
-poses, ranges, masses, couplings.
+MuJoCo also reads the description, so that two models are compared: the place of each body relative to its parent at
+random poses, and ranges, masses and couplings.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -18,13 +18,13 @@ from sim_backend.scene.scene_file import scene_model
 from sim_backend.scene.world import READY
 
 NOTHING: Final = 1e-6
-"""The mass (kg) that a link without any is given."""
+"""Mass of a link that has none in the description, in kg."""
 POSES: Final = 10
 SEED: Final = 1
 APART_M: Final = 1e-4
 APART_RAD: Final = 1e-3
 APART_SHARE: Final = 0.01
-"""Of a mass or an inertia."""
+"""Maximum difference of a mass or an inertia, as a share of it."""
 NEEDED: Final = {
     "key": (READY,),
     "joint": ("cube",),
@@ -33,13 +33,20 @@ NEEDED: Final = {
     "site": tuple(f"bin_{name}_inside" for name in BINS),
     "cam": ("overview",),
 }
-"""What a cell of the pick-and-place job and its pictures consist of, by kind and name."""
+"""Names that the cell of the pick-and-place job and its pictures need, by kind."""
 
 
 def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool = False) -> list[str]:
-    """All that is wrong with a scene. ``driven``: the joints that have servos; ``cell``: whether it needs a cell.
+    """Return everything that is wrong with a scene.
 
-    Mistakes of the file itself begin with its path.
+    Args:
+        scene: The MuJoCo file.
+        urdf_xml: The robot description.
+        driven: The joints that have servos.
+        cell: Whether the scene must have the cell of the pick-and-place job.
+
+    Returns:
+        One sentence per mistake. Mistakes of the file itself begin with its path.
     """
     try:
         model: Any = scene_model(scene)
@@ -58,10 +65,10 @@ def scene_problems(scene: Path, urdf_xml: str, driven: Sequence[str], cell: bool
 
 
 def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> None:
-    """Check that a world can be made of a scene. ``driven``: the joints that have servos.
+    """Check that a world can be built from a scene. ``driven`` are the joints that have servos.
 
-    A scene with a part of the cell of the pick-and-place job needs all of it, and so does any scene with ``cell``.
-    Raises ArmFileError with everything that the world needs and the scene does not have.
+    A scene with any part of the cell of the pick-and-place job needs all of it, as does any scene with ``cell``. Raises
+    ArmFileError with everything that the world needs and the scene lacks.
     """
     model: Any = scene_model(scene)
     if missing := [joint for joint in driven if joint not in names(model, "actuator")]:
@@ -73,12 +80,12 @@ def require_scene(scene: Path, driven: Sequence[str], cell: bool = False) -> Non
 
 
 def described_model(urdf_xml: str) -> Any:
-    """A model of the arm in a robot description, without its shapes: their files may be anywhere."""
+    """Return a model of the arm in a robot description, without its shapes, whose files may be missing."""
     robot = ElementTree.fromstring(urdf_xml)
     for link in robot.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
-    # As it is, nothing joined; but a link without a mass must not hide what else is wrong.
+    # Nothing is joined or corrected. Only missing masses are added, so that they do not hide other mistakes.
     bounds = {"boundmass": str(NOTHING), "boundinertia": str(NOTHING**2)}
     as_it_is = {"fusestatic": "false", "balanceinertia": "false", **bounds}
     ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", as_it_is)
@@ -86,7 +93,7 @@ def described_model(urdf_xml: str) -> Any:
 
 
 def names(model: Any, kind: str) -> list[str]:
-    """The names of all ``kind`` ("joint", "body" and so on) of a model."""
+    """Return the names of all objects of a ``kind`` ("joint", "body" and so on) in a model."""
     count = getattr(model, {"joint": "njnt", "actuator": "nu"}.get(kind, f"n{kind}"))
     return [str(getattr(model, kind)(i).name) for i in range(count)]
 
@@ -97,42 +104,44 @@ def _needed(model: Any, cell: bool) -> Iterator[str]:
     for kind, needed in NEEDED.items():
         there = names(model, kind)
         what = {"key": "keyframe", "cam": "camera"}.get(kind, kind)
-        yield from (f"it has no {what} {name}" for name in needed if name not in there)
+        yield from (f"the scene has no {what} {name}" for name in needed if name not in there)
 
 
 def _missing(model: Any, driven: Sequence[str], cell: bool) -> Iterator[str]:
     yield from _needed(model, cell)
     motors = names(model, "actuator")
     yield from (
-        f"it has no actuator {joint}: each joint with a servo needs one" for joint in driven if joint not in motors
+        f"the scene has no actuator {joint}: each joint with a servo needs one"
+        for joint in driven
+        if joint not in motors
     )
-    yield from (f"its actuator {motor} is of no joint with a servo" for motor in motors if motor not in driven)
+    yield from (f"the actuator {motor} has no joint with a servo" for motor in motors if motor not in driven)
 
 
 def _joints(model: Any, described: Any) -> Iterator[str]:
-    """Yields joints that are missing or have another range, and couplings that are not as the description's mimics."""
+    """Yield joints that are missing or have another range, and couplings that differ from the description's mimics."""
     there = names(model, "joint")
     for name in names(described, "joint"):
         if name not in there:
-            yield f"it has no joint {name}, which the URDF has"
+            yield f"the scene has no joint {name}, which the URDF has"
         elif np.abs(model.joint(name).range - described.joint(name).range).max() > APART_RAD:
-            here_to, said_to = _span(model.joint(name).range), _span(described.joint(name).range)
-            yield f"{name} goes from {here_to} here and from {said_to} in the URDF"
-    here, said = _couplings(model), _couplings(described)
-    for (follower, leader), wanted in said.items():
+            here_range, urdf_range = _span(model.joint(name).range), _span(described.joint(name).range)
+            yield f"{name} has the range {here_range} here and {urdf_range} in the URDF"
+    here, wanted_couplings = _couplings(model), _couplings(described)
+    for (follower, leader), wanted in wanted_couplings.items():
         got = here.get((follower, leader))
         if got is None:
             yield f"{follower} does not follow {leader} here: an <equality> of the two joints is missing"
         elif not np.allclose(got, wanted, atol=APART_M):
             offset, multiplier = got
             yield (
-                f"{follower} follows {leader} by {multiplier:g} and {offset:g} here, and by {wanted[1]:g} and "
-                f"{wanted[0]:g} in the URDF"
+                f"{follower} follows {leader} with multiplier {multiplier:g} and offset {offset:g} here, but with "
+                f"{wanted[1]:g} and {wanted[0]:g} in the URDF"
             )
 
 
 def _couplings(model: Any) -> dict[tuple[str, str], tuple[float, float]]:
-    """Offset and multiplier by follower and leader."""
+    """Return offset and multiplier by follower and leader."""
     rows = [i for i in range(model.neq) if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[i] >= 0]
     return {
         (model.joint(model.eq_obj1id[i]).name, model.joint(model.eq_obj2id[i]).name): tuple(
@@ -148,22 +157,23 @@ def _bodies(model: Any, described: Any) -> Iterator[str]:
         if name not in there:
             if described.body(name).jntnum[0] or name == root:
                 which = "the first link of the URDF" if name == root else "a link of the URDF that moves"
-                yield f"it has no body {name}, which is {which}"
+                yield f"the scene has no body {name}, which is {which}"
             continue
-        here, said = model.body(name), described.body(name)
-        if name == root or not said.jntnum[0] or said.mass[0] <= NOTHING:
-            continue  # what is fastened may be joined with what it is fastened to
-        if abs(here.mass[0] - said.mass[0]) > APART_SHARE * said.mass[0]:
-            yield f"{name} weighs {here.mass[0]:g} kg here and {said.mass[0]:g} kg in the URDF"
-        if np.abs(here.ipos - said.ipos).max() > APART_M:
-            yield f"{name} has its centre of mass at {_vector(here.ipos)} here and at {_vector(said.ipos)} in the URDF"
-        if not np.allclose(sorted(here.inertia), sorted(said.inertia), rtol=APART_SHARE):
-            principal, wanted = _vector(here.inertia), _vector(said.inertia)
-            yield f"{name} has the principal inertias {principal} here and {wanted} in the URDF"
+        here, wanted = model.body(name), described.body(name)
+        if name == root or not wanted.jntnum[0] or wanted.mass[0] <= NOTHING:
+            continue  # MuJoCo may have joined a fixed body to the body that it is fixed to.
+        if abs(here.mass[0] - wanted.mass[0]) > APART_SHARE * wanted.mass[0]:
+            yield f"{name} weighs {here.mass[0]:g} kg here and {wanted.mass[0]:g} kg in the URDF"
+        if np.abs(here.ipos - wanted.ipos).max() > APART_M:
+            here_at, urdf_at = _vector(here.ipos), _vector(wanted.ipos)
+            yield f"{name} has its center of mass at {here_at} here and at {urdf_at} in the URDF"
+        if not np.allclose(sorted(here.inertia), sorted(wanted.inertia), rtol=APART_SHARE):
+            here_inertia, urdf_inertia = _vector(here.inertia), _vector(wanted.inertia)
+            yield f"{name} has the principal inertias {here_inertia} here and {urdf_inertia} in the URDF"
 
 
 def _places(model: Any, described: Any) -> Iterator[str]:
-    """Yields moving links that are elsewhere in the link before them than the description says, at any of the poses."""
+    """Yield moving links whose place relative to their parent link differs from the description at one of the poses."""
     common = [name for name in names(described, "joint") if name in names(model, "joint")]
     links = [_link(described, name) for name in common]
     links = [(link, before) for link, before in links if {link, before} <= set(names(model, "body"))]
@@ -175,13 +185,13 @@ def _places(model: Any, described: Any) -> Iterator[str]:
         for link, before in links:
             apart = _apart(one, other, link, before)
             off[link] = max(off.get(link, (0.0, 0.0)), apart)
-    for link, (metres, radians) in off.items():
-        if metres > APART_M or radians > APART_RAD:
-            yield f"{link} is up to {metres:.4f} m and {radians:.3f} rad away from where the URDF has it"
+    for link, (meters, radians) in off.items():
+        if meters > APART_M or radians > APART_RAD:
+            yield f"{link} is up to {meters:.4f} m and {radians:.3f} rad away from its place in the URDF"
 
 
 def _link(model: Any, joint: str) -> tuple[str, str]:
-    """The names of the body that a joint moves and of the one before it."""
+    """Return the names of the body that a joint moves and of its parent."""
     body = model.joint(joint).bodyid[0]
     return model.body(body).name, model.body(model.body_parentid[body]).name
 
@@ -195,7 +205,7 @@ def _posed(model: Any, pose: dict[str, float]) -> Any:
 
 
 def _apart(one: Any, other: Any, link: str, before: str) -> tuple[float, float]:
-    """How far the link is from where it is in the other model, both seen from the link before it: m and rad."""
+    """Return the distance (m, rad) between the places of a link in two models, relative to its parent link."""
     (place, turn), (other_place, other_turn) = _seen(one, link, before), _seen(other, link, before)
     between = turn.T @ other_turn
     return float(np.linalg.norm(place - other_place)), float(np.arccos(np.clip((np.trace(between) - 1) / 2, -1.0, 1.0)))

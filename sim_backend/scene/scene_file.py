@@ -1,4 +1,4 @@
-"""Scenes, the MuJoCo files of users: the one way in which they are read, with limits and the lines of mistakes."""
+"""Read scenes, which are MuJoCo files of users, with limits and with the lines of mistakes."""
 
 import math
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ from hal.robot_description.xml_places import place
 from sim_backend.scene.scene_parts import scene_parts
 
 LARGEST: Final = 1e10
-"""MuJoCo's own limit of positions, velocities and forces; beyond it a simulation is reset."""
+"""MuJoCo's own limit for positions, velocities and forces. Beyond it, MuJoCo resets the simulation."""
 MOST_COPIES: Final = 10_000
 """Maximum ``count`` of a <replicate>, <composite> or <flexcomp>."""
 
 
 def scene_model(path: Path) -> Any:
-    """The compiled model of a scene. Raises ArmFileError with every mistake."""
+    """Return the compiled model of a scene. Raises ArmFileError with every mistake."""
     _check(path)
     try:
         return mujoco.MjModel.from_xml_path(str(path))
@@ -28,7 +28,7 @@ def scene_model(path: Path) -> Any:
 
 
 def scene_spec(path: Path) -> Any:
-    """The description of a scene, which can be changed before it is compiled. Raises ArmFileError."""
+    """Return the specification of a scene, which can be changed before it is compiled. Raises ArmFileError."""
     _check(path)
     try:
         return mujoco.MjSpec.from_file(str(path))
@@ -63,7 +63,7 @@ def _mistakes(element: Element) -> Iterator[str]:
 
 
 def _numbers(text: str) -> Iterator[float]:
-    """Yields the numbers of an attribute; other words are names."""
+    """Yield the numbers of an attribute. Other words are ignored."""
     for part in text.split():
         try:
             yield float(part)

@@ -1,4 +1,4 @@
-"""A picture of bodies that stand on a floor, and where in it a point is: for labels."""
+"""Pictures of bodies on a floor, and the pixels of points in them, for labels."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from sim_backend.scene.picture import CAMERA, Picture, View
 FOVY_DEG: Final = 30.0
 FLOOR_RGBA: Final = (0.86, 0.87, 0.88, 1.0)
 LAMP: Final = np.array([0.3, -0.6, 1.2])
-"""Where the lamp is, seen from the middle of the bodies, in radii of the bodies."""
+"""Position of the lamp relative to the middle of the bodies, in radii of the bodies."""
 LAMP_RADII: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """Triangles in the world: vertices (v, 3) in meters in their own frame, faces (f, 3)."""
+    """A triangle mesh in the world: vertices (v, 3) in meters in its own frame, and faces (f, 3)."""
 
     vertices: FloatArray
     faces: Faces
@@ -33,16 +33,16 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """A picture of shape (height, width, 3), and the camera that took it."""
+    """A picture of shape (height, width, 3) with its camera."""
 
     picture: Picture
     eye: FloatArray
     axes: FloatArray
-    """Shape (3, 3): the camera's x (right), y (up) and z (back) in the world, in columns."""
+    """Shape (3, 3): the camera's x (right), y (up) and z (back) axes in the world, as columns."""
     focal_px: float
 
     def pixels(self, points: FloatArray) -> FloatArray:
-        """Where points (n, 3) of the world are in the picture: (n, 2), x to the right and y down."""
+        """Return the pixels (n, 2) of points (n, 3) of the world, x to the right and y down."""
         seen = (points - self.eye) @ self.axes
         height, width, _ = self.picture.shape
         scale = self.focal_px / -seen[:, 2]
@@ -52,13 +52,13 @@ class Still:
 def take(
     solids: Iterable[Solid], toward: FloatArray, size: tuple[int, int], filled: tuple[float, float] = (0.9, 0.9)
 ) -> Still:
-    """Take a picture of ``size`` (width and height) with all solids in it.
+    """Take a picture of ``size`` that shows all solids.
 
     Args:
-        solids: They stand on a floor below the lowest of them.
+        solids: The solids, which stand on a floor below the lowest of them.
         toward: The direction (3,) from the solids to the camera.
         size: Width and height of the picture, in pixels.
-        filled: The shares of its width and height that the solids fill at most.
+        filled: Maximum shares of width and height that the solids fill.
     """
     width, height = size
     spec: Any = mujoco.MjSpec()
@@ -82,7 +82,7 @@ def take(
 
 
 def _add(spec: Any, name: str, solid: Solid) -> FloatArray:
-    """Add a solid; returns its vertices (v, 3) in the world."""
+    """Add a solid and return its vertices (v, 3) in the world."""
     add_mesh(spec, name, *with_edges(solid.vertices, solid.faces))
     add_shape(spec.worldbody, name, solid.pose, solid.rgb)
     position_m, (x, y, z, w) = solid.pose
@@ -93,12 +93,12 @@ def _add(spec: Any, name: str, solid: Solid) -> FloatArray:
 
 
 def _distance(points: FloatArray, reach: FloatArray) -> float:
-    """The distance from which points (n, 3), in the camera's axes, are all within ``reach`` (2,) per unit of depth."""
+    """Return the distance at which points (n, 3), in camera axes, are all within ``reach`` (2,) per unit of depth."""
     return float((np.abs(points[:, :2]) / reach + points[:, 2:]).max())
 
 
 def _axes(toward: FloatArray) -> FloatArray:
-    """The axes of a camera that looks along ``-toward`` and is upright."""
+    """Return the axes of an upright camera that looks along ``-toward``."""
     back = toward / np.linalg.norm(toward)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)

@@ -1,11 +1,11 @@
-"""The simulated world: the arm and, if the scene has them, one cube, its stand and three bins, in MuJoCo.
+"""The simulated world in MuJoCo: the arm and, if the scene has them, one cube, its stand and three bins.
 
-The world takes joint efforts and gives joint positions and velocities; what lies between a goal and an
-effort (the servo) is not its business. It knows no wall clock: `step` is one timestep, always.
-World frame = the arm's foot. Joint order is `World.joints` everywhere: that of the scene's actuators, the hand's last.
+The world takes joint efforts and returns joint positions and velocities. It does not model servos, which convert goals
+to efforts, and it has no wall clock: `step` is always one timestep. The world frame is at the arm's base. Joints are
+always in the order of `World.joints`, which is that of the scene's actuators; the hand's joint is the last.
 
-What a scene has: a motor of the same name for each driven joint; perhaps the keyframes `ready` and `rest`; perhaps all
-that `sim_backend.scene.cube_cell` names.
+A scene needs an actuator with the name of the joint for each driven joint. It can have the keyframes `ready` and
+`rest`, and all parts that `sim_backend.scene.cube_cell` names.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,15 +26,15 @@ from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
 READY: Final = "ready"
-"""The keyframe with the ready pose, the hand open and a cube on the stand; without it the pose is the scene's own."""
+"""Keyframe with the ready pose, an open hand and a cube on the stand. Without it, the scene's own pose is used."""
 REST: Final = "rest"
-"""The keyframe with the pose in which a limp arm lies; a scene without it begins at ready."""
+"""Keyframe with the pose in which a limp arm lies. In a scene without it, the arm starts in the ready pose."""
 JAMMED_KG_M2: Final = 1e8
-"""The inertia of gears that are blocked: nothing moves it noticeably, and MuJoCo still solves."""
+"""Inertia of blocked gears. It allows no noticeable motion, and MuJoCo can still solve the equations."""
 
 
 class World:
-    """One arm at work. Deterministic: the same efforts give the same positions, bit for bit."""
+    """One arm at work. The world is deterministic: the same efforts give the same positions, bit for bit."""
 
     def __init__(
         self,
@@ -43,55 +43,58 @@ class World:
         spread: Spread = NOMINAL,
         backlash: Mapping[str, float] | None = None,
     ) -> None:
-        """Load the scene with the cube on the stand and the arm at rest at `initial_position`.
+        """Load the scene with the cube on the stand and the arm at rest.
 
-        `initial_position`: in the order of `joints` (rad, m); by default that of the keyframe `rest` or `ready`.
-        `spread`: how this arm differs from the scene's. `backlash`: how far joints are free of their motors (rad, m).
+        Args:
+            scene: The MuJoCo file; by default that of this project.
+            initial_position: Joint positions in the order of `joints` (rad, m); by default those of `rest` or `ready`.
+            spread: Deviations of this arm from the scene.
+            backlash: Free travel of joints relative to their motors (rad, m).
         """
         self._gears: JointGears | None = None
         self._built_armature: dict[int, float] = {}
-        """Of degrees of freedom that are blocked."""
+        """Original armature of blocked degrees of freedom."""
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
         self._scene, self._gaps = scene or SCENE, backlash or {}
         self.model: Any = with_gaps(self._scene, self._gaps).compile()
         if spread.seed is not None:
             spread.vary(self.model)
-            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # what follows from the masses
+            mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # Update the constants that depend on masses.
         self.data: Any = mujoco.MjData(self.model)
         self.timestep_s = float(self.model.opt.timestep)
         self.joints: tuple[str, ...] = tuple(self.model.actuator(i).name for i in range(self.model.nu))
         self._find_joints()
         self.cell = CubeCell(self.model, self.data, self.arrays, self._of_arm()) if has_cell(self.model) else None
-        """The cube and all that belongs to it; None if the scene has the arm alone."""
+        """The cube with its stand and bins; None if the scene has only the arm."""
         first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
         self.ready: FloatArray = first[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
         self._held: FloatArray | None = None
-        """MuJoCo's positions while the arm is held, without the cube's."""
+        """MuJoCo's positions without the cube's while the arm is held; otherwise None."""
         self._place_arm(self._rest() if initial_position is None else initial_position)
 
     def _find_joints(self) -> None:
-        """Look names up once: `position` and `velocity` are called in every step."""
+        """Look up names once, because `position` and `velocity` are called in every step."""
         joints = [self.model.joint(name) for name in self.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._qvel = np.array([joint.dofadr[0] for joint in joints])
         motors = [self.model.joint(self._motors.get(name, name)).dofadr[0] for name in self.joints]
-        # A servo's encoder sits on its output shaft; what it feels of the speed, the back-EMF, is its motor's.
+        # A servo's encoder is on its output shaft, but its back-EMF depends on the speed of its motor.
         self.arrays = JointArrays(
             self.data.qpos, self.data.qvel, self.data.ctrl, self._qpos.tolist(), motors, range(self.model.nu)
         )
         low, high = joints[-1].range
         self.hand_travel = float(high - low)
-        """How far the hand's joint goes, rad or m."""
+        """Range of motion of the hand's joint, in rad or m."""
 
     @property
     def lies(self) -> bool:
-        """Whether the scene has a pose of rest, in which the arm begins and lies without help."""
+        """Whether the scene has a rest pose, in which the arm starts and lies without support."""
         return REST in self._keyframes()
 
     @property
     def laid(self) -> bool:
-        """Whether stand, bins and cube are there."""
+        """Whether stand, bins and cube are present."""
         return self.cell is not None and self.cell.laid
 
     def _keyframes(self) -> list[str]:
@@ -102,7 +105,7 @@ class World:
         return at_rest
 
     def _of_arm(self) -> Any:
-        """Whether each geom is a part of the arm, (ngeom,)."""
+        """Whether each geom is part of the arm, (ngeom,)."""
         arm = self.model.body_rootid[self.model.jnt_bodyid[self.model.joint(self.joints[0]).id]]
         return self.model.body_rootid[self.model.geom_bodyid] == arm
 
@@ -117,25 +120,25 @@ class World:
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the world was made, s."""
+        """Simulated time since the world was created, in seconds."""
         return float(self.data.time)
 
     def position(self) -> FloatArray:
-        """Joint positions, shape (n,): rad, or m where a joint is prismatic."""
+        """Return joint positions, shape (n,), in rad, or in m for prismatic joints."""
         return self.arrays.position.take(self._qpos)
 
     def velocity(self) -> FloatArray:
-        """Joint velocities, shape (n,): rad/s, or m/s."""
+        """Return joint velocities, shape (n,), in rad/s or m/s."""
         return self.arrays.velocity.take(self._qvel)
 
     def fit_gears(self, gears: Mapping[str, Gears]) -> None:
-        """Give joints the inertia and friction of these gears, in the joints' units; the others keep the scene's."""
+        """Apply the inertia and friction of these gears, in joint units. Other joints keep the scene's values."""
         if gears:
             dofs = {int(self.model.joint(self._motors.get(name, name)).dofadr[0]): own for name, own in gears.items()}
             self._gears = JointGears(self.model, self.data, dofs, self._gears)
 
     def jam(self, joint: str) -> None:
-        """Block the joint's gears: it stands still, whatever pulls at it, until ``free``."""
+        """Block the joint's gears. The joint does not move under any load until ``free``."""
         for dof in self._dofs(joint):
             self._built_armature.setdefault(dof, float(self.model.dof_armature[dof]))
             self.model.dof_armature[dof] = JAMMED_KG_M2
@@ -147,23 +150,23 @@ class World:
             self.model.dof_armature[dof] = self._built_armature.pop(dof)
 
     def _dofs(self, joint: str) -> list[int]:
-        """The degrees of freedom of a joint and, where it has backlash, of its motor."""
+        """Return the degrees of freedom of a joint and, if it has backlash, of its motor."""
         return [int(self.model.joint(name).dofadr[0]) for name in {joint, self._motors.get(joint, joint)}]
 
     def load(self, joint: str, effort: float) -> None:
-        """Pull at a joint with ``effort`` (N m, or N) more than before."""
+        """Add ``effort`` (N m, or N) to the external load on a joint."""
         self.data.joint(joint).qfrc_applied += effort
 
     def hold_until_driven(self) -> None:
-        """Hold an arm that begins in the air still until an effort acts on it, as a person holds it at power-on.
+        """Hold the arm still until an effort acts on it, as a person supports an arm at power-on.
 
-        An arm whose scene has the keyframe `rest` lies there without help.
+        An arm whose scene has the keyframe `rest` needs no support.
         """
         if not self.lies:
             self._held = self.data.qpos.copy()
 
     def advance(self) -> None:
-        """Advance by one timestep under the efforts that are in ``arrays``."""
+        """Advance by one timestep under the efforts in ``arrays``."""
         if self._gears is not None:
             self._gears.update()
         mujoco.mj_step(self.model, self.data)
@@ -182,46 +185,46 @@ class World:
         self.data.qvel[: speed.start] = self.data.qvel[speed.stop :] = 0.0
 
     def step(self, effort: Sequence[float] | FloatArray) -> None:
-        """Advance by one timestep under the given joint efforts, shape (n,): N m, or N."""
+        """Advance by one timestep under the given joint efforts, shape (n,), in N m or N."""
         self.data.ctrl[:] = effort
         self.advance()
 
     def poses(self) -> dict[str, Pose]:
-        """Poses of the things of the cell by name; none without a cell."""
+        """Return the poses of the objects of the cell by name, or none without a cell."""
         return {} if self.cell is None else self.cell.poses()
 
     def cube_bin(self) -> str | None:
-        """The bin in which the cube lies at rest; None if it moves, is in none, or there is no cube."""
+        """Return the bin in which the cube is at rest; None if it moves, is in no bin, or does not exist."""
         return None if self.cell is None else self.cell.cube_bin()
 
     def clear_table(self) -> None:
-        """Take stand, bins and cube away, if there are any."""
+        """Remove stand, bins and cube, if there are any."""
         if self.cell is not None:
             self.cell.clear()
 
     def lay_table(self) -> None:
-        """Bring back what ``clear_table`` took away."""
+        """Restore what ``clear_table`` removed."""
         if self.cell is not None:
             self.cell.lay()
 
     def configuration(self) -> FloatArray:
-        """All that a picture needs: a copy of MuJoCo's positions of arm and cube."""
+        """Return a copy of MuJoCo's positions of arm and cube, which is all that a picture needs."""
         everything: FloatArray = self.data.qpos.copy()
         return everything
 
     def drawn_model(self) -> Any:
-        """A model of the same positions for pictures: with the real shapes of the arm's links, where it has them."""
+        """Return a model with the same positions for pictures, with the real shapes of links if they exist."""
         model = drawn_model(with_gaps(self._scene, self._gaps), link_meshes(self._scene.parent))
         model.geom_rgba[model.geom_type != mujoco.mjtGeom.mjGEOM_MESH] = self.model.geom_rgba
         return model
 
     def cube_height_m(self, configuration: FloatArray) -> float:
-        """Height of the cube's middle above the table in a `configuration`; 0 without a cube."""
+        """Return the height of the cube's middle above the table in a `configuration`; 0 without a cube."""
         return 0.0 if self.cell is None else float(configuration[self.cell.qpos][2])
 
 
 def place_followers(model: Any, qpos: FloatArray) -> None:
-    """Bring each joint that an equality couples to another, as a left finger is, to where the other has it."""
+    """Move each joint that an equality couples to another one, such as a second finger, to its coupled position."""
     for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
         follower, leader = (int(model.jnt_qposadr[joint]) for joint in (model.eq_obj1id[row], model.eq_obj2id[row]))
         moved = qpos[leader] - model.qpos0[leader]

@@ -1,7 +1,7 @@
-"""What a camera over the virtual arm would see, on a Unix socket beside the bus. For watchers only.
+"""Poses of the virtual arm and its surroundings, as a camera would see them, on a Unix socket next to the bus.
 
-The control stack's way to the arm is the wire; this is the other one, for pictures, transforms and
-tests. Each client gets one JSON line a publication, or is dropped if it does not keep up.
+The control stack reaches the arm only over the bus. This feed is for pictures, transforms and tests. Each client gets
+one JSON line per publication, and is disconnected if it does not keep up.
 """
 
 import contextlib
@@ -19,9 +19,9 @@ from drivers.errors import PortBusy, PortError
 
 PERIOD_S: Final = 0.05
 CONNECT_S: Final = 2.0
-"""An emulator that hangs accepts nobody, and when its queue is full a client would wait for it for ever."""
+"""Maximum time to connect, in seconds. When an emulator that hangs has a full queue, a client would wait forever."""
 SEND_BUFFER_BYTES: Final = 1 << 20
-"""Some ten seconds of publications: so long a client may look away."""
+"""Size of the send buffer, in bytes. It holds publications of about ten seconds for a client that does not read."""
 
 
 class SeenPose(Protocol):
@@ -35,7 +35,7 @@ class SeenPose(Protocol):
 
 
 class SeenWorld(Protocol):
-    """What the feed needs of ``sim_backend.scene.world.World``."""
+    """The part of ``sim_backend.scene.world.World`` that the feed needs."""
 
     @property
     def joints(self) -> tuple[str, ...]: ...
@@ -51,15 +51,15 @@ class SeenWorld(Protocol):
 
 
 def feed_path(link: Path) -> Path:
-    """Where the feed of the bus at ``link`` is."""
+    """Return the path of the feed for the bus at ``link``."""
     return link.with_name(link.name + ".world")
 
 
 def snapshot(world: SeenWorld, dropped_s: float, trace: Sequence[Any] = ()) -> dict[str, Any]:
-    """One publication: world time, poses, the cube's bin, joints (rad, m), time lost to stalls.
+    """Return one publication: world time, poses, the cube's bin, joint positions (rad, m), and time lost to stalls.
 
-    ``trace`` is what the joints did since the last one: pairs of the emulator's clock (s; on one
-    machine every process reads the same) and the positions in the order of ``joints``.
+    ``trace`` has the motion of the joints since the last publication: pairs of the emulator's clock (s; the same for
+    every process on one machine) and the positions in the order of ``joints``.
     """
     return {
         "time_s": round(world.time_s, 6),
@@ -75,10 +75,10 @@ def snapshot(world: SeenWorld, dropped_s: float, trace: Sequence[Any] = ()) -> d
 
 
 class WorldFeed:
-    """The server side; a context manager. ``tick`` belongs in the emulator's loop, never blocks."""
+    """Server of the feed; a context manager. Call ``tick`` in the emulator's loop; it never blocks."""
 
     def __init__(self, path: Path) -> None:
-        """Listen at ``path``. Raises PortBusy if another emulator does, PortError where nobody can."""
+        """Listen at ``path``. Raises PortBusy if another emulator does, and PortError if the path cannot be used."""
         self.path = path
         self._clients: list[socket.socket] = []
         self._next_s = 0.0
@@ -86,12 +86,12 @@ class WorldFeed:
         self._socket = listening(path)
 
     def tick(self, now_s: float, world: SeenWorld, dropped_s: float) -> None:
-        """Note where the joints are, and publish if it is time to."""
+        """Record the joint positions, and publish if it is time."""
         if self._clients:
             self._trace.append((round(now_s, 6), world.position().round(6).tolist()))
         if now_s < self._next_s:
             return
-        # On the beat, unless a beat was missed.
+        # Keep the period, unless a publication was missed.
         self._next_s = max(self._next_s + PERIOD_S, now_s + 0.5 * PERIOD_S)
         self._accept()
         if self._clients:
@@ -108,7 +108,7 @@ class WorldFeed:
                 self._clients.append(client)
 
     def close(self) -> None:
-        """Send everybody away and remove the socket."""
+        """Disconnect all clients and remove the socket."""
         for end in (*self._clients, self._socket):
             end.close()
         self.path.unlink(missing_ok=True)
@@ -126,7 +126,7 @@ class WorldFeed:
 
 
 def _sent(client: socket.socket, line: bytes) -> bool:
-    """Whether the whole line went out. Otherwise the client is slow or gone, and is closed."""
+    """Send a line and return whether it was sent completely. If not, the client is slow or gone, and is closed."""
     with contextlib.suppress(OSError):
         if client.send(line) == len(line):
             return True
@@ -135,7 +135,7 @@ def _sent(client: socket.socket, line: bytes) -> bool:
 
 
 def listening(path: Path) -> socket.socket:
-    """A socket that listens at ``path`` and never blocks. Raises PortBusy if an emulator does, PortError."""
+    """Return a non-blocking socket that listens at ``path``. Raises PortBusy if another emulator does, or PortError."""
     made = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     made.setblocking(False)
     try:
@@ -152,11 +152,11 @@ def listening(path: Path) -> socket.socket:
 
 
 def _remove_remains(path: Path) -> None:
-    """Remove the socket of an ended emulator; leave everything else alone."""
+    """Remove the socket of an emulator that has ended. Leave everything else alone."""
     if not path.exists() and not path.is_symlink():
         return
     if not path.is_socket():
-        raise PortBusy(f"{path} exists and is no emulator's socket: choose another path")
+        raise PortBusy(f"{path} exists and is not an emulator's socket: choose another path")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe, contextlib.suppress(BlockingIOError, TimeoutError):
         probe.settimeout(CONNECT_S)
         try:
@@ -168,10 +168,10 @@ def _remove_remains(path: Path) -> None:
 
 
 class WorldFeedClient:
-    """Reads the newest publication without waiting. ``ended`` once the emulator is gone."""
+    """Reads the latest publication without waiting. ``ended`` is true once the emulator is gone."""
 
     def __init__(self, path: Path) -> None:
-        """Connect to the feed at ``path``. Raises OSError if nobody serves it, or somebody who hangs."""
+        """Connect to the feed at ``path``. Raises OSError if no emulator serves it, or if the emulator hangs."""
         self.ended = False
         self._rest = b""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -184,12 +184,12 @@ class WorldFeedClient:
         self._socket.setblocking(False)
 
     def newest(self) -> dict[str, Any] | None:
-        """The newest complete publication since the last call; None if there is none."""
+        """Return the latest complete publication since the last call; None if there is none."""
         lines = self._lines()
         return dict(json.loads(lines[-1])) if lines else None
 
     def all(self) -> list[dict[str, Any]]:
-        """Every complete publication since the last call, the oldest first."""
+        """Return every complete publication since the last call, oldest first."""
         return [dict(json.loads(line)) for line in self._lines()]
 
     def _lines(self) -> list[bytes]:
@@ -210,6 +210,6 @@ class WorldFeedClient:
         return b"".join(chunks)
 
     def close(self) -> None:
-        """Hang up. Closing twice is no error."""
+        """Disconnect. A second call has no effect."""
         self.ended = True
         self._socket.close()

@@ -1,1 +1,1 @@
-"""The virtual servos: firmware, control table and packets of each series."""
+"""The virtual servos: firmware and control table of each series."""

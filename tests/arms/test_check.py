@@ -92,7 +92,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     ),
     "a link elsewhere in the scene": (
         ("scene.xml", 'name="lower_arm_link" pos="-0.11257', 'name="lower_arm_link" pos="-0.1225'),
-        "lower_arm_link is up to 0.0099 m and 0.000 rad away from where the URDF has it",
+        "lower_arm_link is up to 0.0099 m and 0.000 rad away from its place in the URDF",
     ),
     "a joint of the other direction in the scene": (
         ("scene.xml", '<joint name="elbow_flex"', '<joint axis="0 0 -1" name="elbow_flex"'),
@@ -100,25 +100,28 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     ),
     "a range that differs": (
         ("scene.xml", 'name="wrist_flex" range="-1.65806', 'name="wrist_flex" range="-1.5'),
-        "wrist_flex goes from -1.5 to 1.65806 here and from -1.65806 to 1.65806 in the URDF",
+        "wrist_flex has the range -1.5 to 1.65806 here and -1.65806 to 1.65806 in the URDF",
     ),
     "a mass that differs": (
         ("scene.xml", 'mass="0.104"', 'mass="0.2"'),
         "lower_arm_link weighs 0.2 kg here and 0.104 kg in the URDF",
     ),
-    "a centre of mass that differs": (
+    "a center of mass that differs": (
         ("scene.xml", 'pos="-0.0980701 ', 'pos="0.0980701 '),
-        "lower_arm_link has its centre of mass at",
+        "lower_arm_link has its center of mass at",
     ),
     "an inertia that differs": (
         ("scene.xml", 'fullinertia="2.87438e-05', 'fullinertia="4e-05'),
         "lower_arm_link has the principal inertias",
     ),
-    "no keyframe": (("scene.xml", 'key name="ready"', 'key name="start"'), "scene.xml: it has no keyframe ready"),
-    "no bin": (("scene.xml", 'body name="bin_B"', 'body name="box"'), "scene.xml: it has no body bin_B"),
+    "no keyframe": (
+        ("scene.xml", 'key name="ready"', 'key name="start"'),
+        "scene.xml: the scene has no keyframe ready",
+    ),
+    "no bin": (("scene.xml", 'body name="bin_B"', 'body name="box"'), "scene.xml: the scene has no body bin_B"),
     "no actuator": (
         ("scene.xml", '<motor name="wrist_roll" joint="wrist_roll"/>', ""),
-        "scene.xml: it has no actuator wrist_roll",
+        "scene.xml: the scene has no actuator wrist_roll",
     ),
     "a ready pose that is not the keyframe's": (
         ("pick_place.yaml", "ready: [0.0, -0.603", "ready: [0.0, -0.5"),
@@ -170,7 +173,7 @@ MIMIC: dict[str, tuple[Edit, str]] = {
     ),
     "the wrong sign in the scene": (
         ("scene.xml", 'joint2="hand_right_joint" solref', 'joint2="hand_right_joint" polycoef="0 -1 0 0 0" solref'),
-        "hand_left_joint follows hand_right_joint by -1 and 0 here, and by 1 and 0 in the URDF",
+        "hand_left_joint follows hand_right_joint with multiplier -1 and offset 0 here, but with 1 and 0 in the URDF",
     ),
     "no coupling in the scene": (
         ("scene.xml", '<joint joint1="hand_left_joint" joint2="hand_right_joint" solref="0.004 1"/>', ""),

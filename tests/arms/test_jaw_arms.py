@@ -36,7 +36,7 @@ def test_joints_and_poses_come_from_the_scene(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_same_efforts_same_world(name: str) -> None:
+def test_the_same_efforts_give_the_same_world(name: str) -> None:
     def end() -> bytes:
         world, random = World(find_arm(name).scene), np.random.default_rng(1)
         for _ in range(500):

@@ -208,5 +208,5 @@ def test_simulate_moves_an_arm_without_a_cell_and_refuses_its_jobs(tmp_path: Pat
 def test_jobs_in_a_scene_without_a_cube_are_refused(tmp_path: Path) -> None:
     files = read_arm_files(read_arm(made(tmp_path, TWO_JOINTS)))
     require_cell(files, ())
-    with pytest.raises(ArmFileError, match=r"scene\.xml: it has no joint cube"):
+    with pytest.raises(ArmFileError, match=r"scene\.xml: the scene has no joint cube"):
         require_cell(files, ["A"])

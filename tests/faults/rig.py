@@ -1,4 +1,4 @@
-"""The whole stack on simulated time, with faults: what it says and does about them is written down."""
+"""The whole stack on simulated time with faults. It records everything that the stack reports."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -18,15 +18,15 @@ def files_of(arm: str) -> Files:
 
 
 class FaultRig(FaultyStack):
-    """``said`` has everything that the stack said of faults: in its states, in its log, and as it ended."""
+    """A stack with faults. ``said`` has its reports in states, in the log, and at the end."""
 
     def __init__(self, arm: str = "robot_arm") -> None:
         super().__init__(files=files_of(arm), keep_alive=True)
         self.said: list[str] = []
         self.kinds: dict[str, set[str]] = {}
-        """The kinds of fault that states named, by joint."""
+        """Kinds of fault that states have named, by joint."""
         self.alarms: dict[str, set[str]] = {}
-        """The alarms that /diagnostics shows, by joint."""
+        """Alarms in /diagnostics, by joint."""
         self.on_state = self._note
 
     def _note(self, state: JointState) -> None:
@@ -43,11 +43,11 @@ class FaultRig(FaultyStack):
         self.said.append(f"{self.clock.now():.3f} {text}")
 
     def play(self, *events: Event) -> None:
-        """Times count from now."""
+        """Play events whose times count from now."""
         self.player.play(events, self.world.time_s)
 
     def endure(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Cycles until then, or until the loop ends with an error, which is what it says last."""
+        """Run cycles for this time, or until the loop ends with an error, which is recorded last."""
         handler, log = _Listener(self), logging.getLogger("servoloop")
         level = log.level
         log.addHandler(handler)
@@ -65,7 +65,7 @@ class FaultRig(FaultyStack):
 
 
 class _Listener(logging.Handler):
-    """What is logged is said."""
+    """Records every log message."""
 
     def __init__(self, rig: FaultRig) -> None:
         super().__init__(logging.INFO)
@@ -79,7 +79,7 @@ BEFORE_S, MOVE_S, REACH_RAD = 0.2, 1.5, 0.3
 
 
 def told(arm: str, event: Event, said: Sequence[str] = (), seconds: float = 3.0) -> FaultRig:
-    """An arm on its way to a goal, to which ``event`` happens; not longer than until all of ``said`` has been said."""
+    """Let ``event`` happen to an arm that moves to a goal, until the stack has reported all of ``said``."""
     rig = FaultRig(arm)
     rig.up()
     rig.run(BEFORE_S)

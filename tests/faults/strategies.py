@@ -1,4 +1,4 @@
-"""Any fault, for hypothesis."""
+"""A hypothesis strategy for any fault."""
 
 from random import Random
 from typing import Final

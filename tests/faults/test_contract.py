@@ -1,7 +1,7 @@
-"""What the stack says of each kind of fault, by name: the table of docs/faults.md, on both makes of servos.
+"""Reports of the stack for each kind of fault, as in the table of docs/faults.md, with both makes of servos.
 
-A row's last column quotes the stack; each quotation must be said while the row's example happens to an arm of STS
-servos, or of Dynamixels where ``DYNAMIXEL`` has other words.
+The last column of a row quotes the stack. Each quotation must be reported while the row's example happens to an arm of
+STS servos. ``DYNAMIXEL`` has the quotations that differ for Dynamixels.
 """
 
 import re
@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
 
 def rows() -> dict[str, Row]:
-    """The table, by kind."""
+    """Return the rows of the table by kind."""
     found: dict[str, Row] = {}
     for line in DOCS.read_text().splitlines():
         cells = [cell.strip() for cell in line.strip("|").split(" | ")]
@@ -55,12 +55,12 @@ def test_the_table_has_every_kind_and_its_parameters() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_stack_says_of_a_fault_what_the_table_says(kind: str) -> None:
+def test_the_stack_reports_each_fault_as_the_table_says(kind: str) -> None:
     row = ROWS[kind]
     rig = told("robot_arm", parse(row.example), row.said)
     for quotation in row.said:
         assert rig.says(quotation), f"{quotation!r} is not among {rig.said}"
-    assert row.said, "it says nothing at all?"
+    assert row.said, "the stack reports nothing"
 
 
 DYNAMIXEL = {
@@ -83,11 +83,11 @@ DYNAMIXEL = {
     "eeprom_gone id=3": ["servo 3 does not answer"],
     "foreign_packets id=3 does=lets_go": ["servo 3 has lost its torque"],
 }
-"""What is said of an arm of Dynamixels."""
+"""Reports for an arm of Dynamixels."""
 
 
 @pytest.mark.parametrize("example", DYNAMIXEL)
-def test_a_dynamixel_has_the_same_faults(example: str) -> None:
+def test_dynamixels_can_have_the_same_faults(example: str) -> None:
     rig = told("robot_arm_dynamixel", parse(example), DYNAMIXEL[example])
     for quotation in DYNAMIXEL[example]:
         assert rig.says(quotation), f"{quotation!r} is not among {rig.said}"
@@ -95,7 +95,7 @@ def test_a_dynamixel_has_the_same_faults(example: str) -> None:
 
 @pytest.mark.parametrize("arm", ["robot_arm", "robot_arm_dynamixel"])
 @pytest.mark.parametrize("example", ["silent id=3", "brown_out id=3", "lost_replies id=3", "wrong_id id=3 to=99"])
-def test_one_servos_fault_is_named_within_two_cycles_and_hides_no_other(arm: str, example: str) -> None:
+def test_a_fault_of_one_servo_is_reported_within_two_cycles_and_hides_no_other_servo(arm: str, example: str) -> None:
     rig = FaultRig(arm)
     rig.up()
     rig.run(0.2)
@@ -106,8 +106,8 @@ def test_one_servos_fault_is_named_within_two_cycles_and_hides_no_other(arm: str
     assert set(rig.kinds) == {"joint3"}
 
 
-def test_a_kind_that_a_servo_cannot_have_is_refused_with_a_sentence() -> None:
-    """All of a list at once."""
+def test_faults_that_a_servo_cannot_have_are_refused_with_a_reason() -> None:
+    """All faults of a list are refused at once."""
     rig = FaultRig("robot_arm_dynamixel")
     wrong = [
         "dead_encoder id=3",
@@ -121,12 +121,14 @@ def test_a_kind_that_a_servo_cannot_have_is_refused_with_a_sentence() -> None:
     said = str(refused.value).splitlines()
     assert len(said) == len(wrong)
     for line, why in zip(
-        said, ["says nothing of its encoder", "no protection", "not 12345", "not 7", "no servo 9"], strict=True
+        said,
+        ["does not report the state of its encoder", "no overcurrent protection", "not 12345", "not 7", "no servo 9"],
+        strict=True,
     ):
         assert why in line
 
 
-def test_an_answer_to_another_program_is_no_loss_of_torque() -> None:
-    """A reply of an STS does not say what it answers; one of the size of ours is taken for ours."""
+def test_a_reply_to_another_program_does_not_count_as_loss_of_torque() -> None:
+    """An STS reply does not name its instruction, so a reply of the expected size is taken for ours."""
     rig = told("robot_arm", parse("foreign_packets id=3 every=20ms"))
     assert not rig.kinds, rig.said

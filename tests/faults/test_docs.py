@@ -1,4 +1,4 @@
-"""docs/faults.md: its commands, its file and its program, run."""
+"""The commands, the file and the program of docs/faults.md work."""
 
 import json
 import re
@@ -45,7 +45,7 @@ def fault(*arguments: str) -> Result:
 
 @pytest.mark.slow
 @pytest.mark.runs(EMULATE, *FAULTS)
-def test_the_commands_let_faults_happen_in_their_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_start_faults_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     said: dict[str, str] = {}
     with emulating(EMULATE, tmp_path):
@@ -70,7 +70,7 @@ def test_the_commands_let_faults_happen_in_their_order(tmp_path: Path, monkeypat
 
 @pytest.mark.slow
 @pytest.mark.runs(EMULATE_FILE, f"{PAGE} yaml 1")
-def test_the_file_is_played_from_the_moment_at_which_the_emulator_is_ready(tmp_path: Path) -> None:
+def test_the_file_is_played_from_when_the_emulator_is_ready(tmp_path: Path) -> None:
     (tmp_path / "faults.yaml").write_text(code(PAGE, "yaml"))
     with emulating(EMULATE_FILE, tmp_path):
 
@@ -84,7 +84,7 @@ def test_the_file_is_played_from_the_moment_at_which_the_emulator_is_ready(tmp_p
 
 
 @pytest.mark.runs(SIMULATE, f"{PAGE} yaml 1")
-def test_the_file_is_played_to_the_whole_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_is_played_on_the_whole_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "faults.yaml").write_text(code(PAGE, "yaml"))
     result = CliRunner().invoke(app, [*shlex.split(SIMULATE)[1:], "--json"])
@@ -101,13 +101,13 @@ def test_the_program_does_what_it_shows() -> None:
     assert not rig.bus.faults.mute.isdisjoint(rig.bus.servos)
 
 
-def test_all_kinds_are_listed_for_programs_too() -> None:
+def test_all_kinds_are_listed_as_json() -> None:
     listed = json.loads(fault("--list", "--json").output)
     assert list(listed) == list(KINDS)
     assert listed["silent"] == {"does": listed["silent"]["does"], "parameters": ["id", "bus", "at", "since", "for"]}
 
 
-def test_without_an_emulator_the_sentence_says_so(tmp_path: Path) -> None:
+def test_errors_name_the_missing_emulator_and_the_wrong_faults(tmp_path: Path) -> None:
     assert "is it running?" in str(fault(str(tmp_path / "bus"), "silent id=3").exception)
     assert "LINK" in str(fault().exception)
     broken = tmp_path / "faults.yaml"
@@ -119,7 +119,7 @@ def test_without_an_emulator_the_sentence_says_so(tmp_path: Path) -> None:
     assert "there is no servo 9" in str(result.exception) and "there is no stack" in str(result.exception)
 
 
-def test_the_table_of_problems_names_kinds_that_there_are() -> None:
+def test_the_table_of_problems_names_existing_kinds() -> None:
     section = (DOCS / PAGE).read_text().partition("## Problems of owners")[2].partition("\n\n## ")[0]
     named = [
         text

@@ -1,4 +1,4 @@
-"""Schedules are drawn up front, each kind from its own numbers."""
+"""Schedules are drawn before the run, and each kind of fault has its own random numbers."""
 
 from collections import Counter
 from contextlib import ExitStack
@@ -22,7 +22,7 @@ from sim_backend.mechanics.plant import BenchPlant
 from tests.faults.strategies import TWO_LINES
 
 
-def test_a_seed_gives_one_schedule_that_is_possible() -> None:
+def test_a_seed_determines_one_possible_schedule() -> None:
     schedules = [draw(seed, TWO_LINES, 20.0, 30) for seed in range(10)]
     assert schedules == [draw(seed, TWO_LINES, 20.0, 30) for seed in range(10)]
     assert len(set(schedules)) == 10
@@ -35,7 +35,7 @@ def test_a_seed_gives_one_schedule_that_is_possible() -> None:
     assert {event.kind for schedule in schedules for event in schedule} == set(KINDS)
 
 
-def test_one_more_number_in_a_kind_changes_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_draw_within_one_kind_does_not_change_other_kinds(monkeypatch: pytest.MonkeyPatch) -> None:
     before = [draw(seed, TWO_LINES, 10.0, 30) for seed in range(10)]
     parameters = Hot.draw_parameters
 
@@ -53,24 +53,24 @@ def test_one_more_number_in_a_kind_changes_no_other(monkeypatch: pytest.MonkeyPa
     assert others(after) == others(before)
 
 
-def test_a_kind_less_only_makes_room() -> None:
+def test_leaving_out_a_kind_only_makes_room_for_others() -> None:
     for seed in range(20):
         fewer = draw(seed, TWO_LINES, 10.0, 20, set(KINDS) - {"hot"})
         kept = [event for event in draw(seed, TWO_LINES, 10.0, 20) if event.kind != "hot"]
         assert set(kept) <= set(fewer)
 
 
-def test_more_faults_are_those_and_more() -> None:
+def test_a_longer_schedule_contains_the_shorter_one() -> None:
     assert set(draw(3, TWO_LINES, 10.0, 5)) <= set(draw(3, TWO_LINES, 10.0, 25))
 
 
-def test_only_the_kinds_that_are_asked_for_are_drawn() -> None:
+def test_only_requested_kinds_are_drawn() -> None:
     assert {event.kind for event in draw(1, TWO_LINES, 10.0, 9, ["silent", "noise"])} == {"silent", "noise"}
     with pytest.raises(FaultError, match="there is no fault 'sillent'"):
         draw(1, TWO_LINES, 10.0, 9, ["sillent"])
 
 
-def test_what_nothing_there_can_have_is_not_drawn() -> None:
+def test_impossible_faults_are_not_drawn() -> None:
     bare = Inventory({"": TWO_LINES.servos["the hand"]}, world=False, adapters=False, stack=False)
     drawn = {event.kind for seed in range(20) for event in draw(seed, bare, 10.0, 40)}
     missing = {"jammed", "overload", "overcurrent", "dead_encoder", "adapter_unplugged", "stall"}
@@ -78,8 +78,8 @@ def test_what_nothing_there_can_have_is_not_drawn() -> None:
     assert "silent" in drawn
 
 
-def test_what_is_left_of_a_reply_changes_nothing_of_what_happens_to_the_next() -> None:
-    """Each event has its own numbers, and takes one for each reply."""
+def test_other_faults_of_a_reply_do_not_change_the_next_reply() -> None:
+    """Each event has its own random numbers and takes one for each reply."""
 
     def flipped(*others: Event) -> list[bytes]:
         line = VirtualBus.of(BenchPlant((1,)))
@@ -95,7 +95,7 @@ def test_what_is_left_of_a_reply_changes_nothing_of_what_happens_to_the_next() -
 
 
 def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float]:
-    """A parameter of many faults of one kind, ascending; those that have none are left out."""
+    """Return a parameter of many faults of one kind in ascending order, without faults that lack it."""
     events = [event for seed in range(100) for event in draw(seed, there, 10.0, 10, [kind])]
     return sorted(value for event in events if (value := getattr(event, parameter)) is not None)
 
@@ -112,7 +112,7 @@ def drawn(kind: str, parameter: str, there: Inventory = TWO_LINES) -> list[float
         ("foreign_packets", "every_s", 0.001, 1.0),
     ],
 )
-def test_each_factor_of_ten_is_drawn_as_often(kind: str, parameter: str, lowest: float, highest: float) -> None:
+def test_each_power_of_ten_is_drawn_equally_often(kind: str, parameter: str, lowest: float, highest: float) -> None:
     values = drawn(kind, parameter)
     decades = log10(highest / lowest)
     assert lowest <= values[0] < lowest * 10 ** (0.1 * decades)
@@ -120,25 +120,25 @@ def test_each_factor_of_ten_is_drawn_as_often(kind: str, parameter: str, lowest:
     assert 0.4 * decades < log10(values[len(values) // 2] / lowest) < 0.6 * decades
 
 
-def test_faults_last_from_a_packet_to_a_run_and_half_of_them_about_as_long_as_time_outs() -> None:
+def test_half_of_the_durations_are_near_the_time_outs() -> None:
     lengths_s = drawn("silent", "for_s")
     assert lengths_s[0] < 0.003 and lengths_s[-1] > 10.0
     usual = sum(0.05 <= length_s <= 2.0 for length_s in lengths_s) / len(lengths_s)
-    assert 0.6 < usual < 0.75  # the half, and of the others what is between the two times
+    assert 0.6 < usual < 0.75  # one half, and those of the other half that are in the same range
 
 
 @pytest.mark.parametrize(
     ("kind", "parameter", "usual"),
     [("weak_supply", "voltage_v", 12.0), ("hot", "temperature_c", 70.0), ("overload", "torque_nm", 3.0)],
 )
-def test_what_an_arm_bears_is_undercut_and_exceeded(kind: str, parameter: str, usual: float) -> None:
+def test_drawn_values_lie_on_both_sides_of_the_limit(kind: str, parameter: str, usual: float) -> None:
     servos = Inventory({"": TWO_LINES.servos["arm"]})
     sizes = sorted(abs(value) for value in drawn(kind, parameter, servos))
     assert sizes[0] < 0.5 * usual < 2.0 * usual < sizes[-1]
 
 
 @pytest.mark.parametrize("kind", ["overload", "slipped_horn", "false_position", "controller_jumps"])
-def test_what_has_a_sign_is_drawn_with_both(kind: str) -> None:
+def test_signed_parameters_are_drawn_with_both_signs(kind: str) -> None:
     name = {"overload": "torque_nm", "controller_jumps": "by_rad"}.get(kind, "counts")
     values = drawn(kind, name)
     sizes = sorted(abs(value) for value in values)

@@ -1,4 +1,4 @@
-"""False values with a right checksum: which registers, how often, and what becomes of them on the way."""
+"""False values with a correct checksum: the possible registers, their frequency, and their effect on the way."""
 
 from collections import Counter
 
@@ -26,7 +26,7 @@ def drawn(model: ServoModel) -> list[FalseValue]:
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_what_the_stack_reads_in_its_cycles_is_drawn_where_the_model_has_it(model: ServoModel) -> None:
+def test_all_registers_read_in_the_cycle_are_drawn(model: ServoModel) -> None:
     events = drawn(model)
     assert {"present_voltage", "present_temperature", "torque_enable"} < {event.register_name for event in events}
     assert {event.register_name for event in events} <= set(READ_IN_CYCLES)
@@ -50,11 +50,15 @@ def test_drawn_values_are_small_and_large_single_and_lasting() -> None:
             x.XL430_W250,
             "a xl430-w250 has no register 'status': `servoloop register list`",
         ),
-        ("false_value id=1 register=present_voltage value=256", sts.STS3215, "present_voltage takes 0 to 255, not 256"),
+        (
+            "false_value id=1 register=present_voltage value=256",
+            sts.STS3215,
+            "present_voltage must be 0 to 255, not 256",
+        ),
         ("false_value id=1 register=nonsense value=1", sts.STS3215, "a sts3215 has no register 'nonsense'"),
     ],
 )
-def test_what_no_servo_of_the_model_can_say_is_refused(text: str, model: ServoModel, why: str) -> None:
+def test_values_that_the_model_cannot_report_are_refused(text: str, model: ServoModel, why: str) -> None:
     with pytest.raises(FaultError, match=why):
         parse(text).refuse(there(model))
 
@@ -79,7 +83,7 @@ def test_a_value_is_false_once_in_each_n_th_reply_or_always(arm: str, text: str,
     assert seen[-1] < 60.0
 
 
-def test_a_false_status_stands_in_the_error_byte() -> None:
-    """32 is the bit for overload, which lets an STS reduce its torque and nothing else."""
+def test_a_false_status_is_sent_in_the_error_byte() -> None:
+    """The value 32 is the overload bit, for which an STS only reduces its torque."""
     rig = told("robot_arm", parse("false_value id=3 register=status value=32 for=0.3s"))
     assert rig.says("joint3: alarm: overload") and rig.says("goal: SUCCEEDED")

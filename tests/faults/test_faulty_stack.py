@@ -1,4 +1,4 @@
-"""The simulated stack with a player: without faults the same as without one, and what clients do to it."""
+"""The simulated stack with a fault player: unchanged without faults, and with faults of clients."""
 
 import pytest
 
@@ -19,7 +19,7 @@ from tests.stack.rig import PICK, READY
 
 
 @pytest.mark.parametrize("arm", ["robot_arm", "robot_arm_dynamixel"])
-def test_without_faults_it_does_the_same_to_the_byte(arm: str) -> None:
+def test_without_faults_the_bytes_are_the_same(arm: str) -> None:
     digests: list[str] = []
     for kind in (SimulatedStack, FaultyStack):
         stack, digest = kind(files=files_of(arm)), Digest()
@@ -44,7 +44,7 @@ def test_a_job_survives_noise_and_echo() -> None:
     assert record.success, record.message
 
 
-def test_a_cancelled_goal_is_answered_and_the_arm_stands() -> None:
+def test_a_canceled_goal_is_reported_and_the_arm_stops() -> None:
     stack = FaultyStack(files=files_of("robot_arm"))
     stack.up()
     handle = stack.go(PICK)
@@ -54,7 +54,7 @@ def test_a_cancelled_goal_is_answered_and_the_arm_stands() -> None:
     assert abs(stack.world.velocity()[:6]).max() < 0.05
 
 
-def test_a_client_that_is_dead_sends_nothing_more() -> None:
+def test_a_dead_client_sends_no_more_goals() -> None:
     stack = FaultyStack(files=files_of("robot_arm"))
     stack.up()
     handles = [stack.go(READY, 0.5)]
@@ -70,7 +70,7 @@ def test_a_client_that_is_dead_sends_nothing_more() -> None:
     assert 2 <= len(handles) <= 4
 
 
-def test_all_nonsense_is_refused_with_its_reason() -> None:
+def test_all_invalid_goals_are_refused_with_a_reason() -> None:
     stack = FaultyStack(files=files_of("robot_arm"))
     stack.up()
     stack.run(0.2)
@@ -90,7 +90,7 @@ def test_all_nonsense_is_refused_with_its_reason() -> None:
         ("controller_jumps", {"arm_controller", "hand_controller"}),
     ],
 )
-def test_faults_of_controllers_are_drawn_for_all_that_can_have_them(kind: str, controllers: set[str]) -> None:
+def test_controller_faults_are_drawn_for_every_possible_controller(kind: str, controllers: set[str]) -> None:
     there = inventory_of(files_of("robot_arm"))
     assert there.controllers == FaultRig().player.targets.inventory.controllers
     assert {getattr(event, "controller", "") for event in draw(1, there, 10.0, 30, [kind])} == controllers
@@ -103,11 +103,11 @@ def test_a_controller_that_commands_no_joints_cannot_command_nan() -> None:
         FaultRig().play(parse("controller_nan controller=joint_state_broadcaster"))
 
 
-def test_a_broadcaster_that_raises_ends_no_goal() -> None:
+def test_an_exception_in_a_broadcaster_ends_no_goal() -> None:
     rig = told("robot_arm", parse("controller_raises controller=joint_state_broadcaster at=300ms"))
     assert rig.says("joint_state_broadcaster failed") and rig.says("goal: SUCCEEDED")
 
 
-def test_a_hand_whose_controller_commands_nan_holds_and_the_arm_goes_on() -> None:
+def test_nan_from_the_hand_controller_stops_the_hand_but_not_the_arm() -> None:
     rig = told("robot_arm", parse("controller_nan controller=hand_controller at=300ms"))
     assert rig.says("safety gate: hand_right_joint: the command is nan: holding") and rig.says("goal: SUCCEEDED")

@@ -1,4 +1,4 @@
-"""Faults over the whole life of a stack: since its start, since it is up, and since its end."""
+"""Faults during the whole life of a stack: since its start, since it is up, and since its end."""
 
 from collections import Counter
 from dataclasses import replace
@@ -33,7 +33,7 @@ def life(*texts: str, seconds: float = 0.3) -> RunReport:
     return run_schedule(files_of("robot_arm"), Settings(), Schedule(seconds=seconds, faults=faults))
 
 
-def test_a_fault_counts_from_the_moment_when_the_arm_is_up_unless_it_names_another(tmp_path: Path) -> None:
+def test_fault_times_count_from_when_the_arm_is_up_by_default(tmp_path: Path) -> None:
     assert parse("silent id=3").since == "up"
     event = parse("silent id=3 at=5ms since=end for=2s")
     assert event.since == "end" and text_of(event) == "silent id=3 at=0.005s since=end for=2.0s"
@@ -60,13 +60,13 @@ def test_the_documented_faults_of_start_and_end_happen(tmp_path: Path) -> None:
         ("silent id=3 at=20ms since=start", "servo 3: answers only intermittently"),
     ],
 )
-def test_an_arm_that_cannot_come_up_ends_the_program_as_in_life(text: str, why: str) -> None:
+def test_the_program_ends_if_the_arm_cannot_come_up(text: str, why: str) -> None:
     report = life(text)
     assert why in report.ended
     assert report.violations == () and report.simulated_s < 10.0
 
 
-def test_a_start_that_a_fault_only_disturbs_goes_on() -> None:
+def test_a_disturbed_start_continues() -> None:
     report = life("missed_instructions id=3 chance=0.2 since=start for=30ms")
     assert report.ended == "" and report.violations == ()
 
@@ -84,16 +84,16 @@ def test_a_fault_happens_while_the_program_ends(text: str) -> None:
     assert 0.05 < stack.world.time_s - ends_s < 1.0
 
 
-def test_what_waits_for_its_moment_is_coming_and_can_be_taken_back() -> None:
+def test_faults_that_wait_for_their_moment_are_listed_and_can_be_canceled() -> None:
     rig = FaultRig()
     rig.player.plan(map(parse, ("silent id=3 since=end", "hot id=2 at=1s", "silent id=4 since=end")))
     rig.up()
     assert [event.kind for event in rig.player.coming] == ["hot", "silent", "silent"]
-    rig.player.take_back(matching("silent id=3"))
+    rig.player.cancel(matching("silent id=3"))
     assert [text_of(event) for event in rig.player.coming] == ["hot id=2 at=1.0s", "silent id=4 since=end"]
 
 
-def test_a_moment_that_is_over_is_refused() -> None:
+def test_faults_of_a_past_moment_are_refused() -> None:
     rig = FaultRig()
     rig.up()
     with pytest.raises(FaultError, match=r"silent at 0 s since start: that moment is over"):
@@ -103,7 +103,7 @@ def test_a_moment_that_is_over_is_refused() -> None:
         rig.play(parse("silent id=3 since=end"))
 
 
-def test_servos_without_a_stack_know_no_start_and_no_end() -> None:
+def test_servos_without_a_stack_have_no_start_or_end() -> None:
     player = FaultPlayer(Targets({"": VirtualBus.of(BenchPlant((1, 2)))}))
     with pytest.raises(FaultError) as refused:
         player.play([parse("silent id=1 since=start"), parse("silent id=2 at=1s since=end"), parse("silent id=2")])
@@ -113,7 +113,7 @@ def test_servos_without_a_stack_know_no_start_and_no_end() -> None:
     ]
 
 
-def test_a_simulation_that_is_not_ended_refuses_faults_of_the_end(
+def test_a_simulation_without_an_end_refuses_faults_of_the_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     schedule = tmp_path / "schedule.yaml"
@@ -122,7 +122,7 @@ def test_a_simulation_that_is_not_ended_refuses_faults_of_the_end(
     assert f"{schedule}:4: echo at 0 s since end: no stack ends here" in said and ":3:" not in said
 
 
-def test_a_third_of_the_drawn_faults_begins_at_the_start_or_at_the_end() -> None:
+def test_a_third_of_the_drawn_faults_starts_at_the_start_or_the_end() -> None:
     drawn = [event for seed in range(100) for event in draw(seed, TWO_LINES, 10.0, 20)]
     share = Counter(event.since for event in drawn)
     assert all(0.13 < share[since] / len(drawn) < 0.20 for since in ("start", "end"))
@@ -141,7 +141,7 @@ def test_faults_of_the_start_are_drawn_within_the_activation(arm: str) -> None:
     assert there.start_s == pytest.approx(rig.clock.now(), rel=0.1)
 
 
-def test_the_end_of_an_arm_that_parks_takes_longer_than_that_of_one_that_is_held() -> None:
+def test_parking_takes_longer_than_holding() -> None:
     files = files_of("robot_arm")
     relaxed = files.robot.file.model_copy(
         update={"on_exit": files.robot.file.on_exit.model_copy(update={"virtual": "relax"})}
@@ -164,7 +164,7 @@ def test_shrinking_tries_the_same_fault_while_the_arm_is_up() -> None:
     assert left.since == "up"
 
 
-def test_a_users_test_may_plan_faults_of_the_end() -> None:
+def test_user_tests_can_plan_faults_of_the_end() -> None:
     arm = VirtualArm({"arm": "robot_arm"})
     arm.plan("silent id=3 at=20ms since=end")
     arm.up()

@@ -1,4 +1,4 @@
-"""Faults begin and end in their milliseconds, may overlap, and leave everything as it was."""
+"""Faults begin and end in the right millisecond, can overlap, and restore the previous state."""
 
 from dataclasses import replace
 from itertools import product
@@ -39,7 +39,7 @@ def up() -> FaultRig:
 
 
 class Bench:
-    """Three STS servos, each second a thousand milliseconds."""
+    """Three STS servos on a line that runs one millisecond per step."""
 
     def __init__(self) -> None:
         self.line = VirtualBus.of(BenchPlant(IDS))
@@ -56,14 +56,14 @@ class Bench:
             self.player.update(self.ms / 1000.0)
 
     def reply(self, servo_id: int) -> bytes:
-        """To a ping, whose bytes take no time of the servos'."""
+        """Return the reply to a ping, whose bytes take no time."""
         body = bytes((servo_id, 2, Code.PING))
         self.line.paced = False
         now_s = self.line.reached_s
         return b"".join(r.data for r in self.line.receive(b"\xff\xff" + body + bytes((checksum(body),)), now_s))
 
 
-def test_a_fault_lasts_from_its_millisecond_to_the_one_in_which_it_ends() -> None:
+def test_a_fault_starts_and_ends_in_the_right_millisecond() -> None:
     bench = Bench()
     bench.play("silent id=2 at=100ms for=50ms")
     heard = []
@@ -75,7 +75,7 @@ def test_a_fault_lasts_from_its_millisecond_to_the_one_in_which_it_ends() -> Non
     assert not bench.player.active and not bench.player.coming
 
 
-def test_what_two_faults_hold_is_held_until_the_last_has_ended() -> None:
+def test_a_shared_fault_lasts_until_the_last_holder_ends() -> None:
     bench = Bench()
     bench.play("silent id=2 for=100ms", "silent id=2 at=50ms for=100ms")
     bench.until(120)
@@ -84,7 +84,7 @@ def test_what_two_faults_hold_is_held_until_the_last_has_ended() -> None:
     assert bench.reply(2)
 
 
-def test_of_two_values_the_last_to_begin_counts_and_then_the_one_before() -> None:
+def test_the_newest_value_applies_and_then_the_previous_one() -> None:
     bench = Bench()
     voltages = []
     bench.play("weak_supply voltage=9 for=300ms", "weak_supply voltage=7 at=100ms for=100ms")
@@ -94,7 +94,7 @@ def test_of_two_values_the_last_to_begin_counts_and_then_the_one_before() -> Non
     assert voltages == [9.0, 7.0, 9.0, 12.0]
 
 
-def test_a_servo_with_another_id_is_silent_still() -> None:
+def test_a_silent_servo_stays_silent_under_another_id() -> None:
     bench = Bench()
     bench.play("silent id=2", "wrong_id id=2 to=9 at=10ms for=10ms")
     bench.until(15)
@@ -107,8 +107,8 @@ MODELS = (sts.STS3215, scs.SCS0009, ax_mx.AX_12A, ax_mx.MX_28, x.XL430_W250, x.X
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_servos_of_each_series_have_a_kind_or_refuse_it(model: ServoModel) -> None:
-    """Whatever they have ends again: they answer as before, but for what is gone for good."""
+def test_servos_of_each_series_accept_or_refuse_each_kind(model: ServoModel) -> None:
+    """After the fault the servos answer as before, except for permanent changes."""
     made = VirtualDynamixelBus.of if series_of(model).protocol is PROTOCOL_2 else VirtualBus.of
     for kind, number in product(sorted(KINDS), range(3)):
         line: ServoLine[Any] = made(BenchPlant(IDS), dict.fromkeys(IDS, model))
@@ -144,29 +144,35 @@ def test_closing_ends_everything() -> None:
     assert bench.line.servo(1).firmware.voltage_v == usual
 
 
-def test_one_that_cannot_happen_keeps_all_from_happening() -> None:
+def test_one_impossible_fault_prevents_the_whole_list() -> None:
     bench = Bench()
     with pytest.raises(FaultError) as refused:
         bench.play("silent id=2", "silent id=4", "jammed id=1", "stall for=1", "adapter_unplugged", "cable_cut after=3")
     said = str(refused.value)
     assert len(said.splitlines()) == 5
-    for why in ("no servo 4: known are 1, 2, 3", "no world", "no stack", "no adapter", "servo 3 is the last"):
+    for why in (
+        "no servo 4: known servos: 1, 2, 3",
+        "without a simulated arm",
+        "no stack",
+        "no adapter",
+        "servo 3 is the last",
+    ):
         assert why in said
     bench.until(10)
     assert bench.reply(2)
 
 
-def test_a_fault_of_a_controller_that_is_not_there_is_refused() -> None:
+def test_a_fault_of_an_unknown_controller_is_refused() -> None:
     rig = FaultRig()
     there = rig.player.targets.inventory
     assert there.servos == inventory_of(rig.files).servos
     assert list(there.servos[""]) == list(range(1, 8))
-    with pytest.raises(FaultError, match="no controller 'nobody': known are"):
+    with pytest.raises(FaultError, match="no controller 'nobody': known controllers"):
         rig.play(parse("controller_nan controller=nobody"))
 
 
 def test_servos_from_the_box_cannot_be_named() -> None:
-    with pytest.raises(FaultError, match="those from a box all have one ID"):
+    with pytest.raises(FaultError, match="all servos from a box have one ID"):
         FaultPlayer(Targets({})).play([parse("echo")])
 
 
@@ -184,7 +190,7 @@ def test_the_same_faults_give_the_same_bytes() -> None:
     assert wires[0] == wires[1]
 
 
-def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running() -> None:
+def test_a_drawn_schedule_of_all_kinds_does_not_end_the_loop() -> None:
     rig = up()
     schedule = draw(1, replace(rig.player.targets.inventory, start_s=None, end_s=None), 1.0, 40)
     rig.play(*schedule)
@@ -194,9 +200,9 @@ def test_a_drawn_schedule_of_all_kinds_can_be_played_and_leaves_the_loop_running
 
 
 @pytest.mark.parametrize("back", ["", " as=/dev/ttyACM7"])
-def test_an_adapter_is_opened_again_where_it_comes_back_under_its_name(back: str) -> None:
+def test_an_adapter_is_reopened_only_under_its_own_name(back: str) -> None:
     rig = told("robot_arm", parse(f"adapter_unplugged for=300ms{back}"), seconds=0.1)
-    assert not rig.says("measured again")  # nobody is asked
+    assert not rig.says("measured again")  # the servos are not read
     component = rig.made[0]
     assert component.state is LifecycleState.UNCONFIGURED
     rig.endure(0.3)
@@ -209,7 +215,7 @@ def test_an_adapter_is_opened_again_where_it_comes_back_under_its_name(back: str
         assert component.state is LifecycleState.ACTIVE
 
 
-def test_a_port_that_was_lost_stays_lost_when_the_adapter_is_back() -> None:
+def test_a_lost_port_stays_lost_after_replugging() -> None:
     adapter = VirtualAdapter(VirtualBus.of(BenchPlant(IDS)), SimulatedClock(), "/dev/ttyACM0")
     port = adapter.open("/dev/ttyACM0")
     adapter.unplug()
@@ -218,11 +224,11 @@ def test_a_port_that_was_lost_stays_lost_when_the_adapter_is_back() -> None:
         port.write(b"")
     assert adapter.open("/dev/ttyACM0").is_open
     adapter.unplug()
-    with pytest.raises(PortMissing, match="there is none"):
+    with pytest.raises(PortMissing, match="present: none"):
         adapter.open("/dev/ttyACM0")
 
 
-def test_jammed_gears_hold_and_are_free_again() -> None:
+def test_jammed_gears_block_the_joint_until_the_fault_ends() -> None:
     rig = up()
     inertia = rig.world.model.dof_armature.copy()
     rig.play(parse("jammed id=2 for=1s"), parse("jammed id=2 at=500ms for=1s"))
@@ -236,7 +242,7 @@ def test_jammed_gears_hold_and_are_free_again() -> None:
     assert (rig.world.model.dof_armature == inertia).all()
 
 
-def test_a_horn_that_slips_moves_the_joint_and_not_the_counts() -> None:
+def test_a_slipped_horn_moves_the_joint_but_not_the_counts() -> None:
     rig = up()
     rig.run(0.3)
     before = rig.world.position()[0]
@@ -255,17 +261,17 @@ def test_a_horn_that_slips_moves_the_joint_and_not_the_counts() -> None:
         ("hot temperature=95", ["silent id=1", "silent id=3 for=2.0s"]),
     ],
 )
-def test_faults_are_taken_back_by_kind_and_parameters(text: str, left: list[str]) -> None:
+def test_faults_are_ended_by_kind_and_parameters(text: str, left: list[str]) -> None:
     bench = Bench()
     bench.play("silent id=1", "silent id=3 for=2s", "hot id=2 temperature=95 at=5s")
     bench.until(10)
-    bench.player.take_back(matching(text))
+    bench.player.cancel(matching(text))
     assert [text_of(one) for one in (*bench.player.active.values(), *bench.player.coming)] == left
     bench.until(6000)
     assert bench.reply(3) and bool(bench.reply(1)) == ("silent id=1" not in left)
 
 
 @pytest.mark.parametrize("text", ["sillent", "silent idd=3", "silent 3"])
-def test_a_mistake_in_what_is_to_be_taken_back_is_said(text: str) -> None:
+def test_invalid_faults_to_end_are_refused(text: str) -> None:
     with pytest.raises(FaultError, match=r"there is no fault|silent takes id="):
         matching(text)

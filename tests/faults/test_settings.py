@@ -1,4 +1,4 @@
-"""Wrong settings and loose plugs: what is refused, and what the stack does about them at activation."""
+"""Wrong settings and loose plugs: invalid ones are refused, and the stack handles the others at activation."""
 
 import pytest
 
@@ -17,23 +17,27 @@ from tests.faults.test_moments import life
 @pytest.mark.parametrize(
     ("text", "model", "why"),
     [
-        ("wrong_setting id=1 register=id value=4", sts.STS3215, "wrong_id is the fault for this register"),
+        ("wrong_setting id=1 register=id value=4", sts.STS3215, "use the fault wrong_id for this register"),
         (
             "wrong_setting id=1 register=torque_enable value=0",
             sts.STS3215,
-            "is no setting that a sts3215 keeps without",
+            "is not a setting that a sts3215 keeps without",
         ),
-        ("wrong_setting id=1 register=model_number value=1", sts.STS3215, "is no setting that a sts3215 keeps without"),
-        ("wrong_setting id=1 register=position_p value=256", sts.STS3215, "position_p takes 0 to 255, not 256"),
+        (
+            "wrong_setting id=1 register=model_number value=1",
+            sts.STS3215,
+            "is not a setting that a sts3215 keeps without",
+        ),
+        ("wrong_setting id=1 register=position_p value=256", sts.STS3215, "position_p must be 0 to 255, not 256"),
         ("wrong_setting id=1 register=position_p value=9", x.XL430_W250, "has no register 'position_p'"),
     ],
 )
-def test_a_register_that_cannot_be_set_wrong_is_refused(text: str, model: ServoModel, why: str) -> None:
+def test_wrong_values_that_a_register_cannot_have_are_refused(text: str, model: ServoModel, why: str) -> None:
     with pytest.raises(FaultError, match=why):
         parse(text).refuse(Inventory({"": {1: model}}))
 
 
-def test_settings_of_the_eeprom_are_drawn_except_for_those_with_kinds_of_their_own() -> None:
+def test_eeprom_settings_without_their_own_kind_are_drawn() -> None:
     there = Inventory({"": {1: sts.STS3215, 2: sts.STS3215}})
     events = [event for seed in range(40) for event in draw(seed, there, 10.0, 10, ["wrong_setting"])]
     names = {event.register_name for event in events if isinstance(event, WrongSetting)}
@@ -41,13 +45,13 @@ def test_settings_of_the_eeprom_are_drawn_except_for_those_with_kinds_of_their_o
     assert not names & {*OWN_KINDS, "model_number", "torque_enable"}
 
 
-def test_limits_that_hold_a_joint_back_are_refused_at_activation() -> None:
+def test_limits_that_restrict_a_joint_are_refused_at_activation() -> None:
     report = life("wrong_setting id=3 register=max_position value=1600 since=start")
     assert "joint3" in report.ended and "has position limits" in report.ended
     assert report.violations == ()
 
 
-def test_a_setting_is_right_again_when_the_fault_is_over() -> None:
+def test_a_setting_is_restored_when_the_fault_ends() -> None:
     rig = FaultRig()
     rig.up()
     servo = rig.bus.servo(3)
@@ -59,7 +63,7 @@ def test_a_setting_is_right_again_when_the_fault_is_over() -> None:
     assert servo.memory.get(sts.position_p) == usual
 
 
-def test_a_loose_plug_takes_the_torque_and_gives_none_back_by_itself() -> None:
+def test_torque_stays_off_after_a_loose_plug() -> None:
     rig = FaultRig()
     rig.up()
     rig.play(parse("loose_plug id=3 every=0.3s for=1s"))

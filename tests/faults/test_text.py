@@ -1,4 +1,4 @@
-"""Faults as text, as YAML and as events are the same; what is wrong with any of them is said at once."""
+"""Faults as text, YAML and events are equivalent, and all mistakes are reported at once."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def test_an_event_and_its_text_are_the_same(event: Event) -> None:
 
 @settings(max_examples=50)
 @given(st.text(min_size=1, max_size=20))
-def test_a_lines_name_may_be_anything(name: str) -> None:
+def test_line_names_can_have_any_characters(name: str) -> None:
     event = Silent(servo_id=3, bus=name)
     assert parse(text_of(event)) == event
 
@@ -43,7 +43,7 @@ def test_events_and_their_file_are_the_same(tmp_path_factory: pytest.TempPathFac
         ("  silent   id=3 bus='left arm'", Silent(servo_id=3, bus="left arm")),
     ],
 )
-def test_a_text_is_read(text: str, event: Event) -> None:
+def test_a_text_is_parsed(text: str, event: Event) -> None:
     assert parse(text) == event
 
 
@@ -55,25 +55,25 @@ def test_a_text_is_read(text: str, event: Event) -> None:
         ("silent", ["id: Field required", "silent id=ID"]),
         ("silent 3", ["3: silent takes id=, bus=, at=, since=, for="]),
         ("silent id=three fr=2 at=-1s", ["id: Input should be a valid integer", "fr=2: silent takes", "at: Input"]),
-        ("silent id=3 id=4", ["id=4: id stands here for the second time"]),
+        ("silent id=3 id=4", ["id=4: id is given twice"]),
         ("silent id=3 for=0s", ["for: Input should be greater than 0"]),
         ("silent id=3 for=nans", ["for: Input should be a finite number"]),
         ("silent id=3 'for=2", ["no closing quotation"]),
         ("brown_out id=3 for=1s", ["for=1s: brown_out takes id=, bus=, at="]),
-        ("weak_supply", ["a weak supply has a voltage_v, a resistance_ohm, or both"]),
-        ("slipped_horn id=3 counts=0", ["counts: 0 counts are no slip"]),
+        ("weak_supply", ["a weak supply needs voltage_v, resistance_ohm, or both"]),
+        ("slipped_horn id=3 counts=0", ["counts: a slip of 0 counts has no effect"]),
         ("adapter_unplugged as=ttyACM1", ["needs for_s"]),
         ("lost_replies chance=1.5", ["chance: Input should be less than or equal to 1"]),
     ],
 )
-def test_a_text_with_mistakes_says_all_of_them(text: str, said: list[str]) -> None:
+def test_all_mistakes_of_a_text_are_reported(text: str, said: list[str]) -> None:
     with pytest.raises(FaultError) as refused:
         parse(text)
     for each in said:
         assert each in str(refused.value)
 
 
-def test_a_file_with_mistakes_says_all_of_them_with_their_lines(tmp_path: Path) -> None:
+def test_all_mistakes_of_a_file_are_reported_with_their_lines(tmp_path: Path) -> None:
     path = tmp_path / "faults.yaml"
     path.write_text("- {kind: silent, servo_id: 3, for: 2}\n- kind: hot\n- kind: hott\n  servo_id: 1\n")
     with pytest.raises(FaultError) as refused:
@@ -82,12 +82,12 @@ def test_a_file_with_mistakes_says_all_of_them_with_their_lines(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("content", ["", "silent", "{kind: silent}", "- [silent]"])
-def test_a_file_that_is_no_list_of_faults_is_refused(tmp_path: Path, content: str) -> None:
+def test_a_file_without_a_list_of_faults_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "faults.yaml"
     path.write_text(content)
     with pytest.raises(FaultError, match=str(path)):
         read_script(path)
 
 
-def test_every_kind_says_what_happens() -> None:
+def test_every_kind_has_a_description() -> None:
     assert all(kind.__doc__ and kind.__doc__.strip().endswith(".") for kind in KINDS.values())

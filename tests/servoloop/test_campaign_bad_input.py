@@ -25,7 +25,7 @@ def test_a_duration_of_a_fault_that_is_over_at_once_is_refused(tmp_path: Path) -
     path = written(tmp_path, "seconds: 2\nfaults:\n- kind: brown_out\n  servo_id: 3\n  for_s: 1.0\n")
     with pytest.raises(ScheduleError) as refused:
         read_schedule(path)
-    assert str(refused.value) == f"{path}:5: faults.0.brown_out.for_s: brown_out is over at once: leave out for_s"
+    assert str(refused.value) == f"{path}:5: faults.0.brown_out.for_s: brown_out has no duration: leave out for_s"
 
 
 def test_a_fault_after_the_end_of_a_run_without_jobs_is_refused(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
     with pytest.raises(ScenarioError) as refused:
         read_scenario(path)
     assert f"{path}:6: koch cannot have 'dead_encoder': servo " in str(refused.value)
-    assert "which says nothing of its encoder" in str(refused.value)
+    assert "which does not report the state of its encoder" in str(refused.value)
     assert read_scenario(path, "so101").kinds == ("silent", "dead_encoder")
     said = refusal(capsys, monkeypatch, "campaign", "--scenario", str(path), "--arm", "robot_arm_dynamixel")
     assert "robot_arm_dynamixel cannot have 'dead_encoder'" in said

@@ -1,6 +1,6 @@
-"""An STS servo written a second time, slowly and plainly, to hold the compiled one against.
+"""A second implementation of an STS servo, slow and simple, for comparison with the compiled one.
 
-Objects instead of a record, names instead of addresses, whole numbers of Python. It works on decoded settings and
+It uses objects instead of a record, names instead of addresses, and Python integers. It works on decoded settings and
 shares no code with ``sim_backend.servos.sts``.
 """
 
@@ -19,7 +19,7 @@ def within(value: int, bound: int) -> int:
 
 @dataclass
 class Settings:
-    """The registers that matter, decoded."""
+    """Decoded values of the registers that the servo uses."""
 
     min_position: int = 0
     max_position: int = 4095
@@ -69,7 +69,7 @@ class Settings:
 
 
 class Encoder:
-    """Angle to counts: turns, filter, and a speed every 20 ms."""
+    """Encoder: converts the angle to counts with turns and a filter, and measures the speed every 20 ms."""
 
     LAG_S = 0.0018
 
@@ -107,7 +107,7 @@ class Encoder:
 
 @dataclass
 class Trapezoid:
-    """Where the servo wants its shaft, in 1/10000 count, and how fast."""
+    """Motion profile: the set-point in 1/10000 count, and its speed."""
 
     settings: Settings
     goal: int = 0
@@ -164,11 +164,11 @@ class Trapezoid:
                 self.place += self.speed
 
     def _stop(self, speed: int) -> int:
-        """The sum of all speeds until it stands, each ``change`` less than the one before."""
+        """Return the sum of all speeds until rest, each smaller by ``change`` than the one before."""
         return sum(range(speed % self.change, speed, self.change))
 
     def _slower(self, speed: int, exact: bool = True) -> int:
-        """Nearer to 0, and not slower than the slowest."""
+        """Return a speed closer to 0, or 0 below the minimum speed."""
         size = abs(speed) - self.change
         return 0 if size < 500 or (size == 500 and not exact) else int(math.copysign(size, speed))
 
@@ -190,7 +190,7 @@ class Trapezoid:
 
 @dataclass
 class Loop:
-    """Error to drive; positive drive turns to smaller counts."""
+    """Control loop: converts the error to a drive. Positive drive turns to smaller counts."""
 
     settings: Settings
     total: int = 0
@@ -250,7 +250,7 @@ class Loop:
 
 @dataclass
 class Guard:
-    """The status bits and what they do."""
+    """Protection: the status bits and their effects."""
 
     settings: Settings
     bits: set[int] = field(default_factory=set)
@@ -312,7 +312,7 @@ class Guard:
 
 
 class PlainServo:
-    """The whole servo. ``settings`` may be changed between two steps, goals by ``write_goal``."""
+    """The whole servo. ``settings`` can be changed between two steps, and goals by ``write_goal``."""
 
     def __init__(self, settings: Settings, angle_rad: float, kt: float, ke: float, ohm: float) -> None:
         self.settings = settings
@@ -328,7 +328,7 @@ class PlainServo:
         self._goal_written = False
 
     def write_goal(self) -> None:
-        """The goal of the mode has been written."""
+        """Report that the goal of the mode has been written."""
         self._goal_written = True
 
     def step(self, angle_rad: float, velocity_rad_s: float, voltage_v: float, temperature: int) -> float:

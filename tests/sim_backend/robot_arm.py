@@ -1,4 +1,4 @@
-"""The numbers of urdf/scene.xml, said once more: the arm's joints and its ready pose with the hand open (rad, m)."""
+"""Joints and ready pose with the hand open (rad, m), as in urdf/scene.xml."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""One virtual STS servo on a shaft with a load, its registers by name."""
+"""One virtual STS servo on a shaft with a load. Its registers are accessed by name."""
 
 from math import pi
 
@@ -14,7 +14,7 @@ COUNTS_PER_RAD = 4096 / (2 * pi)
 
 
 class StsBench:
-    """``load_nm`` pulls at the shaft all the time; positive turns it to larger counts."""
+    """A servo on a shaft. A positive ``load_nm`` constantly pulls to larger counts."""
 
     def __init__(
         self,
@@ -31,7 +31,7 @@ class StsBench:
         self.rig = Rig([self.servo], self.plant, supply or Supply(model.rated_voltage_v, 0.0))
 
     def __setitem__(self, register: Register, value: int) -> None:
-        """Write a register and let the profile take it: 85, 86 and phase wait for a write of 41 or 46."""
+        """Write a register and apply it: 85, 86 and phase take effect only after a write of 41 or 46."""
         self.servo.write(register.address, register.encode(value, "little"))
         if register in (sts.acceleration, sts.goal_velocity):
             self.run(0.001)
@@ -51,16 +51,16 @@ class StsBench:
             self.rig.step()
 
     def turn_to(self, count: float) -> None:
-        """By hand, at once; the servo sees it within some milliseconds."""
+        """Turn the shaft by hand at once. The servo measures the new angle within a few milliseconds."""
         self.plant.place([(count + 0.5) / COUNTS_PER_RAD])
 
     def held_at(self, count: float, seconds: float) -> None:
-        """Run with the shaft held fast."""
+        """Run while the shaft is held at this count."""
         for _ in range(round(seconds / self.rig.timestep_s)):
             self.turn_to(count)
             self.rig.step()
 
     def go(self, count: int) -> None:
-        """Write a goal, and let a millisecond pass so that it is taken."""
+        """Write a goal, and run for a millisecond so that the servo takes it over."""
         self[sts.goal_position] = count
         self.run(0.001)

@@ -1,4 +1,4 @@
-"""No bytes on the line and no command may end an emulator, whatever the make of its servos."""
+"""Bytes on the line and commands never end an emulator, for servos of any make."""
 
 import json
 import socket
@@ -19,14 +19,14 @@ from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.control import ControlServer
 from sim_backend.eeprom import keep_eeprom
-from sim_backend.faults.control import obey_faults
+from sim_backend.faults.control import handle_fault_command
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets import dynamixel as dynamixel_wire
 from sim_backend.packets import sts as sts_wire
-from sim_backend.scene.hand import Hand, obey
+from sim_backend.scene.hand import Hand, handle_hand_command
 from sim_backend.scene.world import World
 
 IDS = (1, 2)
@@ -44,7 +44,7 @@ BYTE = st.integers(0, 0xFF)
 SIZE = st.one_of(st.integers(0, 20), st.integers(250, 255), BYTE)
 PARAMETERS = st.one_of(st.binary(max_size=8), st.binary(max_size=253))
 FRAME = st.tuples(BYTE, SIZE).map(bytes)
-"""Address and size, as a read has them in protocol 1.0."""
+"""Address and size of a read in protocol 1.0."""
 BULK_READ = st.builds(lambda at, size: bytes((0, size, 1, at, size, 2, at)), BYTE, SIZE)
 GROUP_HEAD = st.builds(lambda at, size, rest: bytes((at, size)) + rest, BYTE, SIZE, PARAMETERS.map(lambda b: b[:250]))
 
@@ -84,7 +84,7 @@ MAKES: dict[str, Make] = {
 
 @st.composite
 def damaged(draw: st.DrawFn, packets: st.SearchStrategy[bytes]) -> bytes:
-    """A packet of which some bytes are lost or changed, or bytes that are not a packet."""
+    """Return a packet with lost or changed bytes, or bytes that are not a packet."""
     data = bytearray(draw(st.one_of(packets, st.binary(max_size=20))))
     for _ in range(draw(st.integers(0, 2))):
         if data:
@@ -111,7 +111,7 @@ def conversations(make: str) -> st.SearchStrategy[list[bytes]]:
 
 
 @pytest.mark.parametrize("make", MAKES)
-def test_no_bytes_end_an_emulator(make: str, tmp_path: Path) -> None:
+def test_random_bytes_do_not_end_an_emulator(make: str, tmp_path: Path) -> None:
     @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
     @given(conversations(make))
     def send(pieces: list[bytes]) -> None:
@@ -120,14 +120,14 @@ def test_no_bytes_end_an_emulator(make: str, tmp_path: Path) -> None:
         file.unlink(missing_ok=True)
         keep_eeprom(file, [line])
         talk(line, pieces)
-        keep_eeprom(file, [MAKES[make][0]()])  # the next emulator begins with all that this one kept
+        keep_eeprom(file, [MAKES[make][0]()])  # the next emulator starts with everything that this one saved
 
     send()
 
 
 @pytest.mark.parametrize("make", ["sts", "scs", "ax", "mx"])
 @pytest.mark.parametrize("size", [200, 253, 254, 255])
-def test_a_read_of_more_than_an_answer_holds(make: str, size: int) -> None:
+def test_a_read_that_is_too_long_for_a_reply(make: str, size: int) -> None:
     line = MAKES[make][0]()
     replies = line.receive(v1.packet(1, sts_wire.Code.READ, bytes((0x26, size))), 1.0)
     assert all(reply.data[3] == len(reply.data) - 4 for reply in replies)
@@ -157,12 +157,12 @@ def test_a_read_of_more_than_an_answer_holds(make: str, size: int) -> None:
     ],
     ids=lambda line: line.decode(errors="replace")[:40],
 )
-def test_no_command_ends_an_emulator(line: bytes, tmp_path: Path) -> None:
+def test_random_commands_do_not_end_an_emulator(line: bytes, tmp_path: Path) -> None:
     world = World()
     hand = Hand(world, dict.fromkeys(world.joints, 1.0))
     bus = VirtualBus.of(BenchPlant(IDS))
     player = FaultPlayer(Targets({"": bus}))
-    handle = partial(obey_faults, player, lambda: 0.0, partial(obey, hand, world.lay_table))
+    handle = partial(handle_fault_command, player, lambda: 0.0, partial(handle_hand_command, hand, world.lay_table))
     with ControlServer(tmp_path / "bus.control", handle) as server, socket.socket(socket.AF_UNIX) as client:
         client.connect(str(server.path))
         client.settimeout(1.0)
@@ -174,7 +174,7 @@ def test_no_command_ends_an_emulator(line: bytes, tmp_path: Path) -> None:
     assert json.loads(looked)["joint1"]["held"] is False
 
 
-def test_a_client_without_end_is_disconnected(tmp_path: Path) -> None:
+def test_a_client_that_never_ends_its_line_is_disconnected(tmp_path: Path) -> None:
     with ControlServer(tmp_path / "bus.control", lambda command: {}) as server, socket.socket(socket.AF_UNIX) as client:
         client.connect(str(server.path))
         client.settimeout(1.0)

@@ -1,4 +1,4 @@
-"""The gap between motor and link: how far a link is free, what the servo sees, and what the arm's sums are."""
+"""Backlash between motor and link: the free travel of a link, the encoder, and the total inertia and friction."""
 
 import mujoco
 import numpy as np
@@ -18,7 +18,7 @@ def world_with_gap(joint: str) -> World:
 
 
 def push(world: World, dof: int, effort: float) -> float:
-    """Push at one side of the gap until it rests; the angle between link and motor."""
+    """Push from one side of the gap until rest. Return the angle between link and motor."""
     world.data.qfrc_applied[dof] = effort
     for _ in range(2000):
         world.advance()
@@ -26,17 +26,17 @@ def push(world: World, dof: int, effort: float) -> float:
     return float(world.data.joint("joint1").qpos[0] - world.data.joint(motor_name("joint1")).qpos[0])
 
 
-def test_a_link_is_free_within_the_gap_and_no_further() -> None:
+def test_a_link_moves_freely_within_the_gap_only() -> None:
     world = world_with_gap("joint1")
     link = world.model.joint("joint1").dofadr[0]
-    # More than the link's own friction, less than the motor's.
+    # The effort is more than the link's own friction and less than the motor's.
     torque_nm = 0.02
     assert push(world, link, torque_nm) == pytest.approx(0.5 * GAP, abs=0.05 * GAP)
     assert push(world, link, -torque_nm) == pytest.approx(-0.5 * GAP, abs=0.05 * GAP)
     assert abs(world.data.joint(motor_name("joint1")).qpos[0]) < 0.001
 
 
-def test_a_motor_that_turns_round_crosses_the_gap_before_the_link_follows() -> None:
+def test_a_reversing_motor_crosses_the_gap_before_the_link_follows() -> None:
     world = world_with_gap("joint1")
     for direction in (1.0, -1.0):
         world.step([0.2 * direction, *[0.0] * 6])
@@ -46,7 +46,7 @@ def test_a_motor_that_turns_round_crosses_the_gap_before_the_link_follows() -> N
         assert behind == pytest.approx(-0.5 * GAP * direction, abs=0.1 * GAP)
 
 
-def test_a_servo_sees_the_links_angle_and_feels_the_motors_speed() -> None:
+def test_the_encoder_measures_the_link_and_back_emf_follows_the_motor() -> None:
     world = world_with_gap("joint2")
     plant = WorldPlant(world, [Coupling(2, "joint2")])
     world.data.joint("joint2").qpos, world.data.joint(motor_name("joint2")).qpos = 0.3, 0.295
@@ -59,7 +59,7 @@ def test_a_servo_sees_the_links_angle_and_feels_the_motors_speed() -> None:
     assert world.data.qfrc_actuator[world.model.joint(motor_name("joint2")).dofadr[0]] == 0.5
 
 
-def test_inertia_and_friction_are_divided_not_added() -> None:
+def test_inertia_and_friction_are_split_between_motor_and_link() -> None:
     plain, gaps = World().model, World(backlash=dict.fromkeys(JOINTS, GAP)).model
     for name in JOINTS:
         whole, link, motor = (
@@ -74,11 +74,11 @@ def test_inertia_and_friction_are_divided_not_added() -> None:
         assert link == pytest.approx(OUTPUT_SHARE * whole)
 
 
-def test_without_a_gap_there_is_no_motor_of_its_own() -> None:
+def test_without_a_gap_the_motor_has_no_separate_joint() -> None:
     assert World().model.nv == World(backlash={}).model.nv == World(backlash={"joint1": GAP}).model.nv - 1
 
 
-def test_an_arm_begins_in_the_middle_of_its_gaps() -> None:
+def test_an_arm_starts_in_the_middle_of_its_gaps() -> None:
     world = World(backlash=dict.fromkeys(JOINTS, GAP))
     for joint in JOINTS:
         assert world.data.joint(motor_name(joint)).qpos == world.data.joint(joint).qpos

@@ -1,4 +1,4 @@
-"""The virtual box: what is connected answers, what is not has no power."""
+"""The virtual box: only connected servos answer and have power."""
 
 import pytest
 
@@ -17,7 +17,7 @@ class Line:
         self.bus = Bus(VirtualPort(self.box.line, self.clock), self.clock)
 
     def answers(self, servo_id: int = 1) -> str:
-        """ok, or what kind of fault."""
+        """Return "ok" or the kind of fault."""
         reading = self.bus.read_states([servo_id])[servo_id]
         return reading.kind if isinstance(reading, ServoFault) else "ok"
 
@@ -27,7 +27,7 @@ class Line:
         return servo
 
 
-def test_none_one_and_two_of_one_id() -> None:
+def test_replies_of_no_one_and_two_servos_with_the_same_id() -> None:
     line = Line()
     assert line.answers() == "silent"
     line.box.connect(1)
@@ -37,15 +37,15 @@ def test_none_one_and_two_of_one_id() -> None:
     assert line.box.ids() == [1, 1, 1]
 
 
-def test_a_servo_that_is_unplugged_forgets_what_power_off_forgets() -> None:
+def test_unplugging_a_servo_resets_its_ram() -> None:
     line = Line()
     line.box.connect(0)
-    line.bus.write(1, sts.position_p, 16)  # with the lock closed
+    line.bus.write(1, sts.position_p, 16)  # while the lock is closed
     line.bus.write(1, sts.torque_enable, 1)
     line.bus.write(1, sts.lock, 0)
     line.bus.write(1, sts.position_d, 40)
     line.box.connect(0)
-    assert line.bus.read(1, sts.torque_enable) == 1  # it was not pulled
+    assert line.bus.read(1, sts.torque_enable) == 1  # this servo was not unplugged
     line.box.connect()
     assert line.servo(0).memory.get(sts.torque_enable) == 0
     line.box.connect(0)
@@ -53,7 +53,7 @@ def test_a_servo_that_is_unplugged_forgets_what_power_off_forgets() -> None:
     assert held == [32, 40, 0, 1]
 
 
-def test_the_chain_is_all_of_them() -> None:
+def test_connecting_the_chain_connects_all_servos() -> None:
     line = Line()
     for number, servo_id in enumerate((1, 2, 3)):
         line.servo(number).memory.save(sts.servo_id, servo_id)
@@ -61,14 +61,14 @@ def test_the_chain_is_all_of_them() -> None:
     assert [line.answers(servo_id) for servo_id in (1, 2, 3, 4)] == ["ok", "ok", "ok", "silent"]
 
 
-def test_small_servos_allow_less_and_all_answer_late_as_delivered() -> None:
+def test_factory_limits_and_delays_of_new_servos() -> None:
     box = VirtualBox([sts.STS3215_C001, sts.STS3215])
     limits = [servo.memory.get(sts.max_voltage) for servo in box.servos]
     assert limits == [80, 140]
     assert [servo.memory.get(sts.return_delay) for servo in box.servos] == [250, 250]
 
 
-def test_plugs_are_pulled_by_command() -> None:
+def test_servos_are_connected_and_disconnected_by_command() -> None:
     line, seen = Line(), []
     joints = ["a", "b", "c"]
 

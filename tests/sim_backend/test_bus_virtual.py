@@ -1,4 +1,4 @@
-"""Servos on the virtual wire: who answers, when, and what a fault does to it."""
+"""Servos on the virtual wire: order and time of their replies, and effects of faults."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from sim_backend.servos.sts.servo import VirtualServo
 
 BYTE_S = 1e-5
 DELAY_S = BYTE_S
-"""A servo answers when the line was silent for as long."""
+"""Time of silence after which a servo answers."""
 
 
 def packet(servo_id: int, code: int, parameters: bytes = b"") -> bytes:
@@ -32,14 +32,14 @@ def ids(replies: list[Reply]) -> list[int]:
 READ_POSITIONS = packet(0xFE, Code.SYNC_READ, b"\x38\x02\x03\x01\x02")
 
 
-def test_a_reply_takes_the_wire_its_time() -> None:
+def test_a_reply_takes_time_on_the_wire() -> None:
     bus = bus_of(1)
     (reply,) = bus.receive(packet(1, Code.PING), 10.0)
     assert reply.data == status_packet(1, 0)
     assert reply.due_s == pytest.approx(10.0 + 12 * BYTE_S + DELAY_S)
 
 
-def test_unpaced_replies_come_at_once() -> None:
+def test_unpaced_replies_arrive_at_once() -> None:
     bus = bus_of(1, paced=False)
     assert [reply.due_s for reply in bus.receive(packet(1, Code.PING), 10.0)] == [10.0]
 
@@ -51,7 +51,7 @@ def test_the_return_delay_is_in_units_of_two_microseconds() -> None:
     assert reply.due_s == pytest.approx(12 * BYTE_S + DELAY_S + 500e-6)
 
 
-def test_a_sync_read_is_answered_in_its_order_each_at_its_own_time() -> None:
+def test_a_sync_read_is_answered_in_order_in_time_slots() -> None:
     replies = bus_of(1, 2, 3).receive(READ_POSITIONS, 0.0)
     assert ids(replies) == [3, 1, 2]
     asked_s, size = len(READ_POSITIONS) * BYTE_S, 8
@@ -59,7 +59,7 @@ def test_a_sync_read_is_answered_in_its_order_each_at_its_own_time() -> None:
     assert [r.due_s for r in replies] == pytest.approx([begin_s + size * BYTE_S for begin_s in begins])
 
 
-def test_a_silent_servo_leaves_a_gap_and_hides_nobody() -> None:
+def test_a_silent_servo_leaves_a_gap_and_hides_no_other() -> None:
     bus = bus_of(1, 2, 3)
     whole = bus.receive(READ_POSITIONS, 0.0)
     bus.faults.silence(1)
@@ -70,14 +70,14 @@ def test_a_silent_servo_leaves_a_gap_and_hides_nobody() -> None:
     assert ids(bus.receive(READ_POSITIONS, 2.0)) == [3, 1, 2]
 
 
-def test_a_silenced_servo_hears_nothing_either() -> None:
+def test_a_silenced_servo_ignores_instructions() -> None:
     bus = bus_of(1)
     bus.faults.silence(1)
     assert bus.receive(packet(1, Code.WRITE, b"\x29\x07"), 0.0) == []
     assert bus.servo(1).read(sts.acceleration.address, 1) == b"\0"
 
 
-def test_a_corrupted_reply_is_corrupt_once() -> None:
+def test_only_one_reply_is_corrupted() -> None:
     bus = bus_of(1)
     bus.faults.corrupt_next(1)
     (bad,) = bus.receive(packet(1, Code.PING), 0.0)
@@ -86,42 +86,42 @@ def test_a_corrupted_reply_is_corrupt_once() -> None:
     assert bad.data[-1] != good.data[-1] == checksum(good.data[2:-1])
 
 
-def test_a_sync_write_reaches_those_it_names_and_is_not_answered() -> None:
+def test_a_sync_write_reaches_the_named_servos_without_a_reply() -> None:
     bus = bus_of(1, 2, 3)
-    entries = b"\x29\x01" + b"\x01\x07" + b"\x03\x09" + b"\x02"  # the last one is cut off
+    entries = b"\x29\x01" + b"\x01\x07" + b"\x03\x09" + b"\x02"  # the last entry is incomplete
     assert bus.receive(packet(0xFE, Code.SYNC_WRITE, entries), 0.0) == []
     assert [bus.servo(i).read(41, 1) for i in (1, 2, 3)] == [b"\x07", b"\0", b"\x09"]
 
 
-def test_half_an_entry_of_a_sync_write_is_written_as_far_as_it_goes() -> None:
+def test_an_incomplete_sync_write_entry_is_partly_written() -> None:
     bus = bus_of(1)
     bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x2e\x02\x01\x07"), 0.0)
     assert bus.servo(1).read(46, 2) == b"\x07\0"
 
 
-def test_a_sync_write_with_too_much_for_a_servo_is_dropped() -> None:
+def test_a_sync_write_with_too_long_entries_is_ignored() -> None:
     bus = bus_of(1)
     bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x29\x7e\x01" + bytes(100)), 0.0)
     bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x29\x7e\x01\x07"), 0.1)
     assert bus.servo(1).read(41, 1) == b"\0"
 
 
-def test_the_last_of_two_entries_for_one_servo_counts() -> None:
+def test_the_last_of_two_entries_for_one_servo_wins() -> None:
     bus = bus_of(1)
     bus.receive(packet(0xFE, Code.SYNC_WRITE, b"\x29\x01\x01\x07\x01\x09"), 0.0)
     assert bus.servo(1).read(41, 1) == b"\x09"
 
 
-def test_group_instructions_to_one_id_reach_that_one() -> None:
+def test_group_instructions_to_one_id_reach_that_servo() -> None:
     bus = bus_of(1, 2)
     assert ids(bus.receive(packet(2, Code.SYNC_WRITE, b"\x29\x01\x01\x07\x02\x09"), 0.0)) == [2]
     assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\0", b"\x09"]
     (reply,) = bus.receive(packet(2, Code.SYNC_READ, b"\x29\x01\x01\x02"), 1.0)
     assert reply.data == status_packet(2, 0, b"\x09")
-    assert reply.due_s == pytest.approx(1.0 + (10 + 10 + 7) * BYTE_S)  # the instruction, one slot, the answer
+    assert reply.due_s == pytest.approx(1.0 + (10 + 10 + 7) * BYTE_S)  # the instruction, one slot, the reply
 
 
-def test_a_read_to_all_is_answered_by_all_at_once() -> None:
+def test_a_broadcast_read_is_answered_by_all_at_once() -> None:
     bus = bus_of(1, 2)
     (reply,) = bus.receive(packet(0xFE, Code.READ, b"\x03\x02"), 0.0)
     answers = [status_packet(servo_id, 0, bus.servo(servo_id).read(3, 2)) for servo_id in (1, 2)]
@@ -137,13 +137,13 @@ def test_two_ff_bytes_begin_a_packet_even_inside_another() -> None:
 
 
 @pytest.mark.parametrize("parameters", [b"", b"\x29", b"\x29\x01", b"\x29\x05\x01"])
-def test_empty_sync_instructions_do_nothing(parameters: bytes) -> None:
+def test_empty_sync_instructions_have_no_effect(parameters: bytes) -> None:
     bus = bus_of(2)
     assert bus.receive(packet(0xFE, Code.SYNC_WRITE, parameters), 0.0) == []
     assert bus.receive(packet(0xFE, Code.SYNC_READ, parameters), 0.0) == []
 
 
-def test_a_broadcast_write_reaches_all_and_is_not_answered() -> None:
+def test_a_broadcast_write_reaches_all_without_a_reply() -> None:
     bus = bus_of(1, 2)
     assert bus.receive(packet(0xFE, Code.WRITE, b"\x29\x07"), 0.0) == []
     assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\x07", b"\x07"]
@@ -163,7 +163,7 @@ def test_a_broadcast_ping_is_answered_by_each_in_the_slot_of_its_id() -> None:
     assert [r.due_s for r in replies] == pytest.approx([(6 + 9 * n + 6) * BYTE_S for n in (2, 3, 5)])
 
 
-def test_another_baud_is_not_understood_and_a_new_one_holds_after_its_reply() -> None:
+def test_a_new_baud_rate_applies_after_the_reply() -> None:
     bus = bus_of(1)
     assert bus.receive(packet(1, Code.PING), 0.0, 115_200) == []
     assert len(bus.receive(packet(1, Code.WRITE, b"\x06\x04"), 1.0)) == 1
@@ -172,10 +172,10 @@ def test_another_baud_is_not_understood_and_a_new_one_holds_after_its_reply() ->
     assert reply.due_s == pytest.approx(3.0 + 130 / 115_200)
 
 
-def test_two_servos_with_one_id_spoil_each_others_replies() -> None:
+def test_two_servos_with_the_same_id_corrupt_each_others_replies() -> None:
     bus = bus_of(1, 2)
     bus.servo(2).write(sts.servo_id.address, b"\x01")
-    assert ids(bus.receive(packet(1, Code.PING), 0.0)) == [1]  # equal replies hide it
+    assert ids(bus.receive(packet(1, Code.PING), 0.0)) == [1]  # equal replies do not show the conflict
     bus.servos[0].write(sts.acceleration.address, b"\x0f")
     bus.servos[1].write(sts.acceleration.address, b"\x35")
     (reply,) = bus.receive(packet(1, Code.READ, b"\x29\x01"), 0.1)
@@ -183,13 +183,13 @@ def test_two_servos_with_one_id_spoil_each_others_replies() -> None:
     assert checksum(reply.data[2:-1]) != reply.data[-1]
 
 
-def test_a_half_packet_is_forgotten_with_the_next_header() -> None:
+def test_a_half_packet_is_discarded_at_the_next_header() -> None:
     bus = bus_of(1)
     assert bus.receive(b"\xff\xff\x01\x70\x03", 0.0) == []
     assert ids(bus.receive(packet(1, Code.PING), 1.0)) == [1]
 
 
-def test_the_rest_of_a_half_packet_may_come_whenever_it_likes() -> None:
+def test_the_rest_of_a_half_packet_can_come_at_any_time() -> None:
     bus, ping = bus_of(1), packet(1, Code.PING)
     assert bus.receive(ping[:4], 0.0) == []
     assert ids(bus.receive(ping[4:], 5.0)) == [1]
@@ -233,7 +233,7 @@ def test_physics_follows_the_callers_time() -> None:
     assert bus.dropped_s == 0.0
 
 
-def test_time_that_is_too_long_is_dropped_and_counted() -> None:
+def test_time_beyond_the_maximum_is_skipped_and_counted() -> None:
     bus = bus_of(1)
     bus.advance(0.0)
     bus.advance(5.0, longest_s=0.2)
@@ -242,21 +242,21 @@ def test_time_that_is_too_long_is_dropped_and_counted() -> None:
     assert bus.dropped_s == pytest.approx(4.8)
 
 
-def test_a_rig_wants_its_servos_in_the_order_of_the_plant() -> None:
+def test_a_rig_requires_servos_in_the_order_of_the_plant() -> None:
     servos = [VirtualServo(sts.STS3215, i) for i in (2, 1)]
     with pytest.raises(ValueError, match="same IDs"):
         Rig(servos, BenchPlant([1, 2]))
 
 
 class OneJointWorld:
-    """A world that remembers what was done to it."""
+    """A world that records the calls."""
 
     joints = ("free", "finger")
     timestep_s = 0.001
     time_s = 0.0
 
     def __init__(self) -> None:
-        # The arrays have more in them than the joints, and each in its own order.
+        # The arrays contain more than the joints, and each has its own order.
         position, velocity = np.array([9.0, 9.0, 0.02]), np.array([-0.04, 9.0])
         self.arrays = JointArrays(position, velocity, np.zeros(2), [1, 2], [1, 0], [0, 1])
 
@@ -264,7 +264,7 @@ class OneJointWorld:
         self.time_s += self.timestep_s
 
 
-def test_a_coupling_turns_metres_into_radians_and_torque_into_force() -> None:
+def test_a_coupling_converts_meters_to_radians_and_torque_to_force() -> None:
     world = OneJointWorld()
     seen: list[float] = []
     coupling = Coupling(7, "finger", sign=-1, zero_counts=1024, transmission=0.02)
@@ -277,6 +277,6 @@ def test_a_coupling_turns_metres_into_radians_and_torque_into_force() -> None:
     assert seen == [0.001]
 
 
-def test_a_coupling_to_a_joint_that_is_not_there_is_refused() -> None:
+def test_a_coupling_to_an_unknown_joint_is_refused() -> None:
     with pytest.raises(ValueError, match="no joint elbow"):
         WorldPlant(OneJointWorld(), [Coupling(1, "elbow")])

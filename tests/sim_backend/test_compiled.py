@@ -1,4 +1,4 @@
-"""What has to be compiled is announced once; what the cache has is not."""
+"""Compilation is announced once, and not at all if the cache has everything."""
 
 import os
 import subprocess
@@ -21,7 +21,7 @@ with compilation_announced(print):
 
 
 def announced(folder: Path) -> list[str]:
-    """What a program prints whose functions are cached in a folder."""
+    """Return the output of a program whose functions are cached in a folder."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(ROOT)}
     (folder / "program.py").write_text(PROGRAM)
     command = [sys.executable, str(folder / "program.py")]

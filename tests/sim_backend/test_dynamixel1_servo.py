@@ -1,4 +1,4 @@
-"""Virtual AX-12A and MX-28 of protocol 1.0: their tables, habits and units; the same physics."""
+"""Virtual AX-12A and MX-28 of protocol 1.0: tables, replies and units, with the common physics."""
 
 import pytest
 
@@ -53,7 +53,7 @@ def test_a_silent_mx_hides_those_after_it_in_a_bulk_read() -> None:
 
 
 @every_model
-def test_factory_values_are_the_e_manual_s(model: str) -> None:
+def test_factory_values_match_the_e_manual(model: str) -> None:
     bench = Bench(model)
     read = bench.bus.read
     assert read(1, dxl.model_number) == dxl.MODELS[model].number
@@ -63,7 +63,7 @@ def test_factory_values_are_the_e_manual_s(model: str) -> None:
 
 
 @every_model
-def test_a_goal_is_reached_at_the_asked_speed(model: str) -> None:
+def test_a_goal_is_reached_at_the_requested_speed(model: str) -> None:
     bench = Bench(model)
     turn = dxl.MODELS[model].counts_per_turn
     start = bench.run(0.05).position_counts
@@ -92,7 +92,7 @@ def test_an_mx_reads_within_the_turn() -> None:
 
 @every_model
 @pytest.mark.parametrize("level", [0, 1, 2])
-def test_the_status_return_level_says_what_is_answered(model: str, level: int) -> None:
+def test_the_status_return_level_selects_the_replies(model: str, level: int) -> None:
     bench = Bench(model)
     bench.servo.memory.put(dxl.status_return_level, level)
     ping, read = wire.packet(1, 1, b""), wire.packet(1, 2, bytes((36, 8)))
@@ -102,7 +102,7 @@ def test_the_status_return_level_says_what_is_answered(model: str, level: int) -
 
 
 @every_model
-def test_eeprom_lasts_until_it_is_locked_and_the_lock_ends_with_the_power(model: str) -> None:
+def test_eeprom_can_be_written_until_locked_and_the_lock_ends_at_power_off(model: str) -> None:
     bench = Bench(model)
     bench.bus.write(1, dxl.max_torque, 500)
     bench.bus.write(1, dxl.lock, 1)
@@ -115,7 +115,7 @@ def test_eeprom_lasts_until_it_is_locked_and_the_lock_ends_with_the_power(model:
 
 
 @every_model
-def test_a_factory_reset_takes_the_id_back_to_1_for_good(model: str) -> None:
+def test_a_factory_reset_sets_the_id_to_1_permanently(model: str) -> None:
     bench = Bench(model)
     bench.bus.factory_reset(3)
     servo = bench.servos.servos[2]
@@ -125,13 +125,13 @@ def test_a_factory_reset_takes_the_id_back_to_1_for_good(model: str) -> None:
 
 
 @every_model
-def test_what_a_servo_does_not_know_is_an_instruction_error(model: str) -> None:
+def test_unknown_instructions_are_answered_with_an_error(model: str) -> None:
     reply = Bench(model).ask(wire.packet(1, 0x08, b""))
     assert (reply[2], reply[4]) == (1, 1 << 6)
 
 
 @every_model
-def test_wheel_mode_is_not_driven_as_position(model: str) -> None:
+def test_wheel_mode_does_not_drive_to_positions(model: str) -> None:
     bench = Bench(model)
     bench.bus.write(1, dxl.ccw_angle_limit, 0)
     bench.bus.write_goals({1: ServoGoal(900)})
@@ -140,13 +140,13 @@ def test_wheel_mode_is_not_driven_as_position(model: str) -> None:
 
 
 @every_model
-def test_an_overload_takes_the_drive_away_until_the_torque_is_switched(model: str) -> None:
+def test_an_overload_removes_the_drive_until_the_torque_switch_is_written(model: str) -> None:
     bench = Bench(model)
     start = bench.run(0.05).position_counts
     place = bench.plant.angles()
     bench.bus.write_goals({1: ServoGoal(start + dxl.MODELS[model].counts_per_turn // 4)})
     bench.bus.torque_on(1)
-    for _ in range(25):  # turned back by hand, again and again, before it can arrive
+    for _ in range(25):  # turned back by hand repeatedly before it can arrive
         bench.plant.place(place)
         reading = bench.run(0.1)
     assert reading.alarms == ("overload",)

@@ -1,4 +1,4 @@
-"""Group instructions of several virtual X series servos, asked by the official SDK's group classes."""
+"""Group instructions of several virtual X series servos, sent by the group classes of the official SDK."""
 
 import importlib
 import random
@@ -16,7 +16,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets.dynamixel import BROADCAST, Code, fast_block, fast_head, fast_length
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 handler = sdk.Protocol2PacketHandler()
 MODELS = {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XM430_W350}
@@ -24,7 +24,7 @@ ADDRESS = x.present_position.address
 
 
 class Group:
-    """Three servos of three models on one line."""
+    """Three servos of different models on one line."""
 
     def __init__(self) -> None:
         self.clock = SimulatedClock()
@@ -43,13 +43,13 @@ class Group:
         return reader
 
     def sent(self, code: int, parameters: bytes) -> list[tuple[float, bytes]]:
-        """When the replies to a broadcast come, from the instruction's end on, in us; and what."""
+        """Return the replies to a broadcast, with their times after the end of the instruction in us."""
         request = packet(BROADCAST_ID, code, parameters)
         replies = self.bus.receive(request, now_s=1.0)
         return [(round((r.due_s - 1.0) * 1e6) - 10 * len(request), r.data) for r in replies]
 
 
-def test_the_manuals_example_of_a_fast_sync_read() -> None:
+def test_the_fast_sync_read_example_of_the_manual() -> None:
     wire = b""
     for servo_id, position in ((3, 166), (7, 2079), (4, 1023)):
         wire = wire or fast_head(fast_length((4, 4, 4)))
@@ -59,14 +59,14 @@ def test_the_manuals_example_of_a_fast_sync_read() -> None:
     )
 
 
-def test_the_manuals_example_of_a_fast_bulk_read() -> None:
+def test_the_fast_bulk_read_example_of_the_manual() -> None:
     wire = fast_head(fast_length((4, 2, 1)))
     for servo_id, data in ((3, "a6000000"), (7, "a501"), (4, "1f")):
         wire += fast_block(wire, servo_id, 0, bytes.fromhex(data))
     assert wire == bytes.fromhex("ff ff fd 00 fe 14 00 55 00 03 a6 00 00 00 67 a4  00 07 a5 01 24 74  00 04 1f d9 c1")
 
 
-def test_the_sdk_reads_fast() -> None:
+def test_the_sdk_uses_fast_sync_reads() -> None:
     reader = Group().reader()
     assert reader.fastSyncRead() == sdk.COMM_SUCCESS
     assert [reader.getData(i, ADDRESS, 4) for i in MODELS] == [2048] * 3
@@ -101,11 +101,11 @@ def test_a_silent_servo_ends_a_fast_reply(silent: int, lengths: list[int]) -> No
     pieces = group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))
     assert [len(data) for _, data in pieces] == lengths
     if pieces:
-        assert pieces[0][1][5:7] == bytes((25, 0))  # the length says what it would have been
+        assert pieces[0][1][5:7] == bytes((25, 0))  # the length counts the missing blocks, too
     assert group.reader().fastSyncRead() != sdk.COMM_SUCCESS
 
 
-def test_who_hears_a_broken_block_adds_nothing() -> None:
+def test_a_servo_that_receives_a_broken_block_adds_nothing() -> None:
     group = Group()
     group.bus.faults.corrupt_next(2)
     pieces = group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))
@@ -114,7 +114,7 @@ def test_who_hears_a_broken_block_adds_nothing() -> None:
 
 
 @pytest.mark.parametrize(("servo_id", "oldest"), [(1, 45), (2, 46), (3, 45)])
-def test_an_older_firmware_does_not_know_fast_reads(servo_id: int, oldest: int) -> None:
+def test_older_firmware_does_not_support_fast_reads(servo_id: int, oldest: int) -> None:
     group = Group()
     memory = group.bus.servo(servo_id).memory
     memory.put(x.firmware_version, oldest)
@@ -130,7 +130,7 @@ def test_a_fast_read_beyond_the_table_reports_the_error_and_keeps_its_length() -
     assert wire[16:22] == bytes((7, 2, 0, 0, 0, 0))
 
 
-def test_the_sdk_reads_in_bulk_and_fast_in_bulk() -> None:
+def test_the_sdk_uses_bulk_reads_and_fast_bulk_reads() -> None:
     group = Group()
     for fast in (False, True):
         reader = group.bulk_reader()
@@ -142,7 +142,7 @@ def test_the_sdk_reads_in_bulk_and_fast_in_bulk() -> None:
 
 
 @pytest.mark.parametrize("chained", [False, True])
-def test_a_bulk_read_has_turns_as_a_sync_read_has(chained: bool) -> None:
+def test_bulk_read_replies_come_in_turn_like_sync_read_replies(chained: bool) -> None:
     group = Group()
     group.bus.chained = chained
     group.bus.faults.silence(2)
@@ -152,14 +152,14 @@ def test_a_bulk_read_has_turns_as_a_sync_read_has(chained: bool) -> None:
     assert [len(data) for _, data in group.sent(SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))] == [15] * (2 - chained)
 
 
-def test_who_answers_pings_only_has_no_turn() -> None:
+def test_a_servo_that_answers_only_pings_has_no_turn() -> None:
     group = Group()
     group.bus.servo(3).memory.put(x.status_return_level, 0)
     assert len(group.sent(SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))) == 2
     assert len(group.sent(Code.FAST_SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))) == 2
 
 
-def test_the_sdk_writes_in_bulk() -> None:
+def test_the_sdk_uses_bulk_writes() -> None:
     group = Group()
     writer = sdk.GroupBulkWrite(group.port, handler)
     assert writer.addParam(1, x.led.address, 1, [1])
@@ -172,7 +172,7 @@ def test_the_sdk_writes_in_bulk() -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 5, 6, 8])
-def test_half_an_entry_of_a_bulk_write_is_ignored(cut: int) -> None:
+def test_an_incomplete_bulk_write_entry_is_ignored(cut: int) -> None:
     group = Group()
     whole = bytes((1,)) + span(x.led.address, 1) + b"\x01"
     half = bytes((2,)) + span(x.profile_velocity.address, 4) + b"\x07\0\0\0"
@@ -183,20 +183,20 @@ def test_half_an_entry_of_a_bulk_write_is_ignored(cut: int) -> None:
 
 @pytest.mark.parametrize("code", [Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.BULK_WRITE])
 @pytest.mark.parametrize("parameters", [b"", b"\x01", bytes((1, 132, 0, 4)), bytes((132, 0, 4, 0))])
-def test_a_group_instruction_that_names_nobody_is_ignored(code: Code, parameters: bytes) -> None:
+def test_a_group_instruction_without_servos_is_ignored(code: Code, parameters: bytes) -> None:
     assert Group().sent(code, parameters) == []
 
 
-def test_two_servos_with_one_id_talk_at_once() -> None:
+def test_two_servos_with_the_same_id_reply_at_once() -> None:
     group = Group()
     group.bus.servo(2).memory.put(x.servo_id, 1)
     pieces = group.sent(Code.FAST_SYNC_READ, span(x.model_number.address, 2) + bytes((1, 3)))
-    assert len(pieces) == 1  # their blocks are and-ed, so the next one hears a wrong checksum
+    assert len(pieces) == 1  # both blocks are combined by AND, so the next servo receives a wrong checksum
     assert pieces[0][1][10:12] == bytes((1060 & 0xFF & 1200, (1060 & 1200) >> 8))
 
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=() if seed < 4 else pytest.mark.slow) for seed in range(20)])
-def test_no_group_instruction_breaks_the_bus(seed: int) -> None:
+def test_random_group_instructions_do_not_break_the_bus(seed: int) -> None:
     chance = random.Random(seed)
     group = Group()
     codes = [Code.SYNC_READ, Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.SYNC_WRITE, Code.BULK_WRITE]

@@ -1,4 +1,4 @@
-"""Indirect addresses of a virtual X series servo: other registers' bytes, side by side."""
+"""Indirect addresses of a virtual X series servo, which place bytes of other registers side by side."""
 
 import math
 from typing import Any
@@ -30,7 +30,7 @@ def read(servo: VirtualXServo, address: int, size: int) -> int:
 
 
 def point(servo: VirtualXServo, number: int, *registers: Register, window: int = 0) -> int:
-    """Let the cells from ``number`` on (0 is the first) stand for these registers; the first cell's address."""
+    """Map the cells from ``number`` on (0 is the first) to these registers. Return the address of the first cell."""
     table = windows(servo.model)[window]
     targets = [register.address + i for register in registers for i in range(register.size)]
     data = b"".join(target.to_bytes(2, "little") for target in targets)
@@ -38,7 +38,7 @@ def point(servo: VirtualXServo, number: int, *registers: Register, window: int =
     return table.data + number
 
 
-def test_where_they_lie() -> None:
+def test_addresses_of_indirect_registers() -> None:
     assert [[(w.addresses, w.data, w.count) for w in windows] for windows in (LONG, MIDDLE, SHORT)] == [
         [(168, 224, 28), (578, 634, 28)],
         [(168, 224, 28)],
@@ -49,7 +49,7 @@ def test_where_they_lie() -> None:
         assert (old, new) == ((SHORT, MIDDLE) if "330" in name else (LONG, LONG))
 
 
-def test_new_firmware_has_them_elsewhere() -> None:
+def test_newer_firmware_has_indirect_registers_at_other_addresses() -> None:
     servo = VirtualXServo(x.XL330_M288, 1, 53)
     assert servo.memory.get(x.firmware_version) == 53
     assert read(servo, 168, 2) == 224
@@ -58,7 +58,7 @@ def test_new_firmware_has_them_elsewhere() -> None:
 
 
 @ALL
-def test_an_indirect_address_can_be_shown_and_a_reboot_forgets_it(model: Any) -> None:
+def test_indirect_addresses_can_be_read_and_are_reset_by_a_reboot(model: Any) -> None:
     servo = a_servo(model)
     window = windows(model)[0]
     assert servo.write(window.addresses, window.addresses.to_bytes(2, "little")) == 0
@@ -89,7 +89,7 @@ def test_reads_and_writes_reach_the_target(model: Any) -> None:
         assert read(servo, at + 1, 4) == 1234
 
 
-def test_the_firmware_hears_of_a_write_through_them() -> None:
+def test_the_firmware_notices_indirect_writes() -> None:
     servo = a_servo()
     at = point(servo, 0, x.torque_enable, x.profile_velocity, x.goal_position)
     assert servo.write(at, b"\x01" + (50).to_bytes(4, "little") + (3000).to_bytes(4, "little")) == 0
@@ -97,7 +97,7 @@ def test_the_firmware_hears_of_a_write_through_them() -> None:
     assert servo.memory.get(x.torque_enable) == 1
 
 
-def test_states_far_apart_are_read_in_one_piece() -> None:
+def test_distant_registers_are_read_in_one_span() -> None:
     servo = a_servo()
     at = point(servo, 0, x.present_position, x.present_temperature, x.hardware_error_status)
     status = servo.read_status(at, 6)
@@ -115,7 +115,7 @@ def test_states_far_apart_are_read_in_one_piece() -> None:
         (x.goal_position, b"\x01\x02", 5),
     ],
 )
-def test_the_targets_rules_hold(register: Register, data: bytes, error: int) -> None:
+def test_access_rules_of_the_target_apply(register: Register, data: bytes, error: int) -> None:
     servo = a_servo()
     before = servo.memory.get(register)
     at = point(servo, 0, register)
@@ -131,7 +131,7 @@ def test_bytes_of_a_register_out_of_order_are_refused() -> None:
     assert servo.write(window.data, b"\0\0") == 7
 
 
-def test_one_refused_target_refuses_all() -> None:
+def test_one_refused_target_refuses_the_whole_write() -> None:
     servo = a_servo()
     at = point(servo, 0, x.led, x.moving)
     assert servo.write(at, b"\x01\x01") == 7
@@ -139,14 +139,14 @@ def test_one_refused_target_refuses_all() -> None:
 
 
 @ALL
-def test_only_ram_can_be_pointed_at(model: Any) -> None:
+def test_only_ram_can_be_addressed_indirectly(model: Any) -> None:
     servo = a_servo(model)
     window, last = windows(model)[0], windows(model)[-1]
     for target, error in ((63, 4), (64, 0), (last.data + last.count - 1, 0), (last.data + last.count, 4)):
         assert servo.write(window.addresses, target.to_bytes(2, "little")) == error
 
 
-def test_they_are_written_under_torque_and_forgotten_without_power() -> None:
+def test_indirect_addresses_are_writable_under_torque_and_lost_at_power_off() -> None:
     servo = a_servo()
     assert servo.write(x.torque_enable.address, b"\x01") == 0
     at = point(servo, 0, x.led)
@@ -157,7 +157,7 @@ def test_they_are_written_under_torque_and_forgotten_without_power() -> None:
     assert read(servo, at, 1) == 0
 
 
-def test_a_cell_that_points_at_a_cell_is_that_cells_own_byte() -> None:
+def test_a_cell_that_names_a_cell_stands_for_its_own_byte() -> None:
     servo = a_servo()
     point(servo, 1, x.led)
     window = windows(servo.model)[0]
@@ -166,7 +166,7 @@ def test_a_cell_that_points_at_a_cell_is_that_cells_own_byte() -> None:
     assert (servo.memory.get(x.led), read(servo, window.data, 1)) == (0, 1)
 
 
-def test_after_a_shutdown_the_torque_stays_off_through_them_too() -> None:
+def test_indirect_writes_cannot_enable_the_torque_after_a_shutdown() -> None:
     servo = a_servo()
     at = point(servo, 0, x.led, x.torque_enable)
     servo.firmware.protection.released = True

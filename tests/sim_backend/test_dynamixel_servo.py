@@ -1,4 +1,4 @@
-"""One virtual X series servo, and the official SDK's single-servo instructions over our port."""
+"""One virtual X series servo with the single-servo instructions of the official SDK over our port."""
 
 import importlib
 from typing import Any
@@ -16,13 +16,13 @@ from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
 from sim_backend.servos.dynamixel.servo import VirtualXServo
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 handler = sdk.Protocol2PacketHandler()
 
 
 class Bench:
-    """A servo on a shaft; ``run`` passes time."""
+    """A servo on a shaft. ``run`` advances the time."""
 
     def __init__(self, *, load_nm: float = 0.0) -> None:
         self.clock = SimulatedClock()
@@ -73,11 +73,11 @@ def test_reg_write_waits_for_action() -> None:
     assert handler.regWriteTxRx(bench.port, 1, x.led.address, 1, [1]) == (sdk.COMM_SUCCESS, 0)
     assert (bench.read(x.led), bench.read(x.registered_instruction)) == (0, 1)
     assert handler.action(bench.port, 1) == sdk.COMM_SUCCESS
-    bench.run(0.001)  # the SDK does not wait for the reply that comes
+    bench.run(0.001)  # the SDK does not wait for the reply
     assert (bench.read(x.led), bench.read(x.registered_instruction)) == (1, 0)
 
 
-def test_factory_reset_keeps_what_it_is_told_to() -> None:
+def test_a_factory_reset_keeps_the_selected_registers() -> None:
     bench = Bench()
     bench.write(x.homing_offset, -5)
     assert handler.factoryReset(bench.port, 1, 0x02) == (sdk.COMM_SUCCESS, 0)
@@ -85,7 +85,7 @@ def test_factory_reset_keeps_what_it_is_told_to() -> None:
     assert bench.read(x.homing_offset) == 0
 
 
-def test_reboot_forgets_ram_and_keeps_eeprom() -> None:
+def test_a_reboot_resets_ram_and_keeps_eeprom() -> None:
     bench = Bench()
     bench.write(x.homing_offset, 100)
     bench.write(x.position_p_gain, 2000)
@@ -107,7 +107,7 @@ def test_reboot_forgets_ram_and_keeps_eeprom() -> None:
         (x.present_position, 1, 7),
     ],
 )
-def test_what_is_refused_leaves_no_trace(register: Register, value: int, error: int) -> None:
+def test_refused_writes_have_no_effect(register: Register, value: int, error: int) -> None:
     bench = Bench()
     before = bench.read(register)
     assert bench.write(register, value) == error
@@ -132,7 +132,7 @@ def test_status_return_levels() -> None:
 
 
 @pytest.mark.parametrize("units", [20, 50, 100])
-def test_the_profile_velocity_is_the_speed(units: int) -> None:
+def test_the_profile_velocity_sets_the_speed(units: int) -> None:
     bench = Bench()
     bench.write(x.position_p_gain, 2400)
     bench.write(x.torque_enable, 1)
@@ -152,7 +152,7 @@ def test_a_goal_without_a_profile_is_reached_and_holds() -> None:
     assert bench.read(x.moving) == 0
 
 
-def test_a_stiffer_gain_sags_less() -> None:
+def test_a_higher_gain_reduces_the_sag() -> None:
     sag = {}
     for gain in (640, 2400):
         bench = Bench(load_nm=0.5)
@@ -186,13 +186,13 @@ def test_overload_shuts_down_until_a_reboot() -> None:
     assert bench.read(x.hardware_error_status) == 0
 
 
-def test_a_baud_that_is_not_the_servos_is_not_understood() -> None:
+def test_packets_at_another_baud_rate_are_ignored() -> None:
     bench = Bench()
     port = SdkAdapter(Line(VirtualPort(bench.bus, bench.clock, baud=57_600), bench.clock))
     assert handler.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
 
 
-def test_servos_of_two_rated_voltages_have_a_supply_each() -> None:
+def test_servos_of_different_rated_voltages_have_separate_supplies() -> None:
     bus = VirtualDynamixelBus.of(BenchPlant((1, 2, 3)), {1: x.XL430_W250, 2: x.XL330_M288, 3: x.XM430_W350})
     bus.rig.step()
     assert [servo.firmware.voltage_v for servo in bus.servos] == [12.0, 5.0, 12.0]
@@ -215,11 +215,11 @@ def test_position_mode_ignores_a_large_homing_offset_and_extended_position_mode_
     assert bench.write(x.homing_offset, 1_044_480) == 4
 
 
-def test_turns_are_counted_and_forgotten_with_the_power_or_in_position_mode_with_the_torque() -> None:
+def test_turns_are_counted_until_power_off_or_torque_on_in_position_mode() -> None:
     bench = Bench()
     assert bench.write(x.operating_mode, x.EXTENDED_POSITION_MODE) == 0
     assert bench.write(x.torque_enable, 1) == 0
-    assert bench.write(x.goal_position, 5000) == 0, "extended position mode looks at no position limits"
+    assert bench.write(x.goal_position, 5000) == 0, "extended position mode has no position limits"
     bench.run(3.0)
     assert bench.read(x.present_position) == pytest.approx(5000, abs=10)
     bench.write(x.torque_enable, 0)

@@ -1,4 +1,4 @@
-"""What virtual servos save outlives the program: write on the wire, end, begin again, read on the wire."""
+"""Values that virtual servos save outlive the program: write, end, start again, and read over the wire."""
 
 import signal
 import subprocess
@@ -40,7 +40,7 @@ def line_of(models: Mapping[int, ServoModel]) -> ServoLine[Any]:
 
 
 class Run:
-    """One run of the program, over what the last one has left in the file."""
+    """One run of the program with the file of the previous run."""
 
     def __init__(
         self, path: Path, models: Mapping[int, ServoModel], *, known_as: Mapping[int, ServoModel] | None = None
@@ -63,7 +63,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "arm.yaml"
 
 
-def test_id_and_offset_written_with_the_lock_open_are_there_again(path: Path) -> None:
+def test_id_and_offset_written_with_the_lock_open_are_kept(path: Path) -> None:
     run = Run(path, STS)
     run.write(1, (sts.lock, 0), (sts.homing_offset, -123), (sts.servo_id, 9))
     again = Run(path, STS, known_as={9: sts.STS3215, 2: sts.STS3215})
@@ -74,14 +74,14 @@ def test_id_and_offset_written_with_the_lock_open_are_there_again(path: Path) ->
         Run(path, STS).bus.read(1, sts.servo_id)
 
 
-def test_what_is_written_with_the_lock_closed_is_gone(path: Path) -> None:
+def test_values_written_with_the_lock_closed_are_lost(path: Path) -> None:
     run = Run(path, STS)
     run.write(2, (sts.position_p, 16))
     assert run.bus.read(2, sts.position_p) == 16
     assert Run(path, STS).bus.read(2, sts.position_p) == 32
 
 
-def test_a_power_cycle_within_a_run_and_the_next_run_agree(path: Path) -> None:
+def test_a_power_cycle_and_the_next_run_restore_the_same_values(path: Path) -> None:
     run = Run(path, STS)
     run.write(1, (sts.lock, 0), (sts.max_torque, 500), (sts.lock, 1), (sts.position_d, 7), (sts.acceleration, 20))
     feed(run.line, 0.0)
@@ -97,7 +97,7 @@ def test_the_saved_defaults_and_bytes_without_a_name_are_kept(path: Path) -> Non
     run = Run(path, STS)
     nameless = Register("nameless", 79, 1)
     run.write(1, (sts.lock, 0), (sts.position_p, 11), (nameless, 200))
-    run.line.receive(b"\xff\xff\x01\x02\x09\xf3", 11.0)  # the table of now is what a reset brings back
+    run.line.receive(b"\xff\xff\x01\x02\x09\xf3", 11.0)  # saves the present table as the reset values
     run.clock.sleep_until(11.1)
     run.write(1, (sts.position_p, 12))
     again = Run(path, STS)
@@ -118,7 +118,7 @@ def test_the_saved_defaults_and_bytes_without_a_name_are_kept(path: Path) -> Non
     ],
     ids=lambda value: getattr(value, "name", ""),
 )
-def test_every_series_keeps_its_own(
+def test_every_series_keeps_its_eeprom(
     path: Path, model: ServoModel, unlock: tuple[tuple[Register, int], ...], register: Register, value: int
 ) -> None:
     Run(path, {1: model, 2: model}).write(1, *unlock, (register, value))
@@ -127,7 +127,7 @@ def test_every_series_keeps_its_own(
     assert again.bus.read(2, register) != value
 
 
-def test_the_file_is_words_by_joint(path: Path) -> None:
+def test_the_file_lists_named_registers_by_joint(path: Path) -> None:
     Run(path, STS).write(2, (sts.lock, 0), (sts.homing_offset, 5))
     first, second = yaml.safe_load(path.read_text())["servos"]
     assert (first["joint"], first["model"], first["registers"]["homing_offset"]) == ("shaft1", "sts3215", 0)
@@ -155,18 +155,18 @@ def changed(path: Path, old: str, new: str) -> None:
     ("old", "new", "says"),
     [
         ("servos:", "servos: [", "is not YAML"),
-        ("sts3215", "scs15", "shaft1: the file's servo is a scs15, the arm's a sts3215"),
+        ("sts3215", "scs15", "shaft1: the file has a scs15 here, but the arm has a sts3215"),
         ("shaft2", "shaft7", "shaft7 has no servo"),
         ("shaft2", "shaft1", "shaft1 has no servo, or two entries"),
         ("homing_offset: 0", "homing_offset: 5000", "homing_offset must be -2047 to 2047, not 5000"),
-        ("homing_offset: 0", "homing: 0", "it keeps no homing"),
-        ("baud_rate: 0", "baud_rate: 99", "baud_rate is none that it knows"),
+        ("homing_offset: 0", "homing: 0", "the servo does not keep homing"),
+        ("baud_rate: 0", "baud_rate: 99", "the servo does not support this baud_rate"),
         ("homing_offset: 0", "homing_offset: far", "arm.yaml:"),
-        ("    4: 3", "    3: 3", "it keeps no 3"),
+        ("    4: 3", "    3: 3", "the servo does not keep 3"),
         ("  registers:", "  defaults: '0011'\n  registers:", "defaults has 2 bytes instead of 87"),
     ],
 )
-def test_a_file_that_does_not_fit_is_refused_and_left_as_it_is(path: Path, old: str, new: str, says: str) -> None:
+def test_a_file_that_does_not_fit_is_refused_and_not_changed(path: Path, old: str, new: str, says: str) -> None:
     Run(path, STS)
     changed(path, old, new)
     text = path.read_text()
@@ -175,14 +175,14 @@ def test_a_file_that_does_not_fit_is_refused_and_left_as_it_is(path: Path, old: 
     assert path.read_text() == text
 
 
-def test_a_servo_that_the_file_has_not_is_as_from_the_factory(path: Path) -> None:
+def test_a_servo_without_an_entry_has_factory_values(path: Path) -> None:
     Run(path, {1: sts.STS3215}).write(1, (sts.lock, 0), (sts.homing_offset, 5))
     run = Run(path, STS)
     assert [run.bus.read(i, sts.homing_offset) for i in STS] == [5, 0]
     assert len(yaml.safe_load(path.read_text())["servos"]) == 2
 
 
-def test_a_place_that_cannot_be_written_is_said_at_once(tmp_path: Path) -> None:
+def test_an_unwritable_path_is_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(EepromError, match=r"cannot write .*none/arm\.yaml"):
         Run(tmp_path / "none" / "arm.yaml", STS)
 
@@ -197,7 +197,7 @@ def test_the_emulator_refuses_a_broken_file(
 
 
 @pytest.mark.slow
-def test_an_emulator_that_was_killed_has_lost_nothing(path: Path) -> None:
+def test_a_killed_emulator_loses_nothing(path: Path) -> None:
     link = path.parent / "bus"
     command = [sys.executable, "-m", "servoloop", "emulate", str(link), "--eeprom", str(path)]
     for expected in (0, 42):
@@ -216,7 +216,7 @@ def test_an_emulator_that_was_killed_has_lost_nothing(path: Path) -> None:
         link.unlink(missing_ok=True)
 
 
-def test_ids_given_to_servos_out_of_a_box_are_kept(path: Path) -> None:
+def test_ids_of_servos_from_a_box_are_kept(path: Path) -> None:
     robot = read_arm_files(find_arm("robot_arm")).robot
 
     def box() -> VirtualBox:

@@ -1,4 +1,4 @@
-"""The side channel beside the emulated bus: newest first, never in anybody's way."""
+"""The feed next to the emulated bus: latest publication first, and it never blocks the emulator."""
 
 import json
 import socket
@@ -21,7 +21,7 @@ class StillPose:
 
 
 class StillWorld:
-    """A cube in a bin, for ever."""
+    """A world with a cube in a bin that never changes."""
 
     joints = ("joint1", "hand")
     time_s = 0.0
@@ -48,7 +48,7 @@ def publish(feed: WorldFeed, world: StillWorld, times: int = 1) -> None:
         feed.tick(world.time_s, world, 0.25)
 
 
-def test_a_publication_says_what_a_camera_would_see(feed: WorldFeed) -> None:
+def test_a_publication_contains_poses_and_joints(feed: WorldFeed) -> None:
     client, world = WorldFeedClient(feed.path), StillWorld()
     publish(feed, world)
     assert client.newest() == {
@@ -63,7 +63,7 @@ def test_a_publication_says_what_a_camera_would_see(feed: WorldFeed) -> None:
     client.close()
 
 
-def test_the_trace_says_where_the_joints_were_since_the_last_publication(feed: WorldFeed) -> None:
+def test_the_trace_has_joint_positions_since_the_last_publication(feed: WorldFeed) -> None:
     client, world = WorldFeedClient(feed.path), StillWorld()
     publish(feed, world)
     for now_s in (1.01, 1.02, 2.0):
@@ -72,7 +72,7 @@ def test_the_trace_says_where_the_joints_were_since_the_last_publication(feed: W
     client.close()
 
 
-def test_only_the_newest_is_given(feed: WorldFeed) -> None:
+def test_only_the_latest_publication_is_returned(feed: WorldFeed) -> None:
     client, world = WorldFeedClient(feed.path), StillWorld()
     publish(feed, world, 5)
     newest = client.newest()
@@ -81,7 +81,7 @@ def test_only_the_newest_is_given(feed: WorldFeed) -> None:
     client.close()
 
 
-def test_between_two_periods_nothing_is_published(feed: WorldFeed) -> None:
+def test_nothing_is_published_between_two_periods(feed: WorldFeed) -> None:
     client, world = WorldFeedClient(feed.path), StillWorld()
     feed.tick(1.0, world, 0.0)
     feed.tick(1.0 + PERIOD_S / 4, world, 0.0)
@@ -90,7 +90,7 @@ def test_between_two_periods_nothing_is_published(feed: WorldFeed) -> None:
     client.close()
 
 
-def test_a_client_that_does_not_read_is_dropped_and_the_others_are_not(feed: WorldFeed) -> None:
+def test_only_a_client_that_does_not_read_is_disconnected(feed: WorldFeed) -> None:
     slow, fast, world = WorldFeedClient(feed.path), WorldFeedClient(feed.path), StillWorld()
     for _ in range(5000):
         publish(feed, world)
@@ -101,12 +101,12 @@ def test_a_client_that_does_not_read_is_dropped_and_the_others_are_not(feed: Wor
     fast.close()
 
 
-def test_a_client_that_went_away_disturbs_nobody(feed: WorldFeed) -> None:
+def test_a_disconnected_client_does_not_affect_others(feed: WorldFeed) -> None:
     WorldFeedClient(feed.path).close()
     publish(feed, StillWorld(), 3)
 
 
-def test_a_line_in_two_portions_is_put_together(feed: WorldFeed) -> None:
+def test_a_line_in_two_parts_is_joined(feed: WorldFeed) -> None:
     client = WorldFeedClient(feed.path)
     feed._accept()
     line = json.dumps({"time_s": 1.0}).encode() + b"\n"
@@ -129,23 +129,23 @@ def test_the_client_notices_the_end(tmp_path: Path) -> None:
     client.close()
 
 
-def test_a_second_feed_is_refused_and_remains_are_removed(feed: WorldFeed) -> None:
+def test_a_second_feed_is_refused_and_a_stale_socket_is_removed(feed: WorldFeed) -> None:
     with pytest.raises(PortBusy, match="another emulator"):
         WorldFeed(feed.path)
-    feed._socket.close()  # as if killed: the socket's name stays
+    feed._socket.close()  # as after a kill: the name of the socket remains
     WorldFeed(feed.path).close()
 
 
 def test_a_file_in_the_way_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "bus.world"
     path.write_text("mine")
-    with pytest.raises(PortBusy, match="no emulator's socket"):
+    with pytest.raises(PortBusy, match="not an emulator's socket"):
         WorldFeed(path)
     assert path.read_text() == "mine"
 
 
-def test_nobody_waits_for_an_emulator_that_accepts_no_one(tmp_path: Path) -> None:
-    """One that hangs: its queue is full."""
+def test_clients_do_not_wait_for_an_emulator_that_hangs(tmp_path: Path) -> None:
+    """An emulator that hangs has a full queue."""
     path = feed_path(tmp_path / "bus")
     with ExitStack() as ends:
         server = ends.enter_context(socket.socket(socket.AF_UNIX))

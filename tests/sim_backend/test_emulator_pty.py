@@ -1,4 +1,4 @@
-"""The virtual bus on a pseudo-terminal, used by the official SDK as it is. Real time, with deadlines."""
+"""The virtual bus on a pseudo-terminal with the unchanged official SDK, in real time."""
 
 import contextlib
 import importlib
@@ -23,7 +23,7 @@ from sim_backend.clock import SimulatedClock
 from sim_backend.emulator import LONGEST_CATCH_UP_S, Emulator, serve
 from sim_backend.mechanics.plant import BenchPlant
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("scservo_sdk")
 ROOT = Path(__file__).resolve().parents[2]
 IDS = (1, 2, 3)
@@ -41,10 +41,10 @@ serve(VirtualBus.of(BenchPlant((1, 2, 3))), Path(sys.argv[1]), stop=lambda: bool
 
 
 def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
-    """Poll until ``what()`` is true. The limit is for a machine in trouble, not a measurement."""
+    """Poll until ``what()`` is true. The limit only stops a test that fails; it is not a measurement."""
     deadline_s = time.monotonic() + within_s
     while not what():
-        assert time.monotonic() < deadline_s, "waited in vain"
+        assert time.monotonic() < deadline_s, "the condition was never true"
         time.sleep(0.01)
 
 
@@ -65,10 +65,10 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 
 class Client:
-    """The official SDK's own classes on ``link``; lost answers of a busy machine are asked for again.
+    """Classes of the official SDK on ``link``. Replies that a busy machine loses are requested again.
 
-    The SDK waits 34 ms. Where the emulator was held up for longer, its answer meets the next question, and the SDK
-    takes an empty answer (a ping's, a write's) for the read's and stumbles over the values that are not in it.
+    The SDK waits 34 ms. If the emulator is held up for longer, its reply arrives after the next instruction. The SDK
+    then takes an empty reply (of a ping or a write) for that of the read, and fails on the missing values.
     """
 
     def __init__(self, link: Path) -> None:
@@ -108,15 +108,15 @@ def test_clients_come_and_go(link: Path) -> None:
         client.port.closePort()
 
 
-def test_another_baud_is_accepted_and_meets_silence(client: Client) -> None:
+def test_another_baud_rate_is_accepted_but_gets_no_reply(client: Client) -> None:
     assert client.port.setBaudRate(250_000)
     assert client.handler.ping(client.port, 1)[1] == sdk.COMM_RX_TIMEOUT
     assert client.port.setBaudRate(1_000_000)
     assert client.position(1) == pytest.approx(2048, abs=2)
 
 
-def test_a_client_that_hangs_up_ends_nothing(client: Client) -> None:
-    """Baud rate 0 is how a terminal hangs up."""
+def test_a_client_that_hangs_up_does_not_end_the_emulator(client: Client) -> None:
+    """A terminal hangs up by setting baud rate 0."""
     terminal = client.port.ser.fileno()
     settings = termios.tcgetattr(terminal)
     rates, settings[4:6] = settings[4:6], [termios.B0, termios.B0]
@@ -127,8 +127,8 @@ def test_a_client_that_hangs_up_ends_nothing(client: Client) -> None:
     assert client.position(1) == pytest.approx(2048, abs=2)
 
 
-def test_a_second_emulator_is_refused_and_says_why(link: Path) -> None:
-    with pytest.raises(PortBusy, match="end that one"):
+def test_a_second_emulator_is_refused_with_a_reason(link: Path) -> None:
+    with pytest.raises(PortBusy, match="end that emulator"):
         serve(VirtualBus.of(BenchPlant(IDS)), link, stop=lambda: True)
 
 
@@ -146,7 +146,7 @@ def test_the_link_of_an_ended_emulator_is_taken_over(tmp_path: Path) -> None:
     assert not link.is_symlink()
 
 
-def test_anything_else_is_left_alone(tmp_path: Path) -> None:
+def test_other_files_at_the_link_are_left_alone(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     link.write_text("mine")
     with pytest.raises(PortBusy, match="choose another path"):
@@ -164,7 +164,7 @@ def test_a_link_that_was_replaced_meanwhile_is_not_removed(tmp_path: Path) -> No
     assert link.read_text() == "mine"
 
 
-def test_the_line_carries_any_baud(tmp_path: Path) -> None:
+def test_the_line_accepts_any_baud_rate(tmp_path: Path) -> None:
     with PtyLink(tmp_path / "bus") as line:
         assert line.baud == 1_000_000
         for baud in sts.BAUD_RATES:
@@ -172,7 +172,7 @@ def test_the_line_carries_any_baud(tmp_path: Path) -> None:
             assert line.baud == baud
 
 
-def test_a_stall_is_dropped_not_caught_up(tmp_path: Path) -> None:
+def test_time_lost_in_a_stall_is_skipped(tmp_path: Path) -> None:
     clock = SimulatedClock()
     bus = VirtualBus.of(BenchPlant(IDS))
     with PtyLink(tmp_path / "bus") as line:
@@ -182,14 +182,14 @@ def test_a_stall_is_dropped_not_caught_up(tmp_path: Path) -> None:
     assert bus.dropped_s == pytest.approx(7.0 - LONGEST_CATCH_UP_S)
 
 
-def test_nobody_has_to_listen(tmp_path: Path) -> None:
+def test_replies_without_a_listener_are_dropped(tmp_path: Path) -> None:
     with PtyLink(tmp_path / "bus") as line:
         for _ in range(100):
             line.write(bytes(4096))
         assert line.read() == b""
 
 
-def test_ticks_are_served_and_stop_is_obeyed(tmp_path: Path) -> None:
+def test_ticks_are_called_until_stop(tmp_path: Path) -> None:
     ticks: list[float] = []
     serve(
         VirtualBus.of(BenchPlant(IDS)),
@@ -201,8 +201,8 @@ def test_ticks_are_served_and_stop_is_obeyed(tmp_path: Path) -> None:
     assert ticks == sorted(ticks)
 
 
-def test_a_tick_has_the_time_of_the_world_and_not_of_the_clock(tmp_path: Path) -> None:
-    """Where the process is held up behind the physics, what is seen of the world is as old as that."""
+def test_a_tick_reports_the_time_of_the_world(tmp_path: Path) -> None:
+    """If the process is held up after the physics, the observed world has the time of the physics."""
     bus, clock = VirtualBus.of(BenchPlant(IDS)), MonotonicClock()
     begin_s = clock.now()
     seen: list[tuple[float, float]] = []

@@ -1,4 +1,4 @@
-"""The rule of the next cube, told to a world of paper, and once to the real one."""
+"""The rule for the next cube, on a fake world and once on the simulated one."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ SWING_RAD_S = 2.0 * math.pi * 1.7
 
 @dataclass
 class PaperWorld:
-    """What the feeder sees of a world, set by hand."""
+    """A fake world with the properties that the feeder reads, set by the test."""
 
     place: str = "bin"
     at_rest: bool = True
@@ -90,18 +90,18 @@ def test_the_old_cube_stays_while_the_arm_rests(run):
     assert run(60.0) == 0
 
 
-def test_a_rested_arm_that_sets_out_gets_one_fresh_cube(run):
+def test_an_arm_that_leaves_after_a_rest_gets_one_new_cube(run):
     run(1.1)
     assert run(2.0, joint=5, speed=1.0) == 1
     assert run(5.0) == 1
 
 
-def test_a_short_rest_brings_none(run):
+def test_a_short_rest_brings_no_cube(run):
     run(0.05)
     assert run(2.0, joint=5, speed=1.0) == 0
 
 
-def test_the_rest_is_counted_from_when_the_cube_lies_still(run, world):
+def test_the_rest_starts_when_the_cube_is_at_rest(run, world):
     world.at_rest = False
     run(5.0)
     world.at_rest = True
@@ -132,30 +132,30 @@ def test_a_cube_that_is_not_done_stays(run, world, cube):
     assert run(2.0, joint=5, speed=1.0) == 0
 
 
-def test_a_cube_that_leans_against_the_open_hand_at_ready_is_done(run, world):
-    """A job that failed has left it there, and the arm has come home without it."""
+def test_a_cube_leaning_against_the_open_hand_at_ready_is_done(run, world):
+    """A failed job has left the cube there, and the arm has returned without it."""
     world.touched = True
     run(1.0)
     assert run(2.0, joint=5, speed=1.0) == 1
 
 
-def test_a_moving_hand_alone_is_no_new_job(run):
+def test_a_moving_hand_does_not_start_a_new_job(run):
     run(2.0)
     assert run(2.0, joint=6, speed=0.08) == 0
 
 
-def test_a_joint_that_swings_through_its_backlash_rests(run):
+def test_a_joint_that_swings_within_its_backlash_is_at_rest(run):
     assert run(2.0, swing_rad=0.012) == 0
     assert run(0.2, joint=3, speed=0.3) == 1
 
 
-def test_an_arm_that_is_still_on_its_way_to_ready_does_not_rest(run, world):
+def test_an_arm_on_its_way_to_ready_is_not_at_rest(run, world):
     world.pose = [*READY[:5], READY[5] - 0.1, 0.0]
     run(1.0, joint=5, speed=0.1)
     assert run(0.5, joint=5, speed=0.1) == 0
 
 
-def test_never_into_a_finger(run, world):
+def test_no_cube_is_fed_into_a_finger(run, world):
     run(2.0)
     world.free = False
     assert run(0.1, joint=5, speed=1.0) == 0
@@ -163,7 +163,7 @@ def test_never_into_a_finger(run, world):
     assert run(0.1, joint=5, speed=1.0) == 1
 
 
-def test_a_real_world_gets_its_cube_back_as_the_arm_leaves_ready():
+def test_a_simulated_world_gets_a_cube_when_the_arm_leaves_ready():
     world, feeder = World(), Feeder()
     world.data.qpos[world.cell.qpos][:3] = (0.29, 0.123, 0.03)
     goal = np.array(READY)

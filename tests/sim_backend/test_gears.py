@@ -25,7 +25,7 @@ def bench(gears: Gears) -> BenchPlant:
 
 
 def moved(plant: BenchPlant, torque_nm: float, load_nm: float) -> float:
-    """How far (rad) the shaft goes in a second."""
+    """Return how far the shaft turns in a second, in rad."""
     before = plant.angles()[0]
     plant.load_nm[:] = [load_nm]
     for _ in range(1000):
@@ -34,24 +34,24 @@ def moved(plant: BenchPlant, torque_nm: float, load_nm: float) -> float:
     return plant.angles()[0] - before
 
 
-def test_the_law() -> None:
+def test_the_friction_law() -> None:
     assert GEARS.friction_nm(0.0, 100.0) == pytest.approx(0.05)
     assert GEARS.friction_nm(2.0, 100.0) == pytest.approx(0.25)
     assert GEARS.friction_nm(-2.0, 0.0) == pytest.approx(0.05 + 0.03 + 0.3 * 2.0)
     assert GEARS.friction_nm(0.0, -0.5) == pytest.approx(0.05 + 0.03 / np.e)
 
 
-def test_a_shaft_under_load_starts_only_beyond_the_friction_of_both_ends() -> None:
-    # At rest: 0.08 + 0.3 * (motor + load) holds against motor - load, so the motor needs (0.08 + 1.3 * load) / 0.7.
+def test_a_loaded_shaft_starts_only_beyond_the_friction_of_both_torques() -> None:
+    # At rest, 0.08 + 0.3 * (motor + load) opposes motor - load, so the motor needs (0.08 + 1.3 * load) / 0.7.
     needed = (0.08 + 1.3 * 1.0) / 0.7
     assert moved(bench(GEARS), 0.99 * needed, -1.0) == 0.0
     assert moved(bench(GEARS), 1.01 * needed, -1.0) > 0.1
-    held = (0.7 * 1.0 - 0.08) / 1.3  # less, and the load drives the motor
+    held = (0.7 * 1.0 - 0.08) / 1.3  # with less torque, the load drives the motor
     assert moved(bench(GEARS), 1.01 * held, -1.0) == 0.0
     assert moved(bench(GEARS), 0.99 * held, -1.0) < -0.01
 
 
-def test_friction_never_turns_a_shaft_round() -> None:
+def test_friction_never_reverses_a_shaft() -> None:
     plant = bench(Gears(0.0001, 0.0, 0.01, 0.9, sticking_share=0.5))
     plant.joints.velocity[0] = 1.0
     plant.load_nm[:] = [-0.5]
@@ -64,16 +64,16 @@ def test_friction_never_turns_a_shaft_round() -> None:
     assert speeds[-1] == 0.0
 
 
-def test_what_a_joint_feels_of_gears_behind_a_ratio() -> None:
+def test_gears_are_converted_to_joint_units() -> None:
     behind = GEARS.behind(-20.0)
     assert behind.rotor_kg_m2 == pytest.approx(4.0)
     assert behind.viscous_nm_s == pytest.approx(8.0)
-    # 3 N on the joint are 0.15 N m on the shaft; 0.01 m/s are 0.2 rad/s.
+    # 3 N on the joint are 0.15 N m on the shaft, and 0.01 m/s are 0.2 rad/s.
     assert behind.friction_nm(3.0, 0.01) == pytest.approx(20.0 * GEARS.friction_nm(0.15, 0.2))
 
 
 @pytest.mark.parametrize("model", [MX_64, MX_106], ids=lambda model: model.name)
-def test_servos_bring_their_gears_to_the_bench(model: Model) -> None:
+def test_identified_gears_are_used_on_the_bench(model: Model) -> None:
     plant = BenchPlant([1, 2], inertia_kg_m2=99.0)
     VirtualBus.of(plant, {1: model, 2: model})
     gears = IDENTIFIED[model.name].gears
@@ -85,7 +85,7 @@ def test_servos_bring_their_gears_to_the_bench(model: Model) -> None:
     assert servo_of(model, 1).gears == gears
 
 
-def test_a_servo_that_nobody_identified_leaves_the_bench_as_it_is() -> None:
+def test_servos_without_identified_gears_keep_those_of_the_bench() -> None:
     plant = BenchPlant([1], inertia_kg_m2=0.5, friction_nm=0.0)
     VirtualDynamixelBus.of(plant, {1: x.XL430_W250})
     plant.push([1.0])
@@ -97,7 +97,7 @@ COUPLINGS = [Coupling(i, joint, transmission=0.03 if joint == JOINTS[6] else 1.0
 
 
 def held_arm(load_share: float) -> tuple[World, WorldPlant]:
-    """The arm at ready with gears on joint 3 alone."""
+    """Return the arm at ready with gears on joint 3 only."""
     world = World(initial_position=READY)
     plant = WorldPlant(world, COUPLINGS)
     gears = Gears(0.01, 0.05, 0.02, load_share)
@@ -106,12 +106,12 @@ def held_arm(load_share: float) -> tuple[World, WorldPlant]:
 
 
 def gravity(world: World) -> list[float]:
-    """What holds the arm (N m), in shafts' terms."""
+    """Return the shaft torques that hold the arm (N m)."""
     return [float(world.data.qfrc_bias[world.model.joint(c.joint).dofadr[0]]) * c.transmission for c in COUPLINGS]
 
 
 def drift(load_share: float, given: float) -> float:
-    """How far (rad) joint 3 goes in 0.3 s with this share of the torque that would hold it; the others hold."""
+    """Return the motion of joint 3 in 0.3 s (rad) with this share of its holding torque. The other joints hold."""
     world, plant = held_arm(load_share)
     for _ in range(300):
         torques = gravity(world)
@@ -121,13 +121,13 @@ def drift(load_share: float, given: float) -> float:
     return float(abs(world.position()[2] - READY[2]))
 
 
-def test_in_the_world_loaded_gears_hold_what_free_ones_let_go() -> None:
+def test_load_dependent_friction_holds_a_joint_in_the_world() -> None:
     assert drift(0.0, 0.8) > 10.0 * drift(0.3, 0.8)
-    # Half of it: even a share of 0.3 of the motor's and the arm's torque is less than what is missing.
+    # With half of the torque, friction of 0.3 times the sum of motor and load is less than the missing torque.
     assert drift(0.3, 0.3) > 0.05
 
 
-def test_in_the_world_other_joints_keep_the_scene_s_friction_and_inertia() -> None:
+def test_other_joints_keep_the_friction_and_inertia_of_the_scene() -> None:
     world, _ = held_arm(0.3)
     fresh, dof = World().model, world.model.joint("joint3").dofadr[0]
     others = [i for i in range(world.model.nv) if i != dof]
@@ -149,7 +149,7 @@ def test_gears_of_an_arm_on_two_lines() -> None:
     assert inertias[6] == pytest.approx(gears.rotor_kg_m2 / 0.03**2)
 
 
-def test_the_same_run_twice() -> None:
+def test_two_runs_are_identical() -> None:
     def run() -> bytes:
         world = World()
         line = VirtualDynamixelBus.of(WorldPlant(world, COUPLINGS), dict.fromkeys(range(1, 8), x.XL330_M288))

@@ -1,4 +1,4 @@
-"""What servos that are no STS have inside: the profile, the motor's heat."""
+"""Internals of servos other than STS: the motion profile and the temperature of the motor."""
 
 import pytest
 from hypothesis import given, settings
@@ -23,11 +23,11 @@ def _profile(speed: float, acceleration: float) -> MotionProfile:
     speed=st.integers(50, 3000),
     acceleration=st.integers(1, 254).map(lambda units: units * 100),
 )
-def test_the_profile_takes_the_time_of_feetechs_formula(goal: int, speed: int, acceleration: int) -> None:
+def test_the_profile_duration_matches_feetechs_formula(goal: int, speed: int, acceleration: int) -> None:
     profile = _profile(speed, acceleration)
     profile.goal = goal
     ramp_s, distance = speed / acceleration, abs(goal)
-    # Feetech's examples give |distance| / V + V / A; too short a way never reaches V.
+    # Feetech's examples give |distance| / V + V / A. A short motion never reaches V.
     expected_s = distance / speed + ramp_s
     if distance < speed * ramp_s:
         expected_s = 2.0 * (distance / acceleration) ** 0.5
@@ -45,7 +45,7 @@ def test_the_profile_takes_the_time_of_feetechs_formula(goal: int, speed: int, a
 
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 4095), min_size=1, max_size=6), st.integers(1, 254))
-def test_changing_goals_never_break_the_limits(goals: list[int], units: int) -> None:
+def test_changing_goals_never_violate_the_limits(goals: list[int], units: int) -> None:
     profile = _profile(1000.0, units * 100.0)
     velocity = 0.0
     for goal in goals:
@@ -67,10 +67,10 @@ def test_without_acceleration_the_profile_is_a_ramp() -> None:
     assert profile.done
 
 
-def test_a_stalled_motor_heats_as_the_constants_say() -> None:
+def test_a_stalled_motor_heats_up_according_to_its_constants() -> None:
     motor = MotorConstants.of(sts.STS3215)
     thermometer = Thermometer(motor)
     for _ in range(60_000):
         thermometer.step(0.01, 1.35)
-    # The published test: about 15 K after ten minutes at half the stall torque.
+    # The published test shows about 15 K after ten minutes at half the stall torque.
     assert thermometer.temperature_c - motor.ambient_c == pytest.approx(15.0, abs=2.0)

@@ -1,4 +1,4 @@
-"""The arm in MuJoCo as hardware: where it begins, and how far it sinks under its weight."""
+"""The arm in MuJoCo as hardware: its first pose, and how far it sinks under its weight."""
 
 import numpy as np
 import pytest
@@ -16,18 +16,18 @@ from sim_backend.scene.world import World
 
 PERIOD_S = 0.02
 SAG = 0.006
-"""Maximum error of a joint at rest that servos with gravity compensation leave, rad or m."""
+"""Maximum error of a joint at rest with gravity compensation by servos, in rad or m."""
 POSES = {
     "robot_arm": ([0, -1.5, 0, 0, 0, 0, 0], [0.5, -0.9, -0.6, 0.4, -0.3, 1, 0.03]),
     "so101": ([0, 0.6, 0, 0, 0, 0], [0.5, 0.9, -0.6, 0.4, -0.3, 1]),
     "so100": ([0, 0.6, 0, 0, 0, 0], [0.5, 0.9, -0.6, 0.4, -0.3, 1]),
     "koch": ([0, -0.6, 0, 0, 0, -0.5], [0.5, -0.9, 0.6, 0.4, -0.3, -1]),
 }
-"""By arm: one pose in which it is stretched out, and another one."""
+"""Two poses by arm, one of them stretched out."""
 
 
 def followed(hardware: MujocoHardware, clock: SimulatedClock, goal: FloatArray) -> FloatArray:
-    """Where the arm is a second after a straight line of two seconds to `goal`."""
+    """Return the positions one second after a straight motion of two seconds to `goal`."""
     begin = hardware.read().position
     for share in [*np.linspace(0.0, 1.0, 100), *[1.0] * 50]:
         hardware.write(JointCommand(begin + (goal - begin) * share, PERIOD_S))
@@ -37,7 +37,7 @@ def followed(hardware: MujocoHardware, clock: SimulatedClock, goal: FloatArray) 
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_the_weight_moves_an_arm_at_rest_by_no_more_than_servos_leave(name: str) -> None:
+def test_an_arm_at_rest_sinks_no_more_than_with_servos(name: str) -> None:
     files, clock = read_arm_files(find_arm(name)), SimulatedClock()
     hardware = MujocoHardware("arm", files.robot.joints, World(files.scene), clock)
     hardware.configure()
@@ -47,8 +47,8 @@ def test_the_weight_moves_an_arm_at_rest_by_no_more_than_servos_leave(name: str)
         assert np.abs(followed(hardware, clock, goal) - goal).max() < SAG
 
 
-def test_an_arm_that_begins_in_the_air_does_not_sink_before_it_has_torque() -> None:
-    """MoveIt plans from there: virtual servos and the arm in MuJoCo, two seconds after the start and without torque."""
+def test_an_arm_without_rest_pose_does_not_sink_before_torque_is_enabled() -> None:
+    """MoveIt plans from this pose. Both kinds of hardware are checked two seconds after the start, without torque."""
     files, clock = read_files(), SimulatedClock()
     ready = World(files.scene).ready
     lines = VirtualLines(files, Build(backlash_deg=1.0, seed=1))

@@ -1,4 +1,4 @@
-"""Pictures: the rays against MuJoCo's own, and the files."""
+"""Pictures: the rays compared with MuJoCo's own, and the saved files."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def meshes() -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("shapes", [boxes_and_cylinders, meshes])
-def test_rays_hit_what_mujoco_says_they_hit(shapes):
+def test_ray_hits_match_mujoco(shapes):
     (model, data), random = shapes(), np.random.default_rng(7)
     round_meshes = model.nmesh > 0
     groups = np.array([i in VISIBLE_GROUPS for i in range(6)], dtype=np.uint8)
@@ -49,7 +49,7 @@ def test_rays_hit_what_mujoco_says_they_hit(shapes):
         assert not round_meshes or (model.geom_type[geom[geom >= 0]] == mujoco.mjtGeom.mjGEOM_MESH).any()
 
 
-def test_the_real_shapes_are_drawn_and_the_simulation_does_not_know_them():
+def test_real_shapes_are_drawn_but_not_simulated():
     world = World(find_arm("so101").scene, backlash={"gripper": 0.02})
     drawn, model = world.drawn_model(), world.model
     assert model.nmesh == 0 and drawn.nmesh > 10 and drawn.nq == model.nq
@@ -58,11 +58,11 @@ def test_the_real_shapes_are_drawn_and_the_simulation_does_not_know_them():
     np.testing.assert_allclose(drawn.body_mass, model.body_mass)
     seen = visible(drawn)
     arm = drawn.body_rootid[drawn.geom_bodyid] == drawn.body("base_link").id
-    assert set(seen[arm[seen]]) == set(np.flatnonzero(is_mesh)), "no box of the arm is seen"
+    assert set(seen[arm[seen]]) == set(np.flatnonzero(is_mesh)), "boxes of the arm must not be visible"
     assert drawn.geom("cube").id in seen and drawn.geom("table").id in seen
 
 
-def test_an_arm_without_meshes_is_drawn_as_its_scene_has_it():
+def test_an_arm_without_meshes_is_drawn_like_its_scene():
     world = World()
     drawn = world.drawn_model()
     assert drawn.nmesh == 0
@@ -75,7 +75,7 @@ def test_a_cleared_table_is_not_drawn():
     assert world.model.geom("cube").id not in visible(world.drawn_model())
 
 
-def test_a_mesh_of_a_link_that_the_scene_does_not_have_is_left_out():
+def test_meshes_of_links_outside_the_scene_are_left_out():
     spec = mujoco.MjSpec.from_string("<mujoco><worldbody><body name='other'/></worldbody></mujoco>")
     assert drawn_model(spec, link_meshes(find_arm("so101").folder)).nmesh == 0
 
@@ -89,8 +89,8 @@ def test_the_picture_shows_the_cube_and_the_bins():
         assert share.mean() > 0.001
 
 
-def test_a_picture_is_that_of_its_pose_whatever_was_drawn_before():
-    """Also what the arm no longer hides, and where its shadow was."""
+def test_a_picture_does_not_depend_on_earlier_pictures():
+    """This includes areas that the arm no longer hides or shades."""
     worlds = [World(initial_position=[turn, 0.3, -0.6, -0.8, -0.9, 0.4, 0.02]) for turn in (-0.6, 0.0, 0.7)]
     view = View(worlds[0].model, worlds[0].data, width=120, height=90)
     pictures = [view.picture(world.data) for world in worlds]
@@ -107,7 +107,7 @@ def test_only_known_shapes_are_drawn():
         View(world.model, world.data, width=60, height=45, smooth=False).picture(world.data)
 
 
-def test_the_recorder_leaves_rests_out_and_its_memory_is_bounded():
+def test_the_recorder_skips_rests_and_limits_its_memory():
     world = World()
     recorder = Recorder(world, period_s=0.1, frames=5)
     for i in range(30):

@@ -28,7 +28,7 @@ def wire(*servo_ids: int) -> tuple[VirtualPort, SimulatedClock, VirtualBus]:
     return VirtualPort(bus, clock), clock, bus
 
 
-def test_a_read_jumps_to_the_arrival() -> None:
+def test_a_read_advances_to_the_arrival() -> None:
     port, clock, _ = wire()
     port.write(PING)
     assert clock.now() == 50.0
@@ -36,7 +36,7 @@ def test_a_read_jumps_to_the_arrival() -> None:
     assert clock.now() == pytest.approx(50.000122)
 
 
-def test_a_read_that_is_not_satisfied_ends_at_its_deadline() -> None:
+def test_an_incomplete_read_ends_at_its_deadline() -> None:
     port, clock, _ = wire()
     port.write(PING)
     assert port.read(7, 50.1) == status_packet(1, 0)
@@ -44,7 +44,7 @@ def test_a_read_that_is_not_satisfied_ends_at_its_deadline() -> None:
     assert port.read(1, 50.0) == b""
 
 
-def test_what_comes_after_the_deadline_is_there_later() -> None:
+def test_bytes_after_the_deadline_are_read_later() -> None:
     port, clock, _ = wire()
     port.write(PING)
     assert port.read(6, 50.0001) == b""
@@ -53,7 +53,7 @@ def test_what_comes_after_the_deadline_is_there_later() -> None:
     assert port.read(4, 51.0) == status_packet(1, 0)[2:]
 
 
-def test_discarding_drops_what_has_come_but_not_what_is_coming() -> None:
+def test_discarding_drops_only_bytes_that_have_arrived() -> None:
     port, clock, _ = wire()
     port.write(PING)
     port.discard_input()
@@ -65,7 +65,7 @@ def test_discarding_drops_what_has_come_but_not_what_is_coming() -> None:
 
 
 @pytest.mark.parametrize("end", ["unplug", "close"])
-def test_after_the_end_every_method_says_so(end: str) -> None:
+def test_every_method_raises_after_the_port_is_gone(end: str) -> None:
     port, _, _ = wire()
     getattr(port, end)()
     port.close()
@@ -79,13 +79,13 @@ def test_after_the_end_every_method_says_so(end: str) -> None:
             use()
 
 
-def test_it_is_a_port() -> None:
+def test_a_virtual_port_is_a_port() -> None:
     port: Port = wire()[0]
     assert (port.name, port.baud) == ("virtual", 1_000_000)
 
 
 def _transcript() -> tuple[list[bytes], list[float]]:
-    """Three servos moved in a group for a second, as a control loop does it."""
+    """Move three servos as a group for a second, like a control loop."""
     port, clock, bus = wire(1, 2, 3)
     bus.rig.plant.load_nm[:] = [0.2, -0.4, 0.6]  # type: ignore[attr-defined]
     port.write(packet(0xFE, Code.WRITE, b"\x2a\x00\x08"))

@@ -1,4 +1,4 @@
-"""The power of a virtual line over time: another voltage is seen, none at all is silence, and a restart forgets."""
+"""Power of a virtual line: servos report the voltage, are silent without power, and lose RAM in a restart."""
 
 import pytest
 
@@ -31,7 +31,7 @@ class Line:
 
 
 @pytest.mark.parametrize("voltage_v", [5.0, 9.5, 14.5])
-def test_servos_report_the_voltage_that_they_are_fed_with(voltage_v: float) -> None:
+def test_servos_report_their_supply_voltage(voltage_v: float) -> None:
     line = Line()
     feed(line.servos, voltage_v)
     line.wait(0.1)
@@ -40,7 +40,7 @@ def test_servos_report_the_voltage_that_they_are_fed_with(voltage_v: float) -> N
         assert reading.voltage_v == pytest.approx(voltage_v, abs=0.06)
 
 
-def test_without_power_all_are_silent_until_they_have_started_again() -> None:
+def test_servos_without_power_are_silent_until_they_have_restarted() -> None:
     line = Line()
     feed(line.servos, BROWN_OUT_V - 0.1)
     line.wait(5.0)
@@ -52,7 +52,7 @@ def test_without_power_all_are_silent_until_they_have_started_again() -> None:
     assert line.silent() == []
 
 
-def test_a_restart_takes_torque_and_limit_of_that_servo_alone() -> None:
+def test_a_restart_resets_torque_and_limit_of_one_servo_only() -> None:
     line = Line()
     for servo_id in IDS:
         line.bus.write(servo_id, sts.torque_limit, 400)
@@ -63,7 +63,7 @@ def test_a_restart_takes_torque_and_limit_of_that_servo_alone() -> None:
     assert held == {1: (1, 400), 2: (0, 1000)}
 
 
-def test_a_dynamixel_without_power_is_deaf_until_it_has_started_again() -> None:
+def test_a_dynamixel_without_power_ignores_packets_until_it_has_restarted() -> None:
     line = VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, x.XL430_W250))
     servo = line.servo(1)
     feed(line, 0.0)
@@ -76,7 +76,7 @@ def test_a_dynamixel_without_power_is_deaf_until_it_has_started_again() -> None:
     assert not servo.deaf
 
 
-def test_a_supply_with_thin_leads_breaks_down_under_its_load_alone() -> None:
+def test_a_supply_with_thin_leads_fails_only_under_load() -> None:
     line = Line()
     line.bus.write(1, sts.torque_enable, 1)
     line.bus.write(1, sts.goal_position, 4000)
@@ -86,4 +86,4 @@ def test_a_supply_with_thin_leads_breaks_down_under_its_load_alone() -> None:
     for _ in range(200):
         line.wait(0.001)
         watch_supply(line.servos)
-    assert line.silent() == list(IDS)  # one supply feeds both
+    assert line.silent() == list(IDS)  # both servos have the same supply

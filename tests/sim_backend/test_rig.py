@@ -1,4 +1,4 @@
-"""The servos of one line together: the compiled timestep of all of them is that of one after the other."""
+"""The compiled timestep of all servos of a line gives the same result as one servo after the other."""
 
 import pytest
 
@@ -18,7 +18,7 @@ COUPLINGS = [
 
 
 class Arm:
-    """Seven servos on two supplies of the same voltage, of which one gives way a lot."""
+    """Seven servos on two supplies of the same voltage, one of which sags a lot."""
 
     def __init__(self) -> None:
         self.world = World()
@@ -29,7 +29,7 @@ class Arm:
         self.line = VirtualBus(self.rig)
 
     def work(self) -> list[bytes]:
-        """Goals far away, and a reboot on the way; what was seen in each millisecond."""
+        """Move to distant goals with a reboot in between. Return the state after each millisecond."""
         seen = []
         for servo in self.servos:
             goal = sts.goal_position.encode(2300, "little")
@@ -53,13 +53,13 @@ def bytes_of_write(servo_id: int, address: int, data: bytes) -> bytes:
     return packet(servo_id, 3, bytes((address,)) + data)
 
 
-def test_all_at_once_is_one_after_the_other_bit_for_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_compiled_step_equals_single_steps_bit_for_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     at_once = Arm().work()
     monkeypatch.setattr(Rig, "_compiled", lambda rig: None)
     assert at_once == Arm().work()
 
 
-def test_a_supply_gives_way_only_under_its_own_servos() -> None:
+def test_a_supply_sags_only_under_its_own_servos() -> None:
     arm = Arm()
     arm.work()
     assert [servo.firmware.voltage_v for servo in arm.servos[:2]] == [12.0, 12.0]

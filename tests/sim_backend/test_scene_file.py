@@ -1,4 +1,4 @@
-"""Scenes of other people: their size, their encoding, and numbers that MuJoCo warns of or takes as they are."""
+"""Scenes of users: their size, their encoding, and invalid numbers that MuJoCo only warns of or accepts."""
 
 import os
 from pathlib import Path
@@ -36,7 +36,7 @@ def edited(folder: Path, old: str, new: str) -> Path:
         ("<worldbody>", '<worldbody><geom size="x"/>', "scene.xml: MuJoCo cannot read it: "),
     ],
 )
-def test_a_scene_that_cannot_be_is_refused_by_every_reader(tmp_path: Path, old: str, new: str, says: str) -> None:
+def test_an_invalid_scene_is_refused_by_every_reader(tmp_path: Path, old: str, new: str, says: str) -> None:
     path = edited(tmp_path, old, new)
     for read in READERS:
         with pytest.raises(ArmFileError) as error:
@@ -51,13 +51,13 @@ def test_a_scene_in_another_encoding_is_refused(tmp_path: Path) -> None:
         World(path)
 
 
-def test_bodies_without_names_are_shown_too(tmp_path: Path) -> None:
+def test_bodies_without_names_are_shown(tmp_path: Path) -> None:
     path = edited(tmp_path, "<worldbody>", '<worldbody><body><geom type="box" size="1 1 1"/></body>')
     assert [shape.link for shape in thing_shapes(path)] == ["cube"]
     assert len(list(scene_shapes(path))) == len(list(scene_shapes(SCENE)))
 
 
-def test_a_color_without_numbers_is_the_usual_one() -> None:
+def test_a_color_without_numbers_is_the_default() -> None:
     visual = '<visual><geometry><box size="1 1 1"/></geometry><material name="x"><color/></material></visual>'
     (shape,), _ = shapes(f'<robot name="a"><link name="b">{visual}</link></robot>')
     assert shape.rgb == GREY
@@ -80,7 +80,7 @@ LARGE = "<mujoco><!-- " + "x" * LARGEST_BYTES + " --></mujoco>"
         ('<include file="between.xml"/>', "other.xml"),
     ],
 )
-def test_a_large_scene_that_a_scene_names_is_refused(tmp_path: Path, text: str, name: str) -> None:
+def test_a_scene_that_names_a_too_large_scene_is_refused(tmp_path: Path, text: str, name: str) -> None:
     path = scene_with(tmp_path, text)
     (tmp_path / "between.xml").write_text('<mujoco>\n<include file="other.xml"/></mujoco>')
     (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -121,7 +121,7 @@ def test_a_pipe_that_a_scene_includes_is_refused(tmp_path: Path) -> None:
         scene_model(path)
 
 
-def test_a_name_that_no_file_can_have_is_reported_by_mujoco(tmp_path: Path) -> None:
+def test_impossible_file_names_are_reported_by_mujoco(tmp_path: Path) -> None:
     path = scene_with(tmp_path, f'<include file="{"x" * 1000}"/>')
     with pytest.raises(ArmFileError, match="MuJoCo cannot read it"):
         scene_model(path)

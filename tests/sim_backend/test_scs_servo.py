@@ -1,4 +1,4 @@
-"""Virtual SCS servos: another table, big endian, a potentiometer, no sync read; the same physics."""
+"""Virtual SCS servos: another table, big endian, a potentiometer, no sync read, and the common physics."""
 
 from math import pi
 
@@ -38,7 +38,7 @@ class Bench:
         return b"".join(reply.data for reply in self.servos.receive(packet, now_s))
 
 
-def test_a_sync_read_is_not_answered_and_a_read_is() -> None:
+def test_only_single_reads_are_answered() -> None:
     bench = Bench()
     assert bench.ask(wire.sync_read(IDS, 56, 8)) == b""
     assert len(bench.ask(wire.packet(1, 2, bytes((56, 8))))) == 14
@@ -53,7 +53,7 @@ def test_words_have_their_high_byte_first() -> None:
 
 
 @pytest.mark.parametrize("model", scs.MODELS)
-def test_a_goal_is_reached_at_the_asked_speed(model: str) -> None:
+def test_a_goal_is_reached_at_the_requested_speed(model: str) -> None:
     bench = Bench(model)
     start = bench.run(0.05).position_counts
     bench.bus.write_goals({1: ServoGoal(start)})
@@ -61,7 +61,7 @@ def test_a_goal_is_reached_at_the_asked_speed(model: str) -> None:
     bench.bus.write_goals({1: ServoGoal(start - 200, 200)})
     halfway = bench.run(0.5)
     assert halfway.position_counts == pytest.approx(start - 100, abs=12)
-    assert halfway.velocity_counts_s == pytest.approx(-200, abs=120)  # of counts of a third of a degree
+    assert halfway.velocity_counts_s == pytest.approx(-200, abs=120)  # one count is a third of a degree
     assert bench.run(1.0).position_counts == pytest.approx(start - 200, abs=2)
     assert bench.bus.read(1, scs.moving) == 0
 
@@ -73,13 +73,13 @@ def test_readings_end_where_the_potentiometer_ends(angle_rad: float, reading: in
     assert bench.run(0.1).position_counts == reading
 
 
-def test_there_is_no_middle_to_set_and_no_limit_of_torque_in_ram() -> None:
+def test_scs_servos_have_no_middle_command_and_no_torque_limit_in_ram() -> None:
     bench = Bench()
     before = bench.run(0.05).position_counts
     bench.bus.write(1, scs.torque_enable, 128)
     assert bench.run(0.05).position_counts == before
     assert not bench.bus.torque_is_on(1)
-    bench.bus.write(1, scs.lock, 0)  # 48: an STS has its torque limit here
+    bench.bus.write(1, scs.lock, 0)  # register 48, which is the torque limit of an STS
     servo = bench.servos.servo(1)
     assert isinstance(servo, VirtualScsServo) and servo.firmware._limit == 1.0
 
@@ -95,7 +95,7 @@ def test_max_torque_limits_the_drive_and_survives_power_off_only_unlocked() -> N
         assert servo.memory.get(scs.max_torque) == lasting
 
 
-def test_motor_mode_is_not_driven_as_position() -> None:
+def test_motor_mode_does_not_drive_to_positions() -> None:
     bench = Bench()
     for register in (scs.min_position, scs.max_position):
         bench.bus.write(1, register, 0)

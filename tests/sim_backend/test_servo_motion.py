@@ -1,4 +1,4 @@
-"""How a virtual STS servo moves its shaft: loops, profile, motor, torque switch. Simulated time only."""
+"""Motion of a virtual STS servo: loops, profile, motor and torque switch. Simulated time only."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.sim_backend.sts_bench import COUNTS_PER_RAD, StsBench
 
 
 def _free(bench: StsBench) -> None:
-    """Without a limit of acceleration."""
+    """Remove the limit of acceleration."""
     bench[sts.acceleration_multiplier] = 0
     bench.run(0.001)
 
@@ -17,19 +17,19 @@ def _free(bench: StsBench) -> None:
 # Position mode
 
 
-def test_the_stiffness_is_that_of_the_real_law() -> None:
-    """8 u a count at P = 32, behind a dead zone of 1 count and with 16 u of help (section 3)."""
+def test_the_stiffness_matches_the_position_loop() -> None:
+    """The drive is 8 u per count at P = 32, beyond a dead zone of 1 count and with 16 u of startup force."""
     bench = StsBench()
     bench[sts.position_d] = 0
     bench.go(2048)
     bench.held_at(2038, 0.1)
     assert bench[sts.present_load] == -(9 * 8 + 16)
     bench.held_at(2058, 0.1)
-    assert abs(bench[sts.present_load] - (9 * 8 + 16)) <= 8  # a falling count ends exactly, a rising one short
+    assert abs(bench[sts.present_load] - (9 * 8 + 16)) <= 8  # a falling count is exact, a rising count is one short
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_load_has_its_sign_bit_set_while_it_pushes_to_larger_counts(way: int) -> None:
+def test_the_sign_bit_of_the_load_is_set_when_it_pushes_to_larger_counts(way: int) -> None:
     bench = StsBench()
     bench.go(2048 + 300 * way)
     bench.held_at(2048, 0.3)
@@ -37,7 +37,7 @@ def test_load_has_its_sign_bit_set_while_it_pushes_to_larger_counts(way: int) ->
     assert bool(bench.servo.read(61, 1)[0] & 4) == (way > 0)
 
 
-def test_current_is_a_magnitude() -> None:
+def test_the_current_has_no_sign() -> None:
     bench = StsBench()
     for goal in (2348, 1748):
         bench.go(goal)
@@ -45,14 +45,14 @@ def test_current_is_a_magnitude() -> None:
         assert bench[sts.present_current] == pytest.approx(2.7 * 0.97 / 0.0065, rel=0.01)
 
 
-def test_a_load_of_one_newton_metre_sags_by_forty_counts() -> None:
+def test_a_load_of_one_newton_meter_sags_by_forty_counts() -> None:
     bench = StsBench(load_nm=-1.0)
     bench.go(2048)
     bench.run(2.0)
     assert 39 <= 2048 - bench[sts.present_position] <= 43
 
 
-def test_the_integral_grows_only_at_standstill_and_lifts_the_sag() -> None:
+def test_the_integral_grows_only_at_rest_and_corrects_the_sag() -> None:
     bench = StsBench(load_nm=-1.0)
     bench[sts.position_i] = 5
     bench.go(2048)
@@ -63,7 +63,7 @@ def test_the_integral_grows_only_at_standstill_and_lifts_the_sag() -> None:
     assert 2048 - bench[sts.present_position] >= 30
 
 
-def test_the_integral_stops_growing_at_its_limit_and_turns_back_at_once() -> None:
+def test_the_integral_stops_at_its_limit_and_reverses_at_once() -> None:
     bench = StsBench()
     for register, value in ((sts.position_p, 0), (sts.position_d, 0), (sts.position_i, 100), (sts.integral_limit, 10)):
         bench[register] = value
@@ -76,7 +76,7 @@ def test_the_integral_stops_growing_at_its_limit_and_turns_back_at_once() -> Non
     assert bench[sts.present_load] == 40 + 16
 
 
-def test_the_torque_limit_cuts_the_drive_and_max_torque_does_not() -> None:
+def test_the_torque_limit_clips_the_drive_and_max_torque_does_not() -> None:
     bench = StsBench()
     bench[sts.max_torque] = 100
     bench[sts.torque_limit] = 300
@@ -85,7 +85,7 @@ def test_the_torque_limit_cuts_the_drive_and_max_torque_does_not() -> None:
     assert bench[sts.present_load] == -300
 
 
-def test_the_profile_keeps_speed_and_acceleration_and_reports_itself() -> None:
+def test_the_profile_keeps_and_reports_speed_and_acceleration() -> None:
     bench = StsBench()
     bench[sts.acceleration] = 50
     bench[sts.goal_velocity] = 1000
@@ -108,7 +108,7 @@ def test_the_profile_keeps_speed_and_acceleration_and_reports_itself() -> None:
     ("registers", "counts_s2"),
     [({}, 10_000), ({sts.max_acceleration: 254}, 25_400), ({sts.acceleration: 20}, 2_000)],
 )
-def test_no_acceleration_is_that_of_85_times_86(registers: dict[Register, int], counts_s2: int) -> None:
+def test_acceleration_0_means_register_85_times_86(registers: dict[Register, int], counts_s2: int) -> None:
     bench = StsBench()
     for register, value in registers.items():
         bench[register] = value
@@ -119,14 +119,14 @@ def test_no_acceleration_is_that_of_85_times_86(registers: dict[Register, int], 
 
 
 @pytest.mark.parametrize(("asked", "kept"), [(99, 99), (100, 100), (101, 100), (254, 100)])
-def test_an_acceleration_above_register_85_is_cut_and_reads_back_so(asked: int, kept: int) -> None:
+def test_an_acceleration_above_register_85_is_clipped(asked: int, kept: int) -> None:
     bench = StsBench()
     bench[sts.acceleration] = asked
     assert bench[sts.acceleration] == kept
 
 
 @pytest.mark.parametrize(("asked", "kept"), [(0, 7500), (9000, 7500), (1, 50), (-400, 400)])
-def test_speeds_are_kept_within_the_factory_limits_and_zero_is_the_highest(asked: int, kept: int) -> None:
+def test_speeds_are_clipped_to_factory_limits_and_zero_means_maximum(asked: int, kept: int) -> None:
     bench = StsBench()
     _free(bench)
     bench[sts.goal_velocity] = asked
@@ -135,7 +135,7 @@ def test_speeds_are_kept_within_the_factory_limits_and_zero_is_the_highest(asked
     assert int.from_bytes(bench.servo.read(71, 2), "little") == kept
 
 
-def test_speed_zero_stands_still_without_its_phase_bit() -> None:
+def test_speed_0_without_its_phase_bit_means_no_motion() -> None:
     bench = StsBench()
     bench[sts.phase] = 4
     bench.go(3000)
@@ -143,7 +143,7 @@ def test_speed_zero_stands_still_without_its_phase_bit() -> None:
     assert bench[sts.present_position] == pytest.approx(2048, abs=2)
 
 
-def test_speeds_count_in_fifties_without_their_phase_bit() -> None:
+def test_the_speed_unit_is_fifty_counts_without_its_phase_bit() -> None:
     bench = StsBench()
     bench[sts.phase] = 8
     bench[sts.goal_velocity] = 10
@@ -154,7 +154,7 @@ def test_speeds_count_in_fifties_without_their_phase_bit() -> None:
     assert bench[sts.present_velocity] == pytest.approx(10, abs=2)
 
 
-def test_a_new_goal_on_the_way_brakes_first_and_comes_back() -> None:
+def test_a_new_goal_during_a_motion_brakes_first_and_then_returns() -> None:
     bench = StsBench()
     bench[sts.acceleration] = 20
     bench[sts.goal_velocity] = 1000
@@ -169,7 +169,7 @@ def test_a_new_goal_on_the_way_brakes_first_and_comes_back() -> None:
 
 
 @pytest.mark.parametrize(("goal", "reached"), [(100, 1000), (4000, 3000), (2500, 2500)])
-def test_the_position_limits_clamp_the_goal_but_not_its_register(goal: int, reached: int) -> None:
+def test_position_limits_clip_the_goal_but_not_its_register(goal: int, reached: int) -> None:
     bench = StsBench()
     bench[sts.min_position] = 1000
     bench[sts.max_position] = 3000
@@ -180,7 +180,7 @@ def test_the_position_limits_clamp_the_goal_but_not_its_register(goal: int, reac
     assert bench[sts.goal_position] == goal
 
 
-def test_equal_limits_are_none_and_goals_go_beyond_a_turn() -> None:
+def test_equal_limits_allow_goals_beyond_a_turn() -> None:
     bench = StsBench()
     bench[sts.max_position] = 0
     bench[sts.phase] = 12 | 16
@@ -199,7 +199,7 @@ def test_the_resolution_multiplies_the_goal() -> None:
     assert bench[sts.present_position] == pytest.approx(2400, abs=3)
 
 
-def test_a_shaft_that_is_pushed_over_the_seam_comes_back_the_way_it_went() -> None:
+def test_a_shaft_pushed_across_the_seam_returns_the_same_way() -> None:
     bench = StsBench()
     bench.turn_to(4000)
     bench.run(0.1)
@@ -211,7 +211,7 @@ def test_a_shaft_that_is_pushed_over_the_seam_comes_back_the_way_it_went() -> No
     assert bench.plant.angles()[0] * COUNTS_PER_RAD == pytest.approx(4001, abs=4)
 
 
-def test_the_homing_offset_acts_at_once_and_the_profile_goes_to_the_old_number() -> None:
+def test_the_homing_offset_applies_at_once_and_the_goal_number_stays() -> None:
     bench = StsBench()
     bench[sts.homing_offset] = -300
     bench.run(0.001)
@@ -228,14 +228,14 @@ def test_the_homing_offset_acts_at_once_and_the_profile_goes_to_the_old_number()
 # The torque switch
 
 
-def test_without_torque_nothing_moves_against_gravity() -> None:
+def test_without_torque_a_load_falls() -> None:
     bench = StsBench(load_nm=-0.3)
     bench.run(0.3)
     assert bench[sts.present_position] < 1900
     assert (bench[sts.present_load], bench[sts.moving]) == (0, 0)
 
 
-def test_damping_brakes_a_falling_load_without_drive() -> None:
+def test_damping_slows_a_falling_load_without_drive() -> None:
     free, damped = StsBench(load_nm=-0.3), StsBench(load_nm=-0.3)
     damped[sts.torque_enable] = 2
     for bench in (free, damped):
@@ -248,7 +248,7 @@ def test_damping_brakes_a_falling_load_without_drive() -> None:
     ("mode", "register", "value"),
     [(0, sts.goal_position, 2500), (3, sts.goal_position, 100), (1, sts.goal_velocity, 500), (2, sts.goal_time, 300)],
 )
-def test_a_write_of_the_modes_goal_switches_torque_on(mode: int, register: Register, value: int) -> None:
+def test_a_write_of_the_modes_goal_enables_the_torque(mode: int, register: Register, value: int) -> None:
     bench = StsBench()
     bench[sts.operating_mode] = mode
     bench.run(0.1)
@@ -259,14 +259,14 @@ def test_a_write_of_the_modes_goal_switches_torque_on(mode: int, register: Regis
     assert bench.plant.angles()[0] != before
 
 
-def test_where_goals_do_not_energise_a_limp_servo_stays_limp() -> None:
+def test_a_firmware_variant_whose_goals_do_not_enable_the_torque() -> None:
     bench = StsBench(variant=StsVariant(goal_write_energises=False))
     bench.go(2500)
     bench.run(0.2)
     assert (bench[sts.torque_enable], bench[sts.present_position]) == (0, 2048)
 
 
-def test_torque_on_holds_and_does_not_look_at_the_goal() -> None:
+def test_enabling_the_torque_holds_the_position_and_ignores_the_goal() -> None:
     bench = StsBench()
     bench[sts.torque_enable] = 1
     bench.run(0.5)
@@ -274,7 +274,7 @@ def test_torque_on_holds_and_does_not_look_at_the_goal() -> None:
     assert bench[sts.present_position] == 2048
 
 
-def test_where_torque_on_takes_the_goal_it_goes_for_a_stale_one() -> None:
+def test_a_firmware_variant_that_moves_to_a_stale_goal_at_torque_on() -> None:
     bench = StsBench(variant=StsVariant(torque_on_takes_goal=True))
     bench[sts.torque_enable] = 1
     bench.run(1.5)
@@ -282,7 +282,7 @@ def test_where_torque_on_takes_the_goal_it_goes_for_a_stale_one() -> None:
 
 
 @pytest.mark.parametrize("forgets", [True, False])
-def test_another_write_within_the_millisecond_makes_it_forget_the_goal(forgets: bool) -> None:
+def test_another_write_within_the_millisecond_discards_the_goal(forgets: bool) -> None:
     bench = StsBench(variant=StsVariant(forgets_goal_within_tick=forgets))
     bench[sts.goal_position] = 2500
     bench[sts.torque_limit] = 900
@@ -294,7 +294,7 @@ def test_another_write_within_the_millisecond_makes_it_forget_the_goal(forgets: 
 # The other modes
 
 
-def test_speed_mode_turns_at_the_asked_speed_both_ways_and_shows_the_raw_angle() -> None:
+def test_speed_mode_turns_at_the_requested_speed_and_reports_the_raw_angle() -> None:
     bench = StsBench()
     bench[sts.homing_offset] = 100
     bench[sts.operating_mode] = 1
@@ -308,7 +308,7 @@ def test_speed_mode_turns_at_the_asked_speed_both_ways_and_shows_the_raw_angle()
         assert bench[sts.present_position] == pytest.approx(raw, abs=10)
 
 
-def test_pwm_mode_drives_as_told_towards_smaller_counts_and_obeys_the_limit() -> None:
+def test_pwm_mode_applies_the_drive_within_the_torque_limit() -> None:
     bench = StsBench()
     bench[sts.operating_mode] = 2
     bench.run(0.001)
@@ -324,7 +324,7 @@ def test_pwm_mode_drives_as_told_towards_smaller_counts_and_obeys_the_limit() ->
     assert bench[sts.present_load] == 0
 
 
-def test_step_mode_goes_on_from_the_last_goal_and_shows_what_is_left() -> None:
+def test_step_mode_moves_from_the_last_goal_and_reports_the_rest() -> None:
     bench = StsBench()
     bench[sts.operating_mode] = 3
     bench[sts.max_position] = 0
@@ -337,7 +337,7 @@ def test_step_mode_goes_on_from_the_last_goal_and_shows_what_is_left() -> None:
     assert bench.servo.firmware.position == pytest.approx(2648, abs=4)
 
 
-def test_modes_that_it_does_not_know_drive_nothing() -> None:
+def test_unknown_modes_do_not_drive_the_motor() -> None:
     bench = StsBench()
     bench[sts.operating_mode] = 7
     bench[sts.goal_position] = 3000
@@ -346,7 +346,7 @@ def test_modes_that_it_does_not_know_drive_nothing() -> None:
     assert (bench[sts.present_load], bench[sts.present_position]) == (0, 2048)
 
 
-def test_another_mode_switches_torque_off_and_forgets_turns_speed_and_acceleration() -> None:
+def test_a_change_of_mode_resets_torque_turns_speed_and_acceleration() -> None:
     bench = StsBench()
     bench.turn_to(4096 + 500)
     bench.run(0.1)
@@ -364,7 +364,7 @@ def test_another_mode_switches_torque_off_and_forgets_turns_speed_and_accelerati
 # What it reports
 
 
-def test_slow_turning_reads_as_standstill_and_speeds_come_in_fifties() -> None:
+def test_slow_speeds_read_as_0_and_others_as_multiples_of_50() -> None:
     bench = StsBench()
     for counts_s, told in ((40, {0}), (90, {0, 100}), (130, {100, 150}), (1020, {1000, 1050})):
         seen = set()
@@ -376,7 +376,7 @@ def test_slow_turning_reads_as_standstill_and_speeds_come_in_fifties() -> None:
         assert seen <= told, counts_s
 
 
-def test_a_shaft_turned_by_hand_is_not_moving() -> None:
+def test_a_shaft_turned_by_hand_does_not_report_moving() -> None:
     bench = StsBench()
     for ms in range(200):
         bench.turn_to(1000 + ms)
@@ -384,12 +384,12 @@ def test_a_shaft_turned_by_hand_is_not_moving() -> None:
         assert bench[sts.moving] == 0
 
 
-def test_it_starts_at_ambient() -> None:
+def test_a_servo_starts_at_ambient_temperature() -> None:
     assert StsBench()[sts.present_temperature] == 27
 
 
 @pytest.mark.parametrize("timestep_s", [0.0005, 0.002, 0.0007])
-def test_its_millisecond_does_not_depend_on_the_plants_step(timestep_s: float) -> None:
+def test_the_firmware_rate_does_not_depend_on_the_timestep_of_the_plant(timestep_s: float) -> None:
     bench = StsBench(load_nm=-1.0, timestep_s=timestep_s)
     bench[sts.goal_velocity] = 500
     bench.run(0.003)

@@ -1,4 +1,4 @@
-"""What a virtual STS servo does to protect itself, and what ends it."""
+"""Protections of a virtual STS servo, and the conditions that end them."""
 
 import pytest
 
@@ -12,7 +12,7 @@ VOLTAGE, TEMPERATURE, CURRENT, OVERLOAD = 1 << 0, 1 << 2, 1 << 3, 1 << 5
 
 
 def _bench(**registers: int) -> StsBench:
-    """No current limit, unless told: overload would share its two seconds with it."""
+    """Return a servo without a current limit by default, which would act at the same time as overload."""
     bench = StsBench()
     for name, value in {"protection_current": 0, **registers}.items():
         register: Register = getattr(sts, name)
@@ -22,7 +22,7 @@ def _bench(**registers: int) -> StsBench:
 
 
 def _stalled(seconds: float = 2.5, **registers: int) -> StsBench:
-    """A goal that something does not let it reach."""
+    """Return a servo that is blocked on its way to a goal."""
     bench = _bench(**registers)
     bench.go(2400)
     bench.held_at(2048, seconds)
@@ -32,7 +32,7 @@ def _stalled(seconds: float = 2.5, **registers: int) -> StsBench:
 # Overload
 
 
-def test_a_stall_leaves_the_protective_torque_after_its_time() -> None:
+def test_a_stall_leads_to_the_protective_torque_after_the_protection_time() -> None:
     bench = _stalled(2.0)
     assert (bench[sts.status], bench[sts.present_load]) == (0, -1000)
     bench.held_at(2048, 0.2)
@@ -41,7 +41,7 @@ def test_a_stall_leaves_the_protective_torque_after_its_time() -> None:
     assert bench[sts.torque_enable] == 1
 
 
-def test_neither_the_same_goal_nor_torque_on_again_ends_an_overload() -> None:
+def test_the_same_goal_or_torque_on_does_not_end_an_overload() -> None:
     bench = _stalled()
     for register, value in ((sts.goal_position, 2400), (sts.torque_enable, 1)):
         bench[register] = value
@@ -57,7 +57,7 @@ def test_a_goal_near_the_shaft_or_on_its_other_side_ends_an_overload(goal: int) 
     assert bench[sts.status] == 0
 
 
-def test_torque_off_or_a_clear_way_ends_an_overload() -> None:
+def test_torque_off_or_a_free_shaft_ends_an_overload() -> None:
     bench = _stalled()
     bench[sts.torque_enable] = 0
     bench.held_at(2048, 0.002)
@@ -68,7 +68,7 @@ def test_torque_off_or_a_clear_way_ends_an_overload() -> None:
     assert bench[sts.present_position] == pytest.approx(2400, abs=3)
 
 
-def test_a_servo_that_moves_never_overloads_however_hard_it_is_driven() -> None:
+def test_a_moving_servo_never_overloads() -> None:
     bench = _bench(max_position=0)
     bench.go(20000)
     for ms in range(5000):
@@ -78,7 +78,7 @@ def test_a_servo_that_moves_never_overloads_however_hard_it_is_driven() -> None:
 
 
 @pytest.mark.parametrize(("counts", "status"), [(48, OVERLOAD), (56, 0)])
-def test_fifty_counts_of_way_begin_the_watch_anew(counts: int, status: int) -> None:
+def test_a_motion_of_fifty_counts_restarts_the_overload_timer(counts: int, status: int) -> None:
     bench = _bench()
     bench.go(2600)
     bench.held_at(2048, 1.0)
@@ -88,8 +88,8 @@ def test_fifty_counts_of_way_begin_the_watch_anew(counts: int, status: int) -> N
     assert bench[sts.status] == status
 
 
-def test_a_watch_that_has_begun_lasts_below_the_overload_torque() -> None:
-    """Begun above 80 %, it goes on at 50 % and ends only below the protective torque."""
+def test_the_overload_timer_continues_below_the_overload_torque() -> None:
+    """The timer starts above 80 %, continues at 50 %, and stops only below the protective torque."""
     bench = _bench()
     bench.go(2200)
     bench.held_at(2048, 0.4)
@@ -110,14 +110,14 @@ def test_a_torque_limit_below_the_overload_torque_never_overloads() -> None:
     assert _stalled(5.0, torque_limit=790)[sts.status] == 0
 
 
-def test_pwm_mode_reports_an_overload_and_goes_on_driving() -> None:
+def test_pwm_mode_reports_an_overload_and_keeps_driving() -> None:
     bench = _bench(operating_mode=2)
     bench[sts.goal_time] = 900
     bench.held_at(2048, 2.5)
     assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, 900)
 
 
-def test_what_the_unloading_condition_leaves_out_is_reported_and_does_not_act() -> None:
+def test_errors_outside_the_unloading_condition_are_only_reported() -> None:
     bench = _stalled(unloading_condition=0)
     assert (bench[sts.status], bench[sts.present_load]) == (OVERLOAD, -1000)
 
@@ -125,13 +125,13 @@ def test_what_the_unloading_condition_leaves_out_is_reported_and_does_not_act() 
 # Over-current
 
 
-def test_too_much_current_takes_the_torque_and_says_so_in_register_40() -> None:
+def test_overcurrent_switches_the_torque_off_in_register_40() -> None:
     bench = _stalled(2.2, protection_current=310, overload_torque=100)
     assert bench[sts.status] == CURRENT
     assert (bench[sts.torque_enable], bench[sts.present_load], bench[sts.present_current]) == (0, 0, 0)
 
 
-def test_the_next_goal_switches_it_on_again_after_an_over_current() -> None:
+def test_the_next_goal_enables_the_torque_after_an_overcurrent() -> None:
     bench = _stalled(2.2, protection_current=310, overload_torque=100)
     bench.go(2148)
     assert (bench[sts.status], bench[sts.torque_enable]) == (0, 1)
@@ -140,12 +140,12 @@ def test_the_next_goal_switches_it_on_again_after_an_over_current() -> None:
 
 
 @pytest.mark.parametrize("off", ["protection_current", "overcurrent_time"])
-def test_a_limit_or_a_time_of_0_switches_the_current_limit_off(off: str) -> None:
+def test_a_limit_or_time_of_0_disables_the_current_limit(off: str) -> None:
     registers = {"protection_current": 310, "overcurrent_time": 200, off: 0}
     assert _stalled(5.0, overload_torque=100, **registers)[sts.status] == 0
 
 
-def test_an_over_current_that_does_not_act_ends_with_the_current() -> None:
+def test_an_overcurrent_that_is_only_reported_ends_with_the_current() -> None:
     bench = _stalled(2.2, protection_current=310, overload_torque=100, unloading_condition=0)
     assert (bench[sts.status], bench[sts.torque_enable]) == (CURRENT, 1)
     bench.go(2060)
@@ -156,7 +156,7 @@ def test_an_over_current_that_does_not_act_ends_with_the_current() -> None:
 # Voltage and heat
 
 
-def test_too_low_a_voltage_is_told_at_once_and_too_high_a_one_after_51_ms() -> None:
+def test_undervoltage_is_reported_at_once_and_overvoltage_after_51_ms() -> None:
     bench = _bench(min_voltage=125)
     assert bench[sts.status] == VOLTAGE
     bench[sts.min_voltage] = 40
@@ -169,7 +169,7 @@ def test_too_low_a_voltage_is_told_at_once_and_too_high_a_one_after_51_ms() -> N
     assert bench[sts.status] == VOLTAGE
 
 
-def test_heat_shorts_the_motor_and_the_servo_stays_where_it_sank() -> None:
+def test_overheating_shorts_the_motor_and_the_servo_stays_where_it_sank() -> None:
     bench = StsBench(load_nm=-0.3)
     bench.go(2048)
     bench.run(0.3)
@@ -178,7 +178,7 @@ def test_heat_shorts_the_motor_and_the_servo_stays_where_it_sank() -> None:
     assert (bench[sts.status], bench[sts.torque_enable], bench[sts.present_load]) == (TEMPERATURE, 1, 0)
     sunk = bench[sts.present_position]
     assert sunk < 2000
-    assert abs(bench.plant.velocities()[0]) < 1.0  # shorted: a free shaft is at 8 rad/s by then
+    assert abs(bench.plant.velocities()[0]) < 1.0  # a free shaft would already turn at 8 rad/s
     bench[sts.max_temperature] = 32
     bench.run(1.0)
     assert bench[sts.status] == TEMPERATURE  # 27 degrees are not yet 5 below the limit
@@ -189,7 +189,7 @@ def test_heat_shorts_the_motor_and_the_servo_stays_where_it_sank() -> None:
     assert bench[sts.present_position] == pytest.approx(sunk, abs=40)
 
 
-def test_a_voltage_that_acts_pins_the_goal_to_the_shaft() -> None:
+def test_a_voltage_error_in_the_mask_sets_the_goal_to_the_shaft() -> None:
     bench = _bench(unloading_condition=VOLTAGE)
     bench.go(3000)
     bench.run(0.15)
@@ -209,8 +209,8 @@ def test_a_supply_sags_under_load() -> None:
     assert bench[sts.present_voltage] in range(106, 110)
 
 
-def test_a_stalled_motor_heats_as_the_constants_say() -> None:
-    """Published: about 15 K after ten minutes at half the stall torque."""
+def test_a_stalled_motor_heats_up_according_to_its_constants() -> None:
+    """A published test shows about 15 K after ten minutes at half the stall torque."""
     bench = StsBench(load_nm=-1.47)
     bench.go(2048)
     bench.run(600.0)

@@ -1,4 +1,4 @@
-"""What reads, writes and the other instructions do to one virtual STS servo's control table."""
+"""Effects of reads, writes and other instructions on the control table of one virtual STS servo."""
 
 from math import pi
 
@@ -37,7 +37,7 @@ def do(servo: VirtualServo, code: int, parameters: bytes = b"") -> bytes | None:
     return servo.answer(Instruction(servo.servo_id, code, parameters))
 
 
-def test_it_introduces_itself(servo: VirtualServo) -> None:
+def test_identification_registers(servo: VirtualServo) -> None:
     assert do(servo, Code.PING) == status_packet(5, 0)
     assert get(servo, sts.model_number) == 777
     assert get(servo, sts.servo_id) == 5
@@ -45,7 +45,7 @@ def test_it_introduces_itself(servo: VirtualServo) -> None:
 
 
 @pytest.mark.parametrize("address", range(87))
-def test_0_to_3_and_56_to_77_ignore_writes_and_all_others_keep_them(servo: VirtualServo, address: int) -> None:
+def test_only_registers_0_to_3_and_56_to_77_ignore_writes(servo: VirtualServo, address: int) -> None:
     before = servo.read(address, 1)
     value = bytes((before[0] ^ 2,))
     assert do(servo, Code.WRITE, bytes((address,)) + value) == status_packet(5, 0)
@@ -53,7 +53,7 @@ def test_0_to_3_and_56_to_77_ignore_writes_and_all_others_keep_them(servo: Virtu
     assert servo.read(address, 1) == (before if read_only else value)
 
 
-def test_a_write_skips_read_only_bytes_and_takes_the_rest(servo: VirtualServo) -> None:
+def test_a_write_skips_only_read_only_bytes(servo: VirtualServo) -> None:
     servo.write(54, bytes((7, 0, 9, 9)))
     assert servo.read(54, 4) == bytes((7, 0)) + servo.read(56, 2)
     assert servo.read(56, 1) != b"\x09"
@@ -61,7 +61,7 @@ def test_a_write_skips_read_only_bytes_and_takes_the_rest(servo: VirtualServo) -
 
 @settings(deadline=None)
 @given(st.integers(0, 255), st.binary(min_size=1, max_size=40))
-def test_no_write_upsets_a_servo(address: int, data: bytes) -> None:
+def test_random_writes_raise_no_exception(address: int, data: bytes) -> None:
     servo = VirtualServo(sts.STS3215, 5)
     servo.write(address, data)
     for _ in range(12):
@@ -69,18 +69,18 @@ def test_no_write_upsets_a_servo(address: int, data: bytes) -> None:
     assert len(servo.read(0, 250)) == 87
 
 
-def test_a_read_past_the_end_is_answered_with_fewer_bytes_or_not_at_all(servo: VirtualServo) -> None:
+def test_a_read_past_the_end_gets_fewer_bytes_or_no_reply(servo: VirtualServo) -> None:
     assert do(servo, Code.READ, bytes((85, 10))) == status_packet(5, 0, servo.read(85, 2))
     assert do(servo, Code.READ, bytes((87, 1))) is None
     assert do(servo, Code.READ, bytes((200, 4))) is None
 
 
-def test_a_read_of_nothing_gives_nothing_but_from_0_everything(servo: VirtualServo) -> None:
+def test_an_empty_read_returns_nothing_except_from_address_0(servo: VirtualServo) -> None:
     assert do(servo, Code.READ, bytes((41, 0))) == status_packet(5, 0)
     assert do(servo, Code.READ, bytes((0, 0))) == status_packet(5, 0, servo.read(0, 87))
 
 
-def test_a_write_past_the_end_is_cut_and_answered(servo: VirtualServo) -> None:
+def test_a_write_past_the_end_is_truncated_and_answered(servo: VirtualServo) -> None:
     assert do(servo, Code.WRITE, bytes((86, 3, 4, 5))) == status_packet(5, 0)
     assert servo.read(86, 1) == b"\x03"
     assert do(servo, Code.WRITE, bytes((87, 3))) == status_packet(5, 0)
@@ -105,7 +105,7 @@ def test_factory_values(servo: VirtualServo, register: Register, value: int) -> 
     assert get(servo, register) == value
 
 
-def test_nothing_is_checked_but_baud_and_resolution(servo: VirtualServo) -> None:
+def test_only_baud_rate_and_resolution_are_checked(servo: VirtualServo) -> None:
     for register, value, kept in ((sts.baud_rate, 8, 0), (sts.angular_resolution, 0, 1), (sts.position_p, 255, 255)):
         put(servo, register, value)
         assert get(servo, register) == kept
@@ -114,21 +114,21 @@ def test_nothing_is_checked_but_baud_and_resolution(servo: VirtualServo) -> None
 
 
 @pytest.mark.parametrize("address", [78, 80, 85, 86])
-def test_the_factory_values_are_kept_in_flash_too(servo: VirtualServo, address: int) -> None:
+def test_factory_values_are_in_flash(servo: VirtualServo, address: int) -> None:
     put(servo, sts.lock, 0)
     servo.write(address, b"\x07")
     servo.power_cycle()
     assert servo.read(address, 1) == b"\x07"
 
 
-def test_eeprom_written_under_the_lock_lasts_until_power_off(servo: VirtualServo) -> None:
+def test_eeprom_written_while_locked_lasts_until_power_off(servo: VirtualServo) -> None:
     put(servo, sts.position_p, 16)
     assert get(servo, sts.position_p) == 16
     servo.power_cycle()
     assert get(servo, sts.position_p) == 32
 
 
-def test_eeprom_written_with_the_lock_open_stays(servo: VirtualServo) -> None:
+def test_eeprom_written_with_the_lock_open_is_kept(servo: VirtualServo) -> None:
     put(servo, sts.lock, 0)
     put(servo, sts.position_p, 16)
     servo.power_cycle()
@@ -136,7 +136,7 @@ def test_eeprom_written_with_the_lock_open_stays(servo: VirtualServo) -> None:
     assert get(servo, sts.lock) == 1
 
 
-def test_ram_is_forgotten_and_max_torque_becomes_the_limit(servo: VirtualServo) -> None:
+def test_power_off_resets_ram_and_max_torque_becomes_the_limit(servo: VirtualServo) -> None:
     put(servo, sts.lock, 0)
     put(servo, sts.max_torque, 600)
     put(servo, sts.torque_enable, 1)
@@ -151,7 +151,7 @@ def test_ram_is_forgotten_and_max_torque_becomes_the_limit(servo: VirtualServo) 
     assert get(servo, sts.goal_position) == 0
 
 
-def test_a_new_id_and_baud_hold_at_once(servo: VirtualServo) -> None:
+def test_a_new_id_and_baud_rate_apply_at_once(servo: VirtualServo) -> None:
     assert do(servo, Code.WRITE, b"\x05\x09") == status_packet(5, 0)
     assert servo.servo_id == 9
     put(servo, sts.baud_rate, 4)
@@ -183,7 +183,7 @@ def test_reset_restores_factory_values_but_keeps_the_id(servo: VirtualServo) -> 
     assert (get(servo, sts.position_p), servo.servo_id, servo.baud) == (32, 5, 1_000_000)
 
 
-def test_a_reboot_is_not_answered_and_takes_its_time(servo: VirtualServo) -> None:
+def test_a_reboot_is_not_answered_and_takes_time(servo: VirtualServo) -> None:
     put(servo, sts.torque_enable, 1)
     assert do(servo, Code.REBOOT) is None
     assert servo.deaf
@@ -197,7 +197,9 @@ def test_a_reboot_is_not_answered_and_takes_its_time(servo: VirtualServo) -> Non
     ("code", "parameters"),
     [(Code.WRITE, b"\x29"), (Code.ACTION, b""), (0x07, b""), (0x55, b"abc"), (0x92, b"")],
 )
-def test_what_it_cannot_do_is_answered_by_an_empty_status(servo: VirtualServo, code: int, parameters: bytes) -> None:
+def test_unsupported_instructions_are_answered_with_an_empty_status(
+    servo: VirtualServo, code: int, parameters: bytes
+) -> None:
     before = servo.read(0, 87)
     assert do(servo, code, parameters) == status_packet(5, 0)
     assert servo.read(0, 87) == before
@@ -205,7 +207,7 @@ def test_what_it_cannot_do_is_answered_by_an_empty_status(servo: VirtualServo, c
     assert do(servo, code, parameters) is None
 
 
-def test_the_saved_defaults_come_back_and_torque_goes(servo: VirtualServo) -> None:
+def test_a_reset_restores_saved_defaults_and_switches_torque_off(servo: VirtualServo) -> None:
     put(servo, sts.position_p, 16)
     assert do(servo, Code.SAVE_DEFAULTS) == status_packet(5, 0)
     put(servo, sts.position_p, 8)
@@ -214,7 +216,7 @@ def test_the_saved_defaults_come_back_and_torque_goes(servo: VirtualServo) -> No
     assert (get(servo, sts.position_p), get(servo, sts.torque_enable), servo.servo_id) == (16, 0, 5)
 
 
-def test_turns_are_forgotten_when_asked_and_torque_goes(servo: VirtualServo) -> None:
+def test_resetting_the_turns_switches_torque_off(servo: VirtualServo) -> None:
     for turn in range(12):
         tick(servo, 20, 3.0 + turn)
     put(servo, sts.torque_enable, 1)
@@ -227,12 +229,12 @@ def test_turns_are_forgotten_when_asked_and_torque_goes(servo: VirtualServo) -> 
 
 @pytest.mark.parametrize("angle_counts", [1, 700, 2048, 3000, 4095])
 @pytest.mark.parametrize("count", [None, 10, 1000, 4000])
-def test_the_present_angle_can_be_called_the_middle_or_any_other(
+def test_the_present_angle_can_be_set_to_the_middle_or_any_count(
     servo: VirtualServo, angle_counts: int, count: int | None
 ) -> None:
     angle_rad = (angle_counts + 0.5) * 2 * pi / 4096
     tick(servo, 50, angle_rad)
-    assert get(servo, sts.present_position) == pytest.approx(angle_counts, abs=1)  # a rise ends one short
+    assert get(servo, sts.present_position) == pytest.approx(angle_counts, abs=1)  # a rising count is one short
     put(servo, sts.torque_enable, 1)
     if count is None:
         put(servo, sts.torque_enable, 128)
@@ -245,8 +247,8 @@ def test_the_present_angle_can_be_called_the_middle_or_any_other(
         servo.power_cycle()
 
 
-def test_from_count_0_the_middle_takes_bit_12_of_the_offset(servo: VirtualServo) -> None:
-    """Eleven bits and the sign do not hold 2048."""
+def test_setting_the_middle_at_count_0_uses_bit_12_of_the_offset(servo: VirtualServo) -> None:
+    """Eleven bits and the sign cannot hold 2048."""
     put(servo, sts.torque_enable, 128)
     tick(servo)
     assert get(servo, sts.present_position) == 2048

@@ -1,4 +1,4 @@
-"""What differs between two arms of the same parts, and by how much."""
+"""Differences between two arms of the same parts, and their size."""
 
 import mujoco
 import numpy as np
@@ -20,7 +20,7 @@ def test_the_nominal_arm_has_no_spread() -> None:
     assert (world.model.body_mass == plain.body_mass).all()
 
 
-def test_a_seed_names_one_arm_all_of_whose_parts_differ() -> None:
+def test_a_seed_determines_an_arm_whose_parts_all_deviate() -> None:
     motors = [Spread(7).motor(STS3215_12V, servo_id) for servo_id in range(1, 8)]
     assert motors == [Spread(7).motor(STS3215_12V, servo_id) for servo_id in range(1, 8)]
     assert len({motor.torque_constant_nm_a for motor in motors}) == len({motor.resistance_ohm for motor in motors}) == 7
@@ -28,19 +28,19 @@ def test_a_seed_names_one_arm_all_of_whose_parts_differ() -> None:
     assert Spread(7).supply(Supply(12.0)) != Spread(8).supply(Supply(12.0))
 
 
-def test_factors_fill_a_tenth_to_either_side() -> None:
+def test_factors_deviate_by_up_to_a_tenth() -> None:
     factors = [Spread(seed).factor(Quantity.MASS, body) for seed in range(50) for body in range(10)]
     assert 1.0 - SHARE <= min(factors) < 1.0 - 0.95 * SHARE
     assert 1.0 + 0.95 * SHARE < max(factors) <= 1.0 + SHARE
     assert np.mean(factors) == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_world_has_other_masses_and_other_friction() -> None:
+def test_a_seeded_world_has_other_masses_and_friction() -> None:
     nominal, other, again = World().model, World(spread=Spread(3)).model, World(spread=Spread(3)).model
     heavy = nominal.body_mass > 0.0
     masses = other.body_mass[heavy] / nominal.body_mass[heavy]
     assert len(set(masses.round(6))) == heavy.sum() and np.abs(masses - 1.0).max() <= SHARE
-    # A heavier body of the same shape; what MuJoCo derives from it follows.
+    # A heavier body has the same shape, and MuJoCo's derived values follow its mass.
     assert other.body_inertia[heavy] == pytest.approx(nominal.body_inertia[heavy] * masses[:, None])
     assert other.body_subtreemass[0] == pytest.approx(other.body_mass.sum())
     rubs = nominal.dof_frictionloss > 0.0
@@ -49,7 +49,7 @@ def test_a_world_has_other_masses_and_other_friction() -> None:
     assert (other.body_mass == again.body_mass).all() and (other.dof_damping == again.dof_damping).all()
 
 
-def test_servos_on_a_line_turn_at_different_speeds_and_see_its_supply() -> None:
+def test_servos_on_a_line_differ_in_speed_and_share_its_supply() -> None:
     line = VirtualBus.of(BenchPlant([1, 2]), sts.STS3215, spread=Spread(1))
     for servo in line.servos:
         servo.memory.put(sts.operating_mode, 2)

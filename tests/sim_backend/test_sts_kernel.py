@@ -1,4 +1,4 @@
-"""The compiled millisecond of an STS servo against the same servo written slowly and plainly (``plain_sts``)."""
+"""The compiled firmware of an STS servo compared with a slow and simple implementation (``plain_sts``)."""
 
 from dataclasses import dataclass
 from math import pi
@@ -58,7 +58,7 @@ REGISTER_VALUES = st.fixed_dictionaries(
 
 @dataclass(frozen=True)
 class Event:
-    """What happens to the servo: goal, torque switch, load, voltage, a failing encoder; forced turning, counts/s."""
+    """An event: goal, torque switch, load, voltage, a failing encoder, or forced turning in counts/s."""
 
     at_ms: int
     kind: str
@@ -83,7 +83,7 @@ GOALS = {0: "goal", 3: "goal", 1: "speed", 2: "pwm"}
 
 
 class Pair:
-    """Both servos; the shaft belongs to the compiled one, and the plain one looks on."""
+    """Both implementations. The compiled one moves the shaft, and the plain one only observes it."""
 
     def __init__(self, registers: dict[str, int], angle_rad: float) -> None:
         self.servo = VirtualServo(sts.STS3215, 1)
@@ -131,7 +131,7 @@ class Pair:
     def step(self) -> None:
         firmware = self.servo.firmware
         firmware.voltage_v = self.voltage_v
-        # Heat is the motor's, not the firmware's: the plain servo is told the temperature.
+        # The temperature belongs to the motor, not to the firmware, so the plain servo is given its value.
         temperature = int(firmware.temperature_c + 0.5)
         torque = self.servo.step(DT_S, self.angle, self.velocity)
         plain_torque = self.plain.step(self.angle, self.velocity, self.voltage_v, temperature)
@@ -149,7 +149,7 @@ class Pair:
         assert self.get(sts.status) == plain.guard.status
         assert self.get(sts.torque_enable) == plain.settings.torque
         speed = plain.encoder.speed * (50 if plain.settings.phase & 4 else 1)
-        # An encoder that comes back has jumped: 15 bits do not hold that speed.
+        # After an encoder failure the position jumps, and 15 bits cannot hold this speed.
         assert self.get(sts.present_velocity) == int(np.sign(speed)) * (abs(speed) & 0x7FFF)
         assert self.get(sts.moving) == plain.moving
         assert self.servo.firmware.setpoint * 10000 == pytest.approx(plain.profile.place, abs=0.5)
@@ -158,7 +158,7 @@ class Pair:
 @pytest.mark.slow
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(REGISTER_VALUES, EVENTS, st.floats(0.0, 6.28))
-def test_the_compiled_millisecond_is_the_plain_one(
+def test_the_compiled_servo_matches_the_plain_one(
     registers: dict[str, int], events: list[Event], angle_rad: float
 ) -> None:
     pair = Pair(registers, angle_rad)
@@ -172,8 +172,8 @@ def test_the_compiled_millisecond_is_the_plain_one(
         pair.compare()
 
 
-def test_the_function_as_written_does_what_its_machine_code_does() -> None:
-    """``py_func`` on a record array."""
+def test_python_and_machine_code_give_the_same_result() -> None:
+    """``py_func`` runs on a record array."""
     written: Any = kernel.step
     compiled_states = sts_states(STS3215_12V, StsVariant())
     StsMemory(sts.STS3215, 1, compiled_states)

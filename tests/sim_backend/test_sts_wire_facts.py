@@ -1,6 +1,6 @@
-"""What a client sees of an STS3215, byte for byte on the virtual wire: how it moves, protects itself and says so.
+"""Behavior of an STS3215 as seen over the virtual wire, byte for byte: motion, protection and reports.
 
-docs/simulation.md says which test holds which fact. Numbers are register addresses.
+docs/simulation.md lists the fact that each test checks. Numbers are register addresses.
 """
 
 import pytest
@@ -12,13 +12,13 @@ OFF, ON, MIDDLE = b"\x00", b"\x01", b"\x80"
 VOLTAGE, ENCODER, HEAT, CURRENT, OVERLOAD = 1, 2, 4, 8, 32
 
 
-# The loop and its drive.
+# Control loop and drive.
 
 
 def test_stiffness_and_offset_in_the_load_register() -> None:
     wire = Wire()
     wire.held = 2048
-    wire.go(2048 + 51)  # 50 counts behind the dead zone of 1: 50 * 32 / 4 u, and 16 more
+    wire.go(2048 + 51)  # 50 counts beyond the dead zone of 1 give 50 * 32 / 4 u, plus 16
     wire.wait(0.5)
     assert wire.read(60, 2) == 50 * 8 + 16 | 1 << 10
     wire.write(24, b"\x00")
@@ -27,14 +27,14 @@ def test_stiffness_and_offset_in_the_load_register() -> None:
     assert wire.read(60, 2) == 40 * 8 | 1 << 10
 
 
-def test_damping_is_the_change_of_each_20_ms() -> None:
+def test_damping_uses_the_change_within_20_ms() -> None:
     wire = Wire()
-    wire.write(21, bytes((0, 32)))  # no P: what is left is D, and the offset in its direction
+    wire.write(21, bytes((0, 32)))  # P is 0, so only D and the startup force in its direction remain
     wire.write(40, ON)
     drives = []
     for count in range(2048, 2148):
         wire.turn_to(count)
-        drives.append(wire.read(60, 2))  # a millisecond for the read, and one more: 500 counts/s, 10 in a sample
+        drives.append(wire.read(60, 2))  # one millisecond for the read and one more: 500 counts/s, 10 per sample
         wire.wait(0.001)
     assert set(drives[50:]) <= {9 * 4 + 16, 10 * 4 + 16, 11 * 4 + 16}
 
@@ -49,7 +49,7 @@ def test_the_integral_grows_only_at_rest() -> None:
     early = wire.read(60, 2) & 0x3FF
     wire.wait(1.0)
     late = wire.read(60, 2) & 0x3FF
-    assert late - early == pytest.approx(20 * 1000 / 500, abs=2)  # 0.002 of the drive's 1000 u a count and second
+    assert late - early == pytest.approx(20 * 1000 / 500, abs=2)  # 0.002 of the drive's 1000 u per count and second
 
 
 def test_full_drive_is_0_97() -> None:
@@ -60,7 +60,7 @@ def test_full_drive_is_0_97() -> None:
     assert wire.read(60, 2) & 0x3FF == 970
 
 
-def test_without_a_limit_of_the_current_register_60_shows_what_is_asked() -> None:
+def test_without_a_current_limit_register_60_shows_the_requested_drive() -> None:
     wire = stalled()
     wire.wait(1.0)
     assert wire.read(60, 2) == 1000 | 1 << 10
@@ -70,7 +70,7 @@ def test_without_a_limit_of_the_current_register_60_shows_what_is_asked() -> Non
 
 
 @pytest.mark.parametrize(("goal", "expected"), [(500, 3000), (2000, 3000), (3500, 1000)])
-def test_reversed_limits_send_a_goal_to_the_one_that_it_is_beyond(goal: int, expected: int) -> None:
+def test_reversed_limits_clip_a_goal_to_the_limit_that_it_exceeds(goal: int, expected: int) -> None:
     wire = Wire()
     wire.write(9, word(3000))
     wire.write(11, word(1000))
@@ -79,7 +79,7 @@ def test_reversed_limits_send_a_goal_to_the_one_that_it_is_beyond(goal: int, exp
     assert wire.read(56, 2) == pytest.approx(expected, abs=5)
 
 
-def test_load_has_a_sign_and_current_has_none() -> None:
+def test_the_load_has_a_sign_and_the_current_has_none() -> None:
     seen = []
     for goal in (2048 + 60, 2048 - 60):
         wire = Wire()
@@ -93,7 +93,7 @@ def test_load_has_a_sign_and_current_has_none() -> None:
 
 
 @pytest.mark.parametrize("mode", [4, 5, 255])
-def test_modes_that_are_unknown_or_left_out_drive_nothing(mode: int) -> None:
+def test_unknown_or_unsupported_modes_do_not_drive_the_motor(mode: int) -> None:
     wire = Wire()
     wire.write(33, bytes((mode,)))
     wire.write(40, ON)
@@ -108,14 +108,14 @@ def test_the_dead_zone_has_two_sides(goal: int, drive: int) -> None:
     wire.held = 2048
     wire.write(22, b"\x00")
     wire.write(24, b"\x00")
-    wire.write(26, b"\x03\x0b")  # 26 counts above the goal, 27 below it
+    wire.write(26, b"\x03\x0b")  # register 26 applies above the goal, 27 below it
     wire.go(goal)
     wire.wait(0.5)
-    assert abs(wire.read(60, 2) - drive) <= 8  # a rising count ends one short
+    assert abs(wire.read(60, 2) - drive) <= 8  # a rising count is one short
 
 
 @pytest.mark.parametrize(("period_ms", "smallest", "change"), [(20, 2, 10), (40, 2, 20), (20, 11, 0), (10, 2, 5)])
-def test_80_and_81_act_at_once_on_the_damping(period_ms: int, smallest: int, change: int) -> None:
+def test_registers_80_and_81_change_the_damping_at_once(period_ms: int, smallest: int, change: int) -> None:
     wire = Wire()
     wire.write(21, bytes((0, 32)))
     wire.write(24, b"\x00")
@@ -129,7 +129,7 @@ def test_80_and_81_act_at_once_on_the_damping(period_ms: int, smallest: int, cha
     assert set(drives[50:]) <= {max(0, change + more) * 4 for more in ((-1, 0, 1) if change else (0,))}
 
 
-def test_an_integral_gain_of_0_in_the_speed_loop_empties_its_sum() -> None:
+def test_an_integral_gain_of_0_clears_the_sum_of_the_speed_loop() -> None:
     wire = Wire()
     wire.write(33, b"\x01")
     wire.write(37, b"\x00")
@@ -145,11 +145,11 @@ def test_an_integral_gain_of_0_in_the_speed_loop_empties_its_sum() -> None:
     assert wire.read(60, 2) & 0x3FF < 30
 
 
-# The profile.
+# Motion profile.
 
 
 @pytest.mark.parametrize(("written", "counts_s2"), [((0, 0, 100, 1), 10_000), ((0, 0, 50, 4), 20_000)])
-def test_acceleration_0_is_85_times_86(written: tuple[int, ...], counts_s2: int) -> None:
+def test_acceleration_0_is_the_product_of_85_and_86(written: tuple[int, ...], counts_s2: int) -> None:
     wire = Wire()
     wire.write(83, bytes((1, 150, *written[2:])))
     wire.write(41, b"\x00")
@@ -158,13 +158,13 @@ def test_acceleration_0_is_85_times_86(written: tuple[int, ...], counts_s2: int)
     assert wire.read(71, 2) == pytest.approx(counts_s2 * 0.052, rel=0.1)
 
 
-def test_an_acceleration_above_85_reads_back_cut() -> None:
+def test_an_acceleration_above_85_reads_back_clipped() -> None:
     wire = Wire()
     wire.write(41, bytes((254,)))
     assert wire.read(41) == 100
 
 
-def test_speed_0_runs_ahead_of_the_motor() -> None:
+def test_at_speed_0_the_set_point_outruns_the_motor() -> None:
     wire = Wire()
     wire.write(11, word(0))
     wire.write(9, word(0))
@@ -178,7 +178,7 @@ def test_speed_0_runs_ahead_of_the_motor() -> None:
 
 
 @pytest.mark.parametrize("units", [1, 5, 100])
-def test_a_lower_speed_acts_at_once(units: int) -> None:
+def test_a_lower_speed_applies_at_once(units: int) -> None:
     wire = Wire()
     wire.write(41, bytes((units,)))
     wire.go(4000, 800)
@@ -206,7 +206,7 @@ def test_the_set_point_of_an_accelerated_goal_never_passes_it(speed: int, units:
     assert seen[-1] == goal
 
 
-def test_85_and_86_act_at_the_next_write_of_41() -> None:
+def test_registers_85_and_86_apply_at_the_next_write_of_41() -> None:
     wire = Wire()
     wire.write(85, bytes((20, 1)))
     wire.go(4000)
@@ -220,7 +220,7 @@ def test_85_and_86_act_at_the_next_write_of_41() -> None:
     assert wire.read(71, 2) == pytest.approx(20 * 100 * 0.052, abs=60)
 
 
-def test_phase_bit_3_acts_at_the_next_write_of_46_and_speed_0_without_it_is_not_moving() -> None:
+def test_phase_bit_3_applies_at_the_next_write_of_46() -> None:
     wire = Wire()
     wire.write(18, bytes((4,)))
     wire.write(42, word(2300))
@@ -236,7 +236,7 @@ def test_phase_bit_3_acts_at_the_next_write_of_46_and_speed_0_without_it_is_not_
 
 
 @pytest.mark.parametrize(("address", "value"), [(41, bytes((5,))), (46, word(100))])
-def test_41_or_46_and_another_write_within_a_millisecond(address: int, value: bytes) -> None:
+def test_a_second_write_within_a_millisecond_cancels_41_or_46(address: int, value: bytes) -> None:
     wire = Wire()
     wire.wait(0.1)
     wire.send(packet(1, 3, address, *value) + packet(1, 3, 21, 32))
@@ -248,7 +248,7 @@ def test_41_or_46_and_another_write_within_a_millisecond(address: int, value: by
     assert wire.read(71, 2) == (100 if address == 46 else pytest.approx(1000, abs=80))
 
 
-def test_register_30_divides_56_and_67_where_they_are_unfolded() -> None:
+def test_register_30_divides_unfolded_positions_in_56_and_67() -> None:
     wire = Wire()
     wire.write(30, b"\x04")
     wire.write(42, word(600))
@@ -266,7 +266,7 @@ def test_register_30_divides_56_and_67_where_they_are_unfolded() -> None:
 # Goals and torque.
 
 
-def test_a_goal_switches_a_limp_servo_on_and_moves_it() -> None:
+def test_a_goal_enables_the_torque_and_moves_the_servo() -> None:
     wire = Wire()
     wire.write(40, OFF)
     wire.go(2148)
@@ -275,7 +275,7 @@ def test_a_goal_switches_a_limp_servo_on_and_moves_it() -> None:
     assert wire.read(56, 2) == pytest.approx(2148, abs=5)
 
 
-def test_torque_on_holds_where_it_is_and_leaves_the_goal_alone() -> None:
+def test_enabling_the_torque_holds_the_position_and_keeps_the_goal_register() -> None:
     wire = Wire()
     wire.turn_to(3000)
     wire.wait(0.1)
@@ -284,7 +284,7 @@ def test_torque_on_holds_where_it_is_and_leaves_the_goal_alone() -> None:
     assert (wire.read(56, 2), wire.read(42, 2)) == (pytest.approx(3000, abs=2), 0)
 
 
-def test_128_calls_this_the_middle_and_lets_go() -> None:
+def test_128_sets_the_middle_and_releases_the_torque() -> None:
     wire = Wire(load_nm=-1.0)
     wire.go(2050)
     wire.wait(0.3)
@@ -292,10 +292,10 @@ def test_128_calls_this_the_middle_and_lets_go() -> None:
     assert (wire.read(40), wire.read(42, 2)) == (0, 2050)
     assert wire.read(56, 2) == pytest.approx(2048, abs=3)
     wire.wait(0.3)
-    assert (wire.read(56, 2) - 2048) % 4096 > 2000  # it falls
+    assert (wire.read(56, 2) - 2048) % 4096 > 2000  # the load falls
 
 
-def test_a_goal_and_another_write_within_a_millisecond() -> None:
+def test_a_second_write_within_a_millisecond_cancels_a_goal() -> None:
     wire = Wire()
     wire.wait(0.1)
     wire.send(packet(1, 3, 42, *word(2500)) + packet(1, 3, 21, 32))
@@ -304,7 +304,7 @@ def test_a_goal_and_another_write_within_a_millisecond() -> None:
 
 
 @pytest.mark.parametrize("written", [(42, 0xC4), (43, 9), (40, 0, 5, 0xC4, 9), (42, 0xC4, 9, 0, 0, 0, 0)])
-def test_a_write_of_one_byte_of_the_goal_is_a_goal(written: tuple[int, ...]) -> None:
+def test_a_write_of_one_byte_of_the_goal_counts_as_a_goal(written: tuple[int, ...]) -> None:
     wire = Wire()
     for torque in (0, 2):
         wire.write(40, bytes((torque,)))
@@ -313,9 +313,9 @@ def test_a_write_of_one_byte_of_the_goal_is_a_goal(written: tuple[int, ...]) -> 
 
 
 @pytest.mark.parametrize(
-    ("mode", "energising"), [(0, {42, 43}), (3, {42, 43}), (1, {46, 47}), (2, {44, 45}), (4, set()), (9, set())]
+    ("mode", "enabling"), [(0, {42, 43}), (3, {42, 43}), (1, {46, 47}), (2, {44, 45}), (4, set()), (9, set())]
 )
-def test_only_the_modes_own_goal_switches_torque_on(mode: int, energising: set[int]) -> None:
+def test_only_the_goal_of_the_mode_enables_the_torque(mode: int, enabling: set[int]) -> None:
     wire = Wire()
     wire.write(33, bytes((mode,)))
     switched_on = set()
@@ -324,11 +324,11 @@ def test_only_the_modes_own_goal_switches_torque_on(mode: int, energising: set[i
         wire.write(address, b"\x00")
         if wire.read(40):
             switched_on.add(address)
-    assert switched_on == energising
+    assert switched_on == enabling
 
 
 @pytest.mark.parametrize(("value", "falls"), [(0, True), (2, False), (3, True), (64, True), (255, True)])
-def test_40_at_2_damps_and_from_3_on_it_is_free(value: int, falls: bool) -> None:
+def test_register_40_damps_at_2_and_releases_the_shaft_from_3_on(value: int, falls: bool) -> None:
     wire = Wire(load_nm=-0.3)
     wire.write(40, bytes((value,)))
     wire.wait(0.3)
@@ -336,7 +336,7 @@ def test_40_at_2_damps_and_from_3_on_it_is_free(value: int, falls: bool) -> None
     assert (abs(wire.plant.velocities()[0]) > 2.0) == falls
 
 
-def test_a_homing_offset_that_is_written_again_moves_the_set_point_to_the_shaft() -> None:
+def test_rewriting_the_homing_offset_moves_the_set_point_to_the_shaft() -> None:
     wire = Wire(load_nm=-1.0)
     wire.write(41, b"\x01")
     wire.go(2048)
@@ -353,7 +353,7 @@ def test_a_homing_offset_that_is_written_again_moves_the_set_point_to_the_shaft(
 
 
 def stalled(limit: int = 0) -> Wire:
-    """A servo that pushes against something hard with full drive, current unwatched unless said."""
+    """Return a servo that pushes against a hard stop with full drive, by default without a current limit."""
     wire = Wire()
     wire.write(28, word(limit))
     wire.write(86, b"\x00")
@@ -363,7 +363,7 @@ def stalled(limit: int = 0) -> Wire:
     return wire
 
 
-def test_a_stall_ends_in_the_protective_torque_and_a_near_goal_ends_that() -> None:
+def test_a_near_goal_ends_the_protective_torque_after_a_stall() -> None:
     wire = stalled()
     wire.wait(1.9)
     assert (wire.error_byte(), wire.read(60, 2) & 0x3FF) == (0, 1000)
@@ -378,7 +378,7 @@ def test_a_stall_ends_in_the_protective_torque_and_a_near_goal_ends_that() -> No
     assert wire.error_byte() == 0
 
 
-def test_what_moves_never_overloads() -> None:
+def test_a_moving_shaft_never_overloads() -> None:
     wire = Wire(load_nm=-2.4)
     wire.write(28, word(0))
     wire.write(11, word(0))
@@ -395,7 +395,7 @@ def test_what_moves_never_overloads() -> None:
     assert loads[-1] == 1000
 
 
-def test_too_much_current_takes_the_torque_and_the_next_goal_gives_it_back() -> None:
+def test_overcurrent_switches_the_torque_off_until_the_next_goal() -> None:
     wire = stalled(310)
     wire.wait(1.9)
     assert wire.read(40) == 1
@@ -409,7 +409,7 @@ def test_too_much_current_takes_the_torque_and_the_next_goal_gives_it_back() -> 
 
 
 @pytest.mark.parametrize("address", [28, 38])
-def test_a_current_limit_that_is_switched_off_forgets_its_alarm(address: int) -> None:
+def test_disabling_the_current_limit_clears_its_alarm(address: int) -> None:
     wire = stalled(310)
     wire.wait(2.2)
     assert (wire.read(40), wire.error_byte()) == (0, CURRENT)
@@ -417,7 +417,7 @@ def test_a_current_limit_that_is_switched_off_forgets_its_alarm(address: int) ->
     assert (wire.read(40), wire.error_byte()) == (0, 0)
 
 
-def test_heat_shorts_the_motor_and_the_goal_is_lost() -> None:
+def test_overheating_shorts_the_motor_and_discards_the_goal() -> None:
     wire = Wire(load_nm=-1.0)
     wire.go(2048)
     wire.wait(1.0)
@@ -427,14 +427,14 @@ def test_heat_shorts_the_motor_and_the_goal_is_lost() -> None:
     fallen = wire.read(56, 2)
     assert wire.error_byte() == HEAT
     assert (wire.read(40), wire.read(60, 2)) == (1, 0)
-    assert 10 < begin - fallen < 600  # 1 N m against the short's 0.6 N m s: slowly
+    assert 10 < begin - fallen < 600  # 1 N m against the short circuit's 0.6 N m s is slow
     wire.write(13, bytes((70,)))
     wire.wait(1.0)
     assert wire.error_byte() == 0
-    assert wire.read(56, 2) < fallen  # it holds where it ended, and does not return
+    assert wire.read(56, 2) < fallen  # the servo holds its last position and does not return
 
 
-def test_voltage_is_told_and_acts_only_where_the_mask_says_so() -> None:
+def test_a_voltage_error_acts_only_if_the_mask_selects_it() -> None:
     wire = Wire()
     wire.go(2100)
     wire.write(15, bytes((125,)))
@@ -449,7 +449,7 @@ def test_voltage_is_told_and_acts_only_where_the_mask_says_so() -> None:
 
 
 @pytest.mark.parametrize(("mask", "drives"), [(44, True), (44 | ENCODER, False)])
-def test_an_encoder_that_fails(mask: int, drives: bool) -> None:
+def test_a_failing_encoder_stops_the_drive_if_the_mask_selects_it(mask: int, drives: bool) -> None:
     wire = Wire()
     wire.write(19, bytes((mask,)))
     wire.go(2200)
@@ -469,11 +469,11 @@ def test_an_encoder_that_fails(mask: int, drives: bool) -> None:
     assert wire.read(56, 2) == pytest.approx(2200, abs=5)
 
 
-# What it sees.
+# Sensing.
 
 
 @pytest.mark.parametrize(("start", "shown"), [(1950, 2047), (2150, 2048)])
-def test_a_rise_of_the_position_ends_one_count_short_and_a_fall_does_not(start: int, shown: int) -> None:
+def test_a_rising_position_reads_one_count_short(start: int, shown: int) -> None:
     wire = Wire()
     wire.turn_to(start)
     wire.wait(0.1)
@@ -482,7 +482,7 @@ def test_a_rise_of_the_position_ends_one_count_short_and_a_fall_does_not(start: 
     assert wire.read(56, 2) == shown
 
 
-def test_a_shaft_pushed_over_the_seam_comes_back_the_way_it_went() -> None:
+def test_a_shaft_pushed_across_the_seam_comes_back_the_same_way() -> None:
     wire = Wire()
     wire.turn_to(4000)
     wire.wait(0.1)
@@ -496,7 +496,7 @@ def test_a_shaft_pushed_over_the_seam_comes_back_the_way_it_went() -> None:
     assert wire.read(56, 2) == pytest.approx(4000, abs=5)
 
 
-def test_speed_comes_in_fifties_and_nothing_below_a_hundred() -> None:
+def test_speeds_are_multiples_of_50_and_0_below_100() -> None:
     wire = Wire()
     seen = {}
     for counts_s in (40, 90, 130, -300):
@@ -515,7 +515,7 @@ def test_speed_comes_in_fifties_and_nothing_below_a_hundred() -> None:
     assert all(speed >> 15 == 1 and (speed & 0x7FFF) % 50 == 0 for speed in seen[-300])
 
 
-def test_67_and_71_are_the_profiles_own() -> None:
+def test_registers_67_and_71_show_the_profile() -> None:
     wire = Wire()
     wire.write(41, bytes((10,)))
     wire.go(2548, 300)
@@ -527,7 +527,7 @@ def test_67_and_71_are_the_profiles_own() -> None:
 
 
 @pytest.mark.parametrize(("asked", "shown"), [(130, 100), (149, 100), (150, 150), (1, 50)])
-def test_71_comes_in_fifties_as_58_does(asked: int, shown: int) -> None:
+def test_register_71_has_multiples_of_50_like_58(asked: int, shown: int) -> None:
     wire = Wire()
     wire.write(86, b"\x00")
     wire.write(41, b"\x00")
@@ -543,12 +543,14 @@ def test_71_comes_in_fifties_as_58_does(asked: int, shown: int) -> None:
     ("speed_settings", "asked", "counts_s", "shown"),
     [
         ((50, 1, 150), 10, 500, 10),
-        ((100, 1, 150), 10, 1000, 10),  # 82 is what a count of 46 stands for, and the windows a second
+        ((100, 1, 150), 10, 1000, 10),  # register 82 is the unit of 46 and the number of windows per second
         ((100, 3, 150), 1, 300, 3),
         ((50, 1, 10), 100, 500, 10),
     ],
 )
-def test_82_to_84_act_after_power_on(speed_settings: tuple[int, ...], asked: int, counts_s: int, shown: int) -> None:
+def test_registers_82_to_84_apply_after_power_on(
+    speed_settings: tuple[int, ...], asked: int, counts_s: int, shown: int
+) -> None:
     wire = Wire()
     wire.write(55, b"\x00")
     wire.write(18, b"\x08")
@@ -556,7 +558,7 @@ def test_82_to_84_act_after_power_on(speed_settings: tuple[int, ...], asked: int
     wire.write(41, b"\x00")
     wire.go(3048, 4)
     wire.wait(0.1)
-    assert wire.read(71, 2) == 4  # still of 50 counts/s each
+    assert wire.read(71, 2) == 4  # still in units of 50 counts/s
     feed(wire.bus, 0.0)
     feed(wire.bus, 12.0)
     wire.wait(1.0)
@@ -582,7 +584,7 @@ def test_a_speed_is_the_counts_of_one_window(windows_s: int) -> None:
     assert wire.read(58, 2) == pytest.approx(50 * 1000 / windows_s, abs=50)
 
 
-def test_a_shaft_turned_by_hand_is_not_moving() -> None:
+def test_a_shaft_turned_by_hand_does_not_report_moving() -> None:
     wire = Wire()
     for ms in range(100):
         wire.turn_to(2048 + ms)

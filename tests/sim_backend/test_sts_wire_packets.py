@@ -1,6 +1,6 @@
-"""What a client sees of an STS3215, byte for byte on the virtual wire: its table and its instructions.
+"""Table and instructions of an STS3215 as seen over the virtual wire, byte for byte.
 
-docs/simulation.md says which test holds which fact. Numbers are register addresses.
+docs/simulation.md lists the fact that each test checks. Numbers are register addresses.
 """
 
 import pytest
@@ -11,7 +11,7 @@ from tests.sim_backend.sts_wire import Wire, packet, word
 # The table.
 
 
-def test_80_to_86_are_kept_only_with_the_lock_open() -> None:
+def test_registers_80_to_86_are_saved_only_with_the_lock_open() -> None:
     wire = Wire()
     values = bytes((3, 21, 40, 2, 140, 90, 2))
     wire.write(80, values)
@@ -28,7 +28,7 @@ def test_80_to_86_are_kept_only_with_the_lock_open() -> None:
     assert wire.read(80, 7) == int.from_bytes(values, "little")
 
 
-def test_16_acts_by_way_of_48_and_only_after_power_on() -> None:
+def test_register_16_is_copied_to_48_at_power_on() -> None:
     wire = Wire()
     wire.write(55, b"\x00")
     wire.write(16, word(300))
@@ -44,7 +44,7 @@ def test_16_acts_by_way_of_48_and_only_after_power_on() -> None:
     assert (wire.read(48, 2), wire.read(60, 2) & 0x3FF) == (300, 300)
 
 
-def test_after_power_on() -> None:
+def test_register_values_after_power_on() -> None:
     wire = Wire()
     wire.go(2500, 100)
     feed(wire.bus, 0.0)
@@ -63,7 +63,7 @@ def test_reads_at_the_tables_end() -> None:
 
 
 @pytest.mark.parametrize(("address", "torque"), [(85, 1), (87, 1), (200, 1)])
-def test_a_write_behind_the_table_does_nothing_and_hides_no_goal(address: int, torque: int) -> None:
+def test_a_write_beyond_the_table_has_no_effect_and_cancels_no_goal(address: int, torque: int) -> None:
     wire = Wire()
     before = wire.send(packet(1, 2, 0, 0))
     assert wire.send(packet(1, 3, 87, 9) + packet(1, 3, 200, *range(50))) == [packet(1, 0) * 2]
@@ -77,11 +77,11 @@ def test_a_write_behind_the_table_does_nothing_and_hides_no_goal(address: int, t
 
 
 @pytest.mark.parametrize("instruction", [(0x55,), (7, 1, 2), (5,), (3,)])
-def test_what_it_does_not_know_is_answered_by_an_empty_status(instruction: tuple[int, ...]) -> None:
+def test_unknown_instructions_are_answered_with_an_empty_status(instruction: tuple[int, ...]) -> None:
     assert Wire().send(packet(1, *instruction)) == [packet(1, 0)]
 
 
-def test_register_8_at_0_leaves_pings_and_reads() -> None:
+def test_register_8_at_0_answers_only_pings_and_reads() -> None:
     wire = Wire()
     assert wire.send(packet(1, 3, 8, 0)) == []
     assert wire.send(packet(1, 3, 41, 5)) == wire.send(packet(1, 0x55)) == []
@@ -91,18 +91,18 @@ def test_register_8_at_0_leaves_pings_and_reads() -> None:
     assert wire.send(packet(1, 3, 8, 1)) == [packet(1, 0)]
 
 
-def test_a_read_to_all_is_answered_and_a_write_to_all_is_not() -> None:
+def test_a_broadcast_read_is_answered_and_a_broadcast_write_is_not() -> None:
     wire = Wire()
     assert wire.send(packet(0xFE, 3, 41, 7)) == []
     assert wire.send(packet(0xFE, 2, 41, 1)) == [packet(1, 0, 7)]
 
 
-def test_two_servos_answer_a_read_to_all_at_once() -> None:
+def test_two_servos_answer_a_broadcast_read_at_once() -> None:
     (answer,) = Wire(1, 2).send(packet(0xFE, 2, 41, 1))
     assert answer == bytes(a & b for a, b in zip(packet(1, 0, 0), packet(2, 0, 0), strict=True))
 
 
-def test_a_reg_write_without_data_sets_64_and_the_action_writes_nothing() -> None:
+def test_a_reg_write_without_data_sets_64_but_writes_nothing() -> None:
     for parameters in ((), (41,)):
         wire = Wire()
         assert wire.send(packet(1, 4, *parameters)) == [packet(1, 0)]
@@ -115,7 +115,7 @@ def test_a_reg_write_without_data_sets_64_and_the_action_writes_nothing() -> Non
     ("parameters", "reading"),
     [((), 2048), (word(0), 0), (word(1000), 1000), (word(4095), 4095), (word(0xFFFE), 4094), (word(4096), 3000)],
 )
-def test_instruction_11_calls_the_angle_that_and_keeps_the_torque(parameters: bytes, reading: int) -> None:
+def test_instruction_11_sets_the_count_and_keeps_the_torque(parameters: bytes, reading: int) -> None:
     wire = Wire()
     wire.turn_to(3000)
     wire.wait(0.1)
@@ -153,7 +153,7 @@ def test_bits_12_to_15_of_the_homing_offset(value: int, reading: int) -> None:
     assert wire.read(56, 2) == pytest.approx(reading, abs=1)
 
 
-def test_a_servo_that_is_named_twice_in_a_sync_read_answers_once() -> None:
+def test_a_servo_named_twice_in_a_sync_read_answers_once() -> None:
     wire = Wire(1, 2, paced=True)
     asked = packet(0xFE, 0x82, 56, 8, 1, 1, 2)
     first, second = wire.bus.receive(asked, 5.0)
@@ -162,7 +162,7 @@ def test_a_servo_that_is_named_twice_in_a_sync_read_answers_once() -> None:
 
 
 @pytest.mark.parametrize(("index", "baud", "byte_us"), [(6, 57_600, 174), (5, 76_800, 131), (4, 115_200, 87)])
-def test_a_slot_is_counted_in_whole_microseconds_a_byte(index: int, baud: int, byte_us: int) -> None:
+def test_a_slot_counts_whole_microseconds_per_byte(index: int, baud: int, byte_us: int) -> None:
     wire = Wire(1, 2, paced=True)
     for servo_id in (1, 2):
         wire.bus.receive(packet(servo_id, 3, 6, index), float(servo_id))
@@ -171,16 +171,16 @@ def test_a_slot_is_counted_in_whole_microseconds_a_byte(index: int, baud: int, b
     assert second.due_s - 5.0 == pytest.approx((len(asked) + 14) * 10 / baud + 17 * byte_us * 1e-6, abs=1e-7)
 
 
-def test_a_slot_is_as_long_as_the_answer_that_the_tables_end_shortens() -> None:
+def test_a_slot_shortens_with_a_reply_at_the_end_of_the_table() -> None:
     wire = Wire(1, 2, paced=True)
     asked = packet(0xFE, 0x82, 84, 20, 1, 2)
     _, second = wire.bus.receive(asked, 5.0)
     assert second.due_s - 5.0 == pytest.approx((len(asked) + 9 + 3 + 9) * 1e-5)
 
 
-def test_ff_ff_within_a_packet_begins_another() -> None:
+def test_ff_ff_within_a_packet_starts_a_new_packet() -> None:
     wire = Wire()
-    assert wire.send(packet(1, 3, 42, 0xFF, 0xFF)) == []  # goal -32767 does not arrive
+    assert wire.send(packet(1, 3, 42, 0xFF, 0xFF)) == []  # the goal -32767 does not arrive
     assert wire.read(42, 2) == 0
     assert wire.send(packet(1, 3, 42, 1, 1)[:5] + packet(1, 1)) == [packet(1, 0)]
 
@@ -189,19 +189,19 @@ def test_ff_ff_within_a_packet_begins_another() -> None:
     ("entries", "written"),
     [
         ((1, 7, 8, 1, 9, 10), (9, 10)),
-        ((1, 7, 8, 2, 5, 6, 1, 9), (9, 0)),  # the last entry counts, as far as it goes
+        ((1, 7, 8, 2, 5, 6, 1, 9), (9, 0)),  # the last entry wins, as far as it goes
         ((1, 7, 8, 1), (0, 0)),
         ((1, 7, 8, 2), (7, 8)),
     ],
 )
-def test_of_two_entries_in_a_sync_write_the_last_counts(entries: tuple[int, ...], written: tuple[int, int]) -> None:
+def test_the_last_of_two_entries_in_a_sync_write_wins(entries: tuple[int, ...], written: tuple[int, int]) -> None:
     wire = Wire(1, 2)
     assert wire.send(packet(0xFE, 0x83, 50, 2, *entries)) == []
     assert wire.servo.memory.read(50, 2) == bytes(written)
 
 
 @pytest.mark.parametrize(("servos", "size"), [(16, 7), (31, 7), (83, 2)])
-def test_a_sync_write_is_as_long_as_its_length_can_count(servos: int, size: int) -> None:
+def test_a_sync_write_can_have_the_maximum_length(servos: int, size: int) -> None:
     goals = {servo_id: word(2048 + servo_id) for servo_id in range(1, servos + 1)}
     wire = Wire(*goals)
     entries = [value for servo_id, goal in goals.items() for value in (servo_id, *goal.ljust(size, b"\0"))]
@@ -209,7 +209,7 @@ def test_a_sync_write_is_as_long_as_its_length_can_count(servos: int, size: int)
     assert {servo_id: wire.bus.servo(servo_id).memory.read(42, 2) for servo_id in goals} == goals
 
 
-def test_other_instructions_have_128_parameters_at_most() -> None:
+def test_other_instructions_have_at_most_128_parameters() -> None:
     wire = Wire()
     assert wire.send(packet(1, 3, 41, *range(1, 128))) == [packet(1, 0)]
     assert wire.send(packet(1, 3, 41, *range(2, 130))) == []
@@ -234,7 +234,7 @@ def test_a_checksum_of_ff_counts_as_the_first_byte_of_a_header() -> None:
     assert wire.send(packet(1, 1)[1:]) == [packet(1, 0)]
 
 
-def test_sync_read_slots_are_an_answer_and_three_bytes_and_an_absent_servo_leaves_its_empty() -> None:
+def test_a_sync_read_slot_is_a_reply_plus_three_bytes() -> None:
     wire = Wire(1, 2, paced=True)
     asked = packet(0xFE, 0x82, 56, 8, 1, 9, 2)
     first, second = wire.bus.receive(asked, 5.0)
@@ -243,7 +243,7 @@ def test_sync_read_slots_are_an_answer_and_three_bytes_and_an_absent_servo_leave
     assert second.due_s == pytest.approx(end_s + (2 * (answer + 3) + answer) * 1e-5)
 
 
-def test_a_new_baud_rate_and_a_new_id_act_from_the_next_packet() -> None:
+def test_a_new_baud_rate_and_id_apply_from_the_next_packet() -> None:
     wire = Wire()
     assert wire.send(packet(1, 3, 5, 9)) == [packet(1, 0)]
     assert wire.send(packet(1, 1)) == []
@@ -255,7 +255,7 @@ def test_a_new_baud_rate_and_a_new_id_act_from_the_next_packet() -> None:
 # Packets without a gap.
 
 
-def test_packets_in_one_piece_are_all_obeyed_and_answered_in_one_piece_behind_the_last() -> None:
+def test_packets_without_gaps_are_answered_together_after_the_last() -> None:
     wire = Wire(paced=True)
     sent = packet(1, 3, 21, 40) + packet(1, 3, 22, 41) + packet(1, 1)
     (reply,) = wire.bus.receive(sent, 5.0)
@@ -265,7 +265,7 @@ def test_packets_in_one_piece_are_all_obeyed_and_answered_in_one_piece_behind_th
     assert wire.read(21, 2) == 40 + 256 * 41
 
 
-def test_what_is_read_overwrites_the_answers_that_wait() -> None:
+def test_a_read_discards_the_replies_that_wait() -> None:
     wire = Wire()
     assert wire.send(packet(1, 3, 41, 9) + packet(1, 2, 41, 1)) == [packet(1, 0, 9)]
     assert wire.send(packet(1, 2, 41, 1) + packet(1, 3, 41, 8)) == [packet(1, 0, 9) + packet(1, 0)]
@@ -273,11 +273,11 @@ def test_what_is_read_overwrites_the_answers_that_wait() -> None:
     assert wire.send(packet(1, 3, 41, 7) + packet(0xFE, 0x82, 41, 1, 1)) == [packet(1, 0, 7)]
 
 
-def test_two_servos_asked_in_one_piece_answer_at_once_and_spoil_each_other() -> None:
+def test_replies_of_two_servos_to_packets_without_a_gap_collide() -> None:
     (answer,) = Wire(1, 2).send(packet(1, 1) + packet(2, 1))
     assert answer == bytes(a & b for a, b in zip(packet(1, 0), packet(2, 0), strict=True))
 
 
-def test_a_gap_between_two_packets_gives_each_its_answer() -> None:
+def test_packets_with_a_gap_are_answered_separately() -> None:
     wire = Wire()
     assert wire.send(packet(1, 3, 41, 9)) + wire.send(packet(1, 2, 41, 1)) == [packet(1, 0), packet(1, 0, 9)]

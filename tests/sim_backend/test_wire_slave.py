@@ -1,4 +1,4 @@
-"""The servo's side of the wire: what a stream of bytes means, in any portions and with garbage in it."""
+"""The servo side of the wire: parsing a stream of bytes in any portions and with garbage in it."""
 
 import importlib
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import Code, InstructionParser, StsParser, checksum, status_packet
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("scservo_sdk")
 
 instructions = st.builds(
@@ -23,7 +23,7 @@ instructions = st.builds(
 
 
 def packet(instruction: Instruction) -> bytes:
-    """An instruction as a master sends it."""
+    """Return an instruction as a master sends it."""
     parameters = instruction.parameters
     body = bytes((instruction.servo_id, len(parameters) + 2, instruction.code)) + parameters
     return b"\xff\xff" + body + bytes((checksum(body),))
@@ -50,7 +50,7 @@ def parsed(*portions: bytes) -> list[Instruction]:
         ("FF FF 01 02 0A F2", Instruction(1, 0x0A)),
     ],
 )
-def test_packets_that_are_understood(stream: str, meant: Instruction) -> None:
+def test_valid_packets_are_parsed(stream: str, meant: Instruction) -> None:
     assert parsed(bytes.fromhex(stream)) == [meant]
 
 
@@ -59,21 +59,21 @@ def test_packets_that_are_understood(stream: str, meant: Instruction) -> None:
     [
         "FF FF 01 02 01 FA",  # wrong checksum
         "FF FF 01 02 01",  # half a packet
-        "FF FF 01 01 FD",  # a length that has no room for an instruction
+        "FF FF 01 01 FD",  # the length leaves no room for an instruction
         "FF 01 02 01 FB",  # half a header
         "",
     ],
 )
-def test_streams_that_mean_nothing(stream: str) -> None:
+def test_invalid_streams_yield_no_instruction(stream: str) -> None:
     assert parsed(bytes.fromhex(stream)) == []
 
 
-def test_a_packet_behind_a_half_packet_is_found() -> None:
+def test_a_packet_after_a_half_packet_is_found() -> None:
     half = bytes.fromhex("FF FF 01 04 02 38")
     assert parsed(half + bytes.fromhex("FF FF 05 02 01 F7")) == [Instruction(5, Code.PING)]
 
 
-def test_a_reset_forgets_a_half_packet() -> None:
+def test_a_reset_discards_a_half_packet() -> None:
     parser = InstructionParser()
     assert list(parser.feed(bytes.fromhex("FF FF 01 FA 03"))) == []
     assert parser.pending == 5
@@ -92,12 +92,12 @@ def test_any_split_of_the_stream_gives_the_same_packets(sent: list[Instruction],
 
 @settings(deadline=None)
 @given(st.binary(max_size=200), st.data())
-def test_any_split_of_garbage_gives_the_same_too(stream: bytes, data: st.DataObject) -> None:
+def test_any_split_of_garbage_gives_the_same_packets(stream: bytes, data: st.DataObject) -> None:
     cut = data.draw(st.integers(0, len(stream)))
     assert parsed(stream[:cut], stream[cut:]) == parsed(stream)
 
 
-# Headers and sizes where nobody expects them.
+# Headers and sizes in unexpected places.
 pieces = st.one_of(
     st.sampled_from([b"\xff", b"\xff\xff", b"\x00", b"\x02", b"\x83", b"\xfc"]), instructions.map(packet)
 )
@@ -105,7 +105,7 @@ pieces = st.one_of(
 
 @settings(deadline=None)
 @given(st.lists(pieces, max_size=8).map(b"".join))
-def test_an_sts_understands_a_portion_as_it_does_its_single_bytes(stream: bytes) -> None:
+def test_an_sts_parses_a_portion_like_single_bytes(stream: bytes) -> None:
     at_once, piecemeal = StsParser(), StsParser()
     whole = [(instruction, at_once.pending) for instruction in at_once.feed(stream)]
     single = [
@@ -125,7 +125,7 @@ def test_garbage_between_packets_is_skipped(sent: list[tuple[bytes, Instruction]
 
 @settings(deadline=None)
 @given(st.integers(0, 0xFD), st.integers(0, 0x7F), st.binary(max_size=100))
-def test_a_status_packet_sums_up(servo_id: int, error: int, data: bytes) -> None:
+def test_a_status_packet_has_a_correct_checksum(servo_id: int, error: int, data: bytes) -> None:
     status = status_packet(servo_id, error, data)
     assert status[:5] == bytes((0xFF, 0xFF, servo_id, len(data) + 2, error))
     assert status[5:-1] == data
@@ -133,7 +133,7 @@ def test_a_status_packet_sums_up(servo_id: int, error: int, data: bytes) -> None
 
 
 class CapturingPort:
-    """What the official SDK needs of a port to send, and nothing that answers."""
+    """The part of a port that the official SDK needs to send; it never answers."""
 
     is_using = False
 
@@ -187,7 +187,7 @@ def _sync_read(handler: Any, port: CapturingPort) -> None:
         (_sync_read, Instruction(0xFE, Code.SYNC_READ, bytes.fromhex("38 08 03 01"))),
     ],
 )
-def test_what_the_official_sdk_sends_is_what_is_understood(
+def test_packets_of_the_official_sdk_are_parsed(
     send: Callable[[Any, CapturingPort], object], meant: Instruction
 ) -> None:
     port = CapturingPort()

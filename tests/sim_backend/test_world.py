@@ -1,4 +1,4 @@
-"""The world by itself: read-outs, rest, where the cube is."""
+"""The world without a stack: positions, rest, and the place of the cube."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ NO_EFFORT = [0.0] * 7
 
 
 def put_cube(world, x, y, z):
-    """Lay the cube down somewhere, level, and let it settle."""
+    """Place the cube level at a position, and let it settle."""
     world.cell.feed_cube()
     world.data.body("cube")
     world.data.qpos[world.cell.qpos][:3] = (x, y, z)
@@ -26,11 +26,11 @@ def put_cube(world, x, y, z):
 
 
 def folded():
-    """A world with the arm leaning back, away from the cube."""
+    """Return a world with the arm leaning back, away from the cube."""
     return World(initial_position=[0.0, 1.5, 0.5, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_starts_at_ready_at_rest_with_the_cube_on_the_stand():
+def test_the_world_starts_at_ready_with_the_cube_on_the_stand():
     world = World()
     assert world.joints == JOINTS
     np.testing.assert_allclose(world.position(), READY)
@@ -48,7 +48,7 @@ def test_position_and_velocity_are_copies():
 
 
 @pytest.mark.parametrize("pose", POSES)
-def test_gravity_needs_less_than_half_of_a_servo(pose):
+def test_gravity_needs_less_than_half_of_a_servos_torque(pose):
     world = World(initial_position=[*POSES[pose], 0.0])
     assert np.abs(world.data.qfrc_bias[world._qvel])[:6].max() < 1.0
 
@@ -79,7 +79,7 @@ def test_a_falling_cube_is_in_no_bin():
     assert not world.cell.cube_at_rest() and world.cube_bin() is None
 
 
-def test_fed_cube_lies_still_and_stays():
+def test_a_fed_cube_stays_at_rest():
     world = folded()
     put_cube(world, 0.1, 0.3, 0.025)
     world.cell.feed_cube()
@@ -96,7 +96,7 @@ def test_open_fingers_stay_clear_of_the_cube_from_ready_to_pick():
         assert world.cell.stand_free() and not world.cell.cube_touched()
 
 
-def test_closed_fingers_are_in_the_place_of_the_cube():
+def test_closed_fingers_occupy_the_place_of_the_cube():
     assert not World(initial_position=[*POSES["pick"], 0.04]).cell.stand_free()
 
 
@@ -108,7 +108,7 @@ def test_the_cube_is_touched_when_the_fingers_close_on_it():
     assert world.cell.cube_touched()
 
 
-def test_same_efforts_same_world():
+def test_the_same_efforts_give_the_same_world():
     def end():
         world, random = World(), np.random.default_rng(1)
         for _ in range(500):
@@ -118,7 +118,7 @@ def test_same_efforts_same_world():
     assert end() == end()
 
 
-def test_an_arm_that_begins_in_the_air_is_held_until_an_effort_acts_on_it() -> None:
+def test_an_arm_without_rest_pose_is_held_until_an_effort_acts() -> None:
     world = World()
     world.hold_until_driven()
     for _ in range(2000):

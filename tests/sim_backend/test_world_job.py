@@ -1,7 +1,7 @@
-"""The whole job in the world: does the cube end in its bin, with a servo-like controller and with errors?
+"""The whole job in the world: the cube ends in its bin with simple servos, even with joint errors.
 
-The servos here are the simplest that deserve the name: proportional, limited in drive, slowed by back-EMF,
-and each reads its joint wrong by a constant. The hand closes while the arm may already be on its way.
+The servos are proportional with limited drive and back-EMF, and each measures its joint with a constant error. The hand
+can still be closing while the arm starts to move.
 """
 
 from typing import Final
@@ -36,7 +36,7 @@ def quintic(s):
 
 
 def trapezoid(s, ramp=0.3):
-    """Speeds up and slows down with limited jerk in `ramp` of the time each, steady in between."""
+    """Accelerate and brake with limited jerk in a share `ramp` of the time each, with constant speed in between."""
     if s > 0.5:
         return 1.0 - trapezoid(1.0 - s, ramp)
     x = min(1.0, s / ramp)
@@ -44,7 +44,7 @@ def trapezoid(s, ramp=0.3):
 
 
 class Servos:
-    """Seven servos on a world. `error_rad`: what each arm servo reads wrong; the hand's limit is half its drive."""
+    """Seven servos on a world. `error_rad` has the errors of the arm's servos; the hand's limit is half its drive."""
 
     def __init__(self, world, error_rad):
         self.world = world
@@ -58,14 +58,14 @@ class Servos:
         self.hand += min(max(hand - self.hand, -reach), reach)
         error = (np.append(arm, self.hand) + self.wrong - self.world.position()) / self.unit
         speed = self.world.velocity() / self.unit
-        # Gravity is helped against, so that the error is the one that the test asks for.
+        # Gravity is compensated, so that the error is the one that the test requests.
         gravity = self.world.data.qfrc_bias[self.world._qvel] * self.unit
         drive = np.clip(48.0 * error - 0.5 * speed + gravity, -self.limit, self.limit)
         self.world.step((drive - STALL_NM / NO_LOAD_RAD_S * speed) / self.unit)
 
 
 def do_job(grade, profile, wait_s, error_rad=(0.0,) * 6):
-    """Pick, close, bin, open, ready, with `wait_s` after each hand command. Where the cube ended."""
+    """Pick, close, bin, open, ready, with `wait_s` after each hand command. Return where the cube ended."""
     world = World()
     servos = Servos(world, np.array(error_rad))
     steps = round(MOTION_S / world.timestep_s)
@@ -90,8 +90,8 @@ def test_the_cube_ends_in_its_bin(grade, profile, wait_s):
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("grade", BINS)
-def test_also_with_joints_that_err(grade, seed):
-    """Each joint is wrong by up to 0.03 rad; hasty motions and patient ones in turn."""
+def test_the_cube_ends_in_its_bin_despite_joint_errors(grade, seed):
+    """Each joint has an error of up to 0.03 rad. Fast and slow motions alternate."""
     error_rad = np.random.default_rng(seed).uniform(-0.03, 0.03, 6)
     profile, wait_s = (quintic, 0.4) if seed % 2 else (linear, 0.0)
     assert do_job(grade, profile, wait_s, error_rad) == grade

@@ -1,4 +1,4 @@
-"""The URDF and the MuJoCo scene are the same arm, and the URDF is what ros2_control expects."""
+"""The URDF and the MuJoCo scene describe the same arm, and the URDF is valid for ros2_control."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -27,16 +27,16 @@ def limits(name):
 
 
 def rotation(axis, angle):
-    """Rodrigues: turning by `angle` about a unit vector."""
+    """Return the rotation by `angle` about a unit vector (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
 def forward(values):
-    """Link poses (rotation, position) from the URDF alone."""
+    """Return link poses (rotation, position) from the URDF only."""
     poses = {"base_link": (np.eye(3), np.zeros(3))}
-    for name in ALL:  # parents stand before children
+    for name in ALL:  # parents come before children
         joint = JOINTS[name]
         turned, moved = poses[joint.find("parent").get("link")]
         axis, value = numbers(joint.find("axis"), "xyz"), values[name]
@@ -49,14 +49,14 @@ def forward(values):
     return poses
 
 
-def test_joints_are_those_of_the_specification():
+def test_joints_match_the_specification():
     assert list(JOINTS) == ALL
     assert all(JOINTS[f"joint{i}"].get("type") == "revolute" for i in range(1, 7))
     assert JOINTS["hand_left_joint"].find("mimic").get("joint") == "hand_right_joint"
     assert limits("hand_right_joint") == (0.0, 0.05)
 
 
-def test_every_joint_has_the_scene_s_range_and_a_servo_s_limits():
+def test_every_joint_has_the_range_of_the_scene_and_limits_of_its_servo():
     world = World()
     for name in ALL:
         assert tuple(world.model.joint(name).range) == limits(name)
@@ -96,7 +96,7 @@ def test_masses_and_shapes_agree(link):
 
 
 def sizes(shape):
-    """MuJoCo's half sizes of a URDF primitive."""
+    """Return MuJoCo's half sizes of a URDF primitive."""
     if shape.tag == "box":
         return numbers(shape, "size") / 2
     assert shape.tag == "cylinder"

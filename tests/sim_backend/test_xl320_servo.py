@@ -1,4 +1,4 @@
-"""The virtual XL-320 through the real driver and the official SDK: its table, its rules, its motion."""
+"""The virtual XL-320 with the real driver and the official SDK: table, rules and motion."""
 
 import importlib
 from typing import Any
@@ -20,16 +20,16 @@ from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
 from sim_backend.servos.dynamixel.xl320_memory import FACTORY
 from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 
-# By name, because it has no types.
+# Imported by name, because the SDK has no type hints.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 handler = sdk.Protocol2PacketHandler()
 IDS = (1, 2)
 START = 614
-"""Half a turn: where a bench's shafts begin."""
+"""Half a turn, where the shafts of a bench start."""
 
 
 class Bench:
-    """Two servos; the second's model can be another."""
+    """Two servos. The second one can be of another model."""
 
     def __init__(self, second: x.Model | None = None, volts: float | None = None) -> None:
         self.models = {1: xl320.XL320, 2: second or xl320.XL320}
@@ -52,14 +52,14 @@ class Bench:
         return self.bus.read_states(IDS, self.clock.now() + 0.05)[1]
 
     def write(self, register: Register, value: int) -> int:
-        """The error number."""
+        """Return the error number."""
         data = list(register.encode(value, "little"))
         result, error = handler.writeTxRx(self.sdk, 1, register.address, register.size, data)
         assert result == sdk.COMM_SUCCESS
         return int(error) & 0x7F
 
 
-def test_every_register_holds_its_factory_value_and_who_may_write_it() -> None:
+def test_factory_values_and_access_of_every_register() -> None:
     bench = Bench()
     for register in xl320.REGISTERS:
         if register.access is Access.READ:
@@ -93,7 +93,7 @@ def test_values_beyond_a_range_are_refused(register: Register, value: int, error
     assert Bench().write(register, value) == error
 
 
-def test_eeprom_is_locked_under_torque_and_angle_limits_bound_the_goal() -> None:
+def test_eeprom_is_locked_under_torque_and_angle_limits_restrict_the_goal() -> None:
     bench = Bench()
     assert bench.write(xl320.ccw_angle_limit, 700) == 0
     assert bench.write(xl320.torque_enable, 1) == 0
@@ -101,7 +101,7 @@ def test_eeprom_is_locked_under_torque_and_angle_limits_bound_the_goal() -> None
     assert (bench.write(xl320.goal_position, 701), bench.write(xl320.goal_position, 700)) == (6, 0)
 
 
-def test_a_goal_is_reached_as_near_as_friction_lets_it_and_speed_has_its_sign() -> None:
+def test_a_goal_is_reached_within_friction_and_the_speed_has_a_sign() -> None:
     bench = Bench()
     bench.hold()
     bench.bus.write_goals({1: ServoGoal(START + 100, 100)})
@@ -118,7 +118,7 @@ def test_a_goal_is_reached_as_near_as_friction_lets_it_and_speed_has_its_sign() 
     assert back.velocity_counts_s < -50
 
 
-def test_more_gain_leaves_less_error_and_the_torque_limit_bounds_the_drive() -> None:
+def test_more_gain_reduces_the_error_and_the_torque_limit_clips_the_drive() -> None:
     bench = Bench()
     bench.hold(START + 60)
     soft = bench.run(2.0)
@@ -133,7 +133,7 @@ def test_more_gain_leaves_less_error_and_the_torque_limit_bounds_the_drive() -> 
     assert pushing.load == pytest.approx(300 / 1023, abs=0.002)
 
 
-def test_a_stall_shuts_it_down_until_a_reboot() -> None:
+def test_a_stall_shuts_the_servo_down_until_a_reboot() -> None:
     bench = Bench()
     bench.hold()
     bench.plant.load_nm[0] = -1.0
@@ -152,14 +152,14 @@ def test_a_stall_shuts_it_down_until_a_reboot() -> None:
     assert bench.bus.read(1, xl320.torque_limit) == 1023
 
 
-def test_low_voltage_is_an_alarm_with_its_name() -> None:
+def test_low_voltage_is_reported_as_an_alarm() -> None:
     bench = Bench(volts=5.0)
     state = bench.run(0.1)
     assert isinstance(state, ServoState)
     assert (state.alarms, state.voltage_v) == (("voltage",), pytest.approx(5.0))
 
 
-def test_on_one_line_with_an_x_servo_both_are_read_and_driven() -> None:
+def test_an_x_servo_and_an_xl320_share_one_line() -> None:
     bench = Bench(x.XL430_W250)
     bench.hold()
     states = bench.bus.read_states(IDS, bench.clock.now() + 0.05)

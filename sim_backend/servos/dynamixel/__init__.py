@@ -1,1 +1,1 @@
-"""Virtual Dynamixel servos: control tables, firmware, identified motors."""
+"""Virtual Dynamixel servos: control tables, firmware and identified motors."""

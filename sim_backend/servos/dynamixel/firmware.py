@@ -1,14 +1,17 @@
-"""What runs inside a virtual X series servo in position mode, in place of the STS servo's.
+"""Firmware of a virtual X series servo in position mode.
 
-From the e-manual: the profile; the position loop's structure (a PID on counts that puts out PWM) and
-the scale of its gains; the hardware error bits, and that a shutdown clears the torque switch until a
-reboot. Assumed:
-- one unit of the loop's output is one unit of goal_pwm, one turn of the loop a millisecond;
-- feedforward gains do nothing; only position mode and extended position mode drive the motor;
-- goal_position is the present one after power-on.
+From the e-manual:
+- The motion profile and the hardware error bits.
+- The position loop, which is a PID on counts with PWM as its output, and the scale of its gains.
+- A shutdown clears the torque switch until a reboot.
 
-The position counts on beyond a turn. It begins within one turn at power-on, and in position mode whenever the torque
-goes on or the mode is set; in that mode a homing offset beyond 1024 counts is ignored.
+Assumed:
+- One unit of the loop's output is one unit of goal_pwm, and the loop runs once per millisecond.
+- Feedforward gains have no effect, and only position mode and extended position mode drive the motor.
+- goal_position equals the present position after power-on.
+
+The position continues beyond a turn. It starts within one turn at power-on. In position mode it also does so when the
+torque is enabled or the mode is set, and a homing offset beyond 1024 counts is ignored.
 """
 
 from typing import Final
@@ -21,15 +24,16 @@ from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 LOOP_S: Final = 0.001
 P_DIVISOR: Final = 128.0
-"""By the e-manual."""
+"""Scale of the P gain in the e-manual."""
 _MEASURED_P_DIVISORS: Final = {x.XL330_M077.name: 256.0, x.XL330_M288.name: 256.0}
-"""BAM's oscilloscope saw half the drive that the e-manual says of an XL330; the M077 has the same firmware."""
+"""Scale of the P gain as measured. BAM's oscilloscope saw half the drive of the e-manual on an XL330; the M077 has the
+same firmware."""
 
 _DRIVING: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE)
 
 
 class XFirmware(Protocol2Firmware):
-    """The control loop of one X series servo."""
+    """Control loop of one X series servo."""
 
     BITS = ErrorBits(
         x.shutdown,
@@ -45,7 +49,7 @@ class XFirmware(Protocol2Firmware):
     def __init__(self, memory: Memory, model: x.Model, motor: MotorConstants) -> None:
         self._p_divisor = _MEASURED_P_DIVISORS.get(model.name, P_DIVISOR)
         self._turned = 0.0
-        """Counts of whole turns that the servo has forgotten."""
+        """Whole turns that the servo has forgotten, in counts."""
         super().__init__(memory, model, motor)
 
     def restart(self) -> None:
@@ -53,7 +57,7 @@ class XFirmware(Protocol2Firmware):
         super().restart()
 
     def forget_turns(self) -> None:
-        """Begin to count within the turn again, as position mode does when it is set."""
+        """Restart the count of turns, as position mode does when it is set."""
         self._forget_turns()
         self.load_settings()
 
@@ -86,7 +90,7 @@ class XFirmware(Protocol2Firmware):
         self.load_goal()
 
     def load_goal(self) -> None:
-        """Decode the gains, the goals and the torque switch: all of that lives in RAM."""
+        """Decode gains, goals and torque switch, all of which are in RAM."""
         get, profile = self._memory.get, self.profile
         self._gain = get(x.position_p_gain) / self._p_divisor / x.FULL_PWM
         self._integral_gain = get(x.position_i_gain) / 65536.0 / x.FULL_PWM / LOOP_S

@@ -1,4 +1,4 @@
-"""The control table of one virtual X series servo. Of indirect addresses see ``dynamixel_indirect``."""
+"""Control table of one virtual X series servo. ``indirect`` describes its indirect addresses."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -18,14 +18,14 @@ _HIGHEST: Final = {
 
 
 class XMemory(Protocol2Memory):
-    """A table with cells that stand for others."""
+    """A control table with cells that stand for other bytes."""
 
     SIZE = 662
     EEPROM_END = x.torque_enable.address
     BAUD_RATES = x.BAUD_RATES
 
     def __init__(self, model: x.Model, servo_id: int, firmware: int | None = None) -> None:
-        """``firmware`` is the version, if not the usual one."""
+        """Create the table. ``firmware`` is a version that differs from the usual one."""
         version = FACTORY[x.firmware_version] if firmware is None else firmware
         self._windows = windows_of(model, version)
         self._pointers = dict(pointers(self._windows))
@@ -35,7 +35,7 @@ class XMemory(Protocol2Memory):
         super().__init__(model, servo_id, registers, factory)
 
     def read(self, address: int, size: int) -> bytes:
-        if address + size <= self._windows[0].data:  # most reads need no look at the cells
+        if address + size <= self._windows[0].data:  # Most reads do not touch the cells.
             return bytes(self._bytes[address : address + size])
         return super().read(address, size)
 

@@ -1,4 +1,4 @@
-"""What differs between the virtual X series models: factory values, firmware. From the e-manual."""
+"""Differences between the virtual X series models: factory values and firmware. Source: e-manual."""
 
 from typing import Final
 
@@ -18,7 +18,7 @@ FACTORY: Final[dict[Register, int]] = {
     x.max_position_limit: 4095,
     x.status_return_level: 2,
 }
-"""What all models have; every register that is neither here nor in ``factory_of`` is 0."""
+"""Factory values of all models. Registers that are neither here nor in ``factory_of`` are 0."""
 
 _OWN_REGISTERS: Final = (
     x.temperature_limit,
@@ -57,7 +57,7 @@ _CURRENT_LIMITS: Final = {
     x.XM430_W210.name: 1193,
     x.XM430_W350.name: 1193,
 }
-"""By model name, in the model's unit."""
+"""Current limit by model name, in the model's unit."""
 
 _FAST_READ_SINCE: Final = {
     x.XL330_M077.name: 46,
@@ -72,14 +72,14 @@ _FAST_READ_SINCE: Final = {
     x.XM430_W210.name: 45,
     x.XM430_W350.name: 45,
 }
-"""The firmware version from which on a model knows the fast reads: those in the list of "Fast Sync Read"."""
+"""First firmware version with fast reads, for the models in the e-manual's list of "Fast Sync Read"."""
 
 
 def factory_of(model: x.Model) -> dict[Register, int]:
-    """All factory values of a model that are not 0.
+    """Return all factory values of a model that are not 0.
 
-    Assumed of one that is not listed: those of the XM430-W350, the voltage limits a third above and a fifth
-    below the rated voltage, and the current limit at what it draws at stall.
+    An unlisted model gets the values of the XM430-W350 (assumed). Its voltage limits are a third above and a fifth
+    below the rated voltage, and its current limit is the stall current.
     """
     rated = model.rated_voltage_v / x.VOLTAGE_UNIT_V
     limits = {x.max_voltage_limit: round(rated * 4 / 3), x.min_voltage_limit: round(rated * 4 / 5)}
@@ -91,5 +91,5 @@ def factory_of(model: x.Model) -> dict[Register, int]:
 
 
 def reads_fast(model: x.Model, firmware: int) -> bool:
-    """Whether a servo with this firmware version knows the fast reads; one that is not listed never does."""
+    """Whether a servo with this firmware version supports fast reads. An unlisted model never does."""
     return model.name in _FAST_READ_SINCE and firmware >= _FAST_READ_SINCE[model.name]

@@ -1,9 +1,10 @@
-"""The motors of Dynamixel servos: identified where anybody has, else as the data sheet says.
+"""Motors of Dynamixel servos, identified on hardware if available, otherwise from the data sheet.
 
-BAM (github.com/Rhoban/bam) identified four on a pendulum, each with six laws of friction. Taken is its fourth, M4: the
-simplest whose friction depends on the load as well as on the speed. M1 and M2 know no load; M3 knows no rest; M5 and M6
-tell the two ends of the gears apart, by parameters of which several ended at nothing. Of a model's several fits: the
-newest that ended within its bounds. ``python -m benchmarks.fidelity`` holds them against the data sheets.
+BAM (github.com/Rhoban/bam) identified four of them on a pendulum, each with six friction laws. The fourth law, M4, is
+used here: the simplest whose friction depends on both load and speed. M1 and M2 ignore the load, and M3 ignores the
+state of rest. M5 and M6 distinguish the two ends of the gears, with several parameters that were fitted to zero. If a
+model has several fits, the newest one within its bounds is used. ``python -m benchmarks.fidelity`` compares them with
+the data sheets.
 """
 
 from typing import Final
@@ -16,11 +17,11 @@ from sim_backend.servos.dynamixel.protocol1_models import MX_64, MX_106
 
 
 def _identified(kt: float, ohm: float, gears: Gears) -> MotorConstants:
-    """One magnet makes the torque and the back-EMF."""
+    """Return a motor whose torque constant is also its back-EMF constant, because one magnet determines both."""
     return MotorConstants(kt, kt, ohm, gears=gears)
 
 
-# Gears: rotor, viscous, Coulomb, share of the load; sticking: Coulomb, share, speed, exponent.
+# Order of the gear values: rotor, viscous, Coulomb, share of load; for sticking: Coulomb, share, speed, exponent.
 IDENTIFIED: Final = {
     x.XL330_M288.name: _identified(
         0.3846, 3.063, Gears(0.001942, 0.004619, 0.01118, 0.1114, 0.0002863, 0.02838, 0.2377, 9.978)
@@ -29,9 +30,12 @@ IDENTIFIED: Final = {
     MX_64.name: _identified(1.663, 3.156, Gears(0.01096, 0.01475, 0.06155, 0.0, 0.02390, 0.2343, 1.521, 1.334)),
     MX_106.name: _identified(2.231, 2.372, Gears(0.02457, 0.05096, 0.0, 0.009150, 0.1049, 0.2224, 1.623, 1.323)),
 }
-"""By the model's name. The XL-320's is half as strong as its data sheet, which BAM's laws without load say too."""
+"""Identified motors by model name.
+
+The XL-320's motor is half as strong as its data sheet says. BAM's laws without load give the same result.
+"""
 
 
 def motor_of(model: x.Model | Protocol1Model) -> MotorConstants:
-    """The motor of a Dynamixel servo; heat as in the STS3215 (assumed)."""
+    """Return the motor of a Dynamixel servo. Its thermal constants are those of the STS3215 (assumed)."""
     return IDENTIFIED.get(model.name) or MotorConstants.of(model, model.stall_current_a)

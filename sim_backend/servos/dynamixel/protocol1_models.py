@@ -1,6 +1,6 @@
-"""Models of protocol 1.0 that are simulated and not driven: their motors are the ones that were identified.
+"""Models of protocol 1.0 that are simulated but not driven. Their motors were identified on hardware.
 
-From the e-manual. Their tables go on beyond the MX-28's, by a current and a torque mode, which are left out.
+Source: e-manual. Their tables have more registers than the MX-28's, for current and torque mode, which are left out.
 """
 
 from dataclasses import replace

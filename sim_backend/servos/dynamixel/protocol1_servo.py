@@ -1,12 +1,17 @@
-"""Virtual AX and MX of protocol 1.0: their tables below the firmware that they share with the SCS.
+"""Virtual AX and MX servos of protocol 1.0. They have their own tables and share their firmware with the SCS servos.
 
-From the e-manual: the tables and their factory values, the units, the modes that the angle limits
-choose, what each status return level answers, that a factory reset takes the ID back to 1 and that the
-lock ends with the power; the gains of an MX (P / 8, I * 1000 / 2048, D * 4 / 1000). BAM (github.com/Rhoban/bam)
-measured on MX-64 and MX-106 what drive P makes, and how much drive is full; an MX-28 is taken to do the same. Assumed:
-an MX's I and D count in the same unit of drive, seconds and counts; an AX's position loop is as stiff as an SCS
-servo's, whatever its compliance says; overload is nearly full drive for two seconds and takes the drive away until the
-torque switch is written; a packet with a wrong checksum is not answered; a goal outside the limits is cut.
+From the e-manual:
+- The tables, their factory values and their units.
+- The modes that the angle limits select, and the replies at each status return level.
+- A factory reset sets the ID to 1, and the lock ends at power-off.
+- The gains of an MX are P / 8, I * 1000 / 2048 and D * 4 / 1000.
+
+BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. An MX-28 uses the
+same values here. Assumed:
+- I and D of an MX use the same unit of drive as P, with seconds and counts.
+- The position loop of an AX is as stiff as an SCS servo's, regardless of its compliance registers.
+- Overload means nearly full drive for two seconds. It removes the drive until the torque switch is written.
+- A packet with a wrong checksum is not answered, and a goal outside the limits is clipped.
 """
 
 from collections.abc import Mapping
@@ -23,7 +28,7 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 MX_DRIVE_PER_RAD: Final = 0.158
-"""Share of full drive, for each unit of ``p_gain``; the e-manual's P / 8 a count in 512 is 0.159."""
+"""Share of full drive per rad for each unit of ``p_gain``. The e-manual's P / 8 per count of 512 would be 0.159."""
 MX_FULL_DRIVE: Final = 0.9625
 _MX_P_UNIT: Final = 1.0 / 8.0
 _MX_I_UNIT: Final = 1000.0 / 2048.0
@@ -47,7 +52,7 @@ _OWN: Final = {
     sts.async_write_flag.name: dxl.registered_instruction,
     **{register.name: register for register in dxl.COMMON},
 }
-"""Registers of the STS table, by name, in these tables. Bits 0, 2 and 5 of both status bytes say the same."""
+"""Registers of these tables by the name of their STS counterpart. Bits 0, 2 and 5 of both status bytes are the same."""
 _ABSENT: Final = {
     sts.protection_current.name: sts.protection_current.largest,  # not measured
     sts.position_p.name: 32,
@@ -56,7 +61,7 @@ _ABSENT: Final = {
     sts.protection_time.name: 200,
     sts.protective_torque.name: 0,
 }
-"""What the firmware is told where the table has no such register; 0 for the others."""
+"""Values for the firmware if the table has no such register. All others are 0."""
 
 _COMMON_FACTORY: Final[dict[Register, int]] = {
     dxl.firmware_version: 24,  # assumed
@@ -71,7 +76,7 @@ _COMMON_FACTORY: Final[dict[Register, int]] = {
 
 
 class Dynamixel1Memory(Memory):
-    """A table of protocol 1.0. The STS table's registers are found by name, their values in its units."""
+    """A control table of protocol 1.0. STS registers are found by name, and their values are in STS units."""
 
     FACTORY: ClassVar[Mapping[Register, int]]
     EEPROM_END = dxl.torque_enable.address
@@ -104,18 +109,18 @@ class Dynamixel1Memory(Memory):
         return self._own.get(register.name)
 
     def _scale(self, register: Register, own: Register) -> float:
-        """How many units of ``register`` one unit of its ``own`` counterpart is; 1 where it is that itself."""
+        """Return how many units of ``register`` are one unit of its counterpart ``own``; 1 if the two are the same."""
         scale = self._scales.get(register.name, 1.0)
         return 1.0 if scale != 1.0 and own == register else scale
 
     def get(self, register: Register) -> int:
         own = self.own(register)
         if own is None:
-            return self._told(register)
+            return self._substitute(register)
         value, scale = super().get(own), self._scale(register, own)
         return value if scale == 1.0 else round(value * scale)
 
-    def _told(self, register: Register) -> int:
+    def _substitute(self, register: Register) -> int:
         if register == sts.operating_mode:
             return int(self.limits == (0, 0))
         if register == sts.phase:
@@ -124,11 +129,11 @@ class Dynamixel1Memory(Memory):
 
     @property
     def limits(self) -> tuple[int, int]:
-        """Both angle limits, which choose the mode."""
+        """Both angle limits, which select the mode."""
         return self.get(dxl.cw_angle_limit), self.get(dxl.ccw_angle_limit)
 
     def _unwrapped(self) -> bool:
-        """Whether positions go on beyond a turn."""
+        """Whether positions continue beyond a turn."""
         return self.limits == (dxl.MULTI_TURN_LIMIT, dxl.MULTI_TURN_LIMIT)
 
     def put(self, register: Register, value: int) -> None:
@@ -137,7 +142,7 @@ class Dynamixel1Memory(Memory):
             super().put(own, round(value / self._scale(register, own)))
 
     def _write_byte(self, at: int, value: int) -> None:
-        """EEPROM is saved with every write, unless it is locked: then it stays as it is."""
+        """Write a byte. EEPROM bytes are saved with every write; while they are locked they do not change."""
         if at >= self.EEPROM_END:
             self._bytes[at] = value | (self._bytes[at] if at == dxl.lock.address else 0)
         elif not self.get(dxl.lock):
@@ -145,7 +150,7 @@ class Dynamixel1Memory(Memory):
 
 
 class AxMemory(Dynamixel1Memory):
-    """An AX: a potentiometer, whose readings end at 0 and 1023. Factory values are the AX-12A's."""
+    """Table of an AX, whose potentiometer reads 0 to 1023. Factory values are those of the AX-12A."""
 
     FACTORY: ClassVar[Mapping[Register, int]] = {
         dxl.temperature_limit: 70,
@@ -167,7 +172,7 @@ class AxMemory(Dynamixel1Memory):
 
 
 class MxMemory(Dynamixel1Memory):
-    """An MX: a magnetic encoder, 4096 counts a turn. Factory values are the MX-28's."""
+    """Table of an MX, whose magnetic encoder has 4096 counts per turn. Factory values are those of the MX-28."""
 
     FACTORY: ClassVar[Mapping[Register, int]] = {
         dxl.temperature_limit: 80,
@@ -176,17 +181,17 @@ class MxMemory(Dynamixel1Memory):
         dxl.p_gain: 32,
     }
 
-    def _told(self, register: Register) -> int:
+    def _substitute(self, register: Register) -> int:
         if register == sts.acceleration:
             ramp = super().get(dxl.goal_acceleration) * dxl.ACCELERATION_UNIT_COUNTS_S2
             return round(ramp / sts.ACCELERATION_UNIT_COUNTS_S2)
         if register == sts.overload_torque:
-            return int(super()._told(register) * MX_FULL_DRIVE)
-        return super()._told(register)
+            return int(super()._substitute(register) * MX_FULL_DRIVE)
+        return super()._substitute(register)
 
 
 class AxFirmware(GenericFirmware):
-    """The control loop, on the model's own counts."""
+    """Control loop of an AX, on the model's own counts."""
 
     def load_settings(self) -> None:
         super().load_settings()
@@ -194,7 +199,7 @@ class AxFirmware(GenericFirmware):
 
 
 class MxFirmware(GenericFirmware):
-    """The control loop of an MX, whose gains are in RAM."""
+    """Control loop of an MX, whose gains are in RAM."""
 
     def load_goal(self) -> None:
         super().load_goal()
@@ -206,7 +211,7 @@ class MxFirmware(GenericFirmware):
 
 
 class VirtualAxServo(GenericServo):
-    """An AX below the wire: no group read."""
+    """An AX on a virtual bus. It has no group read."""
 
     MEMORY: ClassVar[type[Dynamixel1Memory]] = AxMemory
     FIRMWARE: ClassVar[type[GenericFirmware]] = AxFirmware
@@ -228,7 +233,7 @@ class VirtualAxServo(GenericServo):
 
 
 class VirtualMxServo(VirtualAxServo):
-    """An MX with protocol 1.0 firmware below the wire: answers bulk reads."""
+    """An MX with protocol 1.0 firmware on a virtual bus. It answers bulk reads."""
 
     MEMORY = MxMemory
     FIRMWARE = MxFirmware

@@ -1,7 +1,10 @@
-"""What the firmware of all virtual servos of protocol 2.0 has in common: errors that last, and a calm speed register.
+"""Common firmware of all virtual servos of protocol 2.0: latched errors and a smoothed speed register.
 
-Assumed: overload is full drive for two seconds; all errors stay until a reboot; the speed that is shown is smoothed
-with 15 ms more than what the loop acts on: a shaft that is held between two counts is not said to move.
+Assumed:
+- Overload means full drive for two seconds.
+- All errors last until a reboot.
+- The reported speed has a filter of 15 ms in addition to that of the control loop. A shaft that is held between two
+  counts therefore does not seem to move.
 """
 
 from abc import abstractmethod
@@ -19,7 +22,7 @@ OVERLOAD_S: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class ErrorBits:
-    """Where a table has its limits, and which bits its errors are."""
+    """Limit registers of a table, and its error bits."""
 
     shutdown: Register
     min_voltage: Register
@@ -32,14 +35,14 @@ class ErrorBits:
 
 
 class LatchedProtection(Protection):
-    """Hardware errors: latched until a reboot; those in ``shutdown`` release the motor."""
+    """Hardware errors, which last until a reboot. Those in ``shutdown`` release the motor."""
 
     def __init__(self, bits: ErrorBits) -> None:
         super().__init__()
         self._bits = bits
 
     def load(self, memory: Limits) -> None:
-        """Take the limits from the registers."""
+        """Load the limits from the registers."""
         bits = self._bits
         self._acts_on = memory.get(bits.shutdown)
         self._highest_v = memory.get(bits.max_voltage) * bits.volts_per_unit
@@ -47,7 +50,7 @@ class LatchedProtection(Protection):
         self._hottest_c = memory.get(bits.max_temperature)
 
     def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
-        """One look at the motor, ``dt_s`` after the last one."""
+        """Check the motor, ``dt_s`` after the last check."""
         bits = self._bits
         self._overload_s = self._overload_s + dt_s if abs(duty) >= OVERLOAD_DUTY else 0.0
         if self._overload_s >= OVERLOAD_S:
@@ -60,7 +63,7 @@ class LatchedProtection(Protection):
 
 
 class Protocol2Firmware(GenericFirmware):
-    """The control loop of one servo; a series says where its registers are."""
+    """Control loop of one servo. Subclasses define the registers of a series."""
 
     BITS: ErrorBits
 
@@ -74,7 +77,7 @@ class Protocol2Firmware(GenericFirmware):
 
     @abstractmethod
     def _hold_here(self) -> None:
-        """Make the present position the goal: so it is after power-on."""
+        """Set the goal to the present position, as after power-on."""
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
         torque_nm = super().step(dt_s, angle_rad, velocity_rad_s)
@@ -89,4 +92,4 @@ class Protocol2Firmware(GenericFirmware):
 
     @abstractmethod
     def _shut_down(self) -> None:
-        """What a shutdown writes into the table."""
+        """Write the effects of a shutdown into the table."""

@@ -1,6 +1,6 @@
-"""The control table of a virtual servo of protocol 2.0 as bytes: who may write what, what power-off forgets.
+"""Control table of a virtual servo of protocol 2.0 as bytes: access rules, and the registers that survive power-off.
 
-Assumed: a write that breaks a rule is refused as a whole; addresses that the table does not list read 0.
+Assumed: a write that breaks a rule is refused as a whole, and addresses that the table does not list read 0.
 """
 
 from abc import ABC, abstractmethod
@@ -17,12 +17,15 @@ _LARGEST_ID: Final = 252
 
 
 class Protocol2Memory(ABC):
-    """The bytes that the wire sees. EEPROM is saved with every write, and locked under torque."""
+    """Bytes of the table as seen from the wire.
+
+    EEPROM bytes are saved with every write, and locked while torque is on.
+    """
 
     SIZE: ClassVar[int]
     EEPROM_END: ClassVar[int]
     BAUD_RATES: ClassVar[Sequence[int]]
-    """By the value of ``baud_rate``."""
+    """Baud rates by the value of ``baud_rate``."""
 
     def __init__(
         self, model: ServoModel, servo_id: int, registers: Sequence[Register], factory: Mapping[Register, int]
@@ -38,42 +41,42 @@ class Protocol2Memory(ABC):
         self._bytes = bytearray(self.SIZE)
         self.servo_id = servo_id
         self.baud = 0
-        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
+        """Baud rate in bits per second. It is decoded at each write, as is the ID, because every packet needs both."""
         self.restore_factory()
         self.put(self._id, servo_id)
         self.power_up()
 
     def get(self, register: Register) -> int:
-        """A register's value, decoded."""
+        """Return the decoded value of a register."""
         end = register.address + register.size
         return register.decode(bytes(self._bytes[register.address : end]), "little")
 
     def put(self, register: Register, value: int) -> None:
-        """The firmware's own write: no access rules; values beyond the range saturate."""
+        """Write a register without access rules. Values beyond its range are clipped."""
         at = register.address
         self._bytes[at : at + register.size] = saturated(register, value, "little")
         if at < self.EEPROM_END:
             self._decode()
 
     def save(self, register: Register, value: int) -> None:
-        """Put a persistent register: in these servos it lies in EEPROM with that."""
+        """Write a persistent register. In these servos, every write to EEPROM is saved."""
         self.put(register, value)
 
     def _decode(self) -> None:
-        """Take ID and baud from the registers."""
+        """Decode the ID and the baud rate."""
         self.servo_id, self.baud = self.get(self._id), self.BAUD_RATES[self.get(self._baud)]
 
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes from ``address``, as the wire sees them; zeros where the table ends."""
+        """Return ``size`` bytes from ``address`` as seen from the wire, with zeros beyond the end of the table."""
         meant = self.resolved(address, max(0, min(size, self.SIZE - address)))
         return bytes(self._bytes[place] for place in meant).ljust(size, b"\0")
 
     def resolved(self, address: int, size: int) -> list[int]:
-        """The addresses that ``size`` bytes from ``address`` stand for."""
+        """Return the addresses that ``size`` bytes from ``address`` stand for."""
         return list(range(address, address + size))
 
     def write(self, address: int, data: bytes) -> int:
-        """A write from the wire; returns the error number, 0 for none."""
+        """Write bytes that came over the wire. Return the error number, or 0."""
         meant = self.resolved(address, len(data))
         for begin, end in runs(meant):
             error = self._run_refusal(meant[begin], data[begin:end])
@@ -86,7 +89,7 @@ class Protocol2Memory(ABC):
         return 0
 
     def _run_refusal(self, address: int, data: bytes) -> int:
-        """Why these registers in one piece must not be written; 0 if they may."""
+        """Return the error of a write to these adjacent registers, or 0 if it is allowed."""
         at = 0
         while at < len(data):
             register = self._registers.get(address + at)
@@ -97,7 +100,7 @@ class Protocol2Memory(ABC):
         return 0
 
     def _refusal(self, register: Register, data: bytes) -> int:
-        """Why the bytes at the beginning of ``data`` must not be written; 0 if they may."""
+        """Return the error of a write of the first bytes of ``data`` to a register, or 0 if it is allowed."""
         locked = register.persistent and self.get(self._torque)
         if register.access is Access.READ or locked:
             return ACCESS
@@ -108,16 +111,16 @@ class Protocol2Memory(ABC):
         return 0 if lowest <= value <= highest else error
 
     def _bounds(self, register: Register) -> tuple[int, int, int]:
-        """The smallest and the largest value, and the error beyond them."""
+        """Return the smallest value, the largest value, and the error for values beyond them."""
         highest = {self._id: _LARGEST_ID, self._baud: len(self.BAUD_RATES) - 1, self._torque: 1, **self._highest()}
         return register.smallest, highest.get(register, register.largest), DATA_RANGE
 
     @abstractmethod
     def _highest(self) -> Mapping[Register, int]:
-        """The largest values of registers that could hold more."""
+        """Return the maximum of each register whose range is smaller than its size allows."""
 
     def power_up(self) -> None:
-        """What the servo holds after power-on: EEPROM as it was, initial values in RAM."""
+        """Set the values after power-on: EEPROM does not change, and RAM gets its initial values."""
         self._bytes[self.EEPROM_END :] = bytes(self.SIZE - self.EEPROM_END)
         for register, value in self._factory.items():
             if not register.persistent:
@@ -125,7 +128,7 @@ class Protocol2Memory(ABC):
 
     @property
     def flash(self) -> Flash:
-        """What it keeps without power."""
+        """The content of the flash memory."""
         return Flash(bytes(self._bytes[: self.EEPROM_END]))
 
     @flash.setter
@@ -135,7 +138,7 @@ class Protocol2Memory(ABC):
         self.power_up()
 
     def restore_factory(self, *keep: Register) -> None:
-        """EEPROM to factory values, but for what is kept."""
+        """Reset EEPROM to factory values, except for the registers in ``keep``."""
         kept = {register: self.get(register) for register in keep}
         self._bytes[: self.EEPROM_END] = bytes(self.EEPROM_END)
         for register, value in {**self._factory, **kept}.items():
@@ -145,7 +148,7 @@ class Protocol2Memory(ABC):
 
 
 def runs(places: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Where bytes follow one another: each time from which of them to before which."""
+    """Yield the begin and end indices of each run of consecutive addresses."""
     begin = 0
     for i in range(1, len(places) + 1):
         if i == len(places) or places[i] != places[i - 1] + 1:

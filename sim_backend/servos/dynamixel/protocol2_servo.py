@@ -1,7 +1,7 @@
-"""What the instructions of protocol 2.0 do to a virtual servo, whatever its table.
+"""Instructions of protocol 2.0 on a virtual servo with any table.
 
-Assumed where the e-manual is silent: a write of the ID or the baud is answered as the servo was called;
-a rebooting servo is deaf for 0.3 s; the torque cannot be switched on after a shutdown (result fail).
+Assumed, because the e-manual does not say: a write of the ID or the baud rate is answered with the old ID. A rebooting
+servo hears nothing for 0.3 s. The torque cannot be enabled after a shutdown (result fail).
 """
 
 from typing import ClassVar, Final
@@ -19,7 +19,7 @@ RESULT_FAIL, UNKNOWN_INSTRUCTION = 1, 2
 
 
 class Registers:
-    """Registers that all tables of protocol 2.0 have, each at its own address."""
+    """Registers that all tables of protocol 2.0 have, at different addresses."""
 
     def __init__(self, *listed: Register) -> None:
         named = {register.name: register for register in listed}
@@ -35,7 +35,7 @@ class Registers:
 
 
 class Protocol2Servo(WiredServo):
-    """A servo whose table and firmware the series gives."""
+    """A servo whose table and firmware depend on the series."""
 
     REGISTERS: ClassVar[Registers]
     BOOT_S = REBOOT_S
@@ -44,12 +44,12 @@ class Protocol2Servo(WiredServo):
 
     @property
     def reads_fast(self) -> bool:
-        """Whether its firmware knows the fast reads."""
+        """Whether the firmware supports fast reads."""
         return False
 
     @property
     def return_delay_s(self) -> float:
-        """From an instruction to the reply: 2 us a unit, and 2 us at the least (assumed)."""
+        """Delay from an instruction to its reply, in seconds: 2 us per unit, at least 2 us (assumed)."""
         return 2e-6 * max(1, self.memory.get(self.REGISTERS.return_delay))
 
     @property
@@ -58,7 +58,7 @@ class Protocol2Servo(WiredServo):
 
     @property
     def answers_reads(self) -> bool:
-        """Whether its status return level lets it answer more than pings."""
+        """Whether the status return level allows replies to more than pings."""
         return self._level > 0
 
     def answer(self, instruction: Instruction) -> bytes | None:
@@ -89,12 +89,12 @@ class Protocol2Servo(WiredServo):
         return self._status(servo_id, error) if level == 2 else None
 
     def _kept(self) -> dict[int, tuple[Register, ...]]:
-        """What a factory reset leaves alone, by its option."""
+        """Return the registers that a factory reset keeps, by its option."""
         servo_id, baud_rate = self.REGISTERS.servo_id, self.REGISTERS.baud_rate
         return {0xFF: (), 0x01: (servo_id,), 0x02: (servo_id, baud_rate)}
 
     def _introduction(self) -> bytes:
-        """What a ping is answered with."""
+        """Return the data of the reply to a ping."""
         number, version = self.REGISTERS.model_number.address, self.REGISTERS.firmware_version.address
         return self.memory.read(number, 2) + self.memory.read(version, 1)
 
@@ -103,12 +103,12 @@ class Protocol2Servo(WiredServo):
         return self._status(self.servo_id, error, data)
 
     def read_block(self, address: int, size: int, before: bytes) -> bytes:
-        """The same behind ``before`` in a fast reply; after an error zeros, to keep its length (assumed)."""
+        """Return the servo's block of a fast reply after ``before``. After an error, its data are zeros (assumed)."""
         error, data = self._read(address, size)
         return fast_block(before, self.servo_id, error | self._alert, data.ljust(size, b"\0"))
 
     def write(self, address: int, data: bytes) -> int:
-        """A write from the wire and all that follows from it; returns the error number."""
+        """Write bytes that came over the wire and apply all side effects. Return the error number, or 0."""
         written = dict(zip(self.memory.resolved(address, len(data)), data, strict=True))
         if written.get(self.REGISTERS.torque_enable.address) == 1 and self.firmware.protection.released:
             return RESULT_FAIL
@@ -121,7 +121,7 @@ class Protocol2Servo(WiredServo):
         return 0
 
     def power_cycle(self) -> None:
-        """Power off and on again: RAM is as at the beginning, errors are gone, the motor is free."""
+        """Switch the power off and on. RAM is reset, errors are cleared, and the torque is off."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()
@@ -141,7 +141,7 @@ class Protocol2Servo(WiredServo):
         return self.write(address, data)
 
     def _read(self, address: int, size: int) -> tuple[int, bytes]:
-        """The error number, and ``size`` bytes from ``address`` if there is none."""
+        """Return the error number and, if it is 0, ``size`` bytes from ``address``."""
         if address + size > self.memory.SIZE:
             return ACCESS, b""
         self.firmware.publish()
@@ -160,5 +160,5 @@ def _number(data: bytes) -> int:
 
 
 def _span(parameters: bytes) -> tuple[int, int]:
-    """Address and size."""
+    """Return address and size."""
     return _number(parameters[:2]), _number(parameters[2:4])

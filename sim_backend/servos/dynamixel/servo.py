@@ -1,4 +1,4 @@
-"""One virtual X series servo: its control table below its firmware."""
+"""One virtual X series servo with its control table and firmware."""
 
 from typing import ClassVar
 
@@ -12,13 +12,16 @@ from sim_backend.servos.dynamixel.protocol2_servo import Protocol2Servo, Registe
 
 
 class VirtualXServo(Protocol2Servo):
-    """A servo of the X series, or an MX with that firmware."""
+    """A servo of the X series, or an MX with the same firmware."""
 
     REGISTERS: ClassVar[Registers] = Registers(*x.REGISTERS)
     PRESENT_POSITION = x.present_position
 
     def __init__(self, model: ServoModel, servo_id: int, firmware: int | None = None) -> None:
-        """``firmware`` is the version, if not the usual one: where indirect registers lie depends on it."""
+        """Create a servo.
+
+        ``firmware`` is a version that differs from the usual one; it determines the indirect registers.
+        """
         own = x.MODELS[model.name]
         motor = motor_of(own)
         super().__init__(own, motor.gears)

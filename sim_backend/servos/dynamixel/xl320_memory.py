@@ -1,4 +1,4 @@
-"""The control table of a virtual XL-320, with the e-manual's factory values."""
+"""Control table of a virtual XL-320, with factory values from the e-manual."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -23,7 +23,7 @@ FACTORY: Final[dict[Register, int]] = {
     xl320.p_gain: 32,
     xl320.punch: 32,
 }
-"""Every register that is not here is 0."""
+"""Factory values. All other registers are 0."""
 _HIGHEST: Final = {
     xl320.cw_angle_limit: xl320.POSITIONS - 1,
     xl320.ccw_angle_limit: xl320.POSITIONS - 1,
@@ -38,7 +38,7 @@ _HIGHEST: Final = {
 
 
 class Xl320Memory(Protocol2Memory):
-    """The table of the XL-320."""
+    """Control table of the XL-320."""
 
     SIZE = xl320.punch.address + xl320.punch.size
     EEPROM_END = xl320.torque_enable.address

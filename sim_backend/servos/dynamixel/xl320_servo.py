@@ -1,9 +1,11 @@
-"""One virtual XL-320: protocol 2.0 over a table of ten-bit counts.
+"""One virtual XL-320: protocol 2.0 on a table with ten-bit counts.
 
-From the e-manual: the table and its factory values, the units, the gains (P / 8, I * 1000 / 2048, D * 4 / 1000), what
-the control modes drive. BAM measured the drive that P makes. Assumed: I and D count in the same unit of drive, seconds
-and counts; only joint mode drives the motor; ``punch`` does nothing; readings end where the sensor does; after
-power-on the goal is the present position; a shutdown puts the torque limit to 0 and lasts until a reboot.
+The e-manual defines the table, its factory values and units, the control modes, and the gains: P / 8, I * 1000 / 2048
+and D * 4 / 1000. BAM measured the drive per unit of P. Assumed:
+- I and D use the same unit of drive as P, with seconds and counts.
+- Only joint mode drives the motor, and ``punch`` has no effect.
+- Readings end where the sensor ends, and after power-on the goal is the present position.
+- A shutdown sets the torque limit to 0 and lasts until a reboot.
 """
 
 from typing import ClassVar, Final
@@ -17,14 +19,14 @@ from sim_backend.servos.dynamixel.xl320_memory import Xl320Memory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 DRIVE_PER_RAD: Final = 0.05048
-"""Share of full drive, for each unit of ``p_gain``."""
+"""Share of full drive per rad for each unit of ``p_gain``."""
 _P_UNIT: Final = 1.0 / 8.0
 _I_UNIT: Final = 1000.0 / 2048.0
 _D_UNIT: Final = 4.0 / 1000.0
 
 
 class Xl320Firmware(Protocol2Firmware):
-    """The control loop of an XL-320."""
+    """Control loop of an XL-320."""
 
     BITS = ErrorBits(
         xl320.shutdown,
@@ -57,7 +59,7 @@ class Xl320Firmware(Protocol2Firmware):
         self.load_goal()
 
     def load_goal(self) -> None:
-        """Decode the gains, the goals and the torque switch."""
+        """Decode gains, goals and torque switch."""
         get, profile = self._memory.get, self.profile
         unit = DRIVE_PER_RAD / _P_UNIT / self._counts_per_rad
         self._gain = get(xl320.p_gain) * _P_UNIT * unit
@@ -82,7 +84,7 @@ class Xl320Firmware(Protocol2Firmware):
 
 
 class VirtualXl320Servo(Protocol2Servo):
-    """An XL-320 below the wire: no fast reads, no indirect registers."""
+    """An XL-320 on a virtual bus. It has no fast reads and no indirect registers."""
 
     REGISTERS: ClassVar[Registers] = Registers(*xl320.REGISTERS)
     PRESENT_POSITION = xl320.present_position

@@ -1,1 +1,1 @@
-"""The control loop, table and instructions of the servos that are not STS: by the manuals, as far as they go."""
+"""Control loop, table and instructions of servos other than STS. They follow the manuals as far as those go."""

@@ -1,14 +1,15 @@
-"""What runs inside a virtual servo that is no STS: interpolation, position loop, driver, self-observation.
+"""Firmware of a virtual servo other than STS: motion profile, position loop, motor driver and protection.
 
-Registers are named as in the STS table; each series' memory finds its own by these names. The makers publish neither
-the loop nor the scale of its gains (Robotis does for the X series, which replaces the gains). Assumed for the others:
-- P: the drive is ``P / 1280`` of full a count of error, so P = 32 gives full drive at 40 of 4096 counts
-  (3.5 degrees), and at a steady 2 rad/s a lag of 13 ms behind the servo's own interpolation.
-- D: ``D / 32`` of 0.3 drive per rad/s between the profile's speed and the measured one; I:
-  ``I / 1280`` a count and second.
-- Position, speed and their noise come from the quantised encoder; speed is filtered with 5 ms.
+Registers have the names of the STS table; the memory of each series maps these names to its own registers. The makers
+publish neither the loop nor the scale of its gains (except Robotis for the X series, which replaces the gains). Assumed
+for the others:
+- P: the drive is ``P / 1280`` of full drive per count of error. P = 32 therefore gives full drive at 40 of 4096 counts
+  (3.5 degrees). At a steady 2 rad/s the shaft then lags 13 ms behind the servo's own profile.
+- D: ``D / 32`` of 0.3 drive per rad/s between the profile's speed and the measured speed.
+- I: ``I / 1280`` per count and second.
+- Position, speed and their noise come from the quantized encoder. The speed is filtered with 5 ms.
 - Only operating mode 0 (position) drives the motor.
-- In single-turn feedback the loop lives in 0..4095; it reaches every goal without crossing the seam.
+- In single-turn mode the loop works within 0 to 4095 and reaches every goal without crossing the seam.
 """
 
 from math import pi
@@ -25,12 +26,12 @@ DAMPING_PER_RAD_S: Final = 0.3 / 32.0
 SPEED_FILTER_S: Final = 0.005
 HOUSEKEEPING_S: Final = 0.01
 MOVING_COUNTS_S: Final = 20.0
-"""Slower than this is standing (assumed; real ones keep their threshold at address 80)."""
+"""Speed up to which the servo counts as at rest (assumed; real servos store their threshold at address 80)."""
 MULTI_TURN_PHASE: Final = 1 << 4
 
 
 class Memory(Protocol):
-    """The control table, as the firmware sees it."""
+    """The part of the control table that the firmware needs."""
 
     def get(self, register: Register) -> int: ...
 
@@ -38,7 +39,7 @@ class Memory(Protocol):
 
 
 class GenericFirmware:
-    """The control loop of one servo. ``step`` is called at a fixed rate and must stay cheap."""
+    """Control loop of one servo. ``step`` is called at a fixed rate and must be fast."""
 
     def __init__(self, memory: Memory, model: ServoModel, motor: MotorConstants) -> None:
         self._memory = memory
@@ -50,13 +51,13 @@ class GenericFirmware:
         self.voltage_v = model.rated_voltage_v
         self.thermometer = Thermometer(motor)
         self.encoder_sticks = False
-        """Whether the encoder goes on saying what it said last; a fault to inject, which power-off does not mend."""
+        """Whether the encoder repeats its last value. This injected fault survives power-off."""
         self.observe(0.0)
         self.restart()
 
     @property
     def temperature_c(self) -> float:
-        """Of the motor."""
+        """Temperature of the motor, in degrees Celsius."""
         return self.thermometer.temperature_c
 
     @temperature_c.setter
@@ -65,16 +66,16 @@ class GenericFirmware:
 
     @property
     def supply_current_a(self) -> float:
-        """What the motor takes from the bus. Braking gives nothing back (assumed)."""
+        """Current that the motor draws from the supply, in amperes. Braking returns no current (assumed)."""
         return max(0.0, self.current_a * self.duty)
 
     def observe(self, angle_rad: float) -> None:
-        """Take the shaft's angle as it is, at rest: the first look after power-on."""
+        """Set the shaft's angle without motion, for instance at power-on."""
         self._count = angle_rad * self._counts_per_rad // 1.0
         self._velocity = 0.0
 
     def restart(self) -> None:
-        """Power-on: all state from the registers, the motor free."""
+        """Restart as after power-on: load the state from the registers, with the torque off."""
         self.profile = MotionProfile()
         self.protection = self.new_protection()
         self.duty = self.current_a = self._integral = self._housekeeping_s = 0.0
@@ -83,11 +84,11 @@ class GenericFirmware:
         self.load_goal()
 
     def new_protection(self) -> Protection:
-        """What watches the motor from power-on."""
+        """Return the motor protection as it is after power-on."""
         return Protection()
 
     def load_settings(self) -> None:
-        """Decode the EEPROM half of the table once, instead of in every step."""
+        """Decode the EEPROM registers once, instead of in every step."""
         get = self._memory.get
         self.protection.load(self._memory)
         self._gain = get(sts.position_p) * GAIN_UNIT
@@ -112,23 +113,23 @@ class GenericFirmware:
         profile.speed = abs(get(sts.goal_velocity)) or self._no_load * self._counts_per_rad
         units = get(sts.acceleration)
         profile.acceleration = units * sts.ACCELERATION_UNIT_COUNTS_S2 if units else UNLIMITED
-        # The table copies max_torque to torque_limit at power-on: the smaller one, not the product.
+        # The table copies max_torque to torque_limit at power-on, so the limit is the smaller value, not the product.
         self._limit = min(get(sts.torque_limit), get(sts.max_torque)) * sts.TORQUE_UNIT
         self._acting = get(sts.torque_enable) == 1 and get(sts.operating_mode) == 0
         self._switch()
 
     def goal_written(self) -> None:
-        """A goal that leaves the blocked direction ends a latched protection."""
+        """End a latched protection if the new goal leads away from the blocked direction."""
         if (self.profile.goal - self.position) * self.protection.blocked_direction <= 0.0:
             self.torque_written()
 
     def torque_written(self) -> None:
-        """Any write to the torque switch ends a latched protection."""
+        """End a latched protection, as any write to the torque switch does."""
         self.protection.clear()
         self._switch()
 
     def _switch(self) -> None:
-        """The motor on or off; going on, the interpolation begins where the shaft is."""
+        """Switch the motor on or off. When it is switched on, the profile starts at the shaft's position."""
         driving = self._acting and not self.protection.released
         if driving and not self._driving:
             self.profile.restart(self.position)
@@ -137,17 +138,17 @@ class GenericFirmware:
 
     @property
     def status(self) -> int:
-        """What every reply says of the protections."""
+        """Status bits of the protections, as sent in every reply."""
         return self.protection.status
 
     @property
     def position(self) -> float:
-        """Where the servo says it is, counts."""
+        """Position that the servo reports, in counts."""
         position = self._count - self._offset
         return position if self._multi_turn else position % self._turn
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
-        """One turn of the loop on the shaft's true state; returns the torque on the shaft, N m."""
+        """Run the loop once with the true state of the shaft. Return the torque on the shaft (N m)."""
         count = self._count if self.encoder_sticks else angle_rad * self._counts_per_rad // 1.0
         measured = self._velocity
         measured += ((count - self._count) / dt_s - measured) * (dt_s / (SPEED_FILTER_S + dt_s))
@@ -164,7 +165,7 @@ class GenericFirmware:
         return 0.0
 
     def _drive(self, dt_s: float, velocity_rad_s: float) -> float:
-        """Profile, position loop, and the motor that it drives."""
+        """Advance the profile, the position loop and the motor."""
         profile = self.profile
         profile.step(dt_s)
         position = self._count - self._offset
@@ -186,7 +187,7 @@ class GenericFirmware:
         return motor.torque_constant_nm_a * self.current_a
 
     def _housekeeping(self) -> None:
-        """What need not be done in every step: heat, protection."""
+        """Update temperature and protection, which is not needed in every step."""
         dt_s, self._housekeeping_s = self._housekeeping_s, 0.0
         self.thermometer.step(dt_s, self.current_a)
         temperature = self.thermometer.temperature_c
@@ -194,7 +195,7 @@ class GenericFirmware:
         self._switch()
 
     def publish(self) -> None:
-        """Write the state into the registers, for a read that is about to happen."""
+        """Write the state into the registers before a read."""
         put = self._memory.put
         put(sts.present_position, int(self.position))
         put(sts.present_velocity, round(self._velocity))

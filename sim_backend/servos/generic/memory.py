@@ -1,9 +1,9 @@
-"""The control table of one virtual servo that is no STS, as bytes: who may write what, what power-off forgets.
+"""Control table of one virtual servo other than STS, as bytes: access rules, and the registers that survive power-off.
 
 Addresses that the table does not list read 0 and cannot be written (assumed).
 
-The lock (register 55), as the table puts it: 0 "save EEPROM changes", 1 "do not save". So a write
-to EEPROM always takes effect at once; with the lock closed it is gone after power-off.
+The lock (register 55) has two values in Feetech's table: 0 "save EEPROM changes" and 1 "do not save". A write to EEPROM
+always takes effect at once; while the lock is closed, it is lost at power-off.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ EEPROM_END: Final = sts.torque_enable.address
 
 
 def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
-    """``value`` as the register holds it, or the nearest that it can hold."""
+    """Encode ``value`` for the register. A value out of range is replaced by the nearest one in range."""
     try:
         return register.encode(value, order)
     except ValueError:
@@ -26,17 +26,17 @@ def saturated(register: Register, value: int, order: ByteOrder) -> bytes:
 
 
 class Memory:
-    """The bytes that the wire sees, and the EEPROM's bytes behind them.
+    """Bytes of the table as seen from the wire, and the saved EEPROM bytes.
 
-    Firmware and protection ask for the STS table's registers; a servo with another table answers in its
-    own words (``own``, ``get``, ``put``).
+    Firmware and protection use registers of the STS table. For a servo with another table, ``own``, ``get`` and ``put``
+    translate them.
     """
 
     EEPROM_END: ClassVar[int] = EEPROM_END
     RESET_ID: ClassVar[int | None] = None
-    """The ID after a factory reset; None where the servo keeps its own."""
+    """ID after a factory reset; None if the servo keeps its ID."""
     BAUDS: ClassVar[int] = len(sts.BAUD_RATES)
-    """As many values as ``baud_rate`` may have."""
+    """Number of values that ``baud_rate`` can have."""
 
     def __init__(
         self,
@@ -63,49 +63,49 @@ class Memory:
         self._saved = bytearray(self.EEPROM_END)
         self.servo_id = servo_id
         self.baud = 0
-        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
+        """Baud rate in bits per second. It is decoded at each write, as is the ID, because every packet needs both."""
         self.put(sts.servo_id, servo_id)
         self._save()
         self._restore(servo_id)
         self.power_up()
 
     def _decode_baud(self) -> int:
-        """The bits per second that ``baud_rate`` stands for."""
+        """Return the bits per second that ``baud_rate`` stands for."""
         return sts.BAUD_RATES[self.get(sts.baud_rate)]
 
     def _decode(self) -> None:
-        """Take ID and baud from the registers."""
+        """Decode the ID and the baud rate."""
         self.servo_id, self.baud = self.get(sts.servo_id), self._decode_baud()
 
     @property
     def answers(self) -> int:
-        """What is answered: 0 pings, 1 reads too, 2 all."""
+        """Status level: 0 answers pings, 1 also reads, 2 every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def own(self, register: Register) -> Register | None:
-        """What this table calls a register of the STS table; None where it has nothing like it."""
+        """Return this table's counterpart of an STS register, or None if it has none."""
         return register
 
     def get(self, register: Register) -> int:
-        """A register's value, decoded."""
+        """Return the decoded value of a register."""
         end = register.address + register.size
         return register.decode(bytes(self._bytes[register.address : end]), self._order)
 
     def put(self, register: Register, value: int) -> None:
-        """The firmware's own write: no access rules, volatile; values beyond the range saturate."""
+        """Write a register without access rules, until power-off. Values beyond its range are clipped."""
         at = register.address
         self._bytes[at : at + register.size] = saturated(register, value, self._order)
         if at < self.EEPROM_END:
             self._decode()
 
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes from ``address``; zeros where the table ends."""
+        """Return ``size`` bytes from ``address``, with zeros beyond the end of the table."""
         return bytes(self._bytes[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> None:
-        """A write from the wire. Read-only bytes and senseless IDs and bauds stay as they are."""
+        """Write bytes that came over the wire. Read-only bytes and invalid IDs and baud rates are ignored."""
         for at, value in enumerate(data, address):
-            if at in self._writable and not self._senseless(at, value):
+            if at in self._writable and not self._invalid(at, value):
                 self._write_byte(at, value)
         if address < self.EEPROM_END:
             self._decode()
@@ -116,7 +116,7 @@ class Memory:
             self._saved[at] = value
 
     def power_up(self) -> None:
-        """What the servo holds after power-on: the saved EEPROM, factory values in RAM."""
+        """Set the values after power-on: the saved EEPROM, and factory values in RAM."""
         self._bytes[self.EEPROM_END :] = bytes(SIZE - self.EEPROM_END)
         self._bytes[: self.EEPROM_END] = self._saved
         self._decode()
@@ -126,7 +126,7 @@ class Memory:
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def restore_factory(self) -> None:
-        """Instruction 0x06: EEPROM to factory values, saved; the ID too where ``RESET_ID`` says so."""
+        """Reset EEPROM to factory values and save them (instruction 0x06). ``RESET_ID`` determines the ID."""
         self._restore(self.get(sts.servo_id) if self.RESET_ID is None else self.RESET_ID)
 
     def _restore(self, servo_id: int) -> None:
@@ -139,7 +139,7 @@ class Memory:
         self._save()
 
     def save(self, register: Register, value: int) -> None:
-        """Put a persistent register so that it survives power-off, whatever the lock says."""
+        """Write a persistent register so that the value survives power-off, regardless of the lock."""
         self.put(register, value)
         own = self.own(register)
         if own is not None:
@@ -148,7 +148,7 @@ class Memory:
 
     @property
     def flash(self) -> Flash:
-        """What it keeps without power."""
+        """The content of the flash memory."""
         return Flash(bytes(self._saved))
 
     @flash.setter
@@ -159,6 +159,6 @@ class Memory:
     def _save(self) -> None:
         self._saved[:] = self._bytes[: self.EEPROM_END]
 
-    def _senseless(self, address: int, value: int) -> bool:
-        """Whether a servo would be lost to its bus with this value (that it refuses it is assumed)."""
+    def _invalid(self, address: int, value: int) -> bool:
+        """Whether the bus would lose the servo with this value. Such a write is refused (assumed)."""
         return value > 0xFD if address == self._id_at else address == self._baud_at and value >= self.BAUDS

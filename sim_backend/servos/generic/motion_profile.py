@@ -1,7 +1,7 @@
-"""The servo's own interpolation: a trapezoid in speed that ends at rest at the goal. Counts, s.
+"""Motion profile of a servo: a trapezoidal speed that ends at rest at the goal. Units: counts and seconds.
 
-Feetech's examples give its duration as |distance| / speed + speed / acceleration. A new goal on the
-way is followed from the present speed, so a goal every 50 ms with a fitting speed makes one motion.
+Its duration is |distance| / speed + speed / acceleration, as in Feetech's examples. A new goal during the motion is
+followed from the present speed, so goals every 50 ms with a suitable speed make one smooth motion.
 """
 
 from math import sqrt
@@ -10,7 +10,7 @@ UNLIMITED = float("inf")
 
 
 class MotionProfile:
-    """Where the servo wants its shaft now: ``position`` (counts) and ``velocity`` (counts/s)."""
+    """Present set-point of a servo: ``position`` (counts) and ``velocity`` (counts/s)."""
 
     __slots__ = ("acceleration", "goal", "position", "speed", "velocity")
 
@@ -19,22 +19,22 @@ class MotionProfile:
         self.velocity = 0.0
         self.goal = 0.0
         self.speed = UNLIMITED
-        """Largest speed, counts/s."""
+        """Maximum speed, in counts/s."""
         self.acceleration = UNLIMITED
-        """Largest change of speed, counts/s^2."""
+        """Maximum change of speed, in counts/s^2."""
 
     @property
     def done(self) -> bool:
-        """Whether the goal is reached and the profile stands."""
+        """Whether the set-point is at rest at the goal."""
         return self.velocity == 0.0 and self.position == self.goal
 
     def restart(self, position: float) -> None:
-        """Begin again at rest at ``position``."""
+        """Restart at rest at ``position``."""
         self.position = position
         self.velocity = 0.0
 
     def step(self, dt_s: float) -> None:
-        """Advance by ``dt_s``. Cheap at rest, because most servos stand most of the time."""
+        """Advance by ``dt_s``. This is fast at rest, because most servos are at rest most of the time."""
         distance = self.goal - self.position
         if distance == 0.0 and self.velocity == 0.0:
             return
@@ -45,15 +45,15 @@ class MotionProfile:
         velocity = min(max(wanted, self.velocity - change), self.velocity + change)
         travelled = velocity * dt_s
         self.velocity = velocity
-        # Arriving is meant exactly, not but for a rounding error.
+        # A rounding error must not prevent the arrival.
         arrived = abs(distance - travelled) < 1e-6
         self.position = self.goal if arrived else self.position + travelled
 
     def _wanted_speed(self, distance: float, dt_s: float) -> float:
-        """The largest speed from which the goal can still be met at rest, in steps of ``dt_s``.
+        """Return the maximum speed from which the profile can still stop at the goal, in steps of ``dt_s``.
 
-        Braking in steps takes n(n+1)/2 * a * dt^2 counts from a speed of n * a * dt; this is its
-        inverse, and beyond the last step the speed that ends exactly at the goal.
+        Braking in steps from a speed of n * a * dt takes n(n+1)/2 * a * dt^2 counts. This is the inverse of that
+        formula. In the last step it is the speed that ends exactly at the goal.
         """
         per_step = self.acceleration * dt_s
         reach = distance / dt_s

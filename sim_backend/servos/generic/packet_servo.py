@@ -1,4 +1,4 @@
-"""What all virtual servos have in common, and those asked by Feetech's packets or Dynamixel's of protocol 1.0."""
+"""Base classes of all virtual servos, and of those with packets of Feetech or Dynamixel protocol 1.0."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from sim_backend.packets.sts import Code, status_packet
 
 
 class Table(Protocol):
-    """The control table, as far as a line of servos asks for it."""
+    """The part of the control table that a line of servos needs."""
 
     @property
     def servo_id(self) -> int: ...
@@ -41,7 +41,7 @@ class Table(Protocol):
 
 
 class Driven(Fed, Protocol):
-    """The firmware, as far as the line asks for it."""
+    """The part of the firmware that a line needs."""
 
     @property
     def status(self) -> int: ...
@@ -50,43 +50,43 @@ class Driven(Fed, Protocol):
 
 
 class WiredServo(ABC):
-    """A servo below the wire. The bus hands it instructions and steps it."""
+    """A servo on a virtual bus. The bus passes instructions to it and advances it."""
 
     BOOT_S: ClassVar[float] = 0.8
-    """From power-on to the first answer: Feetech's protocol manual says it of a reboot."""
+    """Time from power-on to the first reply, in seconds. Feetech's protocol manual gives it for a reboot."""
     PRESENT_POSITION: ClassVar[Register] = sts.present_position
     memory: Table
     firmware: Driven
 
     def __init__(self, model: ServoModel, gears: Gears | None = None) -> None:
-        """``gears``: where anybody has identified them."""
+        """Create a servo. ``gears`` are given if they have been identified."""
         self.model = model
         self.gears = gears
         self.on_read: list[Callable[[int, int, bytes], bytes]] = []
-        """Faults of a reply's data: address, size and the true bytes in, the bytes of the reply out."""
+        """Functions that falsify a reply's data. They take address, size and true bytes, and return the sent bytes."""
         self.on_status: list[Callable[[int], int]] = []
-        """Faults of the error byte: the true alarms in, those of the reply out."""
+        """Functions that falsify a reply's error byte. They take the true status and return the sent one."""
         self._registered: tuple[int, bytes] | None = None
         self._deaf_s = 0.0
 
     @property
     def servo_id(self) -> int:
-        """The ID that it answers to now."""
+        """ID that the servo has now."""
         return self.memory.servo_id
 
     @property
     def baud(self) -> int:
-        """The bits per second that it listens and talks at."""
+        """Baud rate of the servo, in bits per second."""
         return self.memory.baud
 
     @property
     @abstractmethod
     def return_delay_s(self) -> float:
-        """From an instruction to the reply."""
+        """Delay from an instruction to its reply, in seconds."""
 
     @property
     def deaf_s(self) -> float:
-        """For how long it will not hear anything, because it starts."""
+        """Remaining time of a restart, in which the servo hears nothing, in seconds."""
         return self._deaf_s
 
     @deaf_s.setter
@@ -95,25 +95,25 @@ class WiredServo(ABC):
 
     @property
     def deaf(self) -> bool:
-        """Whether it is rebooting."""
+        """Whether the servo is rebooting."""
         return self.deaf_s > 0.0
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
-        """Advance the firmware by ``dt_s``; returns the torque on the shaft, N m."""
+        """Advance the firmware by ``dt_s``. Return the torque on the shaft (N m)."""
         if self._deaf_s > 0.0:
             self._deaf_s -= dt_s
         return self.firmware.step(dt_s, angle_rad, velocity_rad_s)
 
     @abstractmethod
     def answer(self, instruction: Instruction) -> bytes | None:
-        """Do what one instruction says; the reply, if this servo makes one to it."""
+        """Execute an instruction and return the reply, or None if the servo sends none."""
 
     @abstractmethod
     def read_status(self, address: int, size: int) -> bytes:
-        """The status packet with ``size`` bytes from ``address``, the state as of now."""
+        """Return the status packet with ``size`` bytes from ``address``, with the present state."""
 
     def _reported(self, address: int, size: int) -> bytes:
-        """Bytes of the table as a reply carries them."""
+        """Return bytes of the table as a reply contains them, with injected faults."""
         data = self.memory.read(address, size)
         for falsify in self.on_read:
             data = falsify(address, size, data)
@@ -121,22 +121,22 @@ class WiredServo(ABC):
 
     @abstractmethod
     def power_cycle(self) -> None:
-        """Power off and on again: what was not saved is gone, the motor is free."""
+        """Switch the power off and on. Values that were not saved are lost, and the torque is off."""
 
 
 class PacketServo(WiredServo):
-    """A servo whose status packets are Feetech's, or those of protocol 1.0."""
+    """A servo whose status packets are those of Feetech or of Dynamixel protocol 1.0."""
 
     GROUP_READ: ClassVar[Code | None]
-    """The instruction that asks it together with others."""
+    """Instruction that reads this servo together with others; None if there is none."""
 
     @abstractmethod
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes of the table from ``address``, the state as of now."""
+        """Return ``size`` bytes of the table from ``address``, with the present state."""
 
     @abstractmethod
     def write(self, address: int, data: bytes) -> None:
-        """A write from the wire and all that follows from it."""
+        """Write bytes that came over the wire and apply all side effects."""
 
     def read_status(self, address: int, size: int) -> bytes:
         return self._status(self.servo_id, self.read(address, size))

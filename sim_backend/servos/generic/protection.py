@@ -1,11 +1,11 @@
-"""What a servo that is no STS does to protect itself: status bits, protective torque, unloading.
+"""Protection of a servo other than STS: status bits, protective torque, and release of the motor.
 
-From the memory table: the bits; the limits; "protection time" at "overload torque" leads to
-"protective torque"; a bit in "unloading condition" makes its protection act.
-Assumed, because the table is silent: overload stays latched until the torque switch is written or
-a goal no longer asks for the blocked direction (a stream of the same goal does not end it);
-over-current releases the motor and is latched likewise; voltage and temperature are reported, and
-release the motor, only as long as they are wrong.
+From the memory table: the bits and the limits. "Overload torque" for "protection time" leads to "protective torque". A
+bit in "unloading condition" enables its protection. Assumed, because the table does not say:
+- Overload is latched until the torque switch is written, or until a goal leads away from the blocked direction. A
+  stream of the same goal does not end it.
+- Overcurrent releases the motor and is latched in the same way.
+- Voltage and temperature errors are reported, and release the motor, only while the value is out of range.
 """
 
 from typing import Final, Protocol
@@ -22,25 +22,25 @@ _TIME_UNIT_S: Final = 0.01
 
 
 class Limits(Protocol):
-    """The control table, as far as limits are read from it."""
+    """The part of the control table from which limits are read."""
 
     def get(self, register: Register) -> int: ...
 
 
 class Protection:
-    """Watches one servo; ``duty_limit`` and ``released`` are what the motor driver has to obey."""
+    """Protection of one servo. The motor driver obeys ``duty_limit`` and ``released``."""
 
     def __init__(self) -> None:
         self.status = 0
         self.duty_limit = 1.0
         self.released = False
         self.blocked_direction = 0.0
-        """The drive at which a protection latched; 0 when none is."""
+        """Drive at which a protection was latched; 0 if none is."""
         self._overload_s = 0.0
         self._overcurrent_s = 0.0
 
     def load(self, memory: Limits) -> None:
-        """Take the limits from the registers."""
+        """Load the limits from the registers."""
         self._acts_on = memory.get(sts.unloading_condition)
         self._highest_v = memory.get(sts.max_voltage) * sts.VOLTAGE_UNIT_V
         self._lowest_v = memory.get(sts.min_voltage) * sts.VOLTAGE_UNIT_V
@@ -52,13 +52,13 @@ class Protection:
         self._overcurrent_limit_s = memory.get(sts.overcurrent_time) * _TIME_UNIT_S
 
     def clear(self) -> None:
-        """Forget what is latched."""
+        """Clear the latched protections."""
         self._overload_s = self._overcurrent_s = self.blocked_direction = 0.0
         self.status &= ~(OVERLOAD | CURRENT)
         self._act()
 
     def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
-        """One look at the motor, ``dt_s`` after the last one."""
+        """Check the motor, ``dt_s`` after the last check."""
         latched = self.status & (OVERLOAD | CURRENT)
         over = abs(duty) >= self._overload_duty
         self._overload_s = self._overload_s + dt_s if over else 0.0

@@ -1,7 +1,7 @@
-"""One virtual servo of the SCS or a series like it: another table below the same firmware, and a potentiometer.
+"""One virtual servo of the SCS or a similar series: the common firmware with another table and a potentiometer.
 
-Factory values are those of Feetech's SCS memory table as far as it gives them, else assumed. Assumed
-besides: the position loop is as stiff as an STS servo's, in newton metres per radian of its full drive.
+Factory values are those of Feetech's SCS memory table where it has them; the others are assumed. Also assumed: the
+position loop is as stiff as an STS servo's, in newton meters per radian of its full drive.
 """
 
 from typing import ClassVar, Final
@@ -16,11 +16,11 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 _ABSENT: Final = {
-    sts.protection_current.name: sts.protection_current.largest,  # it measures none
+    sts.protection_current.name: sts.protection_current.largest,  # not measured by these servos
 }
-"""What the firmware is told where the table has no such register; 0 for the others."""
+"""Values for the firmware if the table has no such register. All others are 0."""
 _TIME_UNITS: Final = 4
-"""Units of the STS servo's protection time (10 ms) in one of an SCS servo's (40 ms)."""
+"""Number of STS protection time units (10 ms) in one unit of an SCS servo (40 ms)."""
 
 FACTORY: Final[dict[Register, int]] = {
     scs.firmware_major: 3,
@@ -42,11 +42,11 @@ FACTORY: Final[dict[Register, int]] = {
     scs.overload_torque: 80,
     scs.lock: 1,
 }
-"""Every register that is not here is 0, but for ``max_position``, which is the model's last."""
+"""Factory values. All other registers are 0, except for ``max_position``, which is the model's last count."""
 
 
 class ScsMemory(Memory):
-    """The table of the model's series. Registers of the STS table are found by name."""
+    """The table of the model's series. STS registers are found by name."""
 
     def __init__(self, model: ServoModel, servo_id: int) -> None:
         registers = series_of(model).registers
@@ -77,7 +77,7 @@ class ScsMemory(Memory):
 
 
 class ScsFirmware(GenericFirmware):
-    """The control loop, on coarser counts that do not wrap: they end where the potentiometer ends."""
+    """Control loop on coarser counts. They do not wrap but end where the potentiometer ends."""
 
     def load_settings(self) -> None:
         super().load_settings()
@@ -86,7 +86,7 @@ class ScsFirmware(GenericFirmware):
 
 
 class VirtualScsServo(GenericServo):
-    """An SCS servo below the wire: no sync read, no homing offset, readings that end where the sensor does."""
+    """An SCS servo on a virtual bus. It has no sync read and no homing offset, and its readings end with the sensor."""
 
     GROUP_READ: ClassVar[Code | None] = None
 

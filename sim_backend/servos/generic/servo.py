@@ -1,8 +1,8 @@
-"""One virtual servo that is no STS: the control table, the firmware, and what the instructions do to them.
+"""One virtual servo other than STS: control table, firmware and instructions.
 
-Assumed where the makers' manuals are silent: a write of the ID or the baud is answered as the servo was
-called; instructions that are malformed or unknown are not answered, and neither is a read of more bytes than an
-answer can hold; a rebooting servo is deaf.
+Assumed, because the manuals do not say: a write of the ID or the baud rate is answered with the old ID. Malformed and
+unknown instructions are not answered, and neither is a read of more bytes than a reply can hold. A rebooting servo
+hears nothing.
 """
 
 from typing import ClassVar
@@ -18,10 +18,10 @@ from sim_backend.servos.sts.firmware import touches
 
 
 class GenericServo(PacketServo):
-    """A servo whose table and firmware the series gives."""
+    """A servo whose table and firmware depend on the series."""
 
     REBOOTS: ClassVar[bool] = True
-    """Whether it knows that instruction."""
+    """Whether the servo supports the reboot instruction."""
 
     def __init__(self, model: ServoModel, memory: Memory, firmware: GenericFirmware) -> None:
         super().__init__(model)
@@ -30,11 +30,11 @@ class GenericServo(PacketServo):
 
     @property
     def return_delay_s(self) -> float:
-        """From an instruction to the reply: 2 us a unit, and 2 us at the least."""
+        """Delay from an instruction to its reply, in seconds: 2 us per unit, at least 2 us."""
         return 2e-6 * max(1, self.memory.get(sts.return_delay))
 
     def answer(self, instruction: Instruction) -> bytes | None:
-        """Do what one instruction says; the reply, if this servo makes one to it."""
+        """Execute an instruction and return the reply, or None if the servo sends none."""
         servo_id, answers = self.servo_id, self.memory.answers
         parameters = instruction.parameters
         match instruction.code:
@@ -61,12 +61,12 @@ class GenericServo(PacketServo):
         return self._status(servo_id) if answers == 2 else None
 
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes of the table from ``address``, the state as of now."""
+        """Return ``size`` bytes of the table from ``address``, with the present state."""
         self.firmware.publish()
         return self._reported(address, size)
 
     def write(self, address: int, data: bytes) -> None:
-        """A write from the wire and all that follows from it."""
+        """Write bytes that came over the wire and apply all side effects."""
         self.memory.write(address, data)
         if address < self.memory.EEPROM_END:
             self.firmware.load_settings()
@@ -77,7 +77,7 @@ class GenericServo(PacketServo):
             self.firmware.torque_written()
 
     def power_cycle(self) -> None:
-        """Power off and on again: what was not saved is gone, the motor is free."""
+        """Switch the power off and on. Values that were not saved are lost, and the torque is off."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()
@@ -90,6 +90,6 @@ class GenericServo(PacketServo):
             self.write(address, data)
 
     def _covers(self, address: int, data: bytes, register: Register) -> bool:
-        """Whether a write of ``data`` at ``address`` touches ``register``."""
+        """Whether a write of ``data`` at ``address`` includes a byte of ``register``."""
         own = self.memory.own(register)
         return own is not None and touches(address, len(data), own)

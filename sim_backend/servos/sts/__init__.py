@@ -1,1 +1,1 @@
-"""What is inside a virtual STS servo: its table, its millisecond, its motor."""
+"""Virtual STS servo: control table, firmware and compiled kernel."""

@@ -1,4 +1,4 @@
-"""The firmware of one virtual STS servo: the compiled millisecond, and what the wire may do to it."""
+"""Firmware of one virtual STS servo: the Python interface of the compiled kernel."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,7 +11,7 @@ from sim_backend.servos.sts.memory import StsMemory
 from sim_backend.servos.sts.state import STATE, States, forget_volatile, new_states
 
 ENCODER_LAG_S: Final = 0.0018
-"""Of the AS5600's own filter, as fitted to step responses recorded on hardware; its data sheet says about 2 ms."""
+"""Time constant of the AS5600's filter, fitted to step responses of real servos. Its data sheet says about 2 ms."""
 _NOTED: Final = (
     (sts.goal_position, kernel.GOAL_NOTED),
     (sts.goal_time, kernel.PWM_NOTED),
@@ -21,29 +21,29 @@ _NOTED: Final = (
 )
 
 _NO_OFFSET: Final = 1 << 16
-"""No register holds it: the next millisecond takes the homing offset anew, even one that has not changed."""
+"""A value that no register can hold. It makes the kernel load the homing offset again, even if it has not changed."""
 _WINDING: Final = ("torque_constant_nm_a", "back_emf_v_s", "resistance_ohm")
-"""What is in proportion to the turns of the motor's wire."""
+"""Motor constants that are proportional to the number of turns of the winding."""
 
 
 @dataclass(frozen=True, slots=True)
 class StsVariant:
-    """How a firmware behaves where reports contradict each other or come from one source alone."""
+    """Firmware behavior on which reports contradict each other or come from only one source."""
 
     goal_write_energises: bool = True
-    """A write of the mode's goal switches torque on."""
+    """Whether a write of the operating mode's goal enables the torque."""
     torque_on_takes_goal: bool = False
-    """Torque that is switched on goes for what the goal register holds, instead of holding the shaft where it is."""
+    """Whether enabling the torque starts a motion to the goal register. Otherwise the servo holds its position."""
     forgets_goal_within_tick: bool = True
-    """A goal, 41 or 46 is lost if another write follows within the same millisecond and leaves that one alone."""
+    """Whether a goal, acceleration or velocity is lost if another write follows within the same millisecond."""
 
 
 AS_REIMPLEMENTED: Final = StsVariant()
-"""What the reimplemented firmware does."""
+"""Behavior of the open-source reimplementation of the firmware."""
 
 
 def sts_states(motor: MotorConstants, variant: StsVariant) -> States:
-    """The record of one servo, cold and without power."""
+    """Return the record of one servo that is cold and without power."""
     return new_states(
         torque_constant_nm_a=motor.torque_constant_nm_a,
         back_emf_v_s=motor.back_emf_v_s,
@@ -59,7 +59,7 @@ def sts_states(motor: MotorConstants, variant: StsVariant) -> States:
 
 
 class StsFirmware:
-    """The firmware of one servo. ``step`` is called at a fixed rate and must stay cheap."""
+    """Firmware of one servo. ``step`` is called at a fixed rate and must be fast."""
 
     def __init__(self, memory: StsMemory, states: States, voltage_v: float, variant: StsVariant) -> None:
         self._memory = memory
@@ -68,37 +68,37 @@ class StsFirmware:
         self._wound = {name: self._value(name) for name in _WINDING}
         self.voltage_v = voltage_v
         self.restart()
-        self.step(0.0, 0.0, 0.0)  # what has to be compiled is compiled now, not within a paced line's first millisecond
+        self.step(0.0, 0.0, 0.0)  # Compile or load the kernel now, not in the first millisecond of a real-time line.
 
     def work_on(self, states: States) -> None:
-        """Move into this record: a line keeps those of all its servos side by side."""
+        """Move the state to this record. A line keeps the records of all its servos in one array."""
         states[:] = self._states
         self._take(states)
         self._memory.work_on(states)
 
     def _take(self, states: States) -> None:
         self._states = states
-        # Each is looked up once: the line asks for some of them with every packet.
+        # The fields are looked up once because the line reads some of them for every packet.
         self._fields = {name: states[name] for name in STATE.names or ()}
 
     def restart(self) -> None:
-        """Power-on: all state from the registers, the motor free."""
+        """Restart as after power-on: load the state from the registers, with the torque off."""
         forget_volatile(self._states)
         kernel.power_on(self._states, self.voltage_v)
 
     def observe(self, angle_rad: float) -> None:
-        """Take the shaft's angle as it is, at rest: the first look after power-on, or a shaft put there by hand."""
+        """Set the shaft's angle without motion, at power-on or after the shaft was moved by hand."""
         self._fields["lagged_rad"][0] = angle_rad
         kernel.look(self._states, self.voltage_v)
 
     def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
-        """``dt_s`` of the loop on the shaft's true state; returns the torque on the shaft, N m."""
+        """Advance by ``dt_s`` with the true state of the shaft. Return the torque on the shaft (N m)."""
         torque_nm, current_a = kernel.step(self._states, dt_s, angle_rad, velocity_rad_s, self.voltage_v)
         self._fields["supply_current_a"][0] = current_a
         return torque_nm
 
     def note_write(self, address: int, size: int) -> None:
-        """A write happened: the next millisecond looks at which goals and settings of the profile it touched."""
+        """Record which goals and profile settings a write touched, for the next millisecond."""
         noted = sum(bit for register, bit in _NOTED if touches(address, size, register))
         if not self._variant.forgets_goal_within_tick:
             noted |= self._number("noted")
@@ -107,12 +107,12 @@ class StsFirmware:
             self._fields["offset"][0] = _NO_OFFSET
 
     def forget_turns(self) -> None:
-        """The present angle is within the first turn again."""
+        """Reset the count of turns, so that the present angle is within the first turn."""
         self._fields["recount"][0] = 1
 
     @property
     def voltage_v(self) -> float:
-        """What the supply has left for it."""
+        """Voltage at the servo, in volts."""
         return self._value("voltage_v")
 
     @voltage_v.setter
@@ -121,12 +121,12 @@ class StsFirmware:
 
     @property
     def supply_current_a(self) -> float:
-        """What the motor takes from the supply."""
+        """Current that the motor draws from the supply, in amperes."""
         return self._value("supply_current_a")
 
     @property
     def deaf_s(self) -> float:
-        """For how long it will not hear anything, because it reboots."""
+        """Remaining time of a reboot, in which the servo hears nothing, in seconds."""
         return self._value("deaf_s")
 
     @deaf_s.setter
@@ -135,7 +135,7 @@ class StsFirmware:
 
     @property
     def encoder_fails(self) -> bool:
-        """Whether the encoder has stopped answering the firmware; a fault to inject, which power-off does not mend."""
+        """Whether the encoder does not answer the firmware. This injected fault survives power-off."""
         return bool(self._number("encoder_fails"))
 
     @encoder_fails.setter
@@ -144,7 +144,7 @@ class StsFirmware:
 
     @property
     def encoder_sticks(self) -> bool:
-        """Whether the encoder goes on saying what it said last; a fault to inject, as the one above."""
+        """Whether the encoder repeats its last value. This injected fault survives power-off."""
         return bool(self._number("encoder_sticks"))
 
     @encoder_sticks.setter
@@ -153,7 +153,7 @@ class StsFirmware:
 
     @property
     def turns_left(self) -> float:
-        """The share of its motor's turns of wire that are not shorted; a fault to inject."""
+        """Share of the motor's winding that is not shorted (an injected fault)."""
         return self._value("resistance_ohm") / self._wound["resistance_ohm"]
 
     @turns_left.setter
@@ -163,32 +163,32 @@ class StsFirmware:
 
     @property
     def raw_count(self) -> int:
-        """The encoder's count within the turn, before the homing offset."""
+        """Encoder count within the turn, without the homing offset."""
         return self._number("raw")
 
     @property
     def position(self) -> int:
-        """Where the servo sees its shaft, counts, turns included."""
+        """Position that the servo measures, in counts including turns."""
         return self._number("position")
 
     @property
     def setpoint(self) -> float:
-        """Where its profile wants the shaft now, counts, turns included."""
+        """Present set-point of the motion profile, in counts including turns."""
         return self._number("setpoint_e4") / kernel.FINE
 
     @property
     def status(self) -> int:
-        """What every reply says of the protections."""
+        """Status bits of the protections, as sent in every reply."""
         return self._number("status")
 
     @property
     def current_a(self) -> float:
-        """Through the motor, with its direction."""
+        """Motor current with its sign, in amperes."""
         return self._value("current_a")
 
     @property
     def temperature_c(self) -> float:
-        """Of the motor."""
+        """Temperature of the motor, in degrees Celsius."""
         return self._value("temperature_c")
 
     @temperature_c.setter
@@ -203,5 +203,5 @@ class StsFirmware:
 
 
 def touches(address: int, size: int, register: Register) -> bool:
-    """Whether a write of ``size`` bytes from ``address`` on has a byte of ``register``."""
+    """Whether a write of ``size`` bytes from ``address`` includes a byte of ``register``."""
     return address < register.address + register.size and register.address < address + size

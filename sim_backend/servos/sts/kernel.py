@@ -1,33 +1,84 @@
-"""One millisecond of an STS servo, in the servo's own integers, as machine code.
+"""Firmware of an STS servo in steps of one millisecond, compiled to machine code.
 
-One function for each part of the firmware. A section is a row of the table in docs/simulation.md, which has the
-sources. Units: u of drive (1/1000 of full), counts (1/4096 turn), ms; the profile counts in 1/10000 count and 1/10000
-count per ms. Positive drive turns the shaft towards smaller counts. Registers stand by address, as in Feetech's table.
+Each function is one part of the firmware. Section numbers are the rows of the table in docs/simulation.md, which names
+the sources. Units: drive in 1/1000 of full drive, position in counts (1/4096 turn), time in ms. The motion profile
+uses 1/10000 count and 1/10000 count per ms. Positive drive turns the shaft towards smaller counts.
 
-All of it is one file because numba looks only at a function's own file when it decides whether what it keeps is stale.
+All arithmetic uses the servo's integers. All compiled code of the firmware is in this file: numba checks only a
+function's own file when it decides whether cached machine code is stale.
 """
 
 from math import floor, pi
 from typing import Any, Final
 
+from drivers.servos import sts
 from sim_backend.compiled import compiled
 from sim_backend.mechanics.gears import Floats
 from sim_backend.mechanics.plant import ShaftTable
 from sim_backend.servos.sts.state import States, Supplies
 
 Record = Any
-"""One record of ``sim_backend.servos.sts.state.STATE``: numba has no name for its type."""
+"""One record of ``sim_backend.servos.sts.state.STATE``. numba cannot name the type of a record."""
+
+# Addresses in the control table. numba compiles module-level integers into the code as constants.
+MIN_POSITION: Final = sts.min_position.address
+MAX_POSITION: Final = sts.max_position.address
+MAX_TEMPERATURE: Final = sts.max_temperature.address
+MAX_VOLTAGE: Final = sts.max_voltage.address
+MIN_VOLTAGE: Final = sts.min_voltage.address
+PHASE: Final = sts.phase.address
+UNLOADING_CONDITION: Final = sts.unloading_condition.address
+POSITION_P: Final = sts.position_p.address
+POSITION_D: Final = sts.position_d.address
+POSITION_I: Final = sts.position_i.address
+MINIMUM_STARTUP_FORCE: Final = sts.minimum_startup_force.address
+INTEGRAL_LIMIT: Final = sts.integral_limit.address
+CW_DEAD_ZONE: Final = sts.cw_dead_zone.address
+CCW_DEAD_ZONE: Final = sts.ccw_dead_zone.address
+PROTECTION_CURRENT: Final = sts.protection_current.address
+ANGULAR_RESOLUTION: Final = sts.angular_resolution.address
+HOMING_OFFSET: Final = sts.homing_offset.address
+OPERATING_MODE: Final = sts.operating_mode.address
+PROTECTIVE_TORQUE: Final = sts.protective_torque.address
+PROTECTION_TIME: Final = sts.protection_time.address
+OVERLOAD_TORQUE: Final = sts.overload_torque.address
+VELOCITY_P: Final = sts.velocity_p.address
+OVERCURRENT_TIME: Final = sts.overcurrent_time.address
+VELOCITY_I: Final = sts.velocity_i.address
+TORQUE_ENABLE: Final = sts.torque_enable.address
+ACCELERATION: Final = sts.acceleration.address
+GOAL_POSITION: Final = sts.goal_position.address
+GOAL_TIME: Final = sts.goal_time.address
+GOAL_VELOCITY: Final = sts.goal_velocity.address
+TORQUE_LIMIT: Final = sts.torque_limit.address
+PRESENT_POSITION: Final = sts.present_position.address
+PRESENT_VELOCITY: Final = sts.present_velocity.address
+PRESENT_LOAD: Final = sts.present_load.address
+PRESENT_VOLTAGE: Final = sts.present_voltage.address
+PRESENT_TEMPERATURE: Final = sts.present_temperature.address
+STATUS: Final = sts.status.address
+MOVING: Final = sts.moving.address
+PRESENT_TARGET: Final = sts.present_target.address
+PRESENT_CURRENT: Final = sts.present_current.address
+TARGET_VELOCITY: Final = 71  # not in the register table
+MOVING_THRESHOLD: Final = sts.moving_threshold.address
+DTS: Final = sts.dts.address
+VELOCITY_UNIT: Final = sts.velocity_unit.address
+HTS: Final = sts.hts.address
+MAX_VELOCITY: Final = sts.max_velocity.address
+MAX_ACCELERATION: Final = sts.max_acceleration.address
+ACCELERATION_MULTIPLIER: Final = sts.acceleration_multiplier.address
 
 TICK_NS: Final = 1_000_000
 TURN: Final = 4096
 COUNTS_PER_RAD: Final = TURN / (2.0 * pi)
 FINE: Final = 10_000
-"""Steps of the profile in a count."""
+"""Number of profile steps in one count."""
 FINE_PER_MS: Final = 10
-"""1/10000 count per ms in a count per second."""
+"""Profile speed (1/10000 count per ms) of one count per second."""
 BRIDGE_LIMIT: Final = 970
 SPEED_UNIT: Final = 50
-"""Counts per second in one unit of a speed that is shown, and in one of the highest speed (84)."""
+"""Counts per second in one unit of a reported speed, and in one unit of ``MAX_VELOCITY``."""
 
 GOAL_NOTED, PWM_NOTED, SPEED_NOTED, SWITCH_NOTED, RAMP_NOTED = 1, 2, 4, 8, 16
 POSITION, VELOCITY, PWM, STEP = 0, 1, 2, 3
@@ -35,25 +86,25 @@ POSITION, VELOCITY, PWM, STEP = 0, 1, 2, 3
 COUNTS_PER_S_BIT, FULL_SPEED_BIT, UNFOLDED_BIT = 1 << 2, 1 << 3, 1 << 4
 """Bits of the phase register."""
 VOLTAGE, ENCODER, TEMPERATURE, CURRENT, OVERLOAD = 1, 2, 4, 8, 32
-"""Bits of the status."""
+"""Bits of the status register."""
 HOLD_OFF_MS: Final = 51
 COOL_DOWN_C: Final = 5
 MOVED_COUNTS: Final = 50
 CURRENT_UNIT_A: Final = 0.0065
 LARGEST_CURRENT: Final = 1023
 LARGEST_SHOWN: Final = 0x7FFE
-"""Of a position in steps of several counts."""
+"""Largest position that step mode reports."""
 
 
 @compiled
 def quotient(a: int, b: int) -> int:
-    """``a / b`` rounded towards zero, as C does."""
+    """Return ``a / b``, rounded towards zero as in C."""
     return a // b if a >= 0 else -(-a // b)
 
 
 @compiled
 def byte(s: Record, address: int) -> int:
-    value: int = s.table[address] + 0  # wider than the byte itself
+    value: int = s.table[address] + 0  # The addition widens the value beyond one byte.
     return value
 
 
@@ -77,15 +128,18 @@ def put_word(s: Record, address: int, value: int) -> None:
 
 @compiled
 def put_signed(s: Record, address: int, value: int, sign_bit: int) -> None:
-    """Sign and magnitude; what does not fit loses its high bits."""
+    """Write a value as sign and magnitude. A magnitude that is too large loses its high bits."""
     magnitude = abs(value) & ((1 << sign_bit) - 1)
     put_word(s, address, magnitude | (1 << sign_bit if value < 0 else 0))
 
 
 @compiled
 def homing_offset(s: Record) -> int:
-    """Register 31: bits 0 to 10 and 12 are the size, bit 11 the sign; with bit 15 it is two's complement."""
-    value = word(s, 31)
+    """Return the homing offset, in counts.
+
+    Bits 0 to 10 and 12 are the magnitude and bit 11 is the sign. If bit 15 is set, the word is two's complement.
+    """
+    value = word(s, HOMING_OFFSET)
     if value >= 1 << 15:
         return value - (1 << 16)
     if value >= 1 << 13:
@@ -101,16 +155,16 @@ def clip(value: int, limit: int) -> int:
 
 @compiled
 def counts_turns(s: Record) -> bool:
-    """Whether the mode is one of those that work on positions."""
-    return byte(s, 33) == POSITION or byte(s, 33) == STEP
+    """Whether the operating mode controls positions."""
+    return byte(s, OPERATING_MODE) == POSITION or byte(s, OPERATING_MODE) == STEP
 
 
-# What it sees (section 6).
+# Sensing (section 6).
 
 
 @compiled
 def sense(s: Record) -> None:
-    """Read the encoder, if it answers, and count how far the shaft has come."""
+    """Read the encoder, if it answers, and measure the speed over the current window."""
     if s.encoder_fails:
         s.status |= ENCODER
     else:
@@ -119,15 +173,15 @@ def sense(s: Record) -> None:
     s.window_age_ms += 1
     if s.window_age_ms >= s.window_ms:
         moved = s.position - s.window_position
-        s.window_counts = 0 if abs(moved) < byte(s, 80) else moved
+        s.window_counts = 0 if abs(moved) < byte(s, MOVING_THRESHOLD) else moved
         s.window_position, s.window_age_ms = s.position, 0
 
 
 @compiled
 def see(s: Record) -> None:
-    """Take the encoder's angle; follow it over the seam where the mode counts turns."""
+    """Read the angle from the encoder and count turns. The homing offset applies only to position and step mode."""
     raw = floor(s.lagged_rad * COUNTS_PER_RAD) % TURN
-    mode = byte(s, 33)
+    mode = byte(s, OPERATING_MODE)
     offset = homing_offset(s) if counts_turns(s) else 0
     reading = (raw - offset) % TURN
     if s.recount or mode != s.mode or offset != s.offset:
@@ -146,7 +200,7 @@ def see(s: Record) -> None:
 
 @compiled
 def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
-    """Another frame for the same shaft: the set-point jumps along, and the shaft has not moved."""
+    """Change the position reference without any motion of the shaft. The set-point moves with the position."""
     if forget_turns:
         s.turns = 0
     position = reading + s.turns * TURN
@@ -158,13 +212,13 @@ def jump_to(s: Record, reading: int, forget_turns: bool) -> None:
         s.goal = position
 
 
-# Goals (sections 4, 5).
+# Goals (sections 4 and 5).
 
 
 @compiled
 def take_writes(s: Record) -> None:
-    """Do what the last write asked for: torque on by a goal, and the goal itself."""
-    noted, mode = s.noted, byte(s, 33)
+    """Apply the last write: enable the torque if a goal was written, and take over the goal."""
+    noted, mode = s.noted, byte(s, OPERATING_MODE)
     s.noted = 0
     goal_of_mode = GOAL_NOTED
     if mode == VELOCITY:
@@ -172,10 +226,10 @@ def take_writes(s: Record) -> None:
     elif mode == PWM:
         goal_of_mode = PWM_NOTED
     if noted & goal_of_mode and s.goal_write_energises and mode <= STEP:
-        s.table[40] = 1
-    switched_on = byte(s, 40) == 1 and not s.on
+        s.table[TORQUE_ENABLE] = 1
+    switched_on = byte(s, TORQUE_ENABLE) == 1 and not s.on
     stale = switched_on and noted & SWITCH_NOTED and s.torque_on_takes_goal
-    if byte(s, 40) == 1 and counts_turns(s) and (noted & GOAL_NOTED or stale):
+    if byte(s, TORQUE_ENABLE) == 1 and counts_turns(s) and (noted & GOAL_NOTED or stale):
         take_goal(s)
     if noted & SPEED_NOTED and mode != PWM and mode <= STEP:
         take_speed(s)
@@ -185,18 +239,18 @@ def take_writes(s: Record) -> None:
 
 @compiled
 def begin_profile(s: Record) -> None:
-    """Take what the profile goes by, after power-on and in another mode."""
+    """Load the settings of the motion profile after power-on or a change of mode."""
     take_speed(s)
     take_ramp(s)
 
 
 @compiled
 def take_goal(s: Record) -> None:
-    """The goal register, in the angle's resolution and between the limits."""
-    goal = signed(s, 42, 15) * max(1, byte(s, 30))
-    if byte(s, 33) == STEP:
+    """Take over the goal register, scaled by the angular resolution and clipped to the position limits."""
+    goal = signed(s, GOAL_POSITION, 15) * max(1, byte(s, ANGULAR_RESOLUTION))
+    if byte(s, OPERATING_MODE) == STEP:
         goal += s.goal
-    lowest, highest = word(s, 9), word(s, 11)
+    lowest, highest = word(s, MIN_POSITION), word(s, MAX_POSITION)
     if lowest != highest and goal < lowest:
         goal = lowest
     elif lowest != highest and goal > highest:
@@ -207,9 +261,9 @@ def take_goal(s: Record) -> None:
 
 @compiled
 def asked_speed(s: Record) -> int:
-    """Register 46 in counts per second, with its sign and within the factory's limits."""
-    speed = signed(s, 46, 15)
-    if not byte(s, 18) & COUNTS_PER_S_BIT:
+    """Return the goal velocity in counts per second, signed and clipped to the factory limits."""
+    speed = signed(s, GOAL_VELOCITY, 15)
+    if not byte(s, PHASE) & COUNTS_PER_S_BIT:
         speed *= s.windows_s
     if speed == 0:
         return 0
@@ -219,11 +273,11 @@ def asked_speed(s: Record) -> int:
 
 @compiled
 def take_speed(s: Record) -> None:
-    """Register 46 and the phase register's bits for it, which count until 46 is written again."""
+    """Latch the goal velocity. The phase register has no effect until the goal velocity is written again."""
     top = asked_speed(s)
-    if byte(s, 33) != VELOCITY:
+    if byte(s, OPERATING_MODE) != VELOCITY:
         top = abs(top)
-        if top == 0 and byte(s, 18) & FULL_SPEED_BIT:
+        if top == 0 and byte(s, PHASE) & FULL_SPEED_BIT:
             top = s.highest_counts_s
     if top * FINE_PER_MS != s.top_e4:
         s.top_e4, s.planned = top * FINE_PER_MS, 0
@@ -231,26 +285,29 @@ def take_speed(s: Record) -> None:
 
 @compiled
 def take_ramp(s: Record) -> None:
-    """Registers 41, 85 and 86, which count until 41 is written again: how much the speed may change; 0: no limit."""
-    ramp, largest = byte(s, 41), byte(s, 85)
+    """Latch the largest change of speed per millisecond; 0 means no limit.
+
+    A change of the registers for the maximum and the multiplier has no effect until the acceleration is written again.
+    """
+    ramp, largest = byte(s, ACCELERATION), byte(s, MAX_ACCELERATION)
     if ramp == 0:
-        ramp = largest * byte(s, 86)
+        ramp = largest * byte(s, ACCELERATION_MULTIPLIER)
     elif largest and ramp > largest:
-        s.table[41] = ramp = largest
+        s.table[ACCELERATION] = ramp = largest
     if ramp != s.ramp_e4:
         s.ramp_e4, s.planned = ramp, 0
 
 
 @compiled
 def follow_shaft(s: Record) -> None:
-    """Set-point and goal where the shaft is, at rest."""
+    """Set the set-point and the goal to the shaft's position, at rest."""
     s.goal = s.position
     s.setpoint_e4, s.speed_e4, s.planned = s.position * FINE, 0, 0
 
 
 @compiled
 def advance_profile(s: Record) -> None:
-    """Move the set-point by a trapezoid towards the goal (section 5)."""
+    """Move the set-point towards the goal with a trapezoidal speed profile (section 5)."""
     left = s.goal * FINE - s.setpoint_e4
     way, distance = 1 if left >= 0 else -1, abs(left)
     if s.ramp_e4 == 0:
@@ -267,14 +324,14 @@ def advance_profile(s: Record) -> None:
 
 @compiled
 def braking_distance(speed: int, ramp: int) -> int:
-    """How far the set-point goes while it loses ``ramp`` of its speed each millisecond."""
+    """Return the distance that the set-point covers while its speed falls by ``ramp`` each millisecond."""
     steps = speed // ramp
     return max(0, steps * (2 * speed - (steps + 1) * ramp) // 2)
 
 
 @compiled
 def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
-    """One millisecond at this speed; never past the goal, where it rests."""
+    """Move the set-point for one millisecond at this speed. It stops at the goal."""
     if speed >= distance:
         s.setpoint_e4, s.speed_e4 = s.goal * FINE, 0
     else:
@@ -284,7 +341,7 @@ def move_setpoint(s: Record, way: int, speed: int, distance: int) -> None:
 
 @compiled
 def come_to_rest(s: Record) -> None:
-    """Brake where there is no way to go."""
+    """Brake while the set-point is at the goal or the goal velocity is 0."""
     way, speed = 1 if s.speed_e4 >= 0 else -1, abs(s.speed_e4) - s.ramp_e4
     s.speed_e4 = way * speed if speed > 0 and speed >= s.lowest_counts_s * FINE_PER_MS else 0
     s.setpoint_e4 += s.speed_e4
@@ -292,7 +349,7 @@ def come_to_rest(s: Record) -> None:
 
 @compiled
 def prepare(s: Record, way: int, distance: int) -> None:
-    """After a change: brake until the goal lies ahead and can be met; that may take the set-point past it."""
+    """Brake after a change of goal until the set-point can stop at the goal. It may pass the goal first."""
     speed, slowest = s.speed_e4 * way, s.lowest_counts_s * FINE_PER_MS
     if speed < 0:
         speed += s.ramp_e4
@@ -309,7 +366,7 @@ def prepare(s: Record, way: int, distance: int) -> None:
 
 @compiled
 def approach(s: Record, way: int, distance: int) -> None:
-    """A goal that can be met: speed up to 46, brake in time, stop on it."""
+    """Approach a goal that can be reached: accelerate to the top speed, brake in time and stop at the goal."""
     speed = s.speed_e4 * way
     if braking_distance(speed, s.ramp_e4) >= distance:
         speed -= s.ramp_e4
@@ -320,7 +377,7 @@ def approach(s: Record, way: int, distance: int) -> None:
 
 @compiled
 def ramp_speed(s: Record) -> None:
-    """Move the set speed of mode 1 towards register 46 (section 4)."""
+    """Move the speed set-point of velocity mode towards the goal velocity (section 4)."""
     wanted, change = s.top_e4, s.ramp_e4
     s.speed_e4 = wanted if change == 0 else min(max(wanted, s.speed_e4 - change), s.speed_e4 + change)
     s.goal = s.position
@@ -329,60 +386,60 @@ def ramp_speed(s: Record) -> None:
 
 @compiled
 def profile_runs(s: Record) -> bool:
-    """Whether the set-point moves, or would at the next chance: not at speed 0."""
+    """Whether the set-point is moving or still has to move. At a top speed of 0 it does not have to."""
     return bool(s.speed_e4 != 0 or (s.setpoint_e4 != s.goal * FINE and s.top_e4 != 0))
 
 
 @compiled
 def profile_speed(s: Record) -> int:
-    """The profile's speed as the encoder's is measured: whole counts in a window."""
+    """Return the profile's speed in whole counts per window, the unit of the measured speed."""
     return quotient(s.speed_e4, FINE_PER_MS * s.windows_s)
 
 
-# The loops (sections 3 and 4).
+# Control loops (sections 3 and 4).
 
 
 @compiled
 def limited(s: Record, drive: int) -> int:
-    """The offset that helps against friction, and the torque limit; what the limit cuts off is remembered."""
+    """Add the startup force to the drive and apply the torque limit. The part beyond the limit is stored."""
     if drive:
-        drive += byte(s, 24) if drive > 0 else -byte(s, 24)
-    cut = clip(drive, word(s, 48))
+        drive += byte(s, MINIMUM_STARTUP_FORCE) if drive > 0 else -byte(s, MINIMUM_STARTUP_FORCE)
+    cut = clip(drive, word(s, TORQUE_LIMIT))
     s.drive_cut = drive - cut
     return cut
 
 
 @compiled
 def position_loop(s: Record) -> int:
-    """The drive that the position error asks for (section 3)."""
+    """Return the drive for the position error (section 3)."""
     error = s.position - quotient(s.setpoint_e4, FINE)
-    if error > byte(s, 26):
-        error -= byte(s, 26)
-    elif error < -byte(s, 27):
-        error += byte(s, 27)
+    if error > byte(s, CW_DEAD_ZONE):
+        error -= byte(s, CW_DEAD_ZONE)
+    elif error < -byte(s, CCW_DEAD_ZONE):
+        error += byte(s, CCW_DEAD_ZONE)
     else:
         error = 0
     s.error_age_ms += 1
-    if s.error_age_ms >= byte(s, 81):
+    if s.error_age_ms >= byte(s, DTS):
         change = error - s.error_then
-        s.error_change = 0 if abs(change) < byte(s, 80) else change
+        s.error_change = 0 if abs(change) < byte(s, MOVING_THRESHOLD) else change
         s.error_then, s.error_age_ms = error, 0
-    drive = quotient(error * byte(s, 21), 4) + quotient(s.error_change * byte(s, 22), 8)
+    drive = quotient(error * byte(s, POSITION_P), 4) + quotient(s.error_change * byte(s, POSITION_D), 8)
     return limited(s, drive + integral(s, error))
 
 
 @compiled
 def integral(s: Record, error: int) -> int:
-    """The share of the summed error, which grows only at standstill."""
-    gain = byte(s, 23)
+    """Return the integral term. The sum of errors grows only while the shaft is at rest."""
+    gain = byte(s, POSITION_I)
     if gain == 0:
         s.error_sum = 0
         s.integral_cut = 0
         return 0
-    if s.window_counts == 0 and not s.status & byte(s, 19):
+    if s.window_counts == 0 and not s.status & byte(s, UNLOADING_CONDITION):
         s.error_sum += error - s.drive_cut - s.integral_cut
     share = quotient(s.error_sum * gain, 500)
-    bound = 4 * byte(s, 25)
+    bound = 4 * byte(s, INTEGRAL_LIMIT)
     kept = clip(share, bound) if bound else share
     s.integral_cut = share - kept
     return kept
@@ -390,28 +447,28 @@ def integral(s: Record, error: int) -> int:
 
 @compiled
 def velocity_loop(s: Record) -> int:
-    """The drive that the speed's error asks for, in counts of one window (section 4)."""
-    error, gain = s.window_counts - profile_speed(s), byte(s, 39)
+    """Return the drive for the speed error, which is in counts per window (section 4)."""
+    error, gain = s.window_counts - profile_speed(s), byte(s, VELOCITY_I)
     s.error_sum = s.error_sum + error - s.drive_cut if gain else 0
-    return limited(s, quotient(error * byte(s, 37), 10) + quotient(s.error_sum * gain, 1000))
+    return limited(s, quotient(error * byte(s, VELOCITY_P), 10) + quotient(s.error_sum * gain, 1000))
 
 
 @compiled
 def asked_drive(s: Record) -> int:
-    """What the mode's own loop wants."""
-    mode = byte(s, 33)
+    """Return the drive that the control loop of the operating mode requests."""
+    mode = byte(s, OPERATING_MODE)
     if mode in (POSITION, STEP):
         return position_loop(s)
     if mode == VELOCITY:
         return velocity_loop(s)
     if mode == PWM:
-        return clip(signed(s, 44, 10), word(s, 48))
+        return clip(signed(s, GOAL_TIME, 10), word(s, TORQUE_LIMIT))
     return 0
 
 
 @compiled
 def rest_loops(s: Record) -> None:
-    """No memory of what was before the torque went off."""
+    """Clear the state of the control loops while the torque is off."""
     s.error_then = s.error_change = s.error_sum = s.drive_cut = s.integral_cut = 0
 
 
@@ -420,75 +477,75 @@ def rest_loops(s: Record) -> None:
 
 @compiled
 def watch_supply(s: Record) -> None:
-    """Voltage and heat against their limits."""
-    voltage, temperature = byte(s, 62), byte(s, 63)
-    s.high_voltage_ms = s.high_voltage_ms + 1 if voltage > byte(s, 14) else 0
-    s.hot_ms = s.hot_ms + 1 if temperature > byte(s, 13) else 0
-    if voltage < byte(s, 15) or s.high_voltage_ms >= HOLD_OFF_MS:
+    """Compare voltage and temperature with their limits."""
+    voltage, temperature = byte(s, PRESENT_VOLTAGE), byte(s, PRESENT_TEMPERATURE)
+    s.high_voltage_ms = s.high_voltage_ms + 1 if voltage > byte(s, MAX_VOLTAGE) else 0
+    s.hot_ms = s.hot_ms + 1 if temperature > byte(s, MAX_TEMPERATURE) else 0
+    if voltage < byte(s, MIN_VOLTAGE) or s.high_voltage_ms >= HOLD_OFF_MS:
         s.status |= VOLTAGE
-    elif voltage <= byte(s, 14):
+    elif voltage <= byte(s, MAX_VOLTAGE):
         s.status &= ~VOLTAGE
     if s.hot_ms >= HOLD_OFF_MS:
         s.status |= TEMPERATURE
-    elif temperature < byte(s, 13) - COOL_DOWN_C:
+    elif temperature < byte(s, MAX_TEMPERATURE) - COOL_DOWN_C:
         s.status &= ~TEMPERATURE
 
 
 @compiled
 def watch_current(s: Record) -> None:
-    """Too much current for too long; acting, it takes the torque away."""
-    limit, longest_ms = word(s, 28), 10 * byte(s, 38)
+    """Detect excess current that lasts too long. If the unloading condition selects it, switch the torque off."""
+    limit, longest_ms = word(s, PROTECTION_CURRENT), 10 * byte(s, OVERCURRENT_TIME)
     watched = limit > 0 and longest_ms > 0
-    over = watched and word(s, 69) >= limit
+    over = watched and word(s, PRESENT_CURRENT) >= limit
     s.overcurrent_ms = s.overcurrent_ms + 1 if over else 0
     if s.overcurrent_ms > longest_ms:
         s.status |= CURRENT
-    elif not watched or (not over and byte(s, 40) == 1):
+    elif not watched or (not over and byte(s, TORQUE_ENABLE) == 1):
         s.status &= ~CURRENT
-    if s.status & CURRENT & byte(s, 19):
-        s.table[40] = 0
+    if s.status & CURRENT & byte(s, UNLOADING_CONDITION):
+        s.table[TORQUE_ENABLE] = 0
 
 
 @compiled
 def watch_push(s: Record, asked: int) -> None:
-    """Overload: hard drive that does not move the shaft, for too long."""
-    if byte(s, 40) != 1 or asked * s.push < 10 * byte(s, 34):
+    """Detect overload: high drive that does not move the shaft for too long."""
+    if byte(s, TORQUE_ENABLE) != 1 or asked * s.push < 10 * byte(s, PROTECTIVE_TORQUE):
         s.push = 0
         s.status &= ~OVERLOAD
     elif not s.status & OVERLOAD and abs(s.window_position - s.push_position) > MOVED_COUNTS:
         s.push = 0
-    if s.push == 0 and byte(s, 40) == 1 and abs(asked) > 10 * byte(s, 36):
+    if s.push == 0 and byte(s, TORQUE_ENABLE) == 1 and abs(asked) > 10 * byte(s, OVERLOAD_TORQUE):
         s.push = 1 if asked > 0 else -1
         s.push_ms, s.push_position = 0, s.window_position
     if s.push:
         s.push_ms += 1
-        if s.push_ms > 10 * byte(s, 35):
+        if s.push_ms > 10 * byte(s, PROTECTION_TIME):
             s.status |= OVERLOAD
 
 
 @compiled
 def protected(s: Record, asked: int) -> int:
-    """The drive that the protections leave of what is asked."""
-    if s.status & byte(s, 19) & OVERLOAD and byte(s, 33) != PWM:
-        asked = s.push * 10 * byte(s, 34)
+    """Limit the requested drive to the protective torque during an overload."""
+    if s.status & byte(s, UNLOADING_CONDITION) & OVERLOAD and byte(s, OPERATING_MODE) != PWM:
+        asked = s.push * 10 * byte(s, PROTECTIVE_TORQUE)
     return asked
 
 
-# The millisecond (section 1).
+# Main loop (section 1).
 
 
 @compiled
 def tick(s: Record) -> None:
-    """Everything that the firmware does once in a millisecond."""
+    """Run the firmware for one millisecond."""
     sense(s)
     take_writes(s)
     watch_supply(s)
     watch_current(s)
-    on = byte(s, 40) == 1
-    unsupplied = s.status & byte(s, 19) & (VOLTAGE | TEMPERATURE)
-    if not on or unsupplied or (byte(s, 33) >= PWM and byte(s, 33) != STEP):
+    on = byte(s, TORQUE_ENABLE) == 1
+    unsupplied = s.status & byte(s, UNLOADING_CONDITION) & (VOLTAGE | TEMPERATURE)
+    if not on or unsupplied or (byte(s, OPERATING_MODE) >= PWM and byte(s, OPERATING_MODE) != STEP):
         follow_shaft(s)
-    elif byte(s, 33) == VELOCITY:
+    elif byte(s, OPERATING_MODE) == VELOCITY:
         ramp_speed(s)
     else:
         advance_profile(s)
@@ -498,9 +555,9 @@ def tick(s: Record) -> None:
         rest_loops(s)
         asked = 0
     watch_push(s, asked)
-    blind = s.status & byte(s, 19) & ENCODER
+    blind = s.status & byte(s, UNLOADING_CONDITION) & ENCODER
     s.drive = 0 if unsupplied or blind else protected(s, asked)
-    if word(s, 28):  # with a limit of the current the bridge's limit shows, too
+    if word(s, PROTECTION_CURRENT):  # Only with a current limit does the reported drive show the bridge's limit.
         s.drive = clip(s.drive, BRIDGE_LIMIT)
     s.on = on
     report(s)
@@ -508,58 +565,62 @@ def tick(s: Record) -> None:
 
 @compiled
 def folded(s: Record, position: int) -> int:
-    """As it is shown outside mode 3: within a turn, or unfolded in units of 30."""
-    return quotient(position, max(1, byte(s, 30))) if byte(s, 18) & UNFOLDED_BIT else position % TURN
+    """Return a position as the servo reports it in all modes except step mode.
+
+    The position is within one turn. With the unfolded bit of the phase register, it is not wrapped, and its unit is the
+    angular resolution.
+    """
+    return quotient(position, max(1, byte(s, ANGULAR_RESOLUTION))) if byte(s, PHASE) & UNFOLDED_BIT else position % TURN
 
 
 @compiled
 def steps(s: Record, counts: int) -> int:
-    """Counts in units of 30, as mode 3 shows them."""
-    return clip(quotient(counts, max(1, byte(s, 30))), LARGEST_SHOWN)
+    """Convert counts to the units of step mode, which are set by the angular resolution."""
+    return clip(quotient(counts, max(1, byte(s, ANGULAR_RESOLUTION))), LARGEST_SHOWN)
 
 
 @compiled
 def report(s: Record) -> None:
-    """Show the state in the table (section 6)."""
-    mode, speed_unit = byte(s, 33), SPEED_UNIT if byte(s, 18) & COUNTS_PER_S_BIT else 1
+    """Write the state into the control table (section 6)."""
+    mode, speed_unit = byte(s, OPERATING_MODE), SPEED_UNIT if byte(s, PHASE) & COUNTS_PER_S_BIT else 1
     if mode == STEP:
-        put_signed(s, 56, steps(s, s.goal - s.position), 15)
+        put_signed(s, PRESENT_POSITION, steps(s, s.goal - s.position), 15)
     else:
-        put_signed(s, 56, folded(s, s.position if mode == POSITION else s.raw), 15)
-    put_signed(s, 58, s.window_counts * speed_unit, 15)
-    put_signed(s, 60, s.drive, 10)
-    s.table[65] = s.status
+        put_signed(s, PRESENT_POSITION, folded(s, s.position if mode == POSITION else s.raw), 15)
+    put_signed(s, PRESENT_VELOCITY, s.window_counts * speed_unit, 15)
+    put_signed(s, PRESENT_LOAD, s.drive, 10)
+    s.table[STATUS] = s.status
     if counts_turns(s):
-        s.table[66] = profile_runs(s) or (byte(s, 66) != 0 and s.window_counts != 0)
+        s.table[MOVING] = profile_runs(s) or (byte(s, MOVING) != 0 and s.window_counts != 0)
     else:
-        s.table[66] = s.window_counts != 0
+        s.table[MOVING] = s.window_counts != 0
     setpoint = quotient(s.setpoint_e4, FINE)
-    put_signed(s, 67, steps(s, setpoint) if mode == STEP else folded(s, setpoint), 15)
-    put_signed(s, 71, profile_speed(s) * speed_unit, 15)
+    put_signed(s, PRESENT_TARGET, steps(s, setpoint) if mode == STEP else folded(s, setpoint), 15)
+    put_signed(s, TARGET_VELOCITY, profile_speed(s) * speed_unit, 15)
 
 
 @compiled
 def measure(s: Record, voltage_v: float) -> None:
-    """Show voltage, heat and current as the converter has them."""
-    s.table[62] = max(0, min(255, int(voltage_v * 10.0 + 0.5)))
-    s.table[63] = max(0, min(255, int(s.temperature_c + 0.5)))
-    put_word(s, 69, min(LARGEST_CURRENT, int(abs(s.current_a) / CURRENT_UNIT_A)))
+    """Write voltage, temperature and current into the control table, in the units of the servo's converter."""
+    s.table[PRESENT_VOLTAGE] = max(0, min(255, int(voltage_v * 10.0 + 0.5)))
+    s.table[PRESENT_TEMPERATURE] = max(0, min(255, int(s.temperature_c + 0.5)))
+    put_word(s, PRESENT_CURRENT, min(LARGEST_CURRENT, int(abs(s.current_a) / CURRENT_UNIT_A)))
 
 
 @compiled
 def power_on(states: States, voltage_v: float) -> None:
-    """Take what is only looked at when power comes on, and see the shaft."""
+    """Load the settings that the firmware reads only at power-on, and read the encoder."""
     s: Record = states[0]
-    s.windows_s = max(1, byte(s, 82))
+    s.windows_s = max(1, byte(s, VELOCITY_UNIT))
     s.window_ms = 1000 // s.windows_s
-    s.lowest_counts_s, s.highest_counts_s = s.windows_s * byte(s, 83), SPEED_UNIT * byte(s, 84)
+    s.lowest_counts_s, s.highest_counts_s = s.windows_s * byte(s, HTS), SPEED_UNIT * byte(s, MAX_VELOCITY)
     begin_profile(s)
     look(states, voltage_v)
 
 
 @compiled
 def look(states: States, voltage_v: float) -> None:
-    """See a shaft that was put where it is at once, with filters that have settled. Limp, it is in its first turn."""
+    """Read the encoder once as if all filters had settled. If the torque is off, the turn count restarts at 0."""
     s: Record = states[0]
     s.recount = not s.on
     sense(s)
@@ -576,10 +637,10 @@ def look(states: States, voltage_v: float) -> None:
 
 @compiled
 def turn_motor(s: Record, dt_s: float, velocity_rad_s: float, voltage_v: float) -> tuple[float, float]:
-    """Torque on the shaft (N m), and the supply's current (A). Braking gives none back to the supply (assumed)."""
+    """Return the torque on the shaft (N m) and the supply current (A). Braking returns no current (assumed)."""
     duty = 0.0
     s.current_a = 0.0
-    if byte(s, 40) == 1 or byte(s, 40) == 2:
+    if byte(s, TORQUE_ENABLE) == 1 or byte(s, TORQUE_ENABLE) == 2:
         duty = -0.001 * clip(s.drive, BRIDGE_LIMIT)
         s.current_a = (duty * voltage_v - s.back_emf_v_s * velocity_rad_s) / s.resistance_ohm
     loss_w = s.current_a * s.current_a * s.resistance_ohm
@@ -590,13 +651,13 @@ def turn_motor(s: Record, dt_s: float, velocity_rad_s: float, voltage_v: float) 
 
 @compiled
 def step(states: States, dt_s: float, angle_rad: float, velocity_rad_s: float, voltage_v: float) -> tuple[float, float]:
-    """``dt_s`` of one servo, however many of its milliseconds that is: torque (N m), supply current (A)."""
+    """Advance one servo by ``dt_s``. Return the torque (N m) and the supply current (A)."""
     return pass_time(states[0], dt_s, angle_rad, velocity_rad_s, voltage_v)
 
 
 @compiled
 def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, voltage_v: float) -> tuple[float, float]:
-    """``dt_s`` of one record, as ``step`` says."""
+    """Advance one record by ``dt_s``. See ``step`` for the result."""
     if s.deaf_s > 0.0:
         s.deaf_s -= dt_s
     if not s.encoder_sticks:
@@ -609,12 +670,12 @@ def pass_time(s: Record, dt_s: float, angle_rad: float, velocity_rad_s: float, v
     return turn_motor(s, dt_s, velocity_rad_s, voltage_v)
 
 
-# Several servos (row 10 of the table).
+# Several servos (section 10).
 
 
 @compiled
 def share_supplies(states: States, supplies: Supplies) -> None:
-    """Each supply's voltage sags by the current of all servos that hang on it."""
+    """Compute the voltage of each supply under the current of all servos that it feeds."""
     for k in range(len(supplies)):
         total_a = 0.0
         for i in range(len(states)):
@@ -635,7 +696,7 @@ def step_all(
     effort: Floats,
     dt_s: float,
 ) -> None:
-    """``dt_s`` of all servos of a line, from the joints' positions and velocities to their efforts."""
+    """Advance all servos of a line by ``dt_s``: read joint positions and velocities, and write joint efforts."""
     share_supplies(states, supplies)
     for i in range(len(states)):
         s: Record = states[i]

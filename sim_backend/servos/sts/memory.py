@@ -1,7 +1,7 @@
-"""The control table of one virtual STS servo: who may write what, what power-off forgets.
+"""Control table of one virtual STS servo: access rules, and the registers that survive power-off.
 
-The table's bytes are those that the firmware works on. Addresses that Feetech's table does not list are kept like
-their neighbours. The lock (register 55) does not stop a write: with the lock closed the write is gone after power-off.
+The firmware works on the same bytes. Addresses that Feetech's table does not list behave like their neighbors. The
+lock register does not prevent a write; a value that is written while it is locked is lost at power-off.
 """
 
 from typing import Final
@@ -15,7 +15,7 @@ READ_ONLY: Final = frozenset((*range(4), *range(56, 78)))
 PERSISTENT: Final = frozenset((*range(4, 40), *range(78, TABLE_SIZE)))
 KEPT: Final = Kept(sts.REGISTERS, PERSISTENT - READ_ONLY, "little")
 OFFSET_WORD: Final = Register("homing_offset", 31, 2, persistent=True)
-"""The homing offset as it lies in the table: beside the sign (bit 11), bit 12 stands for 2048 more counts."""
+"""The homing offset as a word of the table. Bit 11 is the sign, and bit 12 adds 2048 counts."""
 
 FACTORY: Final[dict[Register, int]] = {
     sts.firmware_major: 3,
@@ -26,7 +26,7 @@ FACTORY: Final[dict[Register, int]] = {
     sts.max_voltage: 140,
     sts.min_voltage: 40,
     sts.max_torque: 1000,
-    sts.phase: 12,  # speeds in counts/s, speed 0 is "as fast as it can"
+    sts.phase: 12,  # speeds in counts/s; a speed of 0 means maximum speed
     sts.unloading_condition: 44,  # temperature, current, overload
     sts.led_alarm_condition: 47,
     sts.position_p: 32,
@@ -50,11 +50,11 @@ FACTORY: Final[dict[Register, int]] = {
     sts.max_acceleration: 100,
     sts.acceleration_multiplier: 1,
 }
-"""Every register that is not here is 0."""
+"""Factory values. All other registers are 0."""
 
 
 def offset_word(offset: int) -> int:
-    """The word that stands for this homing offset, counts; 0 for one of a whole turn or more."""
+    """Return the word that encodes a homing offset (counts), or 0 for an offset of one turn or more."""
     if offset >= 4096:
         return 0
     size, sign = abs(offset), 1 << 11 if offset < 0 else 0
@@ -62,13 +62,13 @@ def offset_word(offset: int) -> int:
 
 
 class StsMemory:
-    """The bytes that the wire sees, those in flash behind them, and the saved defaults behind these."""
+    """The control table, its copy in flash memory, and the saved defaults."""
 
     def __init__(self, model: ServoModel, servo_id: int, states: States) -> None:
         self.work_on(states)
         self.servo_id = servo_id
         self.baud = 0
-        """Bits per second. Decoded with each write: every packet on the line is held against these two."""
+        """Baud rate in bits per second. It is decoded at each write, as is the ID, because every packet needs both."""
         for register, value in FACTORY.items():
             self.put(register, value)
         self.put(sts.model_number, model.number)
@@ -78,42 +78,42 @@ class StsMemory:
         self.power_up()
 
     def work_on(self, states: States) -> None:
-        """The table is this record's from now on."""
+        """Use the table of this record from now on."""
         self._table = memoryview(states["table"][0])
 
     @property
     def answers(self) -> int:
-        """What is answered: 1 pings and reads, 2 all."""
+        """Status level: 1 answers pings and reads, 2 answers every instruction."""
         return 2 if self.get(sts.status_level) else 1
 
     def get(self, register: Register) -> int:
-        """A register's value, decoded."""
+        """Return the decoded value of a register."""
         return register.decode(bytes(self._table[register.address : register.address + register.size]), "little")
 
     def put(self, register: Register, value: int) -> None:
-        """The firmware's own write: no access rules, volatile."""
+        """Write a register without access rules. The value is lost at power-off."""
         self._table[register.address : register.address + register.size] = register.encode(value, "little")
         self._decode()
 
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes from ``address``, or fewer where the table ends."""
+        """Return ``size`` bytes from ``address``, or fewer at the end of the table."""
         return bytes(self._table[address : address + size])
 
     def write(self, address: int, data: bytes) -> None:
-        """A write from the wire. Read-only bytes stay as they are, the others are written."""
+        """Write bytes that came over the wire. Read-only bytes do not change."""
         for at, value in enumerate(data[: max(0, TABLE_SIZE - address)], address):
             if at not in READ_ONLY:
-                self._write_byte(at, self._sensible(at, value))
+                self._write_byte(at, self._corrected(at, value))
         self._decode()
 
     def save(self, register: Register, value: int) -> None:
-        """Put a persistent register so that it survives power-off, whatever the lock says."""
+        """Write a persistent register so that the value survives power-off, regardless of the lock."""
         self.put(register, value)
         span = slice(register.address, register.address + register.size)
         self._saved[span] = self._table[span]
 
     def power_up(self) -> None:
-        """What a power-off forgets is as at the beginning, what is saved comes back."""
+        """Restore the saved registers and reset the volatile ones."""
         self._table[:] = self._saved
         for at in set(range(TABLE_SIZE)) - PERSISTENT - set(range(4)):
             self._table[at] = 0
@@ -121,17 +121,17 @@ class StsMemory:
         self.put(sts.torque_limit, self.get(sts.max_torque))
 
     def save_defaults(self) -> None:
-        """Instruction 9: what the table says now is what instruction 6 brings back."""
+        """Save the present table as the defaults (instruction 9)."""
         self._defaults = bytes(self._table)
 
     def restore_defaults(self) -> None:
-        """Instruction 6: the saved defaults into the flash, except for the ID."""
+        """Copy the saved defaults to flash memory, except for the ID (instruction 6)."""
         self._saved[:] = self._defaults
         self._saved[sts.servo_id.address] = self.servo_id
 
     @property
     def flash(self) -> Flash:
-        """What it keeps without power."""
+        """The content of the flash memory."""
         return Flash(bytes(self._saved), self._defaults)
 
     @flash.setter
@@ -141,7 +141,7 @@ class StsMemory:
 
     @property
     def kept(self) -> Kept:
-        """Which bytes these are."""
+        """The registers and bytes that survive power-off."""
         return KEPT
 
     def _write_byte(self, at: int, value: int) -> None:
@@ -149,13 +149,13 @@ class StsMemory:
         if at in PERSISTENT and not self._table[sts.lock.address]:
             self._saved[at] = value
 
-    def _sensible(self, at: int, value: int) -> int:
-        """The only two values that the firmware corrects byte by byte."""
+    def _corrected(self, at: int, value: int) -> int:
+        """Correct a byte as the firmware does. It corrects only these two values."""
         if at == sts.baud_rate.address and value >= len(sts.BAUD_RATES):
             return 0
         return 1 if at == sts.angular_resolution.address and value == 0 else value
 
     def _decode(self) -> None:
-        """Take ID and baud from the registers."""
+        """Decode the ID and the baud rate."""
         self.servo_id = self._table[sts.servo_id.address]
         self.baud = sts.BAUD_RATES[self._table[sts.baud_rate.address]]

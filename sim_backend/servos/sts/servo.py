@@ -1,7 +1,7 @@
-"""One virtual STS servo: the control table, the firmware, and what the instructions do to them.
+"""One virtual STS servo: control table, firmware and instructions.
 
-Servos with other tables on the same packets are in ``scs_servo`` and ``dynamixel1_servo``. docs/simulation.md says
-what is known of an STS servo, and from where. Assumed besides: a read that is malformed is not answered.
+``scs_servo`` and ``protocol1_servo`` contain servos with the same packets but other tables. docs/simulation.md lists
+what is known of an STS servo, with sources. Also assumed: a malformed read is not answered.
 """
 
 from typing import ClassVar, Final
@@ -18,15 +18,15 @@ from sim_backend.servos.sts.memory import OFFSET_WORD, StsMemory, offset_word
 from sim_backend.servos.sts.state import TABLE_SIZE
 
 SET_MIDDLE: Final = 128
-"""Written to the torque switch: call the present position the middle, 2048."""
+"""Value of the torque switch that makes the present position the middle (2048)."""
 MIDDLE: Final = 2048
 REBOOT_S: Final = 0.8
-"""How long a reboot takes, says the protocol manual."""
+"""Duration of a reboot according to the protocol manual, in seconds."""
 RETURN_DELAY_UNIT_S: Final = 2e-6
 
 
 class VirtualServo(PacketServo):
-    """An STS servo below the wire."""
+    """An STS servo on a virtual bus."""
 
     GROUP_READ: ClassVar[Code | None] = Code.SYNC_READ
 
@@ -37,7 +37,7 @@ class VirtualServo(PacketServo):
         motor: MotorConstants | None = None,
         variant: StsVariant = AS_REIMPLEMENTED,
     ) -> None:
-        """``motor``: if not the usual one of ``model``."""
+        """Create a servo. ``motor`` defaults to the motor of ``model``."""
         motor = motor or sts_motor(model)
         super().__init__(model, motor.gears)
         states = sts_states(motor, variant)
@@ -46,7 +46,7 @@ class VirtualServo(PacketServo):
 
     @property
     def deaf_s(self) -> float:
-        """For how long it will not hear anything: the compiled millisecond counts it down."""
+        """Remaining time in which the servo hears nothing, in seconds. The compiled firmware counts it down."""
         return self.firmware.deaf_s
 
     @deaf_s.setter
@@ -55,11 +55,11 @@ class VirtualServo(PacketServo):
 
     @property
     def return_delay_s(self) -> float:
-        """From an instruction to the reply: the byte's time that the line must be silent, and what register 7 adds."""
+        """Delay from an instruction to its reply, in seconds: one byte of silence plus the return delay register."""
         return BITS_PER_BYTE / self.baud + RETURN_DELAY_UNIT_S * self.memory.get(sts.return_delay)
 
     def answer(self, instruction: Instruction) -> bytes | None:
-        """Do what one instruction says; the reply, if this servo makes one to it."""
+        """Execute an instruction and return the reply, or None if the servo sends none."""
         parameters, named = instruction.parameters, self.servo_id
         if instruction.code == Code.PING:
             return self._status(named)
@@ -71,11 +71,11 @@ class VirtualServo(PacketServo):
             self.power_cycle()
             self.deaf_s = REBOOT_S
             return None
-        self._obey(instruction.code, parameters)
-        return self._status(named) if self.memory.answers == 2 else None  # as register 8 is by now
+        self._execute(instruction.code, parameters)
+        return self._status(named) if self.memory.answers == 2 else None  # The write may have changed the status level.
 
-    def _obey(self, code: int, parameters: bytes) -> None:
-        """Do what is answered by an empty status, whether it is known or not."""
+    def _execute(self, code: int, parameters: bytes) -> None:
+        """Execute an instruction whose reply is an empty status packet. Unknown instructions get the same reply."""
         match code:
             case Code.WRITE if len(parameters) >= 2:
                 self.write(parameters[0], parameters[1:])
@@ -101,11 +101,11 @@ class VirtualServo(PacketServo):
                     self.call_this_angle(count)
 
     def read(self, address: int, size: int) -> bytes:
-        """``size`` bytes of the table from ``address``, as the last millisecond left them."""
+        """Return ``size`` bytes of the table from ``address``, as of the last millisecond."""
         return self._reported(address, TABLE_SIZE if address == size == 0 else size)
 
     def write(self, address: int, data: bytes) -> None:
-        """A write from the wire and all that follows from it: of one behind the table, nothing."""
+        """Write bytes that came over the wire and apply all side effects. A write beyond the table has no effect."""
         if address >= TABLE_SIZE:
             return
         mode = self.memory.get(sts.operating_mode) if touches(address, len(data), sts.operating_mode) else None
@@ -120,12 +120,12 @@ class VirtualServo(PacketServo):
             self.memory.put(sts.torque_enable, 0)
 
     def call_this_angle(self, count: int) -> None:
-        """Choose the homing offset so that the shaft is now at ``count``, saved whatever the lock says."""
+        """Set the homing offset so that the shaft is now at ``count``, and save it regardless of the lock."""
         self.memory.save(OFFSET_WORD, offset_word(self.firmware.raw_count - count))
         self.firmware.forget_turns()
 
     def power_cycle(self) -> None:
-        """Power off and on again: what was not saved is gone, the motor is free."""
+        """Switch the power off and on. Values that were not saved are lost, and the torque is off."""
         self._registered = None
         self.memory.power_up()
         self.firmware.restart()
