@@ -13,7 +13,7 @@ from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.marked import remember
 from tests.pages import require_taken
 from tests.ros_domain import ros_domain
-from tests.tiers import first_of_each_file, has_long_tests, mark_long
+from tests.tiers import has_long_tests, mark_long, sample
 
 __all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
 
@@ -68,7 +68,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option with which CI runs a part of the slow tests."""
     parser.addoption(
-        "--first-of-each-file", action="store_true", help="run the first of the selected tests of each file"
+        "--sample", action="store_true", help="run the first of the selected tests of two files of each folder"
     )
 
 
@@ -91,9 +91,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(specname="pytest_collection_modifyitems", trylast=True)
 def pytest_sample_items(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what ``--first-of-each-file`` leaves out, after the markers have been selected."""
-    if config.getoption("first_of_each_file"):
-        kept = first_of_each_file(items)
+    """Leave out what ``--sample`` leaves out, after the markers have been selected."""
+    if config.getoption("sample"):
+        kept = sample(items)
         config.hook.pytest_deselected(items=[item for item in items if item not in set(kept)])
         items[:] = kept
 

@@ -3,13 +3,19 @@
 Of a long test (long_tests.txt) `make test` has the first of several cases.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import Final
 
 import pytest
 
 LIST = Path(__file__).with_name("long_tests.txt")
+FILES_OF_A_FOLDER: Final = 2
+"""Number of files of each folder from which CI runs a slow test."""
+ALWAYS: Final = "tests/ros/test_readme.py"
+"""The file with the commands of the README, from which CI always runs a test."""
 
 
 @cache
@@ -34,7 +40,17 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
         seen.add(name)
 
 
-def first_of_each_file(items: list[pytest.Item]) -> list[pytest.Item]:
-    """The first test of each file, in order; without long tests, of which `make test` has a case."""
+def sample(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Return the first test of each of the first ``FILES_OF_A_FOLDER`` files of each folder, in order.
+
+    Long tests are left out: `make test` has a case of each.
+    """
     slow = [item for item in items if item.nodeid.partition("[")[0] not in long_tests()]
-    return list({item.path: item for item in reversed(slow)}.values())[::-1]
+    first = list({item.path: item for item in reversed(slow)}.values())[::-1]
+    in_folder = Counter[Path]()
+    kept: list[pytest.Item] = []
+    for item in first:
+        in_folder[item.path.parent] += 1
+        if in_folder[item.path.parent] <= FILES_OF_A_FOLDER or item.path.match(ALWAYS):
+            kept.append(item)
+    return kept

@@ -112,7 +112,7 @@ def test_hardware_that_cannot_start_is_reported(
 @pytest.mark.row("cm-no-hang")
 def test_missing_port_is_reported(ros_domain: int, tmp_path: Path) -> None:
     words = refusal(tmp_path, "--port", str(tmp_path / "no_such_port"))
-    assert words.splitlines()[-1].startswith(f"servoloop: there is no {tmp_path / 'no_such_port'}")
+    assert words.splitlines()[-1].startswith(f"servoloop: {tmp_path / 'no_such_port'} does not exist")
 
 
 @pytest.mark.row("cm-no-hang")
