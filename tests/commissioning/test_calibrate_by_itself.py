@@ -70,7 +70,7 @@ def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
 def test_somebody_who_stops_it_has_a_limp_arm_that_was_let_down() -> None:
     arm = UnalignedArm(1)
     stop_s = arm.clock.now() + 12.0
-    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+    with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
         by_itself(arm, stopped=lambda: arm.clock.now() > stop_s).run()
     assert is_limp_with_its_limits(arm)
     assert arm.fastest_rad_s < 2.0, "it sinks, and does not fall"
@@ -125,13 +125,15 @@ def test_an_adapter_that_is_pulled_ends_it_and_says_that_torque_may_be_on() -> N
     arm.open_bus = opened  # type: ignore[method-assign]
     with pytest.raises(StoppedError, match="torque may still be on") as lost:
         by_itself(arm, stopped=pull).run()
-    assert "limits are off until their supply is switched off and on: it is not there" in lost.value.__notes__[-1]
+    assert (
+        "the servos could not be restarted: it is not there. Switch their supply off and on" in lost.value.__notes__[-1]
+    )
 
 
 def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
     arm = UnalignedArm(1)
     joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]
-    with pytest.raises(CalibrationError, match="joint1: only STS servos calibrate themselves"):
+    with pytest.raises(CalibrationError, match="joint1: automatic calibration works only with STS servos"):
         ByItself(lambda: arm.open_bus(JOINTS), joints, PLAN, Onlooker(arm), arm.clock).run()
 
 
@@ -166,7 +168,7 @@ def test_a_wrong_answer_that_the_arm_contradicts_is_asked_for_again() -> None:
     watcher = Mistaken(arm, plan.joints)
     found = ByItself(lambda: arm.open_bus(arm.joints), arm.joints, plan, watcher, arm.clock).run()
     assert watcher.asked.count("wrist_flex") == 2
-    assert any("wrist_flex did not get to where it was sent" in text for text in watcher.heard)
+    assert any("wrist_flex did not reach its goal" in text for text in watcher.heard)
     assert found["wrist_flex"].sign == arm.coupling("wrist_flex").sign
 
 
@@ -175,7 +177,7 @@ def test_a_joint_that_is_in_the_way_of_both_answers_ends_it_by_name() -> None:
     arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
     plan = find_arm("so101").file.calibration
     laid_down(arm)
-    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) does not get to where it is to be out of"):
+    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) is blocked on its way to the position"):
         ByItself(
             lambda: arm.open_bus(arm.joints), arm.joints, plan, Mistaken(arm, plan.joints, mistakes=2), arm.clock
         ).run()

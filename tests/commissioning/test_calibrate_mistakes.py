@@ -112,7 +112,7 @@ def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_wh
     before = tuple(replace(j, homing_offset=0, sign=arm.coupling(j.name).sign) for j in joints.values())
     again = to_turn_round(before, owner.plans, found, cast(Any, owner))
     assert owner.questions == [DIRECTIONS.format(joints="shoulder_pan, wrist_roll")], "the elbow's stops show its own"
-    assert "shoulder_pan: its direction is the opposite of the one in the former calibration" in owner.heard
+    assert "shoulder_pan: its direction is opposite to that of the previous calibration" in owner.heard
     assert not any(text.startswith("wrist_roll: its direction") for text in owner.heard)
     assert [joint.name for joint in again] == ["shoulder_pan", "wrist_roll"]
     measured = by_hand(cast(Any, owner))(cast(Any, arm.bus), again, owner.plans)
@@ -125,7 +125,7 @@ def test_a_direction_that_the_stops_contradict_is_asked_for_again(times: int, as
     joints, found = calibrated(arm, hands, "elbow_flex")
     joint, made = joints["elbow_flex"], found["elbow_flex"]
     (first, *_) = [text for text in hands.heard if "its stops are at" in text]
-    assert "was its direction shown the wrong way round" in first
+    assert "was it moved in the wrong direction" in first
     assert len(hands.asked("direction", "elbow_flex")) >= asked
     right = made.sign == arm.coupling("elbow_flex").sign
     assert right == (times == 1) == (doubts(joint, made) == "")
@@ -165,11 +165,11 @@ def test_a_joint_that_turns_freely_is_not_swept_and_its_pose_is_shown_twice() ->
 
 def test_servos_that_have_exchanged_their_ids_are_named() -> None:
     arm, hands = clumsy("so101", instead={"shoulder_pan": "elbow_flex", "elbow_flex": "shoulder_pan"})
-    exchanged = r"shoulder_pan: servo 1 did not move, and servo 3 \(elbow_flex\) did, twice"
+    exchanged = r"shoulder_pan: servo 1 did not move, but servo 3 \(elbow_flex\) moved twice"
     with pytest.raises(CalibrationError, match=exchanged):
         calibrated(arm, hands, "shoulder_pan", "elbow_flex")
     again = hands.asked("direction", "shoulder_pan")[1]
-    assert again.startswith("shoulder_pan: it hardly moved, but servo 3 (elbow_flex) turned. ")
+    assert again.startswith("shoulder_pan hardly moved, but servo 3 (elbow_flex) turned. ")
 
 
 @given(

@@ -12,11 +12,11 @@ from commissioning.calibrate.by_hand import ByHand, Task
 from commissioning.calibrate.result import CalibrationError, doubts
 from commissioning.calibrate.run import (
     DIRECTIONS,
-    HOLD,
-    LET_GO,
+    HANDS_OFF,
     MOVED,
     REPEAT,
     STORE,
+    SUPPORT,
     TRY,
     Difference,
     by_hand,
@@ -50,12 +50,12 @@ class Owner(Person):
 
     def say(self, text: str) -> None:
         super().say(text)
-        if text == LET_GO:
+        if text == HANDS_OFF:
             assert torque(self.arm) == [joint.servo_id for joint in self.arm.joints], (
                 "it is let go when it holds itself"
             )
             self.arm.hand.release()
-        if text == HOLD:
+        if text == SUPPORT:
             assert torque(self.arm), "it is taken before it is limp"
             self.arm.hand.hold()
 
@@ -125,7 +125,7 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
     def stopped() -> bool:
         return bool(owner.heard) and owner.heard[-1].endswith(" moves")
 
-    with pytest.raises(StoppedError, match="the arm is limp") as left:
+    with pytest.raises(StoppedError, match="the torque of the arm is released") as left:
         calibrate(
             robot,
             JOINTS,
@@ -137,14 +137,14 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
             stopped,
         )
     assert torque(arm) == [] and calibration_path(robot).exists()
-    assert "the calibration is stored, and was not tried to the end" in left.value.__notes__
+    assert "the calibration is stored, but its motion test was not completed" in left.value.__notes__
 
 
 @pytest.mark.slow
 def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)
-    with pytest.raises(CalibrationError, match="joint2: which way is positive was not shown"):
+    with pytest.raises(CalibrationError, match="joint2 was not moved in its positive direction"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert not calibration_path(robot).exists()
 
@@ -185,7 +185,9 @@ def test_a_direction_that_the_trial_shows_to_be_wrong_is_taken_out_of_use(robot:
     wrong = arm.as_mounted()
     wrong["joint1"] = replace(wrong["joint1"], sign=-wrong["joint1"].sign)
     again = (
-        "is the former one again. Calibrate again" if former else r"calibration.yaml.wrong now, and not in use\. Cal"
+        "is the previous calibration again. Calibrate again"
+        if former
+        else r"calibration.yaml.wrong and is not used\. Cal"
     )
     with pytest.raises(CalibrationError, match=again):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock, lambda *_: wrong)
@@ -204,6 +206,6 @@ def test_joints_that_are_doubtful_are_measured_once_more_if_their_owner_wants_th
     (elbow,) = to_repeat(arm.joints, made, hands)
     again = made | by_hand(hands)(cast(Any, arm), [elbow], arm.plan.joints)
     assert hands.asked == [REPEAT.format(joints="elbow_flex")]
-    assert any(re.match("elbow_flex: was moved through .* of 3.380", text) for text in hands.heard)
+    assert any(re.match("elbow_flex: it was moved through .* of 3.380", text) for text in hands.heard)
     assert doubts(arm.joints[2], again["elbow_flex"]) == "" and again["gripper"] is made["gripper"]
     assert to_repeat(arm.joints, again, hands) == [] and len(hands.asked) == 1

@@ -122,14 +122,14 @@ def test_where_it_cannot_be_found_lerobots_zero_is_taken_and_flagged() -> None:
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
     roll = made["wrist_roll"]
     assert (roll.source, roll.made.zero_counts, roll.at_lerobot_zero) == ("lerobot", 2047, 0.0)
-    assert "LeRobot's zero stands for the URDF's" in roll.doubt
+    assert "LeRobot's zero is used instead" in roll.doubt
     by_middle = from_lerobot(theirs(), JOINTS, BUILT, PLANS | {"wrist_roll": JointPlan(positive="that way")})
     assert [one.source for one in by_middle if one.joint.name == "wrist_roll"] == ["lerobot"]
 
 
 def test_a_travel_that_is_not_the_urdfs_is_doubtful() -> None:
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
-    assert "its travel is 4.077, the URDF's 3.840" in made["shoulder_pan"].doubt
+    assert "its travel is 4.077, but 3.840 in the URDF" in made["shoulder_pan"].doubt
     assert made["elbow_flex"].doubt == ""
 
 
@@ -221,23 +221,26 @@ def test_an_own_calibration_survives_the_way_out_and_back_in_files(robot: Path) 
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"gripper": (6, 0, 0, 3900, 200)}, "gripper: its range begins at 3900 and ends at 200: it goes over the seam"),
+        (
+            {"gripper": (6, 0, 0, 3900, 200)},
+            "gripper: its range begins at 3900 and ends at 200, so it crosses the seam",
+        ),
         (
             {"shoulder_pan": (1, 0, 0, 2039, 2047)},
-            r"shoulder_pan: it was moved through 0.012 of 3.840 in the URDF \(counts 2039 to 2047\), so its stops",
+            r"shoulder_pan: it was moved through only 0.012 of 3.840 in the URDF \(counts 2039 to 2047\), so its stops",
         ),
-        ({"gripper": (6, 0, 0, 2025, 2600)}, "gripper: it was moved through 0.882 of 1.920 in the URDF"),
-        ({"wrist_roll": (5, 0, 0, 2039, 2047)}, "wrist_roll: it was moved through 0.012 of 5.585 in the URDF"),
+        ({"gripper": (6, 0, 0, 2025, 2600)}, "gripper: it was moved through only 0.882 of 1.920 in the URDF"),
+        ({"wrist_roll": (5, 0, 0, 2039, 2047)}, "wrist_roll: it was moved through only 0.012 of 5.585 in the URDF"),
         ({"gripper": (6, 0, 0, 200, 200)}, "gripper: its range begins and ends at 200: the joint was not moved"),
         (
             {"gripper": (6, 0, 2048, 0, 900)},
-            r"gripper: its homing offset 2048 is none that its servo \(6\) takes, -2047 to 2047",
+            r"gripper: its homing offset 2048 is outside the range of its servo \(6\), -2047 to 2047",
         ),
         ({"gripper": (6, 2, 0, 0, 900)}, "gripper.drive_mode"),
         ({"gripper": (6, 0, 0, -30, 900)}, "gripper: its range -30 to 900 is not within the servo's counts, 0 to 4095"),
-        ({"gripper": (7, 0, 0, 30, 900)}, "gripper: it has servo 7 in LeRobot's file and 6 in the robot file"),
-        ({"claw": (7, 0, 0, 30, 900)}, "LeRobot's file has claw, which the robot file has not"),
-        ({"shoulder_pan": (1, 0, 0, 5, 2100)}, "shoulder_pan: with the zero found, its limits .* over the seam"),
+        ({"gripper": (7, 0, 0, 30, 900)}, "gripper: its servo has ID 7 in LeRobot's file, but 6 in the robot file"),
+        ({"claw": (7, 0, 0, 30, 900)}, "LeRobot's file has joint claw, but the robot file does not"),
+        ({"shoulder_pan": (1, 0, 0, 5, 2100)}, "shoulder_pan: with this zero, its limits .* crosses the seam"),
     ],
 )
 def test_what_cannot_be_right_is_said_and_nothing_is_written(
@@ -251,11 +254,11 @@ def test_what_cannot_be_right_is_said_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "no JSON file"),
-        ("[" * 100_000, "no JSON file"),
+        ("", "not a JSON file"),
+        ("[" * 100_000, "not a JSON file"),
         ('{"gripper": {}}', "gripper.id: Field required"),
-        ('{"gripper": 1, "gripper": 2}', "gripper stands there twice"),
-        ('{"motor_names": [], "start_pos": []}', "older LeRobot"),
+        ('{"gripper": 1, "gripper": 2}', "duplicate key: gripper"),
+        ('{"motor_names": [], "start_pos": []}', "older version of LeRobot"),
         ('{"gripper": {"id": true}}', "gripper.id: true is a truth value, and a number is needed"),
     ],
 )
@@ -265,7 +268,7 @@ def test_a_file_that_is_none_is_refused(robot: Path, text: str, said: str) -> No
 
 
 def test_a_missing_joint_is_named(robot: Path) -> None:
-    with pytest.raises(CalibrationError, match="LeRobot's file has no gripper, which the robot file has"):
+    with pytest.raises(CalibrationError, match="the robot file has joint gripper, but LeRobot's file does not"):
         import_text(robot, json.dumps({name: entry for name, entry in content().items() if name != "gripper"}))
 
 
@@ -282,7 +285,7 @@ def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) 
     """As LeKiwi's, which has wheels too."""
     wheels = {"base_left_wheel": (7, 0, 0, 0, 4095), "base_right_wheel": (9, 0, 0, 0, 4095)}
     text = json.dumps(content({f"arm_{name}": entry for name, entry in PUBLISHED.items()} | wheels))
-    with pytest.raises(CalibrationError, match=r"^LeRobot's file names .* arm_ before .* with --prefix arm_$"):
+    with pytest.raises(CalibrationError, match=r"the names of .* joints begin with arm_: .* with --prefix arm_$"):
         import_text(robot, text)
     path = robot.with_name("theirs.json")
     with pytest.raises(CalibrationError, match="no joint in LeRobot's file begins with leg_: it has arm_shoulder_pan"):
@@ -303,7 +306,7 @@ def test_an_arm_that_no_such_file_fits_is_told_before_the_file_is_read(robot: Pa
 def test_an_offset_that_no_servo_takes_is_named_and_imports_over_it_go_on(robot: Path) -> None:
     wild = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, homing_offset=5000, lower_counts=1, upper_counts=2)
     former = CalibrationFile(joints={"gripper": wild})
-    with pytest.raises(CalibrationError, match="gripper: the homing offset 5000 is none that its servo"):
+    with pytest.raises(CalibrationError, match="gripper: its homing offset 5000 is outside the range of its servo"):
         to_lerobot(former, BUILT)
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS, former)}
     assert made["gripper"].source == "lower_stop"
@@ -311,7 +314,7 @@ def test_an_offset_that_no_servo_takes_is_named_and_imports_over_it_go_on(robot:
 
 def test_what_is_shown_is_what_was_imported(robot: Path) -> None:
     before = calibration_rows(robot, JOINTS)
-    assert {(row.travel, row.doubt) for row in before} == {(None, "was never calibrated")}
+    assert {(row.travel, row.doubt) for row in before} == {(None, "not calibrated yet")}
     import_text(robot, json.dumps(content()))
     row = calibration_rows(robot, JOINTS)[2]
     assert (row.joint, row.servo_id) == ("elbow_flex", 3)
