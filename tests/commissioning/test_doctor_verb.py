@@ -108,7 +108,7 @@ def test_a_missing_port_is_a_finding_and_no_crash(
 ) -> None:
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     assert run(monkeypatch, "doctor", "--port", str(link)) == 1
-    assert "the adapter's port is not there" in " ".join(capsys.readouterr().out.split())
+    assert "the adapter's port does not exist" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_report_has_no_name_of_user_machine_or_home() -> None:

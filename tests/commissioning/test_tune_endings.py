@@ -46,7 +46,7 @@ def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
 def test_whoever_stops_it_has_the_arm_at_its_park_pose_and_limp() -> None:
     bench = TuneBench()
     report_at_s = bench.clock.now() + 6.0
-    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+    with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
         tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
     assert bench.torque == [False] * 3
     assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
