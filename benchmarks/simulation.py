@@ -1,21 +1,24 @@
 """How much faster than real time the simulation is, on one core: ``python -m benchmarks.simulation [--json]``.
 
 Three times: the world alone, with the servos of the virtual arm on it, and the whole stack from the controllers to the
-bytes and the physics. Each figure is the best of several runs: what disturbs a run only makes it slower.
+bytes and the physics. Each figure is the best of several runs: what disturbs a run only makes it slower. Then come the
+first runs of the default campaign, docs/campaign.yaml, with all invariants and without any: their processor time.
 """
 
 import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
 
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.arguments import in_words
+from benchmarks.invariants import SEEDS, InvariantCost, cost, default_scenario
+from benchmarks.stopwatch import Stopwatch
 from drivers.servos import sts
+from servoloop.campaign.campaign import Scenario
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.emulator import couplings, virtual_bus
 from servoloop.stack.robot_files import read_files
@@ -28,38 +31,6 @@ STEPS = 4000
 MOVE_S = 2.0
 SWING_RAD = 0.5
 SETTLE_S = 1.0
-
-
-@dataclass(slots=True)
-class Stopwatch:
-    """Seconds spent in each part, without those spent in other parts that it called."""
-
-    spent_s: dict[str, float] = field(default_factory=dict)
-    _inner_s: list[float] = field(default_factory=lambda: [0.0])
-
-    def watch(self, part: str, owner: object, *methods: str) -> None:
-        """Count the time of these methods of ``owner`` as this part's from now on."""
-        self.spent_s.setdefault(part, 0.0)
-        for method in methods:
-            setattr(owner, method, self._timed(part, getattr(owner, method)))
-
-    def _timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*args: Any, **kwargs: Any) -> Any:
-            self._inner_s.append(0.0)
-            begin_s = time.perf_counter()
-            try:
-                return method(*args, **kwargs)
-            finally:
-                whole_s = time.perf_counter() - begin_s
-                self.spent_s[part] += whole_s - self._inner_s.pop()
-                self._inner_s[-1] += whole_s
-
-        return timed
-
-    def shares(self) -> dict[str, float]:
-        """The share of each part."""
-        total_s = sum(self.spent_s.values())
-        return {part: spent_s / total_s for part, spent_s in self.spent_s.items()}
 
 
 def moving(stack: SimulatedStack) -> Callable[[], None]:
@@ -105,6 +76,8 @@ class Figures:
     stack: float
     without_a_wire: float
     shares: dict[str, float]
+    invariants: InvariantCost
+    """The cost of a campaign's invariants."""
 
 
 def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
@@ -137,8 +110,11 @@ def servos_speed(runs: int, steps: int) -> float:
     return steps * world.timestep_s / best_s(line.rig.step, steps, runs)
 
 
-def measure(runs: int = RUNS, steps: int = STEPS) -> Figures:
-    """Measure all of it. Where the time goes is asked of a run of its own, as asking takes time as well."""
+def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> Figures:
+    """Measure all of it. Where the time goes is asked of a run of its own, as asking takes time as well.
+
+    ``scenario``: the campaign whose first ``seeds`` runs show the cost of invariants; None is the default one.
+    """
     stack = up(wire=True)
     move = moving(stack)
     # There and back: one motion has more contacts than the other.
@@ -155,6 +131,7 @@ def measure(runs: int = RUNS, steps: int = STEPS) -> Figures:
         way_s / stack_s,
         way_s / without_s,
         stopwatch.shares(),
+        cost(scenario or default_scenario(), seeds),
     )
 
 
@@ -169,6 +146,19 @@ def show(console: Console, figures: Figures) -> None:
     shares = Table("whole stack", "share of its time")
     for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):
         shares.add_row(part, f"{share:.0%}")
+    console.print(shares)
+    _show_cost(console, figures.invariants)
+
+
+def _show_cost(console: Console, measured: InvariantCost) -> None:
+    runs = f"{measured.runs} runs of a campaign"
+    table = Table(runs, "processor time of a run", "ratio")
+    table.add_row("without invariants", f"{measured.without_s / measured.runs:.2f} s", "1")
+    table.add_row("with all invariants", f"{measured.with_all_s / measured.runs:.2f} s", f"{measured.ratio:.2f}")
+    console.print(table)
+    shares = Table("invariant", "share of the invariants' time")
+    for name, share in sorted(measured.shares.items(), key=lambda entry: -entry[1]):
+        shares.add_row(name, f"{share:.1%}")
     console.print(shares)
 
 

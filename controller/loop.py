@@ -1,4 +1,4 @@
-"""The fixed-rate loop: read → controllers → safety gate → write."""
+"""Run the fixed-rate loop: read, update the controllers, check with the safety gate, write."""
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,15 +24,26 @@ from hal.types import FloatArray, JointLimits, JointState, far_outside
 LOG = logging.getLogger("servoloop.controller")
 
 REMEMBERED: Final = 0.95
-"""The share of the longest time behind the reading that is left after one more cycle."""
+"""Share of the remembered maximum time of the steps after the reading that remains after one more cycle."""
 LEAST_RESERVE: Final = 0.1
-"""The share of the period that reading leaves to the other steps, however short they have been."""
+"""Minimum share of the period that reading leaves to the other steps."""
 
 
 class ControlLoop:
-    """One thread owns the loop. ``step`` runs one cycle and is what tests call; ``run`` only paces it.
+    """Fixed-rate loop. One thread owns it.
 
-    ``keep_alive``: the loop goes on when the last component is lost, and waits for a client to activate it again.
+    ``step`` runs one cycle, which tests call directly. ``run`` calls ``step`` at the fixed rate.
+
+    Args:
+        hardware: The components.
+        manager: The controllers.
+        limits: Limits by joint name.
+        clock: Clock of the cycles.
+        period_s: Duration of a period, in seconds.
+        on_cycle: Called after each cycle with its measurement. Its exceptions do not end the loop.
+        keep_alive: Whether the loop continues when the last component is lost, and waits for a client to activate
+            it again.
+        background_worker: Runs slow steps of component transitions outside the cycle.
     """
 
     def __init__(
@@ -56,9 +67,9 @@ class ControlLoop:
         self.requests = Requests()
         split = [name.rpartition("/") for name in self.hardware.command_interfaces]
         self.limits = tuple(limits[joint] for joint, _, _ in split)
-        """The limits of each command interface's joint."""
+        """Limits of the joint of each command interface."""
         self.kinds = tuple(kind for _, _, kind in split)
-        """The kind of each command interface: position, velocity or effort."""
+        """Kind of each command interface: position, velocity or effort."""
         self._joint = [self.hardware.joints.index(joint) for joint, _, _ in split]
         self._is_position = np.array([kind == "position" for kind in self.kinds], dtype=bool)
         self.command: FloatArray = np.where(self._is_position, np.nan, 0.0)
@@ -70,11 +81,11 @@ class ControlLoop:
         self._gated: dict[int, str] = {}
         self._drives_speeds = "velocity" in self.kinds
         self._measured: FloatArray | None = None
-        """The position of each command interface's joint, where the gate needs it."""
+        """Position of the joint of each command interface, if the gate needs it."""
         self._due_s: float | None = None
-        """When the cycle was to begin, where ``run`` paces it."""
+        """Planned start of the cycle, in seconds; None if ``run`` does not pace it."""
         self._after_read_s = 0.0
-        """How long the steps behind the reading have taken of late."""
+        """Recent maximum time of the steps after the reading, in seconds."""
         self.on_cycle = on_cycle
         self._keep_alive = keep_alive
         self.component_transitions = ComponentTransitions(
@@ -82,9 +93,17 @@ class ControlLoop:
         )
 
     def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool | None = None) -> None:
-        """Activate the hardware where it stands, except the components named; then the controllers. Raises errors.
+        """Activate the hardware at its current position, then the controllers.
 
-        ``keep_alive``: whether a component that cannot be activated stays inactive, instead; None: as the loop's own.
+        Args:
+            keep_inactive: Names of components that stay inactive.
+            keep_alive: Whether a component that cannot be activated stays inactive, without an error. None for
+                the loop's own ``keep_alive``.
+
+        Raises:
+            DriverError: A component does not answer.
+            ActivationError: A component cannot be activated safely, or a joint's position is unknown, not confirmed, or
+                far outside its limits.
         """
         try:
             activate_all(self.hardware, keep_inactive, self._keep_alive if keep_alive is None else keep_alive)
@@ -99,10 +118,15 @@ class ControlLoop:
             raise
 
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
-        """Command an activated component to be where it stands.
+        """Set the last command of an activated component to its measured positions.
 
-        A position slightly outside the limits stays the last command: the safety gate returns from there slowly.
-        ``joints``: these alone; the others keep their last command.
+        A position slightly outside the limits becomes the last command, too: the safety gate returns from there
+        slowly.
+
+        Args:
+            component: The component.
+            state: Measurement of this cycle.
+            joints: Names of the joints to take over; the others keep their last command. None for all joints.
 
         Raises:
             ActivationError: A joint's position is unknown, not confirmed, or far outside its limits.
@@ -138,11 +162,15 @@ class ControlLoop:
 
     @property
     def within_limits(self) -> FloatArray:
-        """The last command with its positions within the limits, shape (m,): controllers begin from there."""
+        """Last command with its positions within the limits, of shape (m,). Controllers begin from there."""
         return np.where(self._is_position, np.clip(self.command, self._lower, self._upper), self.command)
 
     def step(self) -> JointState:
-        """Run one cycle."""
+        """Run one cycle.
+
+        Returns:
+            The measurement of the cycle.
+        """
         transitions = self.component_transitions
         if self.requests.inbox:
             self.requests.serve()
@@ -156,7 +184,7 @@ class ControlLoop:
             self._measured = state.position[self._joint]
         if transitions.arrived or self.hardware.failures:
             transitions.after_read(state)
-        # The time of the measurement is the cycle's time: what is compared with it must be as old.
+        # The time of the measurement is the time of the cycle, so that controllers compare values of the same age.
         wanted = self.manager.cycle.update(state, self.command, state.stamp_s, self.period_s)
         self.send(wanted)
         if transitions.leaving or self.hardware.failures:
@@ -166,16 +194,17 @@ class ControlLoop:
         return state
 
     def _read_deadline_s(self) -> float:
-        """Until when to wait for the measurements: all that the cycle has left but what its other steps need.
+        """Return the time until which to wait for the measurements: the end of the cycle minus the time of the other
+        steps.
 
-        A cycle that woke late has less, yet never less than half a period: the next one is late then, too.
+        A cycle that woke up late has less time, but at least half a period. The next cycle is then late, too.
         """
         now_s, period_s = self.clock.now(), self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
         return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
 
     def _show(self, state: JointState) -> None:
-        """An observer that fails must not end the cycle."""
+        """Call the observer. Its exceptions must not end the cycle."""
         try:
             self.on_cycle(state)
         except Exception:
@@ -184,16 +213,24 @@ class ControlLoop:
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command to the hardware through the gate, the only way there. ``wanted`` has shape (m,)."""
+        """Send a command through the safety gate to the hardware. This is the only path to the hardware.
+
+        Args:
+            wanted: Command of shape (m,).
+        """
         gated = self._gate.limit(wanted, self.command, self.period_s, self._measured)
         self._log_gate(gated.reasons)
-        # What was never measured or commanded is NaN still, and the components leave that out.
+        # Joints that were never measured or commanded are still NaN; the components leave them out.
         self.previous_command, self.command = self.command, gated.values
         self.manager.cycle.sent(self.command, self.previous_command)
         self.hardware.write(gated.values, self.period_s)
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Run cycles at the fixed rate until ``stop`` says so."""
+        """Run cycles at the fixed rate.
+
+        Args:
+            stop: Called before each cycle; the loop ends when it returns True.
+        """
         due_s = self.clock.now()
         while not stop():
             self.clock.sleep_until(due_s)
@@ -202,7 +239,7 @@ class ControlLoop:
             due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s)
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
-        """Log the gate's changes once, not in every cycle of an episode."""
+        """Log each change by the safety gate once, not in every cycle of an episode."""
         if new := sorted(reasons.keys() - self._gated.keys()):
             log_gate({self.hardware.command_interfaces[index]: reasons[index] for index in new})
         self._gated = reasons

@@ -1,4 +1,4 @@
-"""Parameters of nodes in general; those of a controller stand beside the controller."""
+"""Define parameters of nodes in general. The parameters of a controller are defined beside the controller."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
@@ -8,11 +8,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from hal.plausible import MaxMessageSize, NoTruth, UpdateRate
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False), NoTruth]
-"""A number of a user's own controller, of whatever kind."""
+"""Number of zero or more, of any meaning, for your own controllers."""
 
 
 def ros_mistakes(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yields the dotted name of each value that a ROS parameter cannot have, and the mistake."""
+    """Yield the dotted name of each value that is not possible for a ROS parameter, with the mistake."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if not all(name.split(".")):
@@ -39,15 +39,22 @@ def _value_mistake(value: Any) -> str | None:
 
 
 class Parameters(BaseModel):
-    """Parameters of a node, under ros2_control's names."""
+    """Parameters of a node, under ros2_control's names. Controllers derive their parameters from this class."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     @classmethod
     def as_far_as_given(cls, values: Mapping[str, Any]) -> Self:
-        """The parameters; where required ones are not among ``values``, without these: see ``missing``.
+        """Build the parameters from the given values. Required values may be missing: see ``missing``.
 
-        Raises pydantic's ValidationError for every other mistake.
+        Args:
+            values: Value by parameter name.
+
+        Returns:
+            The parameters. If a required value is missing, the other values are not converted to their types.
+
+        Raises:
+            pydantic.ValidationError: A value has any other mistake.
         """
         try:
             return cls.model_validate(dict(values))
@@ -57,23 +64,36 @@ class Parameters(BaseModel):
         return cls.model_construct(**values)
 
     def missing(self) -> tuple[str, ...]:
-        """Required parameters that nobody has given yet. Until then no controller can be built from the others."""
+        """Return the required parameters that have no value. Until they are set, no controller can be built.
+
+        Returns:
+            Names of the parameters.
+        """
         fields = type(self).model_fields
         return tuple(name for name, field in fields.items() if field.is_required() and name not in self.__dict__)
 
     def claims(self) -> tuple[str, ...]:
-        """The command interfaces that the controller claims while it is active, such as ``joint1/position``."""
+        """Return the command interfaces that the controller claims while it is active.
+
+        Returns:
+            Full names, such as ``joint1/position``.
+        """
         return ()
 
     def unused(self) -> list[str]:
-        """Parameters without effect. Unknown ones may be upstream's: they are named in the log, not refused."""
+        """Return the parameters without effect. Unknown parameters may be upstream's, so they are logged and not
+        refused.
+
+        Returns:
+            Names of the parameters, sorted.
+        """
         return sorted(self.model_extra or {})
 
 
 class ManagerParameters(Parameters):
-    """Parameters of the controller manager itself."""
+    """Parameters of the controller manager."""
 
     update_rate: UpdateRate = 100  # upstream's default
     max_message_size: MaxMessageSize = 2_000_000
-    """Bytes in memory of the largest goal, command or request that is read; larger ones are refused. With 2 MB, goals
-    have up to 5000 points of twelve joints with velocities and accelerations."""
+    """Maximum size in memory of a goal, command or request, in bytes. Larger ones are refused. With 2 MB, goals have
+    up to 5000 points of twelve joints with velocities and accelerations."""

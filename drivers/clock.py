@@ -6,19 +6,23 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Seconds on a clock that never goes backwards; its zero means nothing."""
+    """Source of time. It never goes backwards; its zero has no meaning."""
 
     def now(self) -> float:
-        """The time in seconds."""
+        """Return the current time, in seconds."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Return at ``deadline_s`` or a little later; at once if it has passed."""
+        """Sleep until a time. Return at once if it has passed.
+
+        Args:
+            deadline_s: Time to wake up, in seconds on this clock.
+        """
         ...
 
 
 class MonotonicClock:
-    """The machine's own monotonic clock. All processes of one machine share it."""
+    """Monotonic clock of the machine. All processes of a machine share it."""
 
     now = staticmethod(time.monotonic)
 

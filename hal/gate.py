@@ -1,9 +1,9 @@
-"""The safety gate: the last word before the hardware. It does not trust the controllers.
+"""Check every command before it reaches the hardware. The safety gate does not trust the controllers.
 
-Pure: command in, command out. What comes out is finite and within the limits. A position is no further from
-the last one than the joint may travel in one period; one that begins outside the limits returns at a tenth of that
-speed. A velocity changes no faster than the joint may accelerate, and
-no joint is driven faster towards the end of its range than it can brake before it.
+The gate has no side effects. Its output is finite and within the limits. A position differs from the previous one by
+no more than the joint may travel in one period. A joint that begins outside its limits returns at a tenth of that
+speed. A velocity changes no faster than the joint may accelerate, and no joint moves faster toward the end of its
+range than it can brake before it.
 """
 
 import math
@@ -16,22 +16,28 @@ import numpy as np
 from hal.types import FloatArray, JointLimits, apart, beyond_range
 
 RETURN_SHARE: Final = 0.1
-"""Share of its velocity limit at which a joint returns to its limits from outside."""
+"""Share of its velocity limit at which a joint returns from outside its limits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gated:
-    """``values`` of shape (m,), safe; ``reasons`` says for each changed index why."""
+    """Result of the safety gate."""
 
     values: FloatArray
+    """Safe values of shape (m,)."""
     reasons: dict[int, str]
+    """Reason of each changed value, by index."""
 
 
 class SafetyGate:
-    """Limits for m command interfaces, in their order (rad, m, N m, N, and per second)."""
+    """Limiter for the commands of m command interfaces (rad, m, N m, N, and per second).
+
+    Args:
+        limits: Limits of the joint of each interface.
+        kinds: Kind of each interface: "position" (the default), "velocity" or "effort".
+    """
 
     def __init__(self, limits: Sequence[JointLimits], kinds: Sequence[str] | None = None) -> None:
-        """``limits`` of each interface's joint; ``kinds``: position (unless said), velocity or effort."""
         kinds = kinds or ["position"] * len(limits)
         bounds = [_bounds(kind, limit) for kind, limit in zip(kinds, limits, strict=True)]
         self._lower, self._upper, self._rate = (np.array([bound[i] for bound in bounds]) for i in range(3))
@@ -40,9 +46,17 @@ class SafetyGate:
         self._ends = np.array([(limits[i].lower, limits[i].upper) for i in self._speeds]).reshape(-1, 2)
 
     def limit(self, wanted: FloatArray, last: FloatArray, period_s: float, measured: FloatArray | None = None) -> Gated:
-        """``wanted`` made safe; ``last`` is what the gate let through before (shape (m,)).
+        """Limit a command.
 
-        ``measured``: the position of each interface's joint (shape (m,); NaN where it is unknown).
+        Args:
+            wanted: Command of shape (m,).
+            last: Previous output of the gate, of shape (m,).
+            period_s: Duration of the period, in seconds.
+            measured: Measured position of each interface's joint, of shape (m,); NaN if it is unknown. Only needed
+                for velocity commands.
+
+        Returns:
+            The safe values, and the reason for each change.
         """
         finite = np.where(np.isfinite(wanted), wanted, np.where(self._held, last, 0.0))
         inside = np.clip(finite, self._lower, self._upper)
@@ -60,7 +74,7 @@ class SafetyGate:
         return Gated(safe, {})
 
     def _braked(self, wanted: FloatArray, period_s: float, measured: FloatArray) -> FloatArray:
-        """The velocities at which, one period later, there is still enough of the joint's range to brake in."""
+        """Limit velocities so that one period later the joint still has enough range left to brake."""
         rate = self._rate[self._speeds]
         room = np.stack([measured - self._ends[:, 0], self._ends[:, 1] - measured])
         down, up = _brakable(np.maximum(room, 0.0), rate, period_s)
@@ -88,13 +102,13 @@ class SafetyGate:
 
 
 def _bounds(kind: str, limit: JointLimits) -> tuple[float, float, float]:
-    """Lowest, highest, and how far it may go in one second."""
+    """Return the lowest and the highest command, and its maximum change per second."""
     rates = {"position": limit.velocity, "velocity": limit.acceleration, "effort": math.inf}
     return *limit.command_range(kind), rates[kind]
 
 
 def _brakable(room: FloatArray, rate: FloatArray, period_s: float) -> FloatArray:
-    """The v of which one period and then braking take just ``room``: v * period_s + v² / (2 * rate)."""
+    """Return the speed v at which one period and braking need exactly ``room``: v * period_s + v² / (2 * rate)."""
     finite = np.where(np.isinf(room), 0.0, room)
     speed = 2.0 * finite / (period_s + np.sqrt(period_s**2 + 2.0 * finite / rate))  # also for a rate without bound
     return np.where(np.isinf(room), np.inf, speed)

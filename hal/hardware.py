@@ -1,4 +1,4 @@
-"""The hardware's seam: the calls that every kind of hardware offers, in ros2_control's component life cycle."""
+"""Define the hardware, the seam through which joint commands leave, with ros2_control's component life cycle."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -8,61 +8,107 @@ from hal.types import JointCommand, JointState
 
 
 class Hardware(Protocol):
-    """The second seam: where joints leave. Called from one thread.
-
-    configure: UNCONFIGURED → INACTIVE, opens and checks; nothing moves and torque stays as it was.
-    activate: INACTIVE → ACTIVE, torque on with the goal at the measured position.
-    deactivate: ACTIVE → INACTIVE; ``relax`` lets go of the joints, else they hold where they are.
-    cleanup: → UNCONFIGURED, gives everything back; allowed in every state.
-    """
+    """Hardware with joints, such as servos, the mock or MuJoCo. Its methods are called from one thread."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name of the component."""
+        ...
+
     @property
-    def joints(self) -> tuple[str, ...]: ...
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in order."""
+        ...
+
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """The meaning of a command's values, in their order: ``joint1/position`` and so on."""
+        """Names of the values of a command, in order, such as ``joint1/position``."""
         ...
 
     @property
-    def state(self) -> LifecycleState: ...
-    def configure(self) -> None: ...
-    def activate(self) -> None: ...
-    def deactivate(self, relax: bool) -> Sequence[str]:
-        """Stop driving the joints; returns what went wrong on the way, each with the servo's name."""
+    def state(self) -> LifecycleState:
+        """State in the life cycle."""
         ...
 
-    def cleanup(self) -> None: ...
+    def configure(self) -> None:
+        """Open and check the hardware: UNCONFIGURED → INACTIVE. Nothing moves, and torque stays as it was.
+
+        Raises:
+            DriverError: The hardware cannot be opened, or differs from its description.
+        """
+        ...
+
+    def activate(self) -> None:
+        """Enable torque with each goal at the measured position: INACTIVE → ACTIVE.
+
+        Raises:
+            ActivationError: A joint cannot be activated safely.
+            DriverError: The hardware does not answer.
+        """
+        ...
+
+    def deactivate(self, relax: bool) -> Sequence[str]:
+        """Stop driving the joints: ACTIVE → INACTIVE.
+
+        Args:
+            relax: Whether to release the torque. Otherwise the joints hold their positions.
+
+        Returns:
+            Messages about errors, each with the name of the servo.
+        """
+        ...
+
+    def cleanup(self) -> None:
+        """Close the hardware: → UNCONFIGURED. This is allowed in every state."""
+        ...
+
     def read(self) -> JointState:
-        """Measure the joints. Raises LifecycleError while unconfigured: there is nothing to look at."""
+        """Measure the joints.
+
+        Returns:
+            The state of all joints.
+
+        Raises:
+            LifecycleError: The hardware is unconfigured.
+        """
         ...
 
     def write(self, command: JointCommand) -> None:
-        """Command the joints. Raises PartLost where some cannot be reached, another DriverError where none can."""
+        """Command the joints.
+
+        Args:
+            command: Values in the order of ``command_interfaces``.
+
+        Raises:
+            PartLost: Some joints cannot be reached.
+            DriverError: No joint can be reached.
+        """
         ...
 
 
 @runtime_checkable
 class Requesting(Protocol):
-    """Hardware that can ask before it is read: all components ask first, and so wait at the same time."""
+    """Hardware that can send its requests before it is read, so that all components wait at the same time."""
 
     def request(self, deadline_s: float | None) -> None:
-        """Ask for what the coming ``read`` returns; that waits until ``deadline_s`` on the component's clock.
+        """Send the requests whose replies the next ``read`` returns.
 
-        None: as long as the component thinks fit.
+        Args:
+            deadline_s: Time until which ``read`` waits, in seconds on the component's clock. None lets the component
+                decide.
         """
         ...
 
 
 @runtime_checkable
 class DoubtingLeaps(Protocol):
-    """Hardware that itself takes a position that its joint cannot have reached for not measured.
+    """Hardware that itself detects positions that a joint cannot have reached.
 
-    Of all other hardware the joints' velocity limits say what is believed (hal.leaps).
+    For all other hardware, the velocity limits of the joints decide (hal.leaps).
     """
 
     doubts_leaps: bool
+    """Whether the hardware reports such positions itself."""
 
 
 @runtime_checkable
@@ -71,47 +117,67 @@ class Reactivating(Protocol):
 
     @property
     def without_torque(self) -> frozenset[str]:
-        """The joints of active hardware that get no commands until they are activated again."""
+        """Names of the joints that get no commands until they are activated again."""
         ...
 
     def reactivate(self) -> frozenset[str]:
-        """Activate these joints while the others hold; returns their names.
+        """Activate the joints without torque while the others hold.
 
-        Raises what ``activate`` raises. The hardware stays active then, and the joints without torque.
+        Returns:
+            The names of the activated joints.
+
+        Raises:
+            ActivationError: A joint cannot be activated safely. The hardware stays active, and the joints stay without
+                torque.
+            DriverError: The hardware does not answer. The state is as for ActivationError.
         """
         ...
 
 
 @runtime_checkable
 class AskedForTorque(Protocol):
-    """Reactivating hardware that learns of lost torque only by asking, and asks its joints in turn."""
+    """Reactivating hardware that detects lost torque only by polling its joints in turn."""
 
     def ask_for_torque(self) -> frozenset[str]:
-        """Ask all joints of the active hardware now; ``without_torque`` is up to date then.
+        """Poll all joints of the active hardware, and update ``without_torque``.
 
-        Returns the joints that gave no answer. Called between two cycles: it may take as long as a late cycle.
+        It is called between two cycles and may take as long as a late cycle.
+
+        Returns:
+            The names of the joints that did not answer.
         """
         ...
 
 
 @runtime_checkable
 class Holding(Protocol):
-    """Hardware whose joints may have torque although it is inactive: a program that was lost left them so."""
+    """Hardware whose joints may have torque although it is inactive, because a former program left them so."""
 
     def holds(self) -> bool:
-        """Whether a joint of the configured hardware has torque. Raises DriverError."""
+        """Return whether a joint of the configured hardware has torque.
+
+        Returns:
+            Whether at least one joint has torque.
+
+        Raises:
+            DriverError: The hardware cannot be read.
+        """
         ...
 
 
 @runtime_checkable
 class Undoing(Protocol):
-    """Hardware that can tell which joints had torque before its activation."""
+    """Hardware that knows which joints had torque before its activation."""
 
     def undo_activation(self) -> Sequence[str]:
-        """ACTIVE → INACTIVE: release the joints that had no torque before; returns what went wrong."""
+        """Release the joints that had no torque before: ACTIVE → INACTIVE.
+
+        Returns:
+            Messages about errors.
+        """
         ...
 
 
 def undo_activation(hardware: Hardware) -> Sequence[str]:
-    """Take back an activation after which something else failed; returns what went wrong."""
+    """Undo an activation after which another step failed. Return messages about errors."""
     return hardware.undo_activation() if isinstance(hardware, Undoing) else hardware.deactivate(relax=True)

@@ -1,1 +1,1 @@
-"""The ROS 2 surface: the only room that imports rclpy. No control logic."""
+"""The ROS 2 interface of the stack. Only this package imports rclpy, and it contains no control logic."""

@@ -1,4 +1,4 @@
-"""The ROS node of a client process, with its executor."""
+"""ROS node and executor of a client process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +12,11 @@ from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors
 
 @contextmanager
 def client_node(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """A node of that name on an executor that the caller spins. Signals stay the caller's. Raises RosError."""
+    """Provide a node and its executor, which the caller spins. Signal handling remains with the caller.
+
+    Raises:
+        RosError: ROS 2 does not start.
+    """
     init_rclpy()
     with rcl_errors():
         node = Node(name)

@@ -1,13 +1,13 @@
-"""The discovery range of a process: which programs can reach its nodes, and with them the arm. No ROS.
+"""Set the discovery range of a process, which decides which programs can reach its nodes. Imports no ROS package.
 
-ROS 2 without settings (SUBNET) finds every program of its domain on the whole network: in a classroom every arm obeys
-everybody. So the nodes stay on this machine unless the environment or ``--network`` says otherwise.
+By default (SUBNET), ROS 2 connects all programs of a domain on the whole network. In a classroom, every program could
+command every arm. The nodes are therefore limited to this machine unless the environment or ``--network`` opens them.
 
-ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST alone is not enough for that. With rmw_fastrtps of Jazzy (Fast DDS 2.14) it ends
-the listening to multicast, and nothing else: the unicast sockets stay bound to all interfaces, and a host that names
-this one in its ROS_STATIC_PEERS is let in (measured between two network namespaces). ROS_LOCALHOST_ONLY=1 is the same
-without static peers of one's own. The profile this_machine.xml binds the sockets to the loopback interface, and has
-programs announce themselves every half second instead of every three, so they find each other sooner.
+ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST alone does not achieve this. With rmw_fastrtps of Jazzy (Fast DDS 2.14) it only
+disables multicast reception. The unicast sockets remain bound to all interfaces, and a host that lists this machine in
+its ROS_STATIC_PEERS can connect (measured between two network namespaces). ROS_LOCALHOST_ONLY=1 has the same effect,
+but ignores the static peers of the process. The profile this_machine.xml binds the sockets to the loopback interface.
+It also shortens the announcement period from 3 s to 0.5 s, so that programs find each other sooner.
 """
 
 from collections.abc import Mapping, MutableMapping
@@ -20,13 +20,13 @@ PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 PROFILE: Final = Path(__file__).with_name("this_machine.xml")
 
 _OWN_SETTINGS: Final = ("ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER", PROFILES)
-"""Settings that say whom to reach and how: where one of them is set, the profile stays away."""
+"""Settings by which a user chooses peers or a transport. If one of them is set, the profile is not used."""
 _FAST_DDS: Final = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 _WHOLE_NETWORK: Final = ("SUBNET", "SYSTEM_DEFAULT")
 
 
 def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
-    """Set what rclpy and Fast DDS read from ``environment``, unless it has a discovery range already."""
+    """Limit ROS 2 to this machine, unless ``environment`` already sets a discovery range."""
     if not environment.get(RANGE):
         environment[RANGE] = "LOCALHOST"
         if environment.get("RMW_IMPLEMENTATION", "") in _FAST_DDS and not any(map(environment.get, _OWN_SETTINGS)):
@@ -34,35 +34,36 @@ def stay_on_this_machine(environment: MutableMapping[str, str]) -> None:
 
 
 def open_to_network(environment: MutableMapping[str, str]) -> None:
-    """Set the discovery range of ``--network``."""
+    """Open ROS 2 to the network, as ``--network`` requests."""
     if environment.get(RANGE) not in _WHOLE_NETWORK:
         environment[RANGE] = "SUBNET"
     environment.pop(LOCALHOST_ONLY, None)
-    if environment.get(PROFILES) == str(PROFILE):  # of a program of ours that has started this one
+    if environment.get(PROFILES) == str(PROFILE):  # A parent process of this project has set it.
         del environment[PROFILES]
 
 
-def who_can_command(environment: Mapping[str, str]) -> str:
-    """In words: the programs that can reach nodes with these settings.
+def describe_access(environment: Mapping[str, str]) -> str:
+    """Describe which programs can reach nodes with these settings.
 
-    An unknown range is LOCALHOST to rcl; ROS_LOCALHOST_ONLY=1 outweighs every range.
+    rcl treats an unknown range as LOCALHOST. ROS_LOCALHOST_ONLY=1 takes precedence over every range.
     """
     domain = f"ROS_DOMAIN_ID {environment.get('ROS_DOMAIN_ID', '0')}"
     local = environment.get(LOCALHOST_ONLY) == "1"
     if environment.get(RANGE) == "OFF" and not local:
-        words = f"no other program can reach the arm: {RANGE} is OFF"
+        text = f"no other program can reach the arm: {RANGE} is OFF"
     elif environment.get(RANGE) in _WHOLE_NETWORK and not local:
-        words = f"every program on the network with {domain} can command the arm"
+        text = f"every program on the network with {domain} can command the arm"
     elif environment.get(PROFILES) == str(PROFILE):
-        words = f"programs on this machine with {domain} can command the arm; --network lets the network in"
+        text = f"programs on this machine with {domain} can command the arm; --network opens it to the network"
     else:
-        words = f"programs on this machine with {domain} can command the arm, and hosts whose ROS_STATIC_PEERS name it"
+        hosts = "on this machine and on hosts that list this machine in ROS_STATIC_PEERS"
+        text = f"programs with {domain} {hosts} can command the arm"
         if settings := [name for name in _OWN_SETTINGS if environment.get(name)]:
-            words += f"; others as {' and '.join(settings)} lets them"
-    return words + _security(environment)
+            text += f", and so can programs that {' and '.join(settings)} admits"
+    return text + _security(environment)
 
 
 def _security(environment: Mapping[str, str]) -> str:
-    """DDS security, as rcl reads it: only with Enforce is a program without keys kept out."""
+    """Return a note if DDS security is on. rcl excludes programs without keys only with the strategy Enforce."""
     enabled, strategy = environment.get("ROS_SECURITY_ENABLE"), environment.get("ROS_SECURITY_STRATEGY")
-    return ", with keys of ROS_SECURITY_KEYSTORE" if (enabled, strategy) == ("true", "Enforce") else ""
+    return "; keys from ROS_SECURITY_KEYSTORE required" if (enabled, strategy) == ("true", "Enforce") else ""

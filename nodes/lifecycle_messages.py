@@ -1,4 +1,4 @@
-"""Life cycle states and transitions as lifecycle_msgs has them."""
+"""Convert life cycle states and transitions to lifecycle_msgs messages."""
 
 from lifecycle_msgs.msg import State, TransitionEvent
 from lifecycle_msgs.msg import Transition as TransitionMessage
@@ -12,23 +12,23 @@ _VERBS = {
     (LifecycleState.INACTIVE, LifecycleState.ACTIVE): ("activate", "activating"),
     (LifecycleState.ACTIVE, LifecycleState.INACTIVE): ("deactivate", "deactivating"),
 }
-"""Each transition's label, and the label of the state on the way."""
+"""Label of each transition and of its intermediate state."""
 
 
 def state_message(state: LifecycleState) -> State:
-    """A life cycle state as ROS has it."""
+    """Convert a life cycle state to a ROS message."""
     return State(id=state.value, label=state.name.lower())
 
 
 def transition_events(transition: Transition, stamp_ns: int) -> list[TransitionEvent]:
-    """The two events of a transition, as upstream publishes them: its beginning, and its success."""
-    verb, on_the_way = _VERBS[transition.start, transition.goal]
+    """Return the two events of a transition, its start and its success, as ros2_control publishes them."""
+    verb, intermediate = _VERBS[transition.start, transition.goal]
     start, goal = state_message(transition.start), state_message(transition.goal)
-    between = State(id=getattr(State, f"TRANSITION_STATE_{on_the_way.upper()}"), label=on_the_way)
-    begun = TransitionMessage(id=getattr(TransitionMessage, f"TRANSITION_{verb.upper()}"), label=verb)
+    between = State(id=getattr(State, f"TRANSITION_STATE_{intermediate.upper()}"), label=intermediate)
+    started = TransitionMessage(id=getattr(TransitionMessage, f"TRANSITION_{verb.upper()}"), label=verb)
     done_id = getattr(TransitionMessage, f"TRANSITION_ON_{verb.upper()}_SUCCESS")
     done = TransitionMessage(id=done_id, label="transition_success")
     return [
-        TransitionEvent(timestamp=stamp_ns, transition=begun, start_state=start, goal_state=between),
+        TransitionEvent(timestamp=stamp_ns, transition=started, start_state=start, goal_state=between),
         TransitionEvent(timestamp=stamp_ns, transition=done, start_state=between, goal_state=goal),
     ]

@@ -1,4 +1,4 @@
-"""The class of all nodes of the stack."""
+"""Base class of all nodes of the stack."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -17,27 +17,27 @@ from nodes.ros_time import RosTime
 from nodes.set_parameters import answering
 
 NO_EVENT_CALLBACKS: Final = PublisherEventCallbacks(use_default_callbacks=False)
-"""No warnings of subscribers that do not fit: each is one more event to wait on in every cycle."""
+"""Event callbacks without warnings about incompatible subscribers. These would add one more event to each wait."""
 
 
 class ParameterNode(Node):
-    """A node of the stack: its parameters answer like rclcpp's, its time is that of the loop.
+    """A node whose parameters respond like those of rclcpp and whose clock follows the control loop.
 
-    ``use_sim_time`` says whether that is simulated. To set it has no effect: another clock's stamps would not fit the
-    loop's.
+    The parameter ``use_sim_time`` reports whether the time of the loop is simulated. Setting it has no effect, because
+    stamps of another clock would not match those of the loop.
     """
 
     def __init__(self, name: str, ros_time: RosTime, allow_undeclared_parameters: bool = False, **more: Any) -> None:
         self._ros_time = ros_time
         self._undeclared_allowed = allow_undeclared_parameters
         self.parameter_callbacks: list[tuple[Callable[[Any], None], Any]] = []
-        """Each callback of the node's parameters, behind the method that removes it."""
+        """Parameter callbacks of the node, each as a pair of its removal method and the callback."""
         super().__init__(name, allow_undeclared_parameters=allow_undeclared_parameters, **more)
         if ros_time.simulated:
             self.set_parameters([Parameter(USE_SIM_TIME_NAME, value=True)])
 
     def get_clock(self) -> Clock:
-        """The node's time. rclpy's own clock follows ``use_sim_time``, and with it timers and stamps would."""
+        """Return the clock of the stack. The node's own rclpy clock would follow ``use_sim_time``."""
         return self._ros_time.clock
 
     def create_timer(
@@ -47,11 +47,11 @@ class ParameterNode(Node):
 
     @property
     def parameter_names(self) -> frozenset[str]:
-        """The names of all parameters that have a value or were declared."""
+        """Names of all parameters that have a value or were declared."""
         return frozenset(self.get_parameters_by_prefix(""))
 
     def forget_parameter(self, name: str) -> None:
-        """Undeclare it, also if it is read-only."""
+        """Undeclare a parameter, even if it is read-only."""
         self.describe_parameter(name).read_only = False
         self.undeclare_parameter(name)
 
@@ -61,7 +61,7 @@ class ParameterNode(Node):
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         if self._ros_time.simulated and isinstance(getattr(callback, "__self__", None), TimeSource):
-            return  # it would hear this process' own /clock, once for each node
+            return  # It would subscribe every node to the /clock of this process.
         super().add_on_set_parameters_callback(callback)
         self.parameter_callbacks.append((self.remove_on_set_parameters_callback, callback))
 
@@ -79,26 +79,26 @@ class ParameterNode(Node):
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         for parameter in parameter_list:
-            if why := self._why_not(parameter.name):
-                reason = f"parameter '{parameter.name}' cannot be set because it {why}"
+            if refusal := self._refusal(parameter.name):
+                reason = f"parameter '{parameter.name}' cannot be set because it {refusal}"
                 return SetParametersResult(successful=False, reason=reason)
             if parameter.name == USE_SIM_TIME_NAME and parameter.value is not self._ros_time.simulated:
-                whose = "simulated time" if self._ros_time.simulated else "the machine's clock"
-                self.get_logger().warning(f"use_sim_time has no effect: the loop and its stamps keep {whose}")
+                source = "simulated time" if self._ros_time.simulated else "the system clock"
+                self.get_logger().warning(f"use_sim_time has no effect: the loop and its stamps still use {source}")
         new = [parameter.name for parameter in parameter_list if not self.has_parameter(parameter.name)]
         result: SetParametersResult = super().set_parameters_atomically(parameter_list)
         for name in new if result.successful else ():
-            if self.has_parameter(name):  # nobody has declared its type: the next value may have another
+            if self.has_parameter(name):  # Its type was not declared, so the next value may have another type.
                 self.set_descriptor(name, ParameterDescriptor(dynamic_typing=True))
         return result
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """The descriptor, also of a parameter that was never declared, which rclpy leaves without name and type."""
+        """Return the descriptor of a parameter, with name and type even if it was never declared (unlike rclpy)."""
         known = super().describe_parameter(name)
         return known if known.name else ParameterDescriptor(name=name, type=self.get_parameter_type(name))
 
     def get_parameter_type(self, name: str) -> int:
-        """A number, as it goes into an answer: of what is not there, rclpy's own would end the service's callback."""
+        """Return the type as a number. For an unknown parameter, rclpy returns an enum, which the service rejects."""
         kind: int | Parameter.Type = super().get_parameter_type(name)
         return kind.value if isinstance(kind, Parameter.Type) else kind
 
@@ -107,7 +107,7 @@ class ParameterNode(Node):
             type_service.remove_type_service(self)
         super().destroy_node()
 
-    def _why_not(self, name: str) -> str:
+    def _refusal(self, name: str) -> str:
         if not self.has_parameter(name):
             return "" if self._undeclared_allowed else "was not declared"
         return "is read-only" if self.describe_parameter(name).read_only else ""

@@ -1,4 +1,4 @@
-"""Qualities of service that several nodes share, and a limit on how often something is published."""
+"""Shared QoS profiles and a rate limiter for publishers."""
 
 from typing import Final
 
@@ -6,27 +6,26 @@ from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""A publisher's profile, as upstream's: a late subscriber gets the newest message at once."""
+"""Publisher profile of ros2_control: a late subscriber immediately receives the newest message."""
 LATCHED_WHILE_NEW: Final = QoSProfile(depth=1, durability=LATCHED.durability, lifespan=Duration(seconds=0.5))
-"""The same for topics that are published to subscribers only: the newest message may be old."""
+"""Like LATCHED, for topics published only while there are subscribers: an old message expires after 0.5 s."""
 ANY_CLIENT: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""A subscriber's profile, as upstream's: also for best effort publishers; the next command makes up for a lost one."""
+"""Subscriber profile of ros2_control. It also accepts best-effort publishers: the next command replaces a lost one."""
 EVERY_CALL: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
-"""A service's profile: no call of a burst is lost."""
-
+"""Service profile that keeps every call of a burst."""
 
 EARLY = 0.25
-"""Share of the interval by which a cycle may come early: cycles are not exactly as far apart as each other."""
+"""Fraction of the interval by which a cycle may come early, because cycles are not spaced exactly evenly."""
 
 
 class RateLimiter:
-    """Allows on average the rate that is asked for, or the rate of the cycles where that is lower."""
+    """Rate limiter for a publisher. On average it allows the given rate, but at most the rate of the cycles."""
 
     def __init__(self) -> None:
         self._next_s = self._last_s = float("-inf")
 
     def due(self, now_s: float, rate_hz: float) -> bool:
-        """True when the next one is due. The limiter begins anew where time was set back, as by a simulation."""
+        """Return True if the next message is due. The limiter restarts if time jumps back, as in a simulation."""
         interval_s = 1.0 / rate_hz
         if now_s < self._last_s:
             self._next_s = now_s

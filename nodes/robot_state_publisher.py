@@ -1,8 +1,8 @@
-"""``robot_description``, ``/tf`` and ``/tf_static``: the arm's links, and the scene's objects.
+"""Publish ``robot_description``, ``/tf`` and ``/tf_static`` for the links of the arm and the objects in the scene.
 
-As upstream's node of this name, but for three things: the joint states come from within the process and not by topic,
-``frame_prefix`` acts on the fixed links too when it is set, and the ``robot_description`` cannot be changed, because
-the stack drives the robot that it was started with.
+The node behaves like ROS 2's robot_state_publisher, with three differences. It reads the joint states in the process
+instead of subscribing to a topic. A change of ``frame_prefix`` also applies to the fixed links. The
+``robot_description`` cannot be changed, because the stack drives the robot with which it was started.
 """
 
 from typing import Annotated, Final
@@ -29,12 +29,12 @@ from nodes.transforms import MovingTransforms, fixed_transforms, transform_messa
 NAME: Final = "robot_state_publisher"
 
 _BASE: Final = "base_link"
-_LOOK_HZ: Final = 1.0
-"""So often the scene is looked at when nobody listens: a feed that is left unread for long hangs up."""
+_IDLE_SCENE_HZ: Final = 1.0
+"""Rate at which the scene is read while /tf has no subscriber. An unread scene feed disconnects."""
 
 
 class RobotStateParameters(BaseModel):
-    """Under upstream's names; the controllers file may give them in a section ``robot_state_publisher``."""
+    """Parameters with the names of ROS 2. The controllers file may set them in a section ``robot_state_publisher``."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -44,7 +44,7 @@ class RobotStateParameters(BaseModel):
 
 
 class RobotStatePublisher:
-    """Fixed joints once, the others after each cycle, at most ``publish_frequency`` times a second."""
+    """Node that publishes fixed joints once and moving joints after each cycle, at most at ``publish_frequency``."""
 
     def __init__(self, stack: Stack, ros_time: RosTime) -> None:
         self.node = ParameterNode(NAME, ros_time)
@@ -59,12 +59,12 @@ class RobotStatePublisher:
         self._prepare_transforms()
 
     def publish(self, states: JointStates, stamp: Time) -> None:
-        """The moving links at the measured positions, and what the simulation sees."""
+        """Publish the moving links at the measured positions, and the objects of the simulated scene."""
         due = self._rate_limiter.due(states.stamp_s, self._parameters.publish_frequency)
         if not (due or self._parameters.ignore_timestamp):
             return
         if not self._tf.get_subscription_count():
-            if self._idle.due(states.stamp_s, _LOOK_HZ):
+            if self._idle.due(states.stamp_s, _IDLE_SCENE_HZ):
                 self._stack.scene()
             return
         transforms = self._moving.transforms(states.names, states.position.tolist(), stamp) + self._scene(stamp)
@@ -81,7 +81,7 @@ class RobotStatePublisher:
         try:
             return RobotStateParameters.model_validate(parameters_of(self._stack.factory.file.content, NAME))
         except ValidationError as error:
-            self.node.get_logger().error(printable(f"{_words(error)}: going with upstream's defaults"))
+            self.node.get_logger().error(printable(f"{_describe(error)}: using the default parameters"))
             return RobotStateParameters()
 
     def _declare(self) -> None:
@@ -89,7 +89,7 @@ class RobotStatePublisher:
         for name, value in self._parameters:
             self.node.declare_parameter(name, value)
         self.node.add_on_set_parameters_callback(self._check)
-        self.node.add_post_set_parameters_callback(self._take)
+        self.node.add_post_set_parameters_callback(self._apply)
 
     def _changed(self, parameters: list[Parameter]) -> RobotStateParameters:
         return RobotStateParameters.model_validate({**dict(self._parameters), **{p.name: p.value for p in parameters}})
@@ -97,15 +97,15 @@ class RobotStatePublisher:
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         own = self._stack.description.xml
         if any(p.name == "robot_description" and p.value != own for p in parameters):
-            reason = "the stack drives the robot that it was started with: end it and start it with the other URDF"
+            reason = "the stack drives the robot with which it was started: restart it with the other URDF"
             return SetParametersResult(successful=False, reason=reason)
         try:
             self._changed(parameters)
         except ValidationError as error:
-            return SetParametersResult(successful=False, reason=_words(error))
+            return SetParametersResult(successful=False, reason=_describe(error))
         return SetParametersResult(successful=True)
 
-    def _take(self, parameters: list[Parameter]) -> None:
+    def _apply(self, parameters: list[Parameter]) -> None:
         before, self._parameters = self._parameters, self._changed(parameters)
         self._rate_limiter = RateLimiter()
         if self._parameters.frame_prefix != before.frame_prefix:
@@ -119,5 +119,5 @@ class RobotStatePublisher:
         self._tf_static.publish(TFMessage(transforms=fixed_transforms(joints, prefix, stamp)))
 
 
-def _words(error: ValidationError) -> str:
+def _describe(error: ValidationError) -> str:
     return "; ".join(f"{item['loc'][0]}: {said(item)}" for item in error.errors())

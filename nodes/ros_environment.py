@@ -1,6 +1,6 @@
-"""Checks of the ROS 2 on which nodes/ is built, and of the environment that it reads, before rclpy is imported.
+"""Check the ROS 2 installation and its environment variables before rclpy is imported.
 
-rclpy, rcl and Fast DDS report a missing or wrong setting in a traceback, or end the process.
+rclpy, rcl and Fast DDS report a missing or wrong setting with a traceback, or terminate the process.
 """
 
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 RCLPY: Final = "7.1."
-"""Of ROS 2 Jazzy. nodes/rclpy_patches/ stands in for parts of it that another one has otherwise."""
+"""Version prefix of rclpy in ROS 2 Jazzy. nodes/rclpy_patches/ replaces parts that differ in other versions."""
 PACKAGES: Final = (
     "rclpy",
     "apple_quality_msgs",
@@ -22,47 +22,51 @@ PACKAGES: Final = (
     "sorting_arm_interfaces",
     "tf2_msgs",
 )
-"""The client library, and the messages of interfaces/."""
+"""Required Python packages: the client library and the message packages of interfaces/."""
 LAST_DOMAIN: Final = 232
-"""Domain IDs above it have no UDP ports (DDSI-RTPS, 9.6.1.1)."""
+"""Highest domain ID that has UDP ports (DDSI-RTPS, 9.6.1.1)."""
 
 
 class RosError(Exception):
-    """ROS 2 is missing, of another distribution, or has settings that cannot work. The text has the remedy."""
+    """ROS 2 is missing, belongs to another distribution, or has invalid settings. The message contains the remedy."""
 
 
 def require_ros() -> None:
-    """Check ROS 2 and this process' environment before nodes/ is imported. Raises RosError."""
+    """Check ROS 2 and the environment of this process before nodes/ is imported.
+
+    Raises:
+        RosError: ROS 2 is missing, belongs to another distribution, or has invalid settings.
+    """
     if missing := [name for name in PACKAGES if find_spec(name) is None]:
         raise RosError(
-            f"this needs ROS 2 Jazzy, and Python finds no {missing[0]}: run 'make setup' and use .venv/bin/servoloop, "
-            "or source the workspace in which it is built"
+            f"ROS 2 Jazzy is required, but Python cannot find {missing[0]}: run 'make setup' and use "
+            ".venv/bin/servoloop, or source the workspace that contains the package"
         )
     _check_distribution()
     _check_domain(os.environ)
     _check_middleware(os.environ)
     _check_log_folder(os.environ)
     if os.environ.get("NO_COLOR"):
-        os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "0")  # rcl's logs know that variable alone
+        os.environ.setdefault("RCUTILS_COLORIZED_OUTPUT", "0")  # The loggers of rcl read only this variable.
     _import_rclpy()
 
 
 def _check_distribution() -> None:
     try:
         found = version("rclpy")
-    except PackageNotFoundError:  # built from source, it has no metadata
+    except PackageNotFoundError:  # An rclpy built from source has no metadata.
         return
     if not found.startswith(RCLPY):
         raise RosError(
-            f"this needs ROS 2 Jazzy (rclpy {RCLPY}x), and Python finds rclpy {found}: open a shell in which no other "
-            "ROS 2 is sourced"
+            f"ROS 2 Jazzy (rclpy {RCLPY}x) is required, but Python finds rclpy {found}: open a shell in which no other "
+            "ROS 2 distribution is sourced"
         )
 
 
 def _check_domain(environment: Mapping[str, str]) -> None:
     text = environment.get("ROS_DOMAIN_ID", "")
     if text and not (text.isascii() and text.isdigit() and int(text) <= LAST_DOMAIN):
-        raise RosError(f"ROS_DOMAIN_ID is '{text}': set it to a whole number from 0 to {LAST_DOMAIN}, or unset it")
+        raise RosError(f"ROS_DOMAIN_ID is '{text}': set it to an integer from 0 to {LAST_DOMAIN}, or unset it")
 
 
 def _check_middleware(environment: Mapping[str, str]) -> None:
@@ -75,7 +79,7 @@ def _check_middleware(environment: Mapping[str, str]) -> None:
 
 
 def _check_log_folder(environment: Mapping[str, str]) -> None:
-    """The folder in which rcl opens a log file: it does not start without one."""
+    """Check the folder in which rcl opens its log file. rcl does not start without a writable folder."""
     if text := environment.get("ROS_LOG_DIR"):
         variable, folder = "ROS_LOG_DIR", Path(text).expanduser()
     elif text := environment.get("ROS_HOME"):
@@ -83,7 +87,7 @@ def _check_log_folder(environment: Mapping[str, str]) -> None:
     elif text := environment.get("HOME"):
         variable, folder = "HOME", Path(text) / ".ros" / "log"
     else:
-        raise RosError("HOME is not set, and ROS 2 needs a folder for its logs: set ROS_LOG_DIR to a folder")
+        raise RosError("HOME is not set, but ROS 2 needs a folder for its logs: set ROS_LOG_DIR to a writable folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable, reason = os.access(folder, os.W_OK), "no permission to write"
@@ -91,8 +95,8 @@ def _check_log_folder(environment: Mapping[str, str]) -> None:
         writable, reason = False, error.strerror or str(error)
     if not writable:
         raise RosError(
-            f"{variable} makes ROS 2 write its logs to {folder}, which it cannot ({reason}): set ROS_LOG_DIR to a "
-            "folder that can be written"
+            f"ROS 2 cannot write its logs to {folder}, the folder that {variable} selects ({reason}): set ROS_LOG_DIR "
+            "to a writable folder"
         )
 
 
@@ -103,6 +107,6 @@ def _import_rclpy() -> None:
         spec = find_spec("rclpy")
         place = spec.origin if spec is not None else "rclpy"
         raise RosError(
-            f"{place} is not for this Python ({error}): open a shell in which no other ROS 2 is sourced, or take its "
-            "folder out of PYTHONPATH"
+            f"{place} does not work with this Python ({error}): open a shell in which no other ROS 2 distribution is "
+            "sourced, or remove its folder from PYTHONPATH"
         ) from error

@@ -1,4 +1,4 @@
-"""A process's way into the ROS graph, its waits there, and its way out of the graph in a limited time."""
+"""Start rclpy in a process, wait for futures, and leave the ROS graph within a limited time."""
 
 import faulthandler
 import os
@@ -15,30 +15,36 @@ from rclpy.executors import Executor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from nodes.discovery import stay_on_this_machine, who_can_command
+from nodes.discovery import describe_access, stay_on_this_machine
 from nodes.ros_environment import RosError
 
 EXIT_LIMIT_S: Final = 10.0
 _TURN_S: Final = 0.1
 MIXED_LIST: Final = "Sequence should be of same type"
-"""What rcl says of a list with whole numbers among others."""
+"""Error text of rcl for a parameter list that mixes integers and decimal numbers."""
 
 
 def init_rclpy(arguments: Sequence[str] | None = None) -> str:
-    """Initialise rclpy with the discovery range of this process; returns in words who can command the arm.
+    """Initialize rclpy with the discovery range of this process.
 
-    Signals stay the caller's: rclpy's own handlers close the middleware at once, and then no goal could be ended.
-    Raises RosError.
+    Signal handling remains with the caller. The handlers of rclpy would close the middleware immediately, and running
+    goals could not be ended.
+
+    Returns:
+        A sentence that names the programs that can command the arm.
+
+    Raises:
+        RosError: rcl rejects a setting or an argument.
     """
     stay_on_this_machine(os.environ)
     with rcl_errors():
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    return who_can_command(os.environ)
+    return describe_access(os.environ)
 
 
 @contextmanager
 def rcl_errors() -> Iterator[None]:
-    """Raise what rcl refuses as RosError, without the places in rcl's own source. A defect of ours passes."""
+    """Convert errors of rcl to RosError, without file positions in its sources. Other errors pass unchanged."""
     try:
         yield
     except (RuntimeError, NameValidationException) as error:
@@ -50,16 +56,17 @@ def rcl_errors() -> Iterator[None]:
 
 
 def _refused(error: Exception) -> bool:
-    """Whether rcl raised it of a setting, a parameter or a name; rclpy has no public name for such errors."""
+    """Return whether rcl rejected a setting, parameter or name. rclpy has no public base class for such errors."""
     return type(error).__module__.startswith("rclpy.") and not isinstance(error, InvalidHandle | NotImplementedError)
 
 
 def spin_until_done(executor: Executor, future: Future, timeout_s: float | None = None) -> bool:
-    """Serve an executor until the future is done, by something that it serves; whether it is, within the time.
+    """Spin an executor until a future is done or the timeout has passed, and return whether the future is done.
 
-    rclpy's own ``spin_until_future_complete`` hangs one more callback on the future for every event that it serves, and
-    makes a task of each in the end: a node that was up for a day has millions, and a burst of answers takes minutes.
-    Every turn is as long as the last: rclpy begins anew with its tasks otherwise, and one that waits starves the rest.
+    rclpy's ``spin_until_future_complete`` adds a callback to the future for every event it handles and finally turns
+    each callback into a task. A node that has run for a day has millions of them, and a burst of responses takes
+    minutes. All turns use the same timeout, because rclpy restarts its task queue when the timeout changes. A waiting
+    task would then starve the others.
     """
     end_s, turn_s = (inf, None) if timeout_s is None else (monotonic() + timeout_s, _TURN_S)
     while not future.done() and monotonic() < end_s:
@@ -69,11 +76,11 @@ def spin_until_done(executor: Executor, future: Future, timeout_s: float | None 
 
 @contextmanager
 def exit_watchdog(seconds: float = EXIT_LIMIT_S) -> Iterator[None]:
-    """End the process where the body takes longer, with status 1 and a traceback that says where it hung.
+    """Terminate the process with status 1 and a traceback if the body takes longer than ``seconds``.
 
-    Fast DDS (2.14) can wait for itself for ever where two participants leave in the same instant, as at a Ctrl-C for a
-    whole launch file: ``DomainParticipant::set_listener`` holds the lock that it waits for. The interpreter's own lock
-    may be held meanwhile, so this is a thread in C.
+    Fast DDS (2.14) can deadlock if two participants leave at the same moment, for example on Ctrl-C in a launch file:
+    ``DomainParticipant::set_listener`` holds the lock that it waits for. Because the GIL may be held during the
+    deadlock, the watchdog is a thread in C.
     """
     faulthandler.dump_traceback_later(seconds, exit=True)
     try:

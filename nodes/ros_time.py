@@ -1,4 +1,4 @@
-"""ROS time as a stack's nodes have it: the machine's, or the loop's where that is simulated."""
+"""Provide ROS time to the nodes of a stack: system time, or the time of a simulated control loop."""
 
 from time import time
 
@@ -11,24 +11,24 @@ from drivers.clock import Clock, wall_offset_s
 
 
 class RosTime:
-    """One for all nodes of a stack. Simulated time is what ``advance`` says; nobody has to hear /clock for it."""
+    """ROS time shared by all nodes of a stack. ``advance`` sets simulated time, so the nodes need not read /clock."""
 
     def __init__(self, loop: Clock, simulated: bool) -> None:
         self.clock = ROSClock()
         self.simulated = simulated
         self._loop = loop
         if simulated:
-            source = TimeSource()  # of no node: it subscribes to nothing
+            source = TimeSource()  # Without a node, the time source does not subscribe to /clock.
             source.attach_clock(self.clock)
             source.ros_time_is_active = True
             self.advance(self.stamp(loop.now()))
 
     def offset_s(self) -> float:
-        """Return the seconds to add to the loop's time for ROS time."""
+        """Return the offset from the loop's time to ROS time, in seconds."""
         return 0.0 if self.simulated else wall_offset_s(self._loop, time)
 
     def stamp(self, since_epoch_s: float) -> Time:
-        """A moment as a message."""
+        """Convert seconds since the epoch to a time message."""
         return RosTimePoint(nanoseconds=round(since_epoch_s * 1e9)).to_msg()
 
     def advance(self, stamp: Time) -> None:

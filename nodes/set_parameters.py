@@ -1,4 +1,4 @@
-"""Answers to clients that set parameters: every call has one, whatever is in it."""
+"""Respond to every call that sets parameters, including calls that make rclpy raise an error."""
 
 import logging
 from collections.abc import Callable
@@ -18,10 +18,10 @@ _TYPES: Final = {kind.value for kind in Parameter.Type}
 
 
 def answering(kind: Any, callback: Callback) -> Callback:
-    """Return a callback for a service that sets parameters, which rclpy's own would leave without an answer.
+    """Wrap the callback of a parameter service so that it always responds. Other callbacks are returned unchanged.
 
-    rclpy's raises where a value's type does not exist, or where a plug-in's callback fails. Callbacks of other services
-    stay as they are.
+    The callback of rclpy raises an error if the type of a value does not exist or if a callback of a plug-in fails. The
+    client then receives no response.
     """
     if kind is SetParameters:
         return lambda request, response: _each(callback, request, response)
@@ -38,7 +38,7 @@ def _each(callback: Callback, request: Any, response: Any) -> Any:
                 one = callback(SetParameters.Request(parameters=[parameter]), SetParameters.Response())
                 response.results.append(one.results[0])
                 continue
-            except Exception as error:  # a callback's, which may be a plug-in's
+            except Exception as error:  # A plug-in's callback may raise any exception.
                 reason = _failed(parameter, error)
         response.results.append(SetParametersResult(successful=False, reason=reason))
     return response
@@ -49,7 +49,7 @@ def _together(callback: Callback, request: Any, response: Any) -> Any:
     if not reason:
         try:
             return callback(request, response)
-        except Exception as error:  # a callback's, which may be a plug-in's
+        except Exception as error:  # A plug-in's callback may raise any exception.
             reason = _failed(request.parameters[0], error) if request.parameters else str(error)
     response.result = SetParametersResult(successful=False, reason=reason)
     return response
@@ -63,5 +63,5 @@ def _mistake(parameter: ParameterMessage) -> str:
 
 
 def _failed(parameter: ParameterMessage, error: Exception) -> str:
-    LOG.error("parameter '%s' is not set: %s: %s", parameter.name, type(error).__name__, error)
+    LOG.error("parameter '%s' was not set: %s: %s", parameter.name, type(error).__name__, error)
     return f"parameter '{printable(parameter.name)}' cannot be set: {error}"

@@ -1,4 +1,4 @@
-"""``/clock``, and mujoco_ros2_control's services that pause and step simulated time, under their names there."""
+"""Publish ``/clock`` and offer the services of mujoco_ros2_control that pause and step simulated time."""
 
 from typing import Any, Final
 
@@ -16,13 +16,13 @@ from nodes.ros_time import RosTime
 from nodes.stack import Simulation
 
 NAME: Final = "ros2_control_node"
-"""As mujoco_ros2_control's node is called."""
+"""Node name of mujoco_ros2_control."""
 REPEAT_S: Final = 0.1
-"""So often in real time a paused simulation says its time, for those who come meanwhile."""
+"""Wall-clock period at which a paused simulation publishes its time for new subscribers, in seconds."""
 
 
 class SimulationNode:
-    """Everything runs in the ROS thread."""
+    """Node for simulated time. All methods run in the ROS thread."""
 
     def __init__(self, simulation: Simulation, ros_time: RosTime, pending: PendingRequests) -> None:
         self.node = ParameterNode(NAME, ros_time)
@@ -31,7 +31,7 @@ class SimulationNode:
         self._pending = pending
         self._clock = self.node.create_publisher(ClockMessage, "/clock", 10)
         self.node.create_timer(REPEAT_S, self._repeat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        group = ReentrantCallbackGroup()  # while one waits for its steps, others are served
+        group = ReentrantCallbackGroup()  # Others are served while one waits for steps.
         for kind, name, serve in (
             (SetPause, "set_pause", self._set_pause),
             (StepSimulation, "step_simulation", self._step),
@@ -39,7 +39,7 @@ class SimulationNode:
             self.node.create_service(kind, f"~/{name}", serve, qos_profile=EVERY_CALL, callback_group=group)
 
     def advance(self, stamp: Time) -> None:
-        """Tell everybody the time, the nodes of this process first."""
+        """Set the time of the nodes in this process, then publish it on /clock."""
         self._ros_time.advance(stamp)
         self._clock.publish(ClockMessage(clock=stamp))
 

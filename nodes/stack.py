@@ -1,4 +1,4 @@
-"""The running stack as the wiring hands it to the ROS nodes."""
+"""Define the parts of a running stack that the ROS nodes use."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,42 +11,42 @@ from hal.robot_description.description import Description, HardwareInfo, Vector
 from hal.robot_description.kinematics import Quaternion
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Poses in base_link (m; x, y, z, w) of what a simulation knows beside the arm; empty on a real one."""
+"""Function that returns the poses of simulated objects in base_link (m; x, y, z, w), by name. Empty for a real arm."""
 
 
 class Simulation(Protocol):
-    """Simulated time as clients may hold it; for any thread."""
+    """Control of simulated time. All methods are thread-safe."""
 
     @property
     def paused(self) -> bool: ...
 
     def pause(self, paused: bool) -> None:
-        """Stop it behind the cycle that runs, or let it go on."""
+        """Pause simulated time after the current cycle, or resume it."""
         ...
 
     def step(self, cycles: int) -> Request[None]:
-        """Run so many cycles of a paused simulation; the request is done behind the last one."""
+        """Run a number of cycles of a paused simulation. The request is done after the last cycle."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """One robot: its loop, its description, and the scene if there is a simulation below."""
+    """One robot with its control loop, its description and, in a simulation, its scene."""
 
     loop: ControlLoop
     description: Description
     component: HardwareInfo
-    """All hardware components as one."""
+    """All hardware components combined into one."""
     servo_ids: Mapping[str, str]
-    """By joint: the ID, behind its bus where buses have names (``hand/1``). Empty where there are no servos."""
+    """Servo ID of each joint, prefixed with the bus name if buses are named (``hand/1``). Empty without servos."""
     scene: Scene
     set_compensation: Mapping[str, Callable[[bool], None]]
-    """By component, where it has servos."""
+    """Functions that switch gravity compensation on or off, by name of a component with servos."""
     factory: Factory
-    """Makes the controllers that clients load."""
+    """Factory of the controllers that clients load."""
     relax: bool
-    """True if a component that is deactivated lets go of its joints, by the robot file's ``on_exit``."""
+    """Whether a deactivated component releases its torque, as ``on_exit`` in the robot file specifies."""
     publish_transforms: bool = True
-    """True to publish the ``robot_description`` and the links' transforms."""
+    """Whether to publish ``robot_description`` and the transforms of the links."""
     simulation: Simulation | None = None
-    """Where the loop's time is simulated, and with it all ROS time."""
+    """Control of simulated time. None if the loop runs in real time."""

@@ -1,4 +1,4 @@
-"""A monitor of a running stack, by its topics: for the live view and the report."""
+"""Monitor a running stack through its topics, for the live view and the report."""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +19,7 @@ LOOP_STATUS = "servoloop: control loop"
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One cycle of the arm controller; arrays (n,), rad and rad/s; the stamp is ROS time."""
+    """State of the arm controller in one cycle. Arrays have shape (n,), in rad and rad/s; the stamp is ROS time."""
 
     stamp_s: float
     reference: FloatArray
@@ -35,17 +35,17 @@ class NewestMessages:
     velocity: dict[str, float] = field(default_factory=dict)
     error: dict[str, float] = field(default_factory=dict)
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
-    """Status name → its values, with ``message`` beside them."""
+    """Values of each status by status name, including its text under the key ``message``."""
     samples: list[Sample] = field(default_factory=list)
-    """All cycles since the caller last emptied it."""
+    """Samples of all cycles since the caller last emptied the list."""
 
     @property
     def loop(self) -> dict[str, str]:
-        """The loop's figures as /diagnostics has them."""
+        """Figures of the control loop from /diagnostics."""
         return self.diagnostics.get(LOOP_STATUS, {})
 
     def servo(self, joint: str) -> dict[str, str]:
-        """The values of the status of that joint's servo."""
+        """Return the diagnostic values of the servo of a joint."""
         for name, values in self.diagnostics.items():
             if name.startswith(f"servoloop: {joint} "):
                 return values
@@ -53,7 +53,7 @@ class NewestMessages:
 
 
 class StackMonitor:
-    """Subscribes to the stack's topics; messages come in only while the caller spins."""
+    """Subscriber to the topics of a stack. It receives messages only while the caller spins."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, arm: str) -> None:
         self.newest = NewestMessages()
@@ -64,11 +64,11 @@ class StackMonitor:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def spin(self, seconds: float) -> None:
-        """Take in what comes, for at most so long."""
+        """Receive messages, waiting at most ``seconds`` for one."""
         self._executor.spin_once(timeout_sec=seconds)
 
     def set_parameter(self, node_name: str, name: str, value: bool | float) -> bool:
-        """Set a parameter of another node; whether it agreed."""
+        """Set a parameter of another node and return whether the node accepted it."""
         client = self._node.create_client(SetParameters, f"/{node_name}/set_parameters")
         if not client.wait_for_service(timeout_sec=5.0):
             return False

@@ -1,4 +1,4 @@
-"""All ROS nodes of one stack on one executor. The loop posts its cycles here and never waits."""
+"""Run all ROS nodes of a stack on one executor. The control loop posts its cycles here without waiting."""
 
 import logging
 import threading
@@ -33,83 +33,87 @@ LOG = logging.getLogger("servoloop.nodes")
 
 
 class Surface:
-    """The ROS 2 side. ``post`` is for the loop's thread, everything else for the ROS thread."""
+    """ROS 2 interface of one stack. The loop thread calls ``post``; all other methods belong to the ROS thread."""
 
     def __init__(self, stack: Stack) -> None:
         patches = usable_patches()
-        self._send_what_waits: Callable[[], None] = lambda: None
+        self._send_delayed: Callable[[], None] = lambda: None
         if gil_release.PATCH in patches:
             gil_release.release_gil_in_middleware()
-            self._send_what_waits = gil_release.send_what_waits
+            self._send_delayed = gil_release.send_delayed
         LOG.info("%s", init_rclpy())
         self._stack = stack
         self._cycles: deque[JointState] = deque(maxlen=100)
         self._posted = self._published = 0
-        """Cycles, counted by one thread each."""
+        """Numbers of posted and published cycles. Each counter is written by one thread only."""
         self._woken = False
         self._caught_up = threading.Condition()
         self._pending = PendingRequests()
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
-        with rcl_errors():  # of the first node: the others come up where it does
+        with rcl_errors():  # If the first node starts, the others start too.
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
-        kept = cycle_executor.PATCH in patches
-        self._executor = cycle_executor.CycleExecutor() if kept else PlainExecutor(self._manager.node)
+        supported = cycle_executor.PATCH in patches
+        self._executor = cycle_executor.CycleExecutor() if supported else PlainExecutor(self._manager.node)
         HardwareServices(self._manager.node, stack, self._pending)
         self._hardware = HardwareNodes(stack, ros_time)
         self._robot_state_publisher = RobotStatePublisher(stack, ros_time) if stack.publish_transforms else None
         robot_state_publishers = [self._robot_state_publisher.node] if self._robot_state_publisher is not None else []
         self._simulation = SimulationNode(stack.simulation, ros_time, self._pending) if stack.simulation else None
         simulations = [self._simulation.node] if self._simulation is not None else []
-        self._own = (self._manager.node, *self._hardware.nodes, *robot_state_publishers, *simulations)
+        self._own_nodes = (self._manager.node, *self._hardware.nodes, *robot_state_publishers, *simulations)
         self._controllers = ControllerNodes(stack.loop.manager, manager_client, self._executor, ros_time)
-        for node in self._own:
+        for node in self._own_nodes:
             self._executor.add_node(node)
         self._synchronize()
 
     def post(self, state: JointState) -> None:
-        """Hand over a cycle that is done, and wake the ROS thread. Never waits."""
+        """Pass a completed cycle to the ROS thread and wake it, without blocking."""
         self._cycles.append(state)
         self._posted += 1
         self._executor.post()
 
     def wake(self) -> None:
-        """Without a cycle: let the ROS thread look what has been done for clients. Never waits."""
+        """Wake the ROS thread to respond to clients whose requests are complete. Does not block."""
         self._woken = True
         self._executor.post()
 
     def wait_until_published(self, longest_s: float) -> bool:
-        """True once all posted cycles are published: the loop of a simulation does not run away from its clients."""
+        """Wait until all posted cycles are published, so that a simulated loop cannot outrun its clients.
+
+        Returns:
+            Whether they were published within ``longest_s`` seconds.
+        """
         with self._caught_up:
             return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
-        """Serve until ``stop``. An error in a callback is logged and does not end the service."""
+        """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
         while not stop() and rclpy.ok():
             try:
                 with _errors_logged():
-                    # Where the next cycle has come already, clients are served nevertheless.
+                    # Clients are also served if the next cycle has already arrived.
                     self._executor.serve(0.1, behind=bool(self._cycles))
                 with _errors_logged():
                     self._publish_cycles()
                 with _errors_logged():
-                    self._send_what_waits()
+                    self._send_delayed()
             except ExternalShutdownException:
                 return
 
     def finish(self) -> None:
-        """The loop has ended: give the clients whose goals ended with it their results, and the others their answer."""
+        """Send results and responses to clients after the control loop has ended."""
         self._controllers.publish(self._manager.node.get_clock().now().to_msg())
         self._pending.resume_done()
         deadline_s = monotonic() + FINISH_S
         self.spin(lambda: monotonic() > deadline_s)
 
     def close(self) -> None:
-        """Take all nodes off the graph."""
+        """Remove all nodes from the graph."""
         with exit_watchdog():
             self._executor.shutdown(timeout_sec=1.0)
             self._controllers.close()
-            for node in self._own:
+            for node in self._own_nodes:
                 node.destroy_node()
             rclpy.try_shutdown()
 
@@ -130,7 +134,7 @@ class Surface:
     def _publish(self, states: Sequence[JointState]) -> None:
         offset_s = self._ros_time.offset_s()
         cycles = [(state, self._ros_time.stamp(state.stamp_s + offset_s)) for state in states]
-        state, stamp = cycles[-1]  # where the ROS side lags behind, the newest is what counts, but for joint states
+        state, stamp = cycles[-1]  # If the ROS thread lags, only joint states are published for every cycle.
         if self._simulation is not None:
             self._simulation.advance(stamp)
         self._controllers.publish(stamp, cycles)
@@ -141,7 +145,7 @@ class Surface:
         self._synchronize()
 
     def _synchronize(self) -> None:
-        """Give a loaded controller its node before the client that asked for it gets the answer."""
+        """Create the node of a loaded controller before its client receives the response."""
         complete = True
         try:
             complete = self._controllers.synchronize()
@@ -151,17 +155,17 @@ class Surface:
                 for c in self._controllers.controllers
                 if isinstance(c, JointStateBroadcaster) and not c.parameters.use_local_topics
             ]
-        finally:  # whatever has failed, clients wait for their answers
+        finally:  # Clients wait for their responses even if a step above has failed.
             if complete:
                 self._pending.resume_done()
 
 
 @contextmanager
 def _errors_logged() -> Iterator[None]:
-    """A client's oddity must not take the surface from the others."""
+    """Log errors, so that an unusual request of one client does not end the service for the others."""
     try:
         yield
     except ExternalShutdownException:
         raise
     except Exception:
-        LOG.exception("in a ROS callback")
+        LOG.exception("Error in a ROS callback")

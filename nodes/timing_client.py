@@ -1,4 +1,4 @@
-"""A client of a running stack that notes how prompt it is: answers, first motions, age and stamps of /joint_states."""
+"""Measure the response times of a running stack: goal responses, first motions, and age of /joint_states."""
 
 import random
 import time
@@ -17,27 +17,27 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from drivers.errors import DriverError
 
 PATIENCE_S: Final = 30.0
-LOOK_S: Final = 0.05
-"""So often a wait is asked whether it is to end."""
+POLL_S: Final = 0.05
+"""Interval at which a wait checks whether it should end, in seconds."""
 
 
 @dataclass(slots=True)
 class Promptness:
-    """All that was noted, s."""
+    """Measured times, in seconds, and number of goals."""
 
     answers_s: list[float] = field(default_factory=list)
     cancels_s: list[float] = field(default_factory=list)
     motions_s: list[float] = field(default_factory=list)
     stamps_s: list[float] = field(default_factory=list)
-    """Of /joint_states, ROS time, while ``recording``."""
+    """Stamps of /joint_states in ROS time, recorded while ``recording`` is True."""
     ages_s: list[float] = field(default_factory=list)
-    """From each of these stamps to the client."""
+    """Age of each of these messages when the client received it."""
     goals: int = 0
     failed: int = 0
 
 
 class TimingClient:
-    """Sends goals to a joint trajectory controller, one at a time. The caller's thread spins ``executor``."""
+    """Client of a joint trajectory controller with one goal at a time. The caller's thread spins ``executor``."""
 
     def __init__(
         self,
@@ -49,9 +49,19 @@ class TimingClient:
         moved: float = 1e-6,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """``moved``: a joint that is measured so far (rad or m) elsewhere has moved; ``stop`` ends every wait.
+        """Connect to the action server of the controller.
 
-        Raises DriverError where nobody offers the controller's action.
+        Args:
+            node: Node of the client.
+            executor: Executor of the node, spun by this client.
+            joints: Names of the controller's joints.
+            noted: Object that receives the measurements.
+            controller: Name of the controller.
+            moved: Distance beyond which a joint counts as moved, in rad or m.
+            stop: Function that ends every wait when it returns True.
+
+        Raises:
+            DriverError: No node offers the action of the controller.
         """
         self.recording = False
         self._executor, self._joints, self._noted, self._moved, self._stop = executor, joints, noted, moved, stop
@@ -62,20 +72,27 @@ class TimingClient:
         self._start: list[float] = []
         node.create_subscription(JointState, "/joint_states", self._on_state, 100)
         if not self._arm.wait_for_server(PATIENCE_S):
-            raise DriverError(f"nobody offers /{controller}/follow_joint_trajectory")
+            raise DriverError(f"no node offers the action /{controller}/follow_joint_trajectory: start the stack first")
 
     def spin(self, seconds: float) -> None:
-        """Serve callbacks for so long."""
+        """Serve callbacks for ``seconds``, or until ``stop`` returns True."""
         end_s = time.perf_counter() + seconds
         while (left_s := end_s - time.perf_counter()) > 0.0 and not self._stop():
-            self._executor.spin_once(timeout_sec=min(left_s, LOOK_S))
+            self._executor.spin_once(timeout_sec=min(left_s, POLL_S))
 
     def go(
         self, position: Sequence[float], seconds: float, cancel_after_s: float | None = None, period_s: float = 0.05
     ) -> None:
-        """Send one goal and wait for its end; it is cancelled on its way where ``cancel_after_s`` says so.
+        """Send one goal at a random point of the stack's cycle and wait for the result.
 
-        It is sent at any point of the stack's cycle of ``period_s``. Raises DriverError where nobody answers.
+        Args:
+            position: Goal position of each joint, in rad or m.
+            seconds: Duration of the motion.
+            cancel_after_s: Time after which to cancel the goal, in seconds; None to let it finish.
+            period_s: Period of the stack's cycle, in seconds.
+
+        Raises:
+            DriverError: The stack does not respond in time.
         """
         goal = goal_to(self._joints, position, seconds)
         self.spin(random.uniform(0.0, period_s))
@@ -87,9 +104,9 @@ class TimingClient:
         result = handle.get_result_async()
         if cancel_after_s is not None:
             self.spin(cancel_after_s)
-            asked_s = time.perf_counter()
+            canceled_s = time.perf_counter()
             self._wait(handle.cancel_goal_async(), PATIENCE_S)
-            self._noted.cancels_s.append(time.perf_counter() - asked_s)
+            self._noted.cancels_s.append(time.perf_counter() - canceled_s)
         wanted = 0 if handle.accepted else -1
         self._noted.failed += self._wait(result, PATIENCE_S + seconds).result.error_code != wanted
         self._waiting_since_s = None
@@ -98,10 +115,10 @@ class TimingClient:
         end_s = time.perf_counter() + patience_s
         while not future.done():
             if self._stop():
-                raise DriverError("stopped")
+                raise DriverError("the measurement was stopped")
             if time.perf_counter() > end_s:
-                raise DriverError(f"the stack did not answer within {patience_s:.0f} s")
-            self._executor.spin_once(timeout_sec=LOOK_S)
+                raise DriverError(f"the stack did not respond within {patience_s:.0f} s: check its log")
+            self._executor.spin_once(timeout_sec=POLL_S)
         return future.result()
 
     def _on_state(self, message: JointState) -> None:
@@ -117,7 +134,7 @@ class TimingClient:
 
 
 def goal_to(joints: Sequence[str], position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """A goal of one point (rad or m), as most clients send it."""
+    """Build a goal with a single point (rad or m), as most clients send it."""
     goal = FollowJointTrajectory.Goal()
     goal.trajectory.joint_names = list(joints)
     point = JointTrajectoryPoint(positions=list(position))

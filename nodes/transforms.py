@@ -1,4 +1,4 @@
-"""The transforms of a robot's links: all that does not change is worked out once, a cycle fills in the rest."""
+"""Compute the transforms of a robot's links. Constant parts are computed once, the others in every cycle."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,11 +10,11 @@ from hal.robot_description.description import Mimic, UrdfJoint, Vector
 from hal.robot_description.kinematics import Quaternion, child_pose, from_rpy, multiply, rotate
 
 Place = Callable[[Transform, float], None]
-"""Fills in what changes with the joint's position (rad or m)."""
+"""Function that updates a transform for the position of its joint (rad or m)."""
 
 
 class MovingTransforms:
-    """The moving links. One message a joint serves all cycles: publishing writes it out at once."""
+    """Transforms of the moving links. Each joint reuses one message, because publishing serializes it immediately."""
 
     def __init__(self, joints: Iterable[UrdfJoint], prefix: str) -> None:
         self._joints = [joint for joint in joints if joint.kind in ("revolute", "continuous", "prismatic")]
@@ -23,7 +23,7 @@ class MovingTransforms:
         self._messages: list[tuple[int, Mimic | None, Place, TransformStamped]] = []
 
     def transforms(self, names: Sequence[str], positions: Sequence[float], stamp: Time) -> list[TransformStamped]:
-        """The transforms of all joints that are among ``names`` or follow one of them, but for positions of NaN."""
+        """Return the transforms of the joints in ``names`` and of joints that mimic them, except for NaN positions."""
         if names is not self._names:
             self._names, self._messages = names, list(self._among(names))
         shown = []
@@ -31,7 +31,7 @@ class MovingTransforms:
             position = positions[index]
             if mimic is not None:
                 position = position * mimic.multiplier + mimic.offset
-            if position == position:  # not NaN
+            if position == position:  # The position is not NaN.
                 place(message.transform, position)
                 message.header.stamp = stamp
                 shown.append(message)
@@ -40,19 +40,19 @@ class MovingTransforms:
     def _among(self, names: Sequence[str]) -> Iterable[tuple[int, Mimic | None, Place, TransformStamped]]:
         at = {name: index for index, name in enumerate(names)}
         for joint in self._joints:
-            mimic = None if joint.name in at else joint.mimic  # what is said of a joint itself counts
+            mimic = None if joint.name in at else joint.mimic  # A joint's own position takes precedence.
             source = mimic.joint if mimic else joint.name
             if source in at:
                 yield at[source], mimic, _place(joint), joint_transform(joint, self._prefix, Time())
 
 
 def fixed_transforms(joints: Mapping[str, UrdfJoint], prefix: str, stamp: Time) -> list[TransformStamped]:
-    """The transforms of the joints that never move."""
+    """Return the transforms of the fixed joints."""
     return [joint_transform(joint, prefix, stamp) for joint in joints.values() if joint.kind == "fixed"]
 
 
 def joint_transform(joint: UrdfJoint, prefix: str, stamp: Time) -> TransformStamped:
-    """The child link in its parent, the joint at 0."""
+    """Return the transform from parent to child link with the joint at position 0."""
     return transform_message(prefix + joint.parent, prefix + joint.child, *child_pose(joint, 0.0), stamp)
 
 
@@ -77,9 +77,9 @@ def _slide(start: Sequence[float], along: Sequence[float]) -> Place:
     return place
 
 
-def _turn(still: Sequence[float], turned: Sequence[float]) -> Place:
-    """A turn by an angle is cos(half) of the one quaternion and sin(half) of the other."""
-    (ax, ay, az, aw), (bx, by, bz, bw) = still, turned
+def _turn(at_rest: Sequence[float], turned: Sequence[float]) -> Place:
+    """Rotate by an angle: cos(angle/2) of the quaternion at rest plus sin(angle/2) of the turned quaternion."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = at_rest, turned
 
     def place(transform: Transform, angle_rad: float) -> None:
         c, s = math.cos(angle_rad / 2.0), math.sin(angle_rad / 2.0)
@@ -95,7 +95,7 @@ def _turn(still: Sequence[float], turned: Sequence[float]) -> Place:
 def transform_message(
     parent: str, child: str, position_m: Vector, quaternion: Quaternion, stamp: Time
 ) -> TransformStamped:
-    """The pose of ``child`` in ``parent``: metres and a unit quaternion (x, y, z, w)."""
+    """Convert the pose of ``child`` in ``parent``, in meters and as a unit quaternion (x, y, z, w), to a message."""
     message = TransformStamped()
     message.header.frame_id = parent
     message.header.stamp = stamp

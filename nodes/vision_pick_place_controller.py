@@ -1,6 +1,6 @@
-"""The node ``vision_pick_place_controller``: picks the apple and puts it into the bin of its grade.
+"""Run the node ``vision_pick_place_controller``, which picks an apple and puts it into the bin of its grade.
 
-``python -m nodes.vision_pick_place_controller [--network] --ros-args …``; what it does is in pick_place/.
+Usage: ``python -m nodes.vision_pick_place_controller [--network] --ros-args …``. The node itself is in pick_place/.
 """
 
 import sys
@@ -10,10 +10,10 @@ from nodes.ros_environment import RosError, require_ros
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until SIGINT, SIGTERM or SIGHUP; the exit status. ``args`` as in ``sys.argv``."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP and return the exit status. ``args`` is in the form of sys.argv."""
     try:
         require_ros()
-        from nodes.pick_place.process import run  # rclpy ends a process whose middleware is missing at its import
+        from nodes.pick_place.process import run  # rclpy terminates a process without middleware on import.
 
         return run(sys.argv if args is None else args)
     except RosError as error:

@@ -1,14 +1,30 @@
 """A clock that does not wait: time passes only when somebody sleeps."""
 
+from collections.abc import Callable
+from math import inf
+
+
+class Hang(BaseException):
+    """A simulated program that does not end. It is no Exception: no program under test goes on after it."""
+
 
 class SimulatedClock:
     """A ``drivers.clock.Clock`` whose ``sleep_until`` jumps. Seconds; starts where it is told."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now_s = start_s
+        self.last_s = inf
+        """The time after which ``sleep_until`` raises Hang."""
+        self.on_time: Callable[[float], None] | None = None
+        """Called with each new time."""
 
     def now(self) -> float:
         return self._now_s
 
     def sleep_until(self, deadline_s: float) -> None:
+        """Go on to ``deadline_s``. Raises Hang after ``last_s``."""
         self._now_s = max(self._now_s, deadline_s)
+        if self.on_time is not None:
+            self.on_time(self._now_s)
+        if self._now_s > self.last_s:
+            raise Hang(f"it went on for longer than {self.last_s:g} s of simulated time")

@@ -1,4 +1,4 @@
-"""The bus is one line of servos of one wire protocol: all calls that the layer above may make."""
+"""Define the bus, a line of servos with one wire protocol, and all calls that the layer above may make."""
 
 import logging
 import math
@@ -30,15 +30,15 @@ from drivers.servos.register import Register, ServoModel
 
 LOG = logging.getLogger("servoloop.drivers")
 
-_AT_ONCE: Final = 256  # bytes that are thrown away in one read
+_AT_ONCE: Final = 256  # bytes discarded per read
 
 
 class Bus:
-    """One transaction at a time, from one thread.
+    """Servos on one line. Use it from one thread.
 
-    Single-servo calls raise ServoError; every call raises PortLost once the line is gone. What set-up needs makes up
-    for lost packets (drivers/bus/retry.py): ``identify``, ``goal``, ``position_limits``, ``torque_is_on``,
-    ``limit_torque``, ``torque_off``. A cycle is ``request``, ``receive``, ``write_goals``.
+    A control cycle calls ``request``, ``receive`` and ``write_goals``. Calls for a single servo raise ServoError.
+    Every call raises PortLost when the line is gone. These calls retry after a lost packet, because set-up needs them:
+    ``identify``, ``goal``, ``position_limits``, ``torque_is_on``, ``limit_torque`` and ``torque_off``.
     """
 
     def __init__(
@@ -50,71 +50,102 @@ class Bus:
         position_p: Mapping[int, int] | None = None,
         lent: bool = False,
     ) -> None:
-        """``models`` by ID; ValueError where they cannot share a line. None: STS servos.
+        """Create a bus on a port.
 
-        ``position_p``: the position P gain of Dynamixels (by ID) that are not to have the factory's. It lives
-        in RAM: it is written whenever the torque goes on. ``lent``: the port is another bus's, and ``close`` leaves it.
+        Args:
+            port: The line.
+            clock: Clock of the deadlines.
+            models: Servo model by ID; None for STS servos.
+            position_p: Position P gain by ID, for Dynamixels whose gain differs from the factory's. It is in RAM, so
+                it is written whenever torque is enabled.
+            lent: Whether the port belongs to another bus. ``close`` then leaves it open.
+
+        Raises:
+            ValueError: The models cannot share a line.
         """
         self._port, self._clock, self._lent = port, clock, lent
         self._position_p = dict(position_p or {})
         self._limits: dict[int, int] = {}
         self._turns: Turns | None = None
-        """Those of servos in extended position mode, if there are any."""
+        """Turns of servos in extended position mode, if there are any."""
         try:
             self._servos = servos = KnownServos(models or {})
         except ValueError as error:
             raise ValueError(f"{port.name}: {error}") from error
         self.counters = BusCounters()
-        """What went wrong since the bus was opened, by servo and kind."""
+        """Numbers of faults since the bus was opened, by servo and kind."""
         late, protocol = LateReplies(), servos.protocol
         self._line = line = Line(port, clock)
         self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
         self._single = single = SingleServo(line, protocol, self.counters, late)
         self._maps = IndirectMaps(servos, single, port.name) if protocol.packets is v2 else None
-        # What one servo is asked and told goes straight to the SDK, once.
+        # Calls for a single servo use the SDK directly, without retries.
         self.ping, self.read, self.write = single.ping, single.read, single.write
         self.reg_write, self.action, self.broadcast_ping = single.reg_write, single.action, single.broadcast_ping
         self.reboot, self.factory_reset, self.forget_turns = single.reboot, single.factory_reset, single.forget_turns
 
     @property
     def name(self) -> str:
-        """The port's name."""
+        """Name of the port."""
         return self._port.name
 
     @property
     def baud(self) -> int:
-        """The rate of the line, in bits per second."""
+        """Baud rate of the line, in bits per second."""
         return self._port.baud
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet asks all servos for their states; otherwise each is asked by itself."""
+        """Whether one packet requests the states of all servos. Otherwise each servo is read separately."""
         return self._servos.read_together
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
-        """Ask for the states; ``receive`` waits for them until ``deadline_s`` on the bus's clock.
+        """Request the states of servos. ``receive`` waits for the replies.
 
-        Lines that are asked before any of them is waited for work at the same time. What was requested before and
-        not received is abandoned.
+        Request the states on all buses before you receive from any, so that they work at the same time. A former
+        request that was not received is abandoned.
+
+        Args:
+            servo_ids: IDs of the servos.
+            deadline_s: Time until which ``receive`` waits, in seconds on the bus's clock.
         """
         self._reader.request(tuple(servo_ids), deadline_s)
 
     def receive(self) -> Mapping[int, Reading]:
-        """The state of each servo that was asked, or its fault.
+        """Receive the requested states.
 
-        What is missing is asked for again while there is time, and a servo known to be silent is not waited for in
+        Missing replies are requested again if there is time. A servo that is known to be silent is not waited for in
         every cycle.
+
+        Returns:
+            The state of each requested servo, or its fault, by ID.
         """
         readings, deadline_s = self._reader.receive(), self._reader.deadline_s
         return readings if self._maps is None else self._look_after(readings, deadline_s)
 
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
-        """A goal for each servo, in one packet that nobody acknowledges. ValueError where one does not fit."""
+        """Send a goal to each servo, in one packet that is not acknowledged.
+
+        Args:
+            goals: Goal by ID, in counts.
+
+        Raises:
+            ValueError: A goal does not fit into its register.
+        """
         if goals:
             self._line.tell(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
-        """``request`` and ``receive``; without a deadline every servo is waited for, which is not for a cycle."""
+        """Request and receive the states of servos.
+
+        Args:
+            servo_ids: IDs of the servos.
+            deadline_s: Time to stop waiting, in seconds on the bus's clock. None waits for every servo; do not use
+                it in a cycle.
+
+        Returns:
+            The state of each servo, or its fault, by ID.
+        """
         if deadline_s is None:
             readings = self._reader.read_patiently(tuple(servo_ids))
             return readings if self._maps is None else self._look_after(readings, math.inf)
@@ -122,11 +153,19 @@ class Bus:
         return self.receive()
 
     def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int:
-        """Bytes that a cycle with these goals and states puts on the wire, where nothing goes wrong."""
+        """Return the number of bytes of a cycle without errors.
+
+        Args:
+            goals: Goals that are written, by ID.
+            servo_ids: IDs of the servos whose states are read.
+
+        Returns:
+            Number of bytes on the wire, of requests and replies.
+        """
         return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
 
     def _look_after(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
-        """Name the alarms, if there is time, and note who has lost the map of its indirect registers."""
+        """Name the alarms, if there is time, and record the servos that lost their indirect map."""
         readings = self._turns.readings(readings) if self._turns else readings
         alarmed: dict[int, ServoState] = {}
         for servo_id, reading in readings.items():
@@ -143,7 +182,16 @@ class Bus:
         return {**readings, **named}
 
     def identify(self, servo_id: int, model: ServoModel) -> None:
-        """Raise ServoSilent or ServoRefused unless the servo is there, of this model and set up to be driven."""
+        """Check that a servo answers, has the expected model, and is set up to be driven.
+
+        Args:
+            servo_id: ID of the servo.
+            model: Expected model.
+
+        Raises:
+            ServoSilent: The servo does not answer.
+            ServoRefused: The servo is another model, or its settings do not allow driving it.
+        """
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
         extended = self._is_extended(servo_id, model)
@@ -155,26 +203,45 @@ class Bus:
             self._maps.set_up(servo_id, model)
 
     def _is_extended(self, servo_id: int, model: ServoModel) -> bool:
-        """Whether it is a Dynamixel X in extended position mode."""
+        """Return whether a servo is a Dynamixel X in extended position mode."""
         if series_of(model) is not X:
             return False
         return self._read_surely(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
-        """Raise ServoError unless it is set up to be driven, as a servo with this model's table is."""
+        """Check that the settings of a servo allow driving it.
+
+        Args:
+            servo_id: ID of the servo.
+            model: Model whose control table the servo has.
+
+        Raises:
+            ServoError: The servo does not answer, or a setting does not allow driving it.
+        """
         if warning := check_settings(self._single, servo_id, model):
             LOG.warning("%s: servo %d: %s", self.name, servo_id, warning)
 
     def goal(self, servo_id: int) -> int:
-        """The goal position that the servo holds, in counts."""
+        """Read the goal position of a servo.
+
+        Args:
+            servo_id: ID of the servo.
+
+        Returns:
+            The goal position, in counts.
+        """
         held = self._read_surely(servo_id, self._servos.series(servo_id).goal_position)
         return self._turns.goal(servo_id, held) if self._turns else held
 
     def position_limits(self, servo_id: int) -> tuple[int, int] | None:
-        """The lowest and the highest goal that the servo's settings let it take, in counts.
+        """Read the position limits in the settings of a servo.
 
-        None where it has none: both 0 is a servo without such a setting, or a simulator's empty table. In extended
-        position mode a servo does not look at them.
+        Args:
+            servo_id: ID of the servo.
+
+        Returns:
+            The lowest and the highest goal, in counts. None if there are no limits: the servo has no such setting,
+            both are 0 (as in a simulator), or it ignores them in extended position mode.
         """
         if self._turns and servo_id in self._turns:
             return None
@@ -183,20 +250,40 @@ class Bus:
         return (lowest, highest) if (lowest, highest) != (0, 0) else None
 
     def torque_is_on(self, servo_id: int) -> bool:
-        """Whether the servo drives its motor."""
+        """Read whether the torque of a servo is enabled.
+
+        Args:
+            servo_id: ID of the servo.
+
+        Returns:
+            Whether the servo drives its motor.
+        """
         return self._read_surely(servo_id, self._servos.series(servo_id).torque_enable) == 1
 
     def torque_states(self, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
-        """Whether these servos drive their motors with the torque limit that they were given: a servo that was reset
-        has another. As far as they answer by the deadline: one question and one attempt."""
+        """Read whether servos drive their motors with their torque limit. A servo that was reset has another limit.
+
+        There is one request and no retry.
+
+        Args:
+            servo_ids: IDs of the servos.
+            deadline_s: Time to stop waiting, in seconds on the bus's clock.
+
+        Returns:
+            Whether each servo drives its motor, by ID. Servos that did not answer are missing.
+        """
         series = {i: self._servos.series(i) for i in servo_ids}
         held = self._reader.registers({i: one.torque_state for i, one in series.items()}, deadline_s)
         return {i: series[i].drives(value, self._limits.get(i)) for i, value in held.items()}
 
     def torque_on(self, servo_id: int) -> None:
-        """Drive the motor. The caller has written the goal before.
+        """Enable the torque of a servo. Write its goal first.
 
-        Told once: of a servo that does not acknowledge it nobody knows whether it was reset, and has its goal still.
+        The torque switch is written only once. If a servo does not acknowledge it, it may have been reset and lost
+        its goal.
+
+        Args:
+            servo_id: ID of the servo.
         """
         if self._maps is not None:
             self._maps.restore(servo_id)
@@ -208,8 +295,15 @@ class Bus:
         self.write(servo_id, series.torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
-        """Let go of every servo, each tried whatever the others answer; returns what failed."""
-        # All at once first, so that nobody waits for a dead one's time-out; then each, acknowledged, or else once more.
+        """Release the torque of servos. Every servo is tried, whichever fails.
+
+        Args:
+            servo_ids: IDs of the servos.
+
+        Returns:
+            The errors of the servos that did not acknowledge.
+        """
+        # First broadcast, so that no servo waits for the time-out of a dead one. Then write each until it acknowledges.
         if servo_ids:
             self._line.tell(self._servos.torque_off(servo_ids))
         failed: list[ServoError] = []
@@ -224,11 +318,19 @@ class Bus:
         return failed
 
     def limit_torque(self, servo_id: int, share: float) -> None:
-        """Limit the drive to a share (0 to 1) of full drive until power-off."""
+        """Limit the drive of a servo until its power-off.
+
+        Args:
+            servo_id: ID of the servo.
+            share: Limit as a share of full drive, 0 to 1.
+
+        Raises:
+            ServoRefused: The servo would have no torque, or has no torque limit in RAM.
+        """
         series = self._servos.series(servo_id)
         wanted, lasting, passing = round(share * series.full_torque), series.max_torque, series.torque_limit
         held, where = self._read_surely(servo_id, lasting), f"{lasting.name} (register {lasting.address}"
-        # What lasts is the upper bound, and what a reset servo has: one less tells the two apart.
+        # The EEPROM limit is the upper bound and the limit of a reset servo. One less distinguishes the two.
         limit = min(wanted, held - 1 if passing else held)
         if limit <= 0:
             raise ServoRefused(
@@ -245,14 +347,22 @@ class Bus:
         return retry(partial(self.read, servo_id, register))
 
     def _write_surely(self, servo_id: int, register: Register, value: int) -> None:
-        """One register of RAM: written twice, it holds what it holds after once."""
+        """Write a register of RAM, with retries. Writing it twice has no other effect than writing it once."""
         retry(partial(self.write, servo_id, register, value))
 
     @contextmanager
     def at_baud(self, baud: int, models: Mapping[int, ServoModel] | None = None) -> Iterator["Bus"]:
-        """The same line at this rate, for these models, if any. Raises PortError where the adapter has no such rate.
+        """Use the line at another baud rate. The former rate is restored at the end.
 
-        What is still on the way then is an answer to that bus's questions, and not to be heard at the next.
+        Args:
+            baud: Rate, in bits per second.
+            models: Servo model by ID on the yielded bus; None for the models of this bus.
+
+        Yields:
+            A bus at that rate. Replies that are still on the way at the end are discarded.
+
+        Raises:
+            PortError: The adapter does not support the rate.
         """
         former = self._port.baud
         self._port.set_baud(baud)
@@ -264,12 +374,12 @@ class Bus:
             self._line.clean = False
 
     def _let_pass(self) -> None:
-        """Throw away what comes until nothing comes any more, or somebody never stops."""
+        """Discard received bytes until the line is silent, for a limited time."""
         end_s = self._line.now() + 4.0 * HELD_S
         while self._port.read(_AT_ONCE, min(self._line.now() + HELD_S, end_s)) and self._line.now() < end_s:
             pass
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         if not self._lent:
             self._port.close()

@@ -1,43 +1,59 @@
-"""The first seam: where bytes leave. A real serial device and the virtual bus are both a Port."""
+"""Define the port, the seam through which bytes leave. A serial device and the virtual bus are ports."""
 
 from typing import Protocol
 
 
 class Port(Protocol):
-    """A half-duplex byte line with one owner.
+    """Half-duplex serial line with one owner.
 
-    Every method raises ``PortLost`` once the line is gone (unplugged adapter, ended emulator).
+    Every method raises PortLost when the line is gone (unplugged adapter, ended emulator).
     """
 
     @property
     def name(self) -> str:
-        """What to call the line in a message, e.g. ``/dev/ttyACM0``."""
+        """Name of the line in messages, such as ``/dev/ttyACM0``."""
         ...
 
     @property
     def baud(self) -> int:
-        """Bits per second; a byte takes ten of them (8N1)."""
+        """Baud rate, in bits per second. A byte takes ten bits (8N1)."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``."""
+        """Send bytes.
+
+        Args:
+            data: The bytes to send. All of them are sent.
+        """
         ...
 
     def read(self, size: int, deadline_s: float) -> bytes:
-        """Wait without spinning until ``size`` bytes are there or the clock says ``deadline_s``.
+        """Wait until ``size`` bytes have arrived or the deadline has passed. The wait does not spin.
 
-        Returns what has come by then: at most ``size`` bytes, perhaps none.
+        Args:
+            size: Number of bytes to wait for.
+            deadline_s: Time to stop waiting, in seconds on the port's clock.
+
+        Returns:
+            The bytes that have arrived: at most ``size``, possibly none.
         """
         ...
 
     def discard_input(self) -> None:
-        """Drop whatever was received and not yet read."""
+        """Discard all received bytes that have not been read."""
         ...
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate. Raises PortError, and keeps the old one, where the adapter does not know it."""
+        """Change the baud rate.
+
+        Args:
+            baud: New rate, in bits per second.
+
+        Raises:
+            PortError: The adapter does not support the rate. The port keeps its former rate.
+        """
         ...
 
     def close(self) -> None:
-        """Give the line back. Closing twice is no error."""
+        """Close the line. Closing it again has no effect."""
         ...

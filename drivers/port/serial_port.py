@@ -1,4 +1,4 @@
-"""A real serial device (or a pseudo-terminal) as a Port."""
+"""Open a serial device or a pseudo-terminal as a port."""
 
 import contextlib
 import errno
@@ -32,9 +32,19 @@ _TCGETS2, _TERMIOS2_SIZE, _OSPEED_AT = 0x802C542A, 44, 40
 
 
 class SerialPort:
-    """Opens a device exclusively and waits on its file descriptor, never spinning.
+    """Serial device, opened for exclusive use.
 
-    Raises PortMissing, PortNotSerial, PortBusy (with the owner's name) or PortDenied (with the group to join).
+    Args:
+        device: Path of the device, such as ``/dev/ttyACM0``.
+        baud: Baud rate, in bits per second.
+        clock: Clock of the deadlines; by default the monotonic clock of the machine.
+
+    Raises:
+        PortMissing: The device does not exist.
+        PortNotSerial: The path is not a serial device.
+        PortBusy: Another program uses the device; the message names it.
+        PortDenied: You may not open the device; the message names the group to join.
+        PortError: The adapter does not support the rate.
     """
 
     def __init__(self, device: str, baud: int = 1_000_000, clock: Clock | None = None) -> None:

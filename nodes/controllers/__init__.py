@@ -1,1 +1,1 @@
-"""Each loaded controller's ROS node: its parameters, topics, services and actions."""
+"""ROS nodes of the loaded controllers, with their parameters, topics, services and actions."""

@@ -1,4 +1,4 @@
-"""The goals of one action under way: accepted here, decided by the loop."""
+"""Track the running goals of one action. They are accepted here, and the control loop decides their results."""
 
 from collections.abc import Callable
 from typing import Any, Final, Generic, Protocol, TypeVar
@@ -13,12 +13,12 @@ from nodes.publishing import EVERY_CALL
 from nodes.rclpy_patches.client_limits import CLIENT_LIMITS
 
 RESULT_TIMEOUT_S: Final = 10
-"""So long a client can still ask for a result, as with upstream. rclpy's default is a quarter of an hour; every status
-message names all goals of that time, and answers come late after some hundreds."""
+"""Time for which a result remains available to clients, in seconds, as in ros2_control. With rclpy's default of 15 min,
+every status message lists all goals of that time, and responses become late after several hundred goals."""
 
 
 class AcceptedGoal(Protocol):
-    """An accepted goal; the loop's thread decides it."""
+    """An accepted goal. The loop thread decides its result."""
 
     @property
     def done(self) -> bool: ...
@@ -37,7 +37,7 @@ def make_action_server(
     on_goal: Callable[[Any], GoalResponse],
     on_accepted: Callable[[ServerGoalHandle], None],
 ) -> ActionServer:
-    """Make the server of an action whose goals are decided by the loop."""
+    """Create the server of an action whose results are decided by the control loop."""
     server = ActionServer(
         node,
         kind,
@@ -46,7 +46,7 @@ def make_action_server(
         goal_callback=on_goal,
         handle_accepted_callback=on_accepted,
         cancel_callback=goals.on_cancel,
-        # A client that floods the server would push the others' requests out of a queue of ten.
+        # With the default queue of ten, a client that floods the server would displace the requests of others.
         goal_service_qos_profile=EVERY_CALL,
         cancel_service_qos_profile=EVERY_CALL,
         result_service_qos_profile=EVERY_CALL,
@@ -57,9 +57,9 @@ def make_action_server(
 
 
 class ActionGoals(Generic[Handle]):
-    """The goals of one action; all calls come from the ROS thread.
+    """Goals of one action. All calls come from the ROS thread.
 
-    ``cancel`` tells the controller, ``result`` makes the action's result.
+    ``cancel`` forwards a cancel request to the controller, and ``result`` creates the result of the action.
     """
 
     def __init__(self, cancel: Callable[[Handle], None], result: Callable[[Handle], Any]) -> None:
@@ -70,18 +70,18 @@ class ActionGoals(Generic[Handle]):
 
     @property
     def waiting(self) -> bool:
-        """True while a client waits for a result."""
+        """Whether a client waits for a result."""
         return bool(self._undecided)
 
     def accept(self, server_goal: ServerGoalHandle, handle: Handle) -> None:
-        """In the server's ``handle_accepted_callback``: ``execute`` runs only when the executor comes round again."""
+        """Register an accepted goal. The server calls ``execute`` only in the next turn of the executor."""
         key = bytes(server_goal.goal_id.uuid)
         self._handles[key] = handle
         self._undecided[key] = (server_goal, Future())
         server_goal.execute()
 
     def on_cancel(self, server_goal: ServerGoalHandle) -> CancelResponse:
-        """The server's ``cancel_callback``."""
+        """Handle a cancel request (``cancel_callback`` of the server)."""
         handle = self._handles.get(bytes(server_goal.goal_id.uuid))
         if handle is None or handle.done:
             return CancelResponse.REJECT
@@ -89,25 +89,25 @@ class ActionGoals(Generic[Handle]):
         return CancelResponse.ACCEPT
 
     def publish_feedback(self, feedback: Any) -> None:
-        """Publish the feedback of a cycle to the goals that are not decided."""
+        """Publish the feedback of a cycle for all undecided goals."""
         for key, (server_goal, _) in self._undecided.items():
             if not self._handles[key].done:
                 server_goal.publish_feedback(feedback)
 
     def finish_decided(self) -> None:
-        """End the goals that are decided."""
+        """End the decided goals."""
         for key in [key for key in self._undecided if self._handles[key].done]:
             _, future = self._undecided.pop(key)
             future.set_result(None)
 
     async def execute(self, server_goal: ServerGoalHandle) -> Any:
-        """The server's ``execute_callback``: waits for the decision without holding up the executor."""
+        """Wait for the decision without blocking the executor (``execute_callback`` of the server)."""
         key = bytes(server_goal.goal_id.uuid)
-        if key in self._undecided:  # else it has been decided already
+        if key in self._undecided:
             await self._undecided[key][1]
         handle = self._handles.pop(key)
-        # A goal that ends in the instant in which its cancel is accepted is canceling for the action server,
-        # which then allows no success.
+        # If a cancel request was accepted at the moment the goal ended, the server considers the goal to be canceling.
+        # A canceling goal cannot succeed.
         if handle.status is GoalStatus.CANCELED and server_goal.is_cancel_requested:
             server_goal.canceled()
         elif handle.status is GoalStatus.SUCCEEDED:

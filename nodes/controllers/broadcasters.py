@@ -1,4 +1,4 @@
-"""The ROS interfaces of the broadcasters: ``joint_states`` and ``dynamic_joint_states``."""
+"""Publish the topics of the broadcasters: ``joint_states`` and ``dynamic_joint_states``."""
 
 from array import array
 from collections.abc import Mapping, Sequence
@@ -17,20 +17,20 @@ from nodes.publishing import LATCHED, LATCHED_WHILE_NEW
 
 
 class HasInterfaces(Protocol):
-    """A controller of state interfaces, which come in the same order as their values."""
+    """A controller with state interfaces. Interfaces and values have the same order."""
 
     @property
     def interfaces(self) -> Mapping[str, tuple[str, ...]]:
-        """By joint."""
+        """Interface names of each joint."""
         ...
 
     def values(self, state: JointState) -> Sequence[Sequence[float]]:
-        """By joint and interface."""
+        """Return the values by joint and interface."""
         ...
 
 
 class DynamicStates:
-    """Fills its message for subscribers only: that takes longer than the rest of a broadcaster's cycle."""
+    """Publisher of ``dynamic_joint_states``. It fills its message only for subscribers, because filling it is slow."""
 
     def __init__(self, node: Node, topic: str, controller: HasInterfaces, frame_id: str = "") -> None:
         self._controller = controller
@@ -43,7 +43,7 @@ class DynamicStates:
         self._message.header.frame_id = frame_id
 
     def publish(self, state: JointState, stamp: Time) -> None:
-        """Publish this state, if there is a subscriber."""
+        """Publish a state if there is a subscriber."""
         if not self._topic.get_subscription_count():
             return
         self._message.header.stamp = stamp
@@ -53,7 +53,7 @@ class DynamicStates:
 
 
 class JointStateNode:
-    """On the node of its controller, a message for each cycle."""
+    """Interface node of a joint state broadcaster. It publishes a message for every cycle."""
 
     def __init__(self, node: Node, controller: JointStateBroadcaster) -> None:
         self.node = node
@@ -72,7 +72,7 @@ class JointStateNode:
             self._dynamic = DynamicStates(node, topic, controller, parameters.frame_id)
 
     def publish_cycle(self, state: JointState, stamp: Time) -> None:
-        """The state of one cycle. One message serves all: publishing writes it out at once."""
+        """Publish the state of one cycle. The message is reused, because publishing serializes it immediately."""
         if self._controller.state is None:
             return
         self._fill(self._controller.sample(state))
@@ -83,7 +83,7 @@ class JointStateNode:
             self._dynamic.publish(state, stamp)
 
     def _fill(self, states: JointStates) -> None:
-        """A joint that has never been measured is left out: a position of NaN is of no use to anybody."""
+        """Fill in the message. Joints that were never measured are omitted, because NaN positions are useless."""
         known = ~(np.isnan(states.position) & self._has_position)
         message = self._message
         if (known != self._known).any():
@@ -95,22 +95,22 @@ class JointStateNode:
 
 
 def _numbers(values: FloatArray) -> "array[float]":
-    """The values as an array, which a message takes as it is; of a list rclpy checks every number."""
+    """Convert the values to an array. rclpy assigns arrays directly, but checks every element of a list."""
     return array("d", values.tobytes())
 
 
 class ServoStateNode:
-    """On the node of its controller. ``publish`` runs after each cycle, and passes on what is new."""
+    """Interface node of a servo state broadcaster. ``publish`` runs after each cycle and publishes new states only."""
 
     def __init__(self, node: Node, controller: ServoStateBroadcaster) -> None:
         self.node = node
         self._controller = controller
         self._states = DynamicStates(node, "~/dynamic_joint_states", controller)
-        self._shown: JointState | None = None
+        self._published: JointState | None = None
 
     def publish(self, stamp: Time) -> None:
-        """The state that is due, if it is."""
+        """Publish the state if it is new."""
         state = self._controller.state
-        if state is not None and state is not self._shown:
+        if state is not None and state is not self._published:
             self._states.publish(state, stamp)
-        self._shown = state
+        self._published = state

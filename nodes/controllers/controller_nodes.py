@@ -1,4 +1,4 @@
-"""The controllers' ROS nodes: they come and go with the controllers."""
+"""Create and destroy the ROS nodes of the controllers as the controllers are loaded and unloaded."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -31,13 +31,13 @@ from nodes.ros_time import RosTime
 LOG = logging.getLogger("servoloop.nodes")
 
 LAST_CYCLES = 2
-"""A node that is no longer wanted lives so many cycles more: goals that ended with its controller get their results."""
+"""Number of extra cycles for which a node remains after its controller is gone, so that clients receive results."""
 
-_LACKING = "%s does its work, but its ROS node lacks what failed here"
+_INCOMPLETE = "controller %s runs, but its ROS node is incomplete after this error"
 
 
 class ControllerNode:
-    """The ROS node of one loaded controller; it has the controller's interface while the controller is configured."""
+    """ROS node of one loaded controller. It has topics, services and actions while the controller is configured."""
 
     def __init__(self, spec: ControllerSpec, manager_client: ManagerClient, ros_time: RosTime) -> None:
         self.node = _make_node(spec, ros_time)
@@ -45,9 +45,9 @@ class ControllerNode:
             TransitionEvent, "~/transition_event", 10, event_callbacks=NO_EVENT_CALLBACKS
         )
         self._specs = [spec]
-        """The one that loaded the controller, and those that its parameters made: the loop may lag behind the last."""
+        """The original specification and those made by parameter changes. The loop may not yet use the newest."""
         self.controller: Controller | None = None
-        """The one that the interface belongs to."""
+        """Controller to which the interface belongs."""
         self._interface: ControllerInterfaceNode | None = None
         self._interface_entities: NodeEntities | None = None
         self._cycles_left = LAST_CYCLES
@@ -60,28 +60,28 @@ class ControllerNode:
                 lambda new: self._specs.append(manager_client.change(spec.name, new)),
                 lambda: manager_client.configured(spec.name),
             )
-        except Exception:  # a plug-in's, mostly: the other controllers' clients still wait for their answers
-            LOG.exception(_LACKING, spec.name)
+        except Exception:  # Other clients still wait for responses.
+            LOG.exception(_INCOMPLETE, spec.name)
 
     def belongs_to(self, entry: Loaded | None) -> bool:
-        """True if ``entry`` is this node's controller, and not one of its name that was loaded since.
+        """Return whether ``entry`` is the controller of this node and not a later one with the same name.
 
-        Specs older than that of ``entry`` are forgotten.
+        Specifications older than that of ``entry`` are discarded.
         """
         while entry is not None and self._specs and self._specs[0] is not entry.spec:
             del self._specs[0]
         return entry is not None and bool(self._specs)
 
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]]) -> None:
-        """Publish these cycles, with their stamps; ``stamp`` is the newest one's."""
+        """Publish cycles with their stamps. ``stamp`` is the stamp of the newest cycle."""
         try:
             if isinstance(self._interface, EveryCycleNode):
                 for cycle in cycles:
                     self._interface.publish_cycle(*cycle)
             if isinstance(self._interface, NewestCycleNode):
                 self._interface.publish(stamp)
-        except Exception:  # a plug-in's, mostly: the other controllers still publish
-            LOG.exception("%s shows nothing from here on", self.node.get_name())
+        except Exception:  # The other controllers must still publish.
+            LOG.exception("controller %s stops publishing after this error", self.node.get_name())
             self._interface = None
 
     def publish_transition(self, transition: Transition) -> None:
@@ -90,12 +90,12 @@ class ControllerNode:
             self._transitions.publish(event)
 
     def last_cycles_are_over(self) -> bool:
-        """Count one cycle more of a node or an interface that is no longer wanted."""
+        """Count one of the extra cycles of a node or interface, and return whether all of them have passed."""
         self._cycles_left -= 1
         return self._cycles_left < 0
 
     def set_controller(self, controller: Controller | None) -> None:
-        """Give the node the interface of ``controller``, once that of the former one has had its last cycles."""
+        """Add the interface of ``controller`` after the extra cycles of the previous interface."""
         if self.controller is controller or (self._interface_entities is not None and not self.last_cycles_are_over()):
             return
         self._remove_interface()
@@ -104,11 +104,11 @@ class ControllerNode:
             self._interface_entities = NodeEntities(self.node)
             try:
                 self._interface = interface_node_of(self.node, controller)
-            except Exception:  # a plug-in's, mostly
-                LOG.exception(_LACKING, controller.name)
+            except Exception:  # A plug-in may raise any exception.
+                LOG.exception(_INCOMPLETE, controller.name)
 
     def destroy(self) -> None:
-        """Take the node off the graph, after its action servers: rclpy would leave them and their names behind."""
+        """Destroy the action servers, which rclpy would leave in the graph, and then the node."""
         self._remove_interface()
         self.node.destroy_node()
 
@@ -120,7 +120,7 @@ class ControllerNode:
 
 
 class ControllerNodes:
-    """The nodes of all loaded controllers; all calls come from the ROS thread."""
+    """ROS nodes of all loaded controllers. All calls come from the ROS thread."""
 
     def __init__(
         self, manager: ControllerManager, manager_client: ManagerClient, executor: Executor, ros_time: RosTime
@@ -132,22 +132,22 @@ class ControllerNodes:
         self._nodes: dict[str, ControllerNode] = {}
         self._unloaded: dict[str, ControllerNode] = {}
         self._failed: dict[str, Loaded] = {}
-        """Controllers whose nodes could not be brought to what the manager has; not tried again before that changes."""
+        """Controllers whose nodes could not be updated. An update is retried only after the controller changes."""
         self._synchronized_with: object = None
         self._complete = True
 
     @property
     def controllers(self) -> Iterator[Controller]:
-        """The controllers whose nodes have their interfaces."""
+        """Controllers whose nodes have their interfaces."""
         return (node.controller for node in self._nodes.values() if node.controller is not None)
 
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]] = ()) -> None:
-        """Publish the cycles since the last call, with their stamps; ``stamp`` is the newest one's."""
+        """Publish the cycles since the last call with their stamps. ``stamp`` is the stamp of the newest cycle."""
         for node in (*self._nodes.values(), *self._unloaded.values()):
             node.publish(stamp, cycles)
 
     def synchronize(self) -> bool:
-        """Bring the graph to what the manager has; returns whether it is complete, or needs another cycle."""
+        """Update the graph to match the manager. Return False if another cycle is needed to complete it."""
         if self._manager.registry.loaded is self._synchronized_with and self._complete:
             return True
         loaded = self._manager.registry.loaded
@@ -157,7 +157,7 @@ class ControllerNodes:
         self._failed = {name: entry for name, entry in self._failed.items() if loaded.get(name) is entry}
         for name, entry in loaded.items():
             if name not in self._unloaded and name not in self._failed:
-                self._bring(name, entry)
+                self._update(name, entry)
         self._publish_transitions()
         self._synchronized_with = loaded
         self._complete = not self._unloaded and all(
@@ -166,7 +166,7 @@ class ControllerNodes:
         return self._complete
 
     def close(self) -> None:
-        """Take all of them off the graph."""
+        """Destroy all nodes."""
         for node in (*self._nodes.values(), *self._unloaded.values()):
             node.destroy()
 
@@ -178,8 +178,8 @@ class ControllerNodes:
                 with _logged(name):
                     node.destroy()
 
-    def _bring(self, name: str, entry: Loaded) -> None:
-        """Bring one node to what the manager has. One that fails keeps nobody else's answers."""
+    def _update(self, name: str, entry: Loaded) -> None:
+        """Update one node to match the manager. A failure does not delay the responses of other controllers."""
         self._failed[name] = entry
         with _logged(name):
             if name not in self._nodes:
@@ -192,7 +192,7 @@ class ControllerNodes:
         self._executor.add_node(self._nodes[spec.name].node)
 
     def _publish_transitions(self) -> None:
-        """Publish every transition since the last time."""
+        """Publish all new transitions."""
         while self._manager.registry.transitions:
             transition = self._manager.registry.transitions.popleft()
             node = self._nodes.get(transition.name) or self._unloaded.get(transition.name)
@@ -205,12 +205,12 @@ def _logged(name: str) -> Iterator[None]:
     try:
         yield
     except Exception:
-        LOG.exception(_LACKING, name)
+        LOG.exception(_INCOMPLETE, name)
 
 
 def _make_node(spec: ControllerSpec, ros_time: RosTime) -> ParameterNode:
     try:
         return ParameterNode(spec.name, ros_time, cli_args=list(spec.node_arguments) or None)
-    except Exception as error:  # rcl's, which has no name of its own here
-        LOG.error("%s: its node arguments %s are not used: %s", spec.name, spec.node_arguments, error)
+    except Exception as error:  # The errors of rcl have no public base class.
+        LOG.error("controller %s: its node arguments %s are ignored: %s", spec.name, spec.node_arguments, error)
         return ParameterNode(spec.name, ros_time)

@@ -1,4 +1,4 @@
-"""A controller's parameters as those of its ROS node."""
+"""Expose the parameters of a controller as parameters of its ROS node."""
 
 from collections.abc import Callable, Iterator, Mapping
 from enum import Enum
@@ -17,11 +17,11 @@ BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than
 
 
 class ControllerParameters:
-    """Declares all of ``parameters`` on ``node``, nested ones with dots (``constraints.joint1.goal``).
+    """ROS parameters of one controller. Names of nested parameters contain dots (``constraints.joint1.goal``).
 
-    Read-only but for those that ``settable`` names, or whose group it names, and those that are missing: they can be
-    set until the controller is ``configured``. ``change`` is told the new parameters and raises ValueError where it
-    refuses them.
+    A parameter can be set if ``settable`` contains its name or its group. A missing parameter can be set until the
+    controller is ``configured``. All others are read-only. ``change`` receives the new parameters and raises ValueError
+    to reject them.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class ControllerParameters:
         node.add_on_set_parameters_callback(self._on_set)
 
     def _declare(self, parameters: Parameters) -> None:
-        """Declare the parameters that the node has not yet: a joint's constraints come with the joint."""
+        """Declare new parameters, such as the constraints of an added joint."""
         for name, value, info in flat(parameters):
             if not self._node.has_parameter(name):
                 _declare(self._node, name, value, _descriptor(value, info, _may_be_set(name, self._settable)))
@@ -54,20 +54,20 @@ class ControllerParameters:
         if not own:
             return SetParametersResult(successful=True)
         if (late := self._late & own.keys()) and self._configured():
-            reason = f"{', '.join(sorted(late))} can be set only before it is configured: clean the controller up first"
+            reason = f"{', '.join(sorted(late))} can be set only before the controller is configured: clean it up first"
             return SetParametersResult(successful=False, reason=reason)
         try:
             changed = changed_by(self._parameters, own)
             self._change(changed)
         except ValueError as error:
-            return SetParametersResult(successful=False, reason=_said(error))
+            return SetParametersResult(successful=False, reason=_describe(error))
         self._parameters = changed
         self._declare(changed)
         return SetParametersResult(successful=True)
 
 
 def flat(model: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, FieldInfo | None]]:
-    """Yields each value with its dotted name and its model's field; None for a value that is missing."""
+    """Yield the dotted name, value and model field of each parameter. A missing parameter has the value None."""
     infos = type(model).model_fields
     for name in (*infos, *(model.model_extra or {})):
         yield from _flat_value(f"{prefix}{name}", getattr(model, name, None), infos.get(name))
@@ -84,8 +84,17 @@ def _flat_value(name: str, value: Any, info: FieldInfo | None) -> Iterator[tuple
 
 
 def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
-    """The parameters with other values, by dotted names. Raises pydantic's ValidationError."""
-    content = parameters.model_dump(warnings=False)  # where some are missing, the others are as they were given
+    """Return a copy of the parameters with some values changed.
+
+    Args:
+        parameters: Present parameters.
+        values: New values by dotted name.
+
+    Raises:
+        ValidationError: A value is invalid.
+    """
+    # If some parameters are missing, the others have not been validated and may cause warnings.
+    content = parameters.model_dump(warnings=False)
     for name, value in values.items():
         *groups, last = name.split(".")
         inner = content
@@ -96,10 +105,10 @@ def changed_by(parameters: Parameters, values: Mapping[str, Any]) -> Parameters:
 
 
 def _plain(value: Any) -> Any:
-    """A value as a ROS parameter: enumerations by value, sequences as lists."""
+    """Convert enumerations to their values and sequences to lists, as ROS parameters require."""
     if isinstance(value, Enum):
         return value.value
-    return [_plain(one) for one in value] if isinstance(value, tuple | list | set | frozenset) else value
+    return [_plain(item) for item in value] if isinstance(value, tuple | list | set | frozenset) else value
 
 
 def _may_be_set(name: str, settable: frozenset[str]) -> bool:
@@ -123,18 +132,18 @@ def _descriptor(value: Any, info: FieldInfo | None, settable: bool) -> Parameter
 
 
 def _declare(node: Node, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
-    if value == []:  # whose type rclpy would guess to be bytes
+    if value == []:  # rclpy would guess bytes as the type of an empty list.
         kind = Parameter.Type.STRING_ARRAY
         node.declare_parameter(name, kind)
         node.set_parameters([Parameter(name, kind, [])])
         descriptor.type = kind.value
         node.set_descriptor(name, descriptor)
     else:
-        # an override (-p) is in the value already, and has its type
+        # The value already includes an override (-p) in the right type.
         node.declare_parameter(name, value, descriptor, ignore_override=True)
 
 
-def _said(error: ValueError) -> str:
+def _describe(error: ValueError) -> str:
     if isinstance(error, ValidationError):
         return "; ".join(f"{'.'.join(map(str, item['loc']))}: {said(item)}" for item in error.errors())
     return str(error)

@@ -1,4 +1,4 @@
-"""The ROS interface of the forward command controllers: ``~/commands``."""
+"""Receive the commands of the forward command controllers on ``~/commands``."""
 
 from typing import Protocol
 
@@ -11,15 +11,15 @@ from nodes.publishing import ANY_CLIENT
 
 
 class TakesCommands(Protocol):
-    """A forward command controller of whatever interface."""
+    """A forward command controller for any command interface."""
 
     def submit(self, values: list[float]) -> str | None:
-        """Returns why the command is dropped, or None."""
+        """Submit a command. Return the reason if the command is dropped, or None."""
         ...
 
 
 class ForwardNode:
-    """On the node of its controller."""
+    """Interface node of a forward command controller."""
 
     def __init__(self, node: Node, controller: TakesCommands) -> None:
         self.node = node
@@ -27,7 +27,7 @@ class ForwardNode:
         self.node.create_subscription(Float64MultiArray, "~/commands", self._on_command, ANY_CLIENT)
 
     def publish(self, stamp: Time) -> None:
-        """There is nothing to publish."""
+        """Do nothing, because a forward command controller publishes no topic."""
 
     def _on_command(self, message: Float64MultiArray) -> None:
         reason = self._controller.submit(list(message.data))

@@ -1,4 +1,4 @@
-"""The ROS interfaces of the gripper action controllers: ``~/gripper_cmd``, in upstream's two types."""
+"""Serve the action ``~/gripper_cmd`` of the gripper controllers, in both action types of ros2_control."""
 
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
@@ -18,7 +18,7 @@ from nodes.publishing import RateLimiter
 
 
 class GripperNode(ABC):
-    """On the node of its controller. ``publish`` runs after each cycle."""
+    """Interface node of a gripper controller. ``publish`` runs after each cycle."""
 
     action: ClassVar[Any]
 
@@ -33,23 +33,27 @@ class GripperNode(ABC):
 
     @abstractmethod
     def goal(self, request: Any) -> GripperGoal:
-        """The goal of a request. Raises ValueError with what is wrong in the request."""
+        """Convert a request to a goal.
+
+        Raises:
+            ValueError: The request is invalid.
+        """
 
     @abstractmethod
     def result(self, state: GripperState, stamp: Time) -> Any:
-        """The action's result."""
+        """Create the result of the action."""
 
     @abstractmethod
     def feedback(self, state: GripperState, stamp: Time) -> Any:
-        """The action's feedback."""
+        """Create the feedback of the action."""
 
     @property
     def joint(self) -> str:
-        """The fingers' joint."""
+        """Name of the gripper joint."""
         return self._controller.joint
 
     def publish(self, stamp: Time) -> None:
-        """Feedback of the goal under way, and the end of those that are decided."""
+        """Publish feedback for the running goal, and end the decided goals."""
         if not self._goals.waiting:
             return
         due = self._rate_limiter.due(stamp.sec + stamp.nanosec * 1e-9, self._controller.parameters.action_monitor_rate)
@@ -71,8 +75,8 @@ class GripperNode(ABC):
     def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
         goal = self.goal(server_goal.request)
         if goal.max_effort:
-            words = f"max effort {goal.max_effort:g} is not heeded: torque_limit in the robot file bounds the force"
-            self.node.get_logger().warning(words, once=True)
+            text = f"max effort {goal.max_effort:g} is ignored: torque_limit in the robot file limits the force"
+            self.node.get_logger().warning(text, once=True)
         self._goals.accept(server_goal, self._controller.submit(goal))
 
     def _result(self, handle: GripperHandle) -> Any:
@@ -81,7 +85,7 @@ class GripperNode(ABC):
 
 
 class ParallelGripperNode(GripperNode):
-    """control_msgs/action/ParallelGripperCommand."""
+    """Interface node for the action type control_msgs/action/ParallelGripperCommand."""
 
     action = ParallelGripperCommand
 
@@ -91,7 +95,7 @@ class ParallelGripperNode(GripperNode):
         if count != 1:
             raise ValueError(f"Received action goal with wrong number of position values, expects 1, got {count}")
         if names not in ([], [self.joint]):
-            raise ValueError(f"the goal is for {', '.join(names)}, and this gripper's joint is {self.joint}")
+            raise ValueError(f"the goal names {', '.join(names)}, but the joint of this gripper is {self.joint}")
         return GripperGoal(command.position[0], _only(command.velocity), _only(command.effort))
 
     def result(self, state: GripperState, stamp: Time) -> ParallelGripperCommand.Result:
@@ -111,7 +115,7 @@ class ParallelGripperNode(GripperNode):
 
 
 class PositionGripperNode(GripperNode):
-    """control_msgs/action/GripperCommand."""
+    """Interface node for the action type control_msgs/action/GripperCommand."""
 
     action = GripperCommand
 
@@ -134,7 +138,7 @@ class PositionGripperNode(GripperNode):
 
 
 def _only(values: Any) -> float:
-    """The one value of an optional field; 0 where there is none."""
+    """Return the single value of an optional field, or 0 if the field is empty."""
     if len(values) > 1:
-        raise ValueError(f"{len(values)} velocities or efforts for one joint: send one, or none")
+        raise ValueError(f"{len(values)} velocities or efforts for one joint: send at most one of each")
     return float(values[0]) if len(values) else 0.0

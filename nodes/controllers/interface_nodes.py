@@ -1,4 +1,4 @@
-"""The interface nodes of the controllers: the topics, services and actions that each kind has on its ROS node."""
+"""Create the interface nodes of controllers: the topics, services and actions of each controller type."""
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
@@ -25,44 +25,45 @@ from nodes.controllers.gripper import ParallelGripperNode, PositionGripperNode
 from nodes.controllers.trajectory import TrajectoryNode
 
 ENTRY_POINTS: Final = "servoloop.controller_nodes"
-"""The group of entry points in which a user's package names its controllers' interface nodes, by their ``type``."""
+"""Entry point group in which a package registers interface nodes for its controllers, by controller ``type``."""
 
 
 @runtime_checkable
 class NewestCycleNode(Protocol):
-    """Publishes the newest state of its controller."""
+    """An interface node that publishes only the newest state of its controller."""
 
     def publish(self, stamp: Time) -> None:
-        """A cycle has ended, or several: ``stamp`` is the ROS time of the newest one's measurement."""
+        """Publish the state after one or more cycles. ``stamp`` is the ROS time of the newest measurement."""
         ...
 
 
 @runtime_checkable
 class EveryCycleNode(Protocol):
-    """Publishes every cycle, also those that the ROS thread is behind with."""
+    """An interface node that publishes every cycle, even if the ROS thread lags behind the loop."""
 
     def publish_cycle(self, state: JointState, stamp: Time) -> None:
-        """A cycle has ended: what it measured, and the ROS time of that."""
+        """Publish the measured state of one cycle, with its ROS time."""
         ...
 
 
 ControllerInterfaceNode = NewestCycleNode | EveryCycleNode
-"""An interface node has one of these methods, or both: then ``publish`` comes after every cycle has been published.
+"""An interface node with one or both of these methods. ``publish`` is called after ``publish_cycle`` of all cycles.
 
-Lives in the ROS thread, from the controller's configuration to its cleanup. Built as
-``Class(node, controller)``: the manager makes the node (its name, parameters, remappings), which stays from load to
-unload, and takes off it everything that this object has added.
+An interface node belongs to the ROS thread and exists from the configuration of its controller to the cleanup. It is
+created as ``Class(node, controller)``. The manager creates ``node`` with its name, parameters and remappings when the
+controller is loaded and keeps it until the controller is unloaded. At cleanup it removes everything that the interface
+node has added to ``node``.
 """
 
 
 class PlainNode:
-    """The interface node of a kind that has none of its own: parameters only."""
+    """Interface node of a controller type without ROS interfaces. Its node has parameters only."""
 
     def __init__(self, node: Node, controller: Controller) -> None:
         self.node = node
 
     def publish(self, stamp: Time) -> None:
-        """There is nothing to publish."""
+        """Do nothing, because the controller has no topics."""
 
 
 _OURS: Final[Mapping[str, Callable[[Node, Any], ControllerInterfaceNode]]] = {
@@ -79,7 +80,7 @@ _OURS: Final[Mapping[str, Callable[[Node, Any], ControllerInterfaceNode]]] = {
 
 
 def interface_node_of(node: Node, controller: Controller) -> ControllerInterfaceNode:
-    """Add the interface of the controller's kind to ``node``. Raises what an installed class raises."""
+    """Add the interface of a controller to ``node``. Exceptions raised by an installed class are not caught."""
     installed = entry_points(group=ENTRY_POINTS, name=controller.kind)
     maker = next((point.load() for point in installed), _OURS.get(controller.kind, PlainNode))
     interface: ControllerInterfaceNode = maker(node, controller)

@@ -1,4 +1,4 @@
-"""The entities that a controller's interface adds to its node, which outlives them."""
+"""Remove the ROS entities that the interface of a controller has added to its node."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -19,7 +19,7 @@ _DESTROY: Final = {
 
 
 class NodeEntities:
-    """All entities added to ``node`` from now on: publishers and the like, actions, parameters and their callbacks."""
+    """All publishers, other ROS entities, parameters and callbacks added to ``node`` after this object was created."""
 
     def __init__(self, node: ParameterNode) -> None:
         self._node = node
@@ -29,16 +29,16 @@ class NodeEntities:
         self._parameters = node.parameter_names
 
     def remove(self) -> None:
-        """Bring the node back to how it was when this object was made."""
+        """Restore the node to its state at the creation of this object."""
         node = self._node
         for waitable in _new(node.waitables, self._waitables):
-            if isinstance(waitable, ActionServer | ActionClient):  # the others go with what they belong to
+            if isinstance(waitable, ActionServer | ActionClient):  # Others are removed with their owners.
                 waitable.destroy()
         for kind, before in self._entities.items():
             for entity in _new(getattr(node, kind), before):
                 getattr(node, _DESTROY[kind])(entity)
         for remove, callback in _new(node.parameter_callbacks, self._callbacks):
-            with suppress(ValueError):  # who added it has removed it already
+            with suppress(ValueError):  # The owner has already removed it.
                 remove(callback)
         node.parameter_callbacks = self._callbacks
         for parameter in node.parameter_names - self._parameters:

@@ -1,4 +1,4 @@
-"""The ROS interface of the joint trajectory controller: its states and feedback; trajectory_goals.py has its goals."""
+"""Publish states and feedback of the joint trajectory controller. Its goals are in trajectory_goals.py."""
 
 from collections.abc import Sequence
 
@@ -19,9 +19,10 @@ from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter
 
 
 class TrajectoryNode:
-    """On the node of its controller: a state and feedback for each cycle, and results behind them.
+    """Interface node of a joint trajectory controller. It publishes a state and feedback for each cycle.
 
-    Beside the goals' topics upstream's ``~/controller_state``, ``~/speed_scaling_input`` and ``~/query_state``.
+    In addition to the goals, it has ros2_control's ``~/controller_state``, ``~/speed_scaling_input`` and
+    ``~/query_state``.
     """
 
     def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
@@ -34,7 +35,7 @@ class TrajectoryNode:
         node.create_service(QueryTrajectoryState, "~/query_state", self._on_query)
 
     def publish_cycle(self, state: JointState, stamp: Time) -> None:
-        """Publish the state of one cycle, and feedback of the goals under way where it is due."""
+        """Publish the state of one cycle and, if due, feedback for the running goals."""
         rate_hz = self._controller.parameters.action_monitor_rate
         for tracking in self._controller.tracked(state.stamp_s):
             self._goals.newest = tracking, stamp.sec + stamp.nanosec * 1e-9
@@ -46,7 +47,7 @@ class TrajectoryNode:
             self._goals.newest = None
 
     def publish(self, stamp: Time) -> None:
-        """The end of the goals that are decided: after the states of all cycles."""
+        """End the decided goals, after the states of all cycles have been published."""
         self._goals.under_way.finish_decided()
 
     def _on_scaling(self, message: SpeedScalingFactor) -> None:
@@ -56,13 +57,13 @@ class TrajectoryNode:
     def _on_query(
         self, request: QueryTrajectoryState.Request, response: QueryTrajectoryState.Response
     ) -> QueryTrajectoryState.Response:
-        """The service samples the trajectory at a time, with the present speed scaling."""
+        """Sample the trajectory at the requested time, with the current speed scaling."""
         if self._goals.newest is None:
             response.message = "Can't sample trajectory. Controller is not active."
             return response
         tracking, stamp_s = self._goals.newest
         state, response.success = tracking.at(request.time.sec + request.time.nanosec * 1e-9 - stamp_s)
-        response.message = "" if response.success else "No trajectory is under way at that time."
+        response.message = "" if response.success else "No trajectory is active at that time."
         response.name = list(self._controller.joints)
         response.position, response.velocity = state.position.tolist(), state.velocity.tolist()
         response.acceleration = state.acceleration.tolist()
@@ -90,12 +91,11 @@ class TrajectoryNode:
 
 
 def _error(tracking: Tracking) -> JointTrajectoryPoint:
-    """Desired less actual."""
+    """Return the desired state minus the actual state."""
     return _point(tracking.error, tracking.reference.velocity - tracking.feedback_velocity)
 
 
 def _kinematics(state: Kinematics) -> JointTrajectoryPoint:
-    """A full point."""
     return _point(state.position, state.velocity, state.acceleration)
 
 
@@ -104,5 +104,5 @@ def _point(
     velocity: FloatArray | Sequence[float] = (),
     acceleration: FloatArray | Sequence[float] = (),
 ) -> JointTrajectoryPoint:
-    """A point message; arrays of shape (n,), or empty."""
+    """Create a trajectory point from arrays of shape (n,) or empty sequences."""
     return JointTrajectoryPoint(positions=list(position), velocities=list(velocity), accelerations=list(acceleration))

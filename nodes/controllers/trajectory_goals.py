@@ -1,4 +1,4 @@
-"""The goals that reach a joint trajectory controller over ROS: of its action, and trajectories on its topic."""
+"""Receive the goals of a joint trajectory controller from its action and its topic."""
 
 from dataclasses import replace
 from functools import partial
@@ -28,20 +28,22 @@ IGNORED = "trajectory on the topic ignored"
 
 
 class TrajectoryGoals:
-    """Upstream's ``~/follow_joint_trajectory`` and ``~/joint_trajectory``, and our ``~/rejection_reason``: why the last
-    goal or trajectory was refused, for those who come later too."""
+    """Action ``~/follow_joint_trajectory`` and topic ``~/joint_trajectory``, as in ros2_control.
+
+    The additional topic ``~/rejection_reason`` is latched. It explains why the last goal or trajectory was rejected.
+    """
 
     def __init__(self, node: Node, controller: JointTrajectoryController) -> None:
         self._node = node
         self._clock = node.get_clock()
         self._controller = controller
         self.newest: tuple[Tracking, float] | None = None
-        """The newest cycle and its ROS time in seconds; None while the controller is inactive."""
-        self._offered: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
+        """Newest cycle and its ROS time in seconds, or None while the controller is inactive."""
+        self._checked_goal: tuple[FollowJointTrajectory.Goal, TrajectoryGoal] | None = None
         self.under_way: ActionGoals[GoalHandle] = ActionGoals(controller.cancel, _result)
         self._reason = node.create_publisher(String, "~/rejection_reason", LATCHED)
         for name, what in ((ACTION, "goal rejected"), ("~/joint_trajectory", IGNORED)):
-            CLIENT_LIMITS.on_refused[node.resolve_topic_name(name)] = partial(_tell, self._reason, what)
+            CLIENT_LIMITS.on_refused[node.resolve_topic_name(name)] = partial(_publish_reason, self._reason, what)
         node.create_subscription(JointTrajectory, "~/joint_trajectory", self._on_trajectory, ANY_CLIENT)
         kind, goals = FollowJointTrajectory, self.under_way
         self._server = make_action_server(node, kind, ACTION, goals, self._on_goal, self._on_accepted)
@@ -52,17 +54,17 @@ class TrajectoryGoals:
         if reason:
             self._refuse(f"goal rejected: {reason}")
             return GoalResponse.REJECT
-        self._offered = request, goal
+        self._checked_goal = request, goal
         return GoalResponse.ACCEPT
 
     def _on_accepted(self, server_goal: ServerGoalHandle) -> None:
         self.under_way.accept(server_goal, self._controller.submit(self._checked(server_goal.request)))
 
     def _checked(self, request: FollowJointTrajectory.Goal) -> TrajectoryGoal:
-        """The goal as it was checked, with its plan."""
-        offered, self._offered = self._offered, None
-        if offered is not None and offered[0] is request:
-            return offered[1]
+        """Return the goal that was checked for this request, including its plan."""
+        checked, self._checked_goal = self._checked_goal, None
+        if checked is not None and checked[0] is request:
+            return checked[1]
         return self._goal_of(request)
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
@@ -73,7 +75,7 @@ class TrajectoryGoals:
             self._controller.submit(goal)
 
     def _refuse(self, reason: str) -> None:
-        """Say why something is not executed, in the log and on the topic."""
+        """Log and publish the reason for a rejection."""
         self._node.get_logger().error(printable(reason))
         self._reason.publish(String(data=reason))
 
@@ -86,7 +88,7 @@ class TrajectoryGoals:
         return self._timed(request.trajectory, tolerances)
 
     def _timed(self, message: JointTrajectory, tolerances: Tolerances, from_topic: bool = False) -> TrajectoryGoal:
-        """A trajectory with the time of the next cycle, by the newest one."""
+        """Convert a trajectory and add the time of the next cycle, estimated from the newest cycle."""
         now_s = self._clock.now().nanoseconds * 1e-9
         goal = _trajectory(message, now_s, tolerances, from_topic)
         if self.newest is None:
@@ -97,7 +99,7 @@ class TrajectoryGoals:
 
 
 def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, from_topic: bool) -> TrajectoryGoal:
-    """A trajectory; ``now_s`` is ROS time, against which its stamp counts."""
+    """Convert a trajectory. Its stamp is compared with ``now_s``, the present ROS time."""
     stamp_s = _seconds(message.header.stamp)
     points = tuple(
         GoalPoint(
@@ -114,8 +116,11 @@ def _trajectory(message: JointTrajectory, now_s: float, tolerances: Tolerances, 
 
 
 def _tolerance(message: JointTolerance) -> float:
-    """The position's. Those of velocity and acceleration have no effect on position commands, but if they
-    make no sense, then as upstream the whole tolerance makes none."""
+    """Return the position tolerance.
+
+    Tolerances of velocity and acceleration do not affect position commands. As in ros2_control, however, an invalid one
+    makes the whole tolerance invalid.
+    """
     others = (message.velocity, message.acceleration)
     return next((float(other) for other in others if other < 0.0 and other != ERASE), float(message.position))
 
@@ -124,8 +129,8 @@ def _seconds(stamp: Duration | Time) -> float:
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
-def _tell(topic: Publisher, what: str, reason: str) -> None:
-    """Publish the reason for which a message was refused unread. A function, so that the limits keep no node alive."""
+def _publish_reason(topic: Publisher, what: str, reason: str) -> None:
+    """Publish why a message was rejected. A bound method in the client limits would keep the node alive."""
     topic.publish(String(data=f"{what}: {reason}"))
 
 

@@ -1,1 +1,1 @@
-"""Moving a running arm by hand from a program: only as long as somebody says so."""
+"""Manual motion of a running arm from another program. The arm moves only while the operator keeps commanding it."""

@@ -1,4 +1,4 @@
-"""A motion that goes on only as long as somebody says so: a set point that is always a little ahead of the joints."""
+"""Move joints with a set point that stays slightly ahead of them. The motion stops when the commands stop."""
 
 from typing import Final, NamedTuple
 
@@ -7,38 +7,47 @@ import numpy as np
 from hal.types import FloatArray
 
 HORIZON_S: Final = 0.3
-"""The set point is so far ahead in time, and each command ends there at rest: so long after the last word the joints
-stand, whatever has become of who said it."""
+"""Time by which the set point is ahead of the joints, in seconds. Each command ends at rest at the set point, so the
+joints stop within this time after the last command, even if the operator's program has died."""
 FURTHEST: Final = 0.15
-"""No set point is so far (rad or m) from where its joint is measured: one that is blocked is not pressed on further."""
+"""Maximum distance of a set point from the measured joint, in rad or m. It limits the force on a blocked joint."""
 NEAR: Final = 2e-3
-"""A joint is there within so many rad or m."""
+"""Distance within which a joint has reached its target, in rad or m."""
 
 
-class Standing(NamedTuple):
-    """Where some joints stand: arrays (n,), rad or m."""
+class JointPositions(NamedTuple):
+    """Commanded and measured positions of some joints: arrays (n,), in rad or m."""
 
     commanded: FloatArray
     measured: FloatArray
 
 
 class GuidedMotion:
-    """The set point of some joints. Arrays (n,), rad or m."""
+    """Set point of some joints. Arrays have shape (n,), in rad or m."""
 
     def __init__(self, position: FloatArray, lower: FloatArray, upper: FloatArray, fastest: FloatArray) -> None:
-        """It begins where the joints are commanded to be; those that stand outside their limits may come in.
+        """Start at the commanded positions. Joints outside their limits can move back inside.
 
-        ``fastest``: the velocities (n,) at which the set point moves at the most.
+        Args:
+            position: Commanded positions (n,), in rad or m.
+            lower: Lower limits (n,), in rad or m.
+            upper: Upper limits (n,), in rad or m.
+            fastest: Maximum velocities (n,) of the set point, in rad/s or m/s.
         """
         self.set_point = position.copy()
         self._lower, self._upper = np.minimum(lower, position), np.maximum(upper, position)
         self._fastest = fastest
 
-    def go(self, velocity: FloatArray, passed_s: float, at: Standing) -> FloatArray:
-        """The set point after so long at this velocity, no further ahead of the joints than is slowly gone in time.
+    def go(self, velocity: FloatArray, passed_s: float, at: JointPositions) -> FloatArray:
+        """Advance the set point at a velocity and return it.
 
-        Where the joints are not commanded to follow, for a fault or a stop, or cannot, the set point does not run away
-        from them, and they do not leap when they follow again.
+        The set point stays within reach of the joints. If they do not follow it, because of a fault, a stop or an
+        obstacle, it waits for them. The joints then do not jump when they follow it again.
+
+        Args:
+            velocity: Velocities (n,), in rad/s or m/s.
+            passed_s: Time since the last call, in seconds.
+            at: Present positions of the joints.
         """
         step = np.clip(velocity, -self._fastest, self._fastest) * min(passed_s, HORIZON_S)
         reach = self._fastest * HORIZON_S
@@ -47,8 +56,8 @@ class GuidedMotion:
         self.set_point = np.clip(near, self._lower, self._upper)
         return self.set_point
 
-    def go_to(self, target: FloatArray, passed_s: float, at: Standing) -> bool:
-        """The set point goes on for so long towards a target, on a straight line; whether they are told to be there."""
+    def go_to(self, target: FloatArray, passed_s: float, at: JointPositions) -> bool:
+        """Advance the set point along a straight line, and return whether the commands have reached the target."""
         target = np.clip(target, self._lower, self._upper)
         way = target - self.set_point
         whole_s = float((np.abs(way) / self._fastest).max())

@@ -1,4 +1,4 @@
-"""What is known of a robot that is to be moved. No ROS."""
+"""Define what manual motion needs to know about a robot. Imports no ROS package."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,33 +9,33 @@ from hal.types import JointLimits
 
 
 class HandlingError(DriverError):
-    """The arm cannot be moved now."""
+    """The arm cannot be moved at present."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointsNow:
-    """The joints as they are: rad or m by joint name, and how old that is."""
+    """Present positions of the joints, in rad or m by joint name, with their age."""
 
     commanded: Mapping[str, float]
-    """Where they are not commanded, as measured."""
+    """Commanded positions. A joint without a command has its measured position."""
     measured: Mapping[str, float]
     age_s: float
     faults: Mapping[str, str]
-    """What is wrong with a joint's servo."""
+    """Fault of each faulty servo, by joint."""
 
 
 class Robot(Protocol):
-    """What is known of the robot without asking it."""
+    """Data about a robot that is available immediately, without a request to the stack."""
 
     @property
     def limits(self) -> Mapping[str, JointLimits]: ...
     def joints_now(self) -> JointsNow:
-        """The joints as the stack has told last."""
+        """Return the newest positions that the stack has reported."""
         ...
 
 
-def in_words(faults: Mapping[str, str]) -> str:
-    """Faults by joint in words; what is the same with several is said once."""
+def describe_faults(faults: Mapping[str, str]) -> str:
+    """Describe the faults of joints. Joints with the same fault are listed together."""
     joints: dict[str, list[str]] = {}
     for joint, fault in faults.items():
         joints.setdefault(fault.removeprefix(f"{joint}: "), []).append(joint)

@@ -1,4 +1,4 @@
-"""``/controller_manager``: who controls what, as ``ros2 control`` and the spawner ask and order it."""
+"""Serve ``/controller_manager``, through which ``ros2 control`` and the spawner list and switch controllers."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from typing import Any
@@ -40,7 +40,7 @@ BASE_CLASS = "controller_interface::ControllerInterface"
 
 
 class ManagerNode:
-    """Everything runs in the ROS thread; what the loop does for it, is waited for without holding up others."""
+    """Node ``/controller_manager``. Its methods run in the ROS thread and wait for the loop without blocking others."""
 
     def __init__(
         self, stack: Stack, manager_client: ManagerClient, pending: PendingRequests, ros_time: RosTime
@@ -49,33 +49,33 @@ class ManagerNode:
         self._stack = stack
         self._manager_client = manager_client
         self._pending = pending
-        self._told: object = None
+        self._published: object = None
         self._activity = self.node.create_publisher(ControllerManagerActivity, "~/activity", LATCHED)
         self.node.create_subscription(String, "/robot_description", self._on_description, LATCHED)
         self._declare(stack.factory.file.manager)
-        group = ReentrantCallbackGroup()  # while one waits for the loop, others are served
+        group = ReentrantCallbackGroup()  # Others are served while one waits.
         for kind, name, callback in (
             (ListControllers, "list_controllers", self._controllers),
             (ListControllerTypes, "list_controller_types", self._types),
-            (LoadController, "load_controller", self._served(self._load)),
-            (ConfigureController, "configure_controller", self._served(lambda r: manager_client.configure(r.name))),
-            (CleanupController, "cleanup_controller", self._served(lambda r: manager_client.cleanup(r.name))),
-            (UnloadController, "unload_controller", self._served(lambda r: manager_client.unload(r.name))),
+            (LoadController, "load_controller", self._service(self._load)),
+            (ConfigureController, "configure_controller", self._service(lambda r: manager_client.configure(r.name))),
+            (CleanupController, "cleanup_controller", self._service(lambda r: manager_client.cleanup(r.name))),
+            (UnloadController, "unload_controller", self._service(lambda r: manager_client.unload(r.name))),
             (
                 ReloadControllerLibraries,
                 "reload_controller_libraries",
-                self._served(lambda r: manager_client.reload(r.force_kill)),
+                self._service(lambda r: manager_client.reload(r.force_kill)),
             ),
             (SwitchController, "switch_controller", self._switch),
         ):
             self.node.create_service(kind, f"~/{name}", callback, qos_profile=EVERY_CALL, callback_group=group)
 
     def publish(self) -> None:
-        """``~/activity``, where anything has changed."""
+        """Publish ``~/activity`` if a controller or component has changed."""
         components = self._components()
         seen = (self._stack.loop.manager.registry.loaded, components)
-        if self._told != seen:
-            self._told = seen
+        if self._published != seen:
+            self._published = seen
             message = ControllerManagerActivity()
             message.header.stamp = self.node.get_clock().now().to_msg()
             loaded = self._stack.loop.manager.registry.loaded.values()
@@ -83,10 +83,8 @@ class ManagerNode:
             message.hardware_components = [NamedLifecycleState(name=n, state=state_message(s)) for n, s in components]
             self._activity.publish(message)
 
-    # Parameters
-
     def _declare(self, parameters: Mapping[str, Any]) -> None:
-        """Declare the controllers file's parameters, as upstream does, and the description that is in use."""
+        """Declare the parameters of the controllers file, as ros2_control does, and the robot description in use."""
         rate = round(1.0 / self._stack.loop.period_s)
         for name, value in (("update_rate", rate), ("robot_description", self._stack.description.xml)):
             self.node.declare_parameter(name, value, ParameterDescriptor(read_only=True))
@@ -100,34 +98,32 @@ class ManagerNode:
         CLIENT_LIMITS.bytes = ManagerParameters.model_validate(dict(parameters)).max_message_size
         size = RANGES[PARAMETER]
         descriptor = ParameterDescriptor(
-            description=f"Largest goal, command or request that is read, in {size.unit}",
+            description=f"Maximum size of a goal, command or request, in {size.unit}",
             additional_constraints=f"{size.lowest:g} to {size.highest:g}",
         )
         self.node.declare_parameter(PARAMETER, CLIENT_LIMITS.bytes, descriptor)
         self.node.add_on_set_parameters_callback(_check_size)
         self.node.add_post_set_parameters_callback(_set_size)
 
-    def _said(self, controller: str, what: str) -> Any:
-        """The parameter ``<controller>.<what>``, or None."""
-        return self.node.get_parameter_or(f"{controller}.{what}").value if controller else None
+    def _setting(self, controller: str, key: str) -> Any:
+        """Return the parameter ``<controller>.<key>``, or None."""
+        return self.node.get_parameter_or(f"{controller}.{key}").value if controller else None
 
     def _on_description(self, message: String) -> None:
         if message.data != self._stack.description.xml:
             self.node.get_logger().warning(
-                "another robot description is on /robot_description: it is not used. "
-                "Start the stack with that URDF (servoloop up --urdf FILE)"
+                "a different robot description on /robot_description is ignored: "
+                "to use it, start the stack with its URDF (servoloop up --urdf FILE)"
             )
 
-    # Services
-
-    def _served(self, act: Callable[[Any], Request[None]]) -> Callable[[Any, Any], Awaitable[Any]]:
-        """A service callback that answers ``ok``, and logs the reason where it is not."""
+    def _service(self, act: Callable[[Any], Request[None]]) -> Callable[[Any, Any], Awaitable[Any]]:
+        """Create a service callback that responds with ``ok`` and logs the reason of a failure."""
 
         async def serve(request: Any, response: Any) -> Any:
             try:
                 await self._pending.result(act(request))
                 response.ok = True
-            except Exception as error:  # also whatever a plug-in raises
+            except Exception as error:  # A plug-in may raise any exception.
                 self.node.get_logger().error(printable(str(error)))
                 response.ok = False
             return response
@@ -136,8 +132,8 @@ class ManagerNode:
 
     def _load(self, request: LoadController.Request) -> Request[None]:
         name = request.name
-        said = {key: value for key in SETTINGS if (value := self._said(name, key)) is not None}
-        return self._manager_client.load(name, Settings.of(said))
+        settings = {key: value for key in SETTINGS if (value := self._setting(name, key)) is not None}
+        return self._manager_client.load(name, Settings.of(settings))
 
     def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
         return self._manager_client.reload(request.force_kill)
@@ -159,7 +155,7 @@ class ManagerNode:
 
     def _strictness(self, request: SwitchController.Request) -> Strictness:
         if request.strictness == 0:
-            self.node.get_logger().warning("no strictness is given: BEST_EFFORT (1) is taken, STRICT would be 2")
+            self.node.get_logger().warning("strictness is not set: using BEST_EFFORT (1); set it to 2 for STRICT")
             return Strictness.BEST_EFFORT
         return Strictness(request.strictness)
 
@@ -182,7 +178,7 @@ class ManagerNode:
 
 
 def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
-    """A controller's state message. There are no chained ones here, and none that run on their own."""
+    """Create the state message of a controller. There are no chained or asynchronous controllers."""
     return ControllerState(
         name=entry.name,
         state=entry.state.name.lower(),
@@ -208,7 +204,7 @@ def _set_size(parameters: list[Parameter]) -> None:
 
 
 def _check_settings(parameters: list[Parameter]) -> SetParametersResult:
-    """Refuse a controller's setting (``<controller>.type`` and the like) with which it could never be loaded."""
+    """Reject a setting such as ``<controller>.type`` if the controller could not be loaded with it."""
     for parameter in parameters:
         controller, _, key = parameter.name.partition(".")
         if not controller or key not in SETTINGS or parameter.type_ is Parameter.Type.NOT_SET:

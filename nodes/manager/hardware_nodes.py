@@ -1,4 +1,4 @@
-"""The hardware components' own nodes: their parameters, and ``/diagnostics`` once a second."""
+"""Create the nodes of the hardware components, with their parameters and ``/diagnostics`` at 1 Hz."""
 
 import re
 from collections.abc import Callable
@@ -17,14 +17,14 @@ COMPENSATION = "gravity_compensation"
 
 
 class HardwareNodes:
-    """The nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` runs after each cycle."""
+    """Nodes of the ``<ros2_control>`` blocks, each named after its block. ``update`` runs after each cycle."""
 
     def __init__(self, stack: Stack, ros_time: RosTime) -> None:
         components = stack.description.components
         self.nodes = [ParameterNode(_node_name(component.name), ros_time) for component in components]
         self._stack = stack
         self._state: JointState | None = None
-        # The first one speaks for all: they are one process, and its report is one message.
+        # The first node reports for all components in one message, because they run in one process.
         self._diagnostics = self.nodes[0].create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.nodes[0].create_timer(1.0, self._publish)
         for component, node in zip(components, self.nodes, strict=True):
@@ -33,7 +33,7 @@ class HardwareNodes:
                 node.add_on_set_parameters_callback(_switching(switch))
 
     def update(self, state: JointState) -> None:
-        """Keep the newest state for the next report."""
+        """Store the newest state for the next report."""
         self._state = state
 
     def _publish(self) -> None:
@@ -57,7 +57,7 @@ def _message(status: Status) -> DiagnosticStatus:
 
 
 def _node_name(component: str) -> str:
-    """A component may be called anything, a node has letters, digits and underscores."""
+    """Convert a component name, which may be any text, to a valid node name (letters, digits and underscores)."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", component)
     return f"_{name}" if name[0].isdigit() else name
 

@@ -1,4 +1,4 @@
-"""The services of ``/controller_manager`` for hardware, as ``ros2 control`` and the hardware spawner ask them."""
+"""Serve the hardware requests of ``ros2 control`` and the hardware spawner on ``/controller_manager``."""
 
 from typing import Final
 
@@ -18,17 +18,17 @@ from nodes.publishing import EVERY_CALL
 from nodes.stack import Stack
 
 LONGEST_NAME: Final = 100
-"""Characters of a name that a message has, so that there is room for the rest of it."""
+"""Maximum number of characters of a name in a message, so that the rest of the message fits."""
 
 
 class HardwareServices:
-    """Everything runs in the ROS thread. A change may take seconds, in which the others are served."""
+    """Hardware services, in the ROS thread. A state change may take seconds. Other requests are served meanwhile."""
 
     def __init__(self, node: Node, stack: Stack, pending: PendingRequests) -> None:
         self._node = node
         self._stack = stack
         self._pending = pending
-        group = ReentrantCallbackGroup()  # while one waits, the others and the node's own are served
+        group = ReentrantCallbackGroup()  # Others are served while one waits.
         for kind, name, callback in (
             (ListHardwareComponents, "list_hardware_components", self._list_components),
             (ListHardwareInterfaces, "list_hardware_interfaces", self._list_interfaces),
@@ -94,20 +94,20 @@ class HardwareServices:
     async def _reached(self, name: str, target: LifecycleState) -> bool:
         try:
             await self._pending.result(self._stack.loop.component_transitions.ask(name, target, self._stack.relax))
-        except Exception as error:  # also whatever a plug-in raises
-            self._node.get_logger().error(printable_line(f"{name} is not set {target.name.lower()}: {error}"))
+        except Exception as error:  # A plug-in may raise any exception.
+            self._node.get_logger().error(printable_line(f"{name} was not set to {target.name.lower()}: {error}"))
             return False
         return True
 
     def _refuse(self, request: SetHardwareComponentState.Request) -> None:
-        said, known = request.target_state, ", ".join(f"{s.value} {s.name.lower()}" for s in LifecycleState)
-        name, label = request.name[:LONGEST_NAME], said.label[:LONGEST_NAME]
-        text = f"{name} cannot be set to '{label}' (id {said.id}): known are {known}"
+        target, known = request.target_state, ", ".join(f"{s.value} {s.name.lower()}" for s in LifecycleState)
+        name, label = request.name[:LONGEST_NAME], target.label[:LONGEST_NAME]
+        text = f"{name} cannot be set to '{label}' (id {target.id}): use one of the states {known}"
         self._node.get_logger().error(printable_line(text))
 
 
 def _target(state: State) -> LifecycleState | None:
-    """By its id, or by its label where the id is 0."""
+    """Return the state with the given ID, or with the given label if the ID is 0."""
     return next(
         (s for s in LifecycleState if s.value == state.id or (not state.id and s.name.lower() == state.label)), None
     )

@@ -1,4 +1,4 @@
-"""Requests to the loop for which ROS callbacks wait without holding up the executor."""
+"""Let ROS callbacks wait for the control loop without blocking the executor."""
 
 from typing import TypeVar
 
@@ -10,13 +10,13 @@ Result = TypeVar("Result")
 
 
 class PendingRequests:
-    """The requests that the loop has not done yet. All in the ROS thread."""
+    """Requests that the loop has not completed. All calls come from the ROS thread."""
 
     def __init__(self) -> None:
         self._pending: list[tuple[Request[object], Future]] = []
 
     async def result(self, request: "Request[Result]") -> Result:
-        """The request's result, once the loop has done it; raises what the request raises. For ``async`` callbacks."""
+        """Wait for the result of a request in an ``async`` callback. Exceptions of the request propagate."""
         if not request.done:
             future: Future = Future()
             self._pending.append((request, future))  # type: ignore[arg-type]
@@ -24,7 +24,7 @@ class PendingRequests:
         return request.result()
 
     def resume_done(self) -> None:
-        """After a cycle: callbacks whose requests are done go on when the executor comes round."""
+        """Resume the callbacks of completed requests in the next turn of the executor. Called after each cycle."""
         done = [future for request, future in self._pending if request.done]
         self._pending = [pair for pair in self._pending if not pair[0].done]
         for future in done:

@@ -1,1 +1,1 @@
-"""The pick-and-place application: a node above the stack that uses the controllers as any other client does."""
+"""The pick-and-place application, a node that uses the controllers of the stack like any other client."""

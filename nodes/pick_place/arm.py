@@ -1,4 +1,4 @@
-"""The arm and the hand as a job sees them: goals and commands to the controllers below."""
+"""Move the arm and the hand of a job through the controllers of the stack."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,7 +23,7 @@ _STATUS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "ca
 
 
 class RosArm:
-    """The arm and the hand over ROS: one motion at a time, all in the executor's thread."""
+    """Arm and hand over ROS, one motion at a time. All calls come from the executor thread."""
 
     def __init__(self, node: Node, settings: Settings) -> None:
         self._settings = settings
@@ -32,36 +32,36 @@ class RosArm:
         self._hand = node.create_publisher(Float64MultiArray, HAND_TOPIC, 10)
         self._stop = Future()
 
-    def look(self, timeout_s: float) -> bool:
-        """True if the arm's action server shows up in time. Blocks."""
+    def wait_for_server(self, timeout_s: float) -> bool:
+        """Block until the action server of the arm appears, and return whether it appeared in time."""
         return bool(self._client.wait_for_server(timeout_s))
 
     def hand(self, position_m: float) -> None:
-        """Fire and forget."""
+        """Send a position to the fingers without waiting for them."""
         self._hand.publish(Float64MultiArray(data=[position_m]))
 
     def stop(self) -> None:
-        """Cancel the running motion, if there is one."""
+        """Cancel the running motion, if any."""
         if not self._stop.done():
             self._stop.set_result(None)
 
     async def move(self, positions_rad: Sequence[float]) -> Outcome:
-        """Send one goal and see it through; bounded by the settings' time-outs."""
+        """Send one goal and wait for its outcome, within the timeouts of the settings."""
         self._stop = Future()
-        found = await self._server_is_there()
+        found = await self._find_server()
         if self._stop.done():
             return Outcome(False)
         if not found:
-            return self._late(f"the action server {ARM_ACTION} is not there", "server")
+            return self._late(f"the action server {ARM_ACTION} is not available", "server")
         sent = self._client.send_goal_async(self._goal(positions_rad))
         if not await self._waiter.until(self._settings.goal_timeout_s, sent):
             sent.add_done_callback(_cancel_if_accepted)
-            return self._late("the arm did not answer the goal", "goal")
+            return self._late("the arm did not respond to the goal", "goal")
         if not sent.result().accepted:
-            return Outcome(False, "the arm rejected the goal; its log says why")
+            return Outcome(False, "the arm rejected the goal; the log of the stack contains the reason")
         return await self._outcome(sent.result())
 
-    async def _server_is_there(self) -> bool:
+    async def _find_server(self) -> bool:
         for _ in range(round(self._settings.server_timeout_s / _POLL_S)):
             if self._client.server_is_ready() or self._stop.done():
                 break
@@ -69,13 +69,13 @@ class RosArm:
         return bool(self._client.server_is_ready())
 
     async def _outcome(self, goal: Any) -> Outcome:
-        result, there = goal.get_result_async(), self._client.server_is_ready
-        if not await self._waiter.until_moved(self._settings.result_timeout_s, there, result, self._stop):
+        result, is_available = goal.get_result_async(), self._client.server_is_ready
+        if not await self._waiter.until_moved(self._settings.result_timeout_s, is_available, result, self._stop):
             goal.cancel_goal_async()
-            return self._unfinished("the arm did not finish; its goal is canceled", "result")
-        if not result.done():  # told to stop
+            return self._unfinished("the arm did not finish in time; its goal is canceled", "result")
+        if not result.done():  # The motion was stopped by stop().
             goal.cancel_goal_async()
-            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, there, result):
+            if not await self._waiter.until_moved(self._settings.cancel_timeout_s, is_available, result):
                 return self._unfinished("the arm did not confirm that it stopped", "cancel")
         return _outcome_of(result.result(), stopped=self._stop.done())
 
@@ -90,7 +90,7 @@ class RosArm:
     def _unfinished(self, what: str, which: str) -> Outcome:
         if self._client.server_is_ready():
             return self._late(what, which)
-        return Outcome(False, f"the action server {ARM_ACTION} is gone in mid-motion: the stack's log may say why")
+        return Outcome(False, f"the action server {ARM_ACTION} is gone during the motion: check the log of the stack")
 
     def _late(self, what: str, which: str) -> Outcome:
         seconds = getattr(self._settings, f"{which}_timeout_s")
@@ -103,11 +103,11 @@ def _outcome_of(response: Any, *, stopped: bool) -> Outcome:
     if stopped and response.status == GoalStatus.STATUS_CANCELED:
         return Outcome(False)
     what = _STATUS.get(response.status, f"ended with status {response.status}")
-    why = response.result.error_string or f"error code {response.result.error_code}, no text"
-    return Outcome(False, f"the arm {what}: {why}")
+    reason = response.result.error_string or f"error code {response.result.error_code} without a text"
+    return Outcome(False, f"the arm {what}: {reason}")
 
 
 def _cancel_if_accepted(sent: Future) -> None:
-    """An answer after the time-out: nobody waits for that motion any more."""
+    """Cancel a goal that was accepted after the timeout, because no job waits for its motion."""
     if sent.result() is not None and sent.result().accepted:
         sent.result().cancel_goal_async()

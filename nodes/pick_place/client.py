@@ -1,4 +1,4 @@
-"""A client of the pick-place action, as ``servoloop pick`` and the demo use it. Every wait of the client has an end."""
+"""Client of the pick-place action for ``servoloop pick`` and the demo. All waits of the client are limited in time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,50 +18,59 @@ from nodes.ros_process import spin_until_done
 ACTION: Final = "/sorting/arm/pick_place"
 ANSWER_S: Final = 5.0
 CANCEL_S: Final = 10.0
-"""For the result after a cancel: the node gives the arm 3 s to answer its goal and 2 s to confirm that it stopped."""
+"""Maximum time for the result after a cancel, in seconds. The node needs up to 3 s for the response to its goal and 2 s
+for the confirmation that the arm has stopped."""
 GONE_S: Final = 2.0
-"""So long the server is off the graph before the client believes it. A node that was killed leaves the graph when its
-liveliness lease ends, after 20 s (Fast DDS)."""
+"""Time for which the server must be missing from the graph to count as gone, in seconds. A killed node leaves the graph
+only when its liveliness lease ends, after 20 s (Fast DDS)."""
 QUIET_S: Final = 120.0
-"""Without any feedback. The node speaks before each motion and waits 15 s for one at most, unless it is told other
-times; one that hangs, or that was killed and started anew, stays quiet for ever."""
+"""Maximum time without feedback, in seconds. By default, the node sends feedback before each motion and waits at most
+15 s for a motion. A node that hangs or was restarted never sends feedback for the old goal."""
 _SPIN_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class PickOutcome:
-    """The end of a job; ``message`` is the node's, or the reason why there is none."""
+    """Outcome of a job. ``message`` comes from the node, or explains why the node sent none."""
 
     success: bool
     message: str
 
 
 class PickClient:
-    """Sends one goal at a time. The caller's thread spins ``executor``, which has ``node``."""
+    """Client that sends one goal at a time. The caller's thread spins ``executor``, which contains ``node``."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
         self._client = ActionClient(node, PickPlace, ACTION)
         self._executor = executor
-        self._heard_s = 0.0
+        self._feedback_s = 0.0
 
     def wait(self, timeout_s: float, stop: Callable[[], bool] = lambda: False) -> bool:
-        """Whether the node's action server is there within the time, and before ``stop`` becomes true."""
+        """Wait for the action server, and return whether it appeared in time and before ``stop`` returned True."""
         deadline_s = monotonic() + timeout_s
-        while not (there := self._client.server_is_ready()) and not stop() and monotonic() < deadline_s:
+        while not (available := self._client.server_is_ready()) and not stop() and monotonic() < deadline_s:
             self._executor.spin_once(timeout_sec=_SPIN_S)
-        return bool(there)
+        return bool(available)
 
     def pick(self, grade: str, on_phase: Callable[[str, str], None], stop: Callable[[], bool]) -> PickOutcome:
-        """Run one job to its end; ``stop`` becoming true cancels it."""
+        """Run one job and wait for its end.
 
-        def hear(message: PickPlace.Impl.FeedbackMessage) -> None:
-            self._heard_s = monotonic()
+        Args:
+            grade: Grade of the cube.
+            on_phase: Function that receives the phase and message of each feedback.
+            stop: Function that cancels the job when it returns True.
+        """
+
+        def on_feedback(message: PickPlace.Impl.FeedbackMessage) -> None:
+            self._feedback_s = monotonic()
             on_phase(message.feedback.phase, message.feedback.message)
 
-        self._heard_s = monotonic()
-        answer = self._client.send_goal_async(PickPlace.Goal(grade=grade), feedback_callback=hear)
+        self._feedback_s = monotonic()
+        answer = self._client.send_goal_async(PickPlace.Goal(grade=grade), feedback_callback=on_feedback)
         if not spin_until_done(self._executor, answer, ANSWER_S):
-            return PickOutcome(False, f"no answer from {ACTION} within {ANSWER_S:.0f} s: does the node hang?")
+            return PickOutcome(
+                False, f"no response from {ACTION} within {ANSWER_S:.0f} s: restart the node if it hangs"
+            )
         handle: ClientGoalHandle = answer.result()
         if not handle.accepted:
             return PickOutcome(False, "rejected: the node is busy or disabled, or the grade is empty")
@@ -69,17 +78,17 @@ class PickClient:
 
     def _wait_for_result(self, handle: ClientGoalHandle, stop: Callable[[], bool]) -> PickOutcome:
         result: Future = handle.get_result_async()
-        there_s = monotonic()
+        seen_s = monotonic()
         while not result.done():
             if stop():
                 return self._cancel(handle, result)
             if self._client.server_is_ready():
-                there_s = monotonic()
-            if monotonic() - there_s > GONE_S:
-                return PickOutcome(False, f"{ACTION} is gone: the node has ended, its log may say why. {_UNKNOWN}")
-            if monotonic() - self._heard_s > QUIET_S:
+                seen_s = monotonic()
+            if monotonic() - seen_s > GONE_S:
+                return PickOutcome(False, f"{ACTION} is gone: the node has ended; check its log. {_REMAINING_MOTION}")
+            if monotonic() - self._feedback_s > QUIET_S:
                 self._cancel(handle, result)
-                return PickOutcome(False, f"{ACTION} has said nothing for {QUIET_S:.0f} s: start the node anew")
+                return PickOutcome(False, f"{ACTION} has sent no feedback for {QUIET_S:.0f} s: restart the node")
             self._executor.spin_once(timeout_sec=_SPIN_S)
         return _outcome(result)
 
@@ -87,10 +96,12 @@ class PickClient:
         handle.cancel_goal_async()
         if spin_until_done(self._executor, result, CANCEL_S):
             return _outcome(result)
-        return PickOutcome(False, f"canceled, and {ACTION} did not confirm it within {CANCEL_S:.0f} s. {_UNKNOWN}")
+        return PickOutcome(
+            False, f"canceled, but {ACTION} did not confirm it within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
+        )
 
 
-_UNKNOWN: Final = "The arm finishes the motion under way and holds there"
+_REMAINING_MOTION: Final = "The arm finishes its current motion and holds its position"
 
 
 def _outcome(result: Future) -> PickOutcome:

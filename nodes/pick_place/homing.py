@@ -1,4 +1,4 @@
-"""The arm brought home with an open hand: from where a job that failed has left it, to where the next one begins."""
+"""Move the arm to the ready pose with an open hand, from wherever a failed job has left it."""
 
 from collections.abc import Callable
 from time import monotonic
@@ -12,12 +12,12 @@ from nodes.pick_place.job import Outcome
 from nodes.pick_place.settings import Settings
 
 OPEN_S: Final = 1.0
-"""For the fingers to open, and for what they held to come to rest."""
+"""Time for the fingers to open and for a released object to come to rest, in seconds."""
 _SPIN_S: Final = 0.05
 
 
 class Homing:
-    """Uses the arm's and the hand's controllers as the pick-place node does. The caller's thread spins ``executor``."""
+    """Homing motion through the controllers of arm and hand. The caller's thread spins ``executor``."""
 
     def __init__(self, node: Node, executor: SingleThreadedExecutor, settings: Settings) -> None:
         self._settings = settings
@@ -25,13 +25,13 @@ class Homing:
         self._executor = executor
 
     def home(self, stop: Callable[[], bool]) -> Outcome:
-        """Open the hand, then move to the ready pose. ``stop`` becoming true ends the motion."""
+        """Open the hand, then move to the ready pose. The motion ends when ``stop`` returns True."""
         self._arm.hand(self._settings.hand_open_m)
         opened_s = monotonic() + OPEN_S
         while monotonic() < opened_s and not stop():
             self._executor.spin_once(timeout_sec=_SPIN_S)
         moving = self._executor.create_task(self._arm.move(self._settings.ready_rad))
-        while not moving.done():  # the motion has time-outs of its own
+        while not moving.done():  # The motion has its own timeouts.
             if stop():
                 self._arm.stop()
             self._executor.spin_once(timeout_sec=_SPIN_S)

@@ -1,4 +1,4 @@
-"""One pick-and-place job, step by step. No ROS: the caller hands in an arm and a receiver of states."""
+"""Run one pick-and-place job step by step. Imports no ROS package: the caller provides an arm and a state callback."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from nodes.pick_place.settings import Pose, Settings, normal_grade
 
 
 class Phase(StrEnum):
-    """The names of a job's parts in states and feedback."""
+    """Phases of a job, as named in states and feedback."""
 
     START = "start"
     READY = "ready"
@@ -23,7 +23,7 @@ class Phase(StrEnum):
 
 
 class Ending(Enum):
-    """The ways in which a job ends."""
+    """Possible endings of a job."""
 
     SUCCEEDED = "succeeded"
     ABORTED = "aborted"
@@ -32,7 +32,7 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A published state of a job. ``feedback``: the client of the action gets it as well."""
+    """A published state of a job. If ``feedback`` is True, it is also sent to the action client."""
 
     request_id: int
     grade: str
@@ -42,13 +42,13 @@ class State:
 
     @property
     def ok(self) -> bool:
-        """False in the one state that ends a job without success."""
+        """False only in the final state of an unsuccessful job."""
         return self.phase is not Phase.ERROR
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The end of a job, and its reason."""
+    """Result of a job, with the reason."""
 
     ending: Ending
     request_id: int
@@ -57,25 +57,25 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of one motion. ``text``: why the arm did not reach the pose, as far as known."""
+    """Outcome of one motion. ``text`` explains why the arm did not reach the pose, if the reason is known."""
 
     reached: bool
     text: str = ""
 
 
 class Arm(Protocol):
-    """The arm as a job uses it."""
+    """Interface through which a job moves the arm."""
 
     async def move(self, positions_rad: Sequence[float]) -> Outcome:
-        """Go to a pose; return once the arm is there, or why it is not. Always returns."""
+        """Move to a pose and return the outcome. Failures are returned and never raised."""
         ...
 
     def hand(self, position_m: float) -> None:
-        """Tell the fingers where to go, and do not wait for them."""
+        """Send a position to the fingers without waiting for them."""
         ...
 
     def stop(self) -> None:
-        """Let the running ``move`` end soon, wherever the arm is then."""
+        """Make the running ``move`` end soon, at the present position of the arm."""
         ...
 
 
@@ -98,7 +98,7 @@ class Hand:
 
 
 def steps(settings: Settings, grade: str) -> tuple[Move | Hand, ...]:
-    """The whole job for a known grade."""
+    """Return all steps of a job for a known grade."""
     return (
         Move(Phase.READY, "the ready pose", settings.ready_rad),
         Hand(Phase.OPEN_GRIPPER, "opening the gripper", settings.hand_open_m),
@@ -111,7 +111,7 @@ def steps(settings: Settings, grade: str) -> tuple[Move | Hand, ...]:
 
 
 class _EndedError(Exception):
-    """Ends a job before its last step."""
+    """Exception that ends a job before its last step."""
 
     def __init__(self, ending: Ending, message: str) -> None:
         super().__init__(message)
@@ -119,7 +119,7 @@ class _EndedError(Exception):
 
 
 class PickPlaceJob:
-    """Runs once. ``cancel`` may be called at any time, also before ``run`` and after it."""
+    """A job that runs once. ``cancel`` may be called at any time, even before or after ``run``."""
 
     def __init__(
         self,
@@ -134,57 +134,58 @@ class PickPlaceJob:
         self._settings = settings
         self._arm = arm
         self._tell = tell
-        self._why_canceled: str | None = None
+        self._cancel_reason: str | None = None
 
-    def cancel(self, why: str = "canceled") -> None:
-        """End soon; arm and fingers stay where they are then. The first reason stands."""
-        if self._why_canceled is None:
-            self._why_canceled = why
+    def cancel(self, reason: str = "canceled") -> None:
+        """End the job soon, with arm and fingers at their present positions. Only the first reason is kept."""
+        if self._cancel_reason is None:
+            self._cancel_reason = reason
             self._arm.stop()
 
     async def run(self) -> Result:
-        """Do the job; every failure is told as a state and returned, none is raised."""
+        """Run the job. Every failure is reported as a state and returned; none is raised."""
         try:
             await self._run()
         except _EndedError as end:
             return self._failed(end.ending, str(end))
-        except Exception as error:  # a job that cannot go on must still say so
+        except Exception as error:  # Unexpected errors must also be reported as a state.
             return self._failed(Ending.ABORTED, f"internal error: {error!r}")
-        message = f"let go over bin {self.grade}; the arm is back at ready"  # nothing here sees the apple
-        self._say(Phase.DONE, message)
+        # No sensor confirms that the apple has dropped.
+        message = f"gripper opened over bin {self.grade}; the arm is back at the ready pose"
+        self._report(Phase.DONE, message)
         return Result(Ending.SUCCEEDED, self.request_id, message)
 
     async def _run(self) -> None:
-        self._say(Phase.START, f"job {self.request_id}, grade {self.grade}", feedback=True)
+        self._report(Phase.START, f"job {self.request_id}, grade {self.grade}", feedback=True)
         if self.grade not in self._settings.bins_rad:
             known = ", ".join(self._settings.bins_rad)
-            raise _EndedError(Ending.ABORTED, f"there is no bin for grade {self.grade!r}; known: {known}")
+            raise _EndedError(Ending.ABORTED, f"there is no bin for grade {self.grade!r}; known grades: {known}")
         for step in steps(self._settings, self.grade):
             self._check_cancel()
             if isinstance(step, Move):
                 await self._move(step)
             else:
                 self._arm.hand(step.position_m)
-                self._say(step.phase, step.what)
+                self._report(step.phase, step.what)
 
     async def _move(self, step: Move) -> None:
-        # "done" is said only when it is true; the way back is part of "release"
+        # The phase "done" is reported only at the ready pose. The motion back belongs to the phase "release".
         if step.phase is not Phase.DONE:
-            self._say(step.phase, f"moving to {step.where}", feedback=True)
+            self._report(step.phase, f"moving to {step.where}", feedback=True)
         outcome = await self._arm.move(step.pose_rad)
         self._check_cancel(outcome.text)
         if not outcome.reached:
             raise _EndedError(Ending.ABORTED, f"on the way to {step.where}: {outcome.text}")
-        self._say(step.phase, f"at {step.where}")
+        self._report(step.phase, f"at {step.where}")
 
     def _check_cancel(self, text: str = "") -> None:
-        if self._why_canceled is not None:
-            parts = [self._why_canceled, text] if text else [self._why_canceled]
+        if self._cancel_reason is not None:
+            parts = [self._cancel_reason, text] if text else [self._cancel_reason]
             raise _EndedError(Ending.CANCELED, "; ".join(parts))
 
     def _failed(self, ending: Ending, message: str) -> Result:
-        self._say(Phase.ERROR, message, feedback=True)
+        self._report(Phase.ERROR, message, feedback=True)
         return Result(ending, self.request_id, message)
 
-    def _say(self, phase: Phase, message: str, *, feedback: bool = False) -> None:
+    def _report(self, phase: Phase, message: str, *, feedback: bool = False) -> None:
         self._tell(State(self.request_id, self.grade, phase, message, feedback))

@@ -1,7 +1,7 @@
-"""The ROS surface of the pick-and-place application: its action, topics and service; job.py has the job's steps.
+"""Serve the action, topics and service of the pick-and-place application. The steps of a job are in job.py.
 
-Everything runs in one thread, that of a SingleThreadedExecutor: callbacks never overlap, so neither the job nor the
-flags below need a lock. A job is a task of that executor; it awaits, never blocks.
+Everything runs in the thread of a SingleThreadedExecutor. Callbacks never overlap, so neither the job nor the flags
+need a lock. A job is a task of this executor: it awaits results and never blocks.
 """
 
 from collections.abc import Callable
@@ -27,14 +27,14 @@ from nodes.pick_place.vision import candidate, reason_not_fresh
 from nodes.pick_place.waiter import Waiter
 
 _LOG_EVERY_S = 5.0
-_LAST_WORDS_S = 0.1
+_RESULT_DELAY_S = 0.1
 _DISCOVERY_S = 4.0
-"""Before the first job: two participants see each other at the next announcement of one of them, every 3 s as Fast DDS
-has it without this_machine.xml, and a job waits for the arm for 2 s only."""
+"""Time to discover the arm before the first job, in seconds. Participants find each other at their next announcement,
+which Fast DDS sends every 3 s without this_machine.xml. A job waits for the arm for only 2 s."""
 
 
 class PickPlaceNode:
-    """The node's ROS surface; what a job does is in ``PickPlaceJob``."""
+    """ROS interface of the node. ``PickPlaceJob`` contains the job itself."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -51,21 +51,21 @@ class PickPlaceNode:
         self._states = node.create_publisher(String, "/sorting/arm/state", 10)
         node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_vision, 10)
         node.create_service(SetBool, "/sorting/arm/enable", self._on_enable)
-        if not self._arm.look(_DISCOVERY_S):
-            self._log.warning("the arm is not there yet: a job will wait for it, but not for long")
+        if not self._arm.wait_for_server(_DISCOVERY_S):
+            self._log.warning("the arm is not available yet: start the stack, or jobs will fail after a short wait")
         self._server = self._serve(parameters.action_name(node))
         self._log.info(printable_line(f"ready for goals; grades {', '.join(self._settings.bins_rad)}"))
 
     async def stop(self) -> None:
-        """Take no more jobs, cancel the running one, and let its result leave."""
+        """Reject new jobs, cancel the running job and send its result."""
         self._stopping = True
         if self._job is not None:
-            self._log.info("told to stop: canceling the running job")
+            self._log.info("stopping: canceling the running job")
             self._idle = Future()
-            self._job.cancel("canceled: the node was told to stop")
+            self._job.cancel("canceled: the node is stopping")
             self._waiter.wake()
             await self._waiter.until(self._longest_cancel_s(), self._idle)
-            await self._waiter.until(_LAST_WORDS_S)
+            await self._waiter.until(_RESULT_DELAY_S)
 
     def _longest_cancel_s(self) -> float:
         return self._settings.goal_timeout_s + self._settings.cancel_timeout_s + 1.0
@@ -82,8 +82,6 @@ class PickPlaceNode:
             result_timeout=RESULT_TIMEOUT_S,
         )
 
-    # --- what comes in -----------------------------------------------------------------------
-
     def _on_goal(self, goal: Any) -> GoalResponse:
         reason = self._reason_to_reject(goal.grade)
         if reason is None:
@@ -92,7 +90,7 @@ class PickPlaceNode:
         return GoalResponse.REJECT
 
     def _on_accepted(self, handle: Any) -> None:
-        # not in _on_goal: were the answer to the client lost, the node would be busy for ever
+        # If _on_goal created the job and the response to the client were lost, the node would remain busy.
         self._job = self._new_job(handle.request.grade, handle.publish_feedback)
         handle.execute()
 
@@ -115,7 +113,7 @@ class PickPlaceNode:
         grade = candidate(apple.grade for apple in message.apples)
         reason = self._reason_to_ignore(message.header.stamp, grade)
         if reason is not None:
-            # a camera repeats itself many times a second
+            # A camera sends the same message many times per second.
             self._log.warning(printable_line(f"vision message ignored: {reason}"), throttle_duration_sec=_LOG_EVERY_S)
             return
         self._job = self._new_job(grade or "", None)
@@ -138,9 +136,7 @@ class PickPlaceNode:
         stale = reason_not_fresh(stamp_s, now_s, self._settings.vision_max_age_s)
         if stale is not None:
             return stale
-        return "no apple in it has a grade" if grade is None else self._reason_to_reject(grade)
-
-    # --- the job -----------------------------------------------------------------------------
+        return "none of its apples has a grade" if grade is None else self._reason_to_reject(grade)
 
     def _new_job(self, grade: str, feedback: Callable[[Any], None] | None) -> PickPlaceJob:
         self._jobs += 1
@@ -153,7 +149,7 @@ class PickPlaceNode:
         return PickPlaceJob(self._jobs, grade, self._settings, self._arm, tell)
 
     async def _execute(self, handle: Any) -> Any:
-        if self._job is None:  # cannot be: _on_accepted has set it
+        if self._job is None:  # This cannot happen, because _on_accepted has set it.
             return PickPlace.Result(message="internal error: no job")
         result = await self._run(self._job)
         if result.ending is Ending.SUCCEEDED:
@@ -176,11 +172,11 @@ class PickPlaceNode:
             self._job = None
             if not self._idle.done():
                 self._idle.set_result(None)
-        words = printable_line(f"job {job.request_id} {result.ending.value}: {result.message}")
-        if result.ending is Ending.SUCCEEDED:  # rclpy wants one severity a line of code
-            self._log.info(words)
+        text = printable_line(f"job {job.request_id} {result.ending.value}: {result.message}")
+        if result.ending is Ending.SUCCEEDED:  # rclpy allows only one severity per line of code.
+            self._log.info(text)
         else:
-            self._log.error(words)
+            self._log.error(text)
         return result
 
     def _publish(self, state: State) -> None:

@@ -1,4 +1,4 @@
-"""The node's ROS parameters: declared with the defaults of ``Settings``, read once."""
+"""Declare the ROS parameters of the node with the defaults of ``Settings``, and read them once."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -17,10 +17,11 @@ _SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout
 _OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def take_given(node: Node) -> set[str]:
-    """The names of the parameters that files and arguments give the node; ``declare`` declares those of this node.
+def undeclare_overrides(node: Node) -> set[str]:
+    """Undeclare the parameters set by files and arguments, and return their names. ``declare`` declares them again.
 
-    The node was created with ``automatically_declare_parameters_from_overrides``: rclpy shows them in no other way.
+    The node must be created with ``automatically_declare_parameters_from_overrides``. rclpy offers no other way to list
+    the overrides.
     """
     given = {name for name in node.get_parameters_by_prefix("") if not name.startswith(_OF_RCLPY)}
     for name in given:
@@ -29,18 +30,22 @@ def take_given(node: Node) -> set[str]:
 
 
 def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[str]:
-    """Warnings about parameters that this node does not have, and about files without parameters for it."""
+    """Yield warnings about unknown parameters and about files without parameters for this node."""
     for name in sorted(name for name in given if not node.has_parameter(name)):
-        yield f"the parameter '{name}' is not used: this node has no parameter of that name"
+        yield f"parameter '{name}' is ignored: this node has no parameter with that name"
     files = files_in(arguments)
     if files and not given:
         listed = ", ".join(map(str, files))
-        yield f"{listed} has no parameters for {node.get_fully_qualified_name()}: all have their defaults"
+        yield f"{listed} contains no parameters for {node.get_fully_qualified_name()}: using the defaults"
 
 
 def declare(node: Node) -> Settings:
-    """Declare everything and read the settings. Raises ValueError with all that is wrong."""
-    # looked at with every vision message, so it may be changed while the node runs
+    """Declare all parameters and read the settings.
+
+    Raises:
+        ValueError: A parameter is invalid. The message lists all mistakes.
+    """
+    # This parameter is read at every vision message, so it can be changed at run time.
     node.declare_parameter(AUTO_GOAL, True)
     default = Settings()
     grades = _fixed(node, "grades", list(default.bins_rad))
@@ -56,19 +61,19 @@ def declare(node: Node) -> Settings:
 
 
 def action_name(node: Node) -> str:
-    """The name of the pick-and-place action."""
+    """Return the name of the pick-and-place action."""
     return str(_fixed(node, ACTION_NAME, "/sorting/arm/pick_place"))
 
 
 def _fixed(node: Node, name: str, default: Any) -> Any:
-    """Read once: a change at run time is refused instead of being accepted and ignored."""
+    """Declare and read a read-only parameter, so that a change at run time is rejected and not ignored."""
     value = node.declare_parameter(name, default, ParameterDescriptor(read_only=True)).value
     if value is None:
-        raise ValueError(f"{name} is missing or empty")
+        raise ValueError(f"parameter '{name}' is missing or empty: set it in the parameters file")
     return value
 
 
 def _pose(node: Node, name: str, default: Sequence[float] | None) -> tuple[float, ...]:
-    """The pose of a grade that is not the course's has no default, only a type."""
+    """Read a pose. The poses of additional grades have a type but no default."""
     known = Parameter.Type.DOUBLE_ARRAY if default is None else list(default)
     return tuple(_fixed(node, name, known))

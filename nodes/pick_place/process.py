@@ -1,4 +1,4 @@
-"""The process of the node ``vision_pick_place_controller``, from its arguments to its exit status."""
+"""Run the process of the node ``vision_pick_place_controller``, from its arguments to its exit status."""
 
 import argparse
 import os
@@ -21,13 +21,25 @@ NODE_NAME = "vision_pick_place_controller"
 
 
 def _options(args: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(NODE_NAME, description="Sorts apples with the arm. ROS arguments: --ros-args …")
-    parser.add_argument("--network", action="store_true", help="let programs on other machines send goals, too")
+    parser = argparse.ArgumentParser(
+        NODE_NAME, description="Sort apples with the arm. ROS arguments follow --ros-args."
+    )
+    parser.add_argument("--network", action="store_true", help="let programs on other machines send goals")
     return parser.parse_known_args(remove_ros_args(args)[1:])[0]
 
 
 def run(args: Sequence[str]) -> int:
-    """Run the node until SIGINT, SIGTERM or SIGHUP; the exit status. ``args`` as in ``sys.argv``. Raises RosError."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP.
+
+    Args:
+        args: Arguments in the form of ``sys.argv``.
+
+    Returns:
+        The exit status.
+
+    Raises:
+        RosError: ROS 2 does not start.
+    """
     with rcl_errors():
         options = _options(args)
     if options.network:
@@ -46,13 +58,13 @@ def run(args: Sequence[str]) -> int:
     node.get_logger().info(reach)
     executor.add_node(node)
     try:
-        given = parameters.take_given(node)
+        given = parameters.undeclare_overrides(node)
         controller = PickPlaceNode(node)
         for warning in parameters.unused(node, given, args):
             node.get_logger().warning(printable_line(warning))
         spin_until_done(executor, stopped)
     except (ValueError, ParameterException, NameValidationException) as error:
-        node.get_logger().fatal(printable(f"wrong parameters: {error}"))
+        node.get_logger().fatal(printable(f"invalid parameters: {error}"))
         return 2
     finally:
         with exit_watchdog():

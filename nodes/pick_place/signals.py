@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM and SIGHUP as a call in a thread of its own. No ROS."""
+"""Call a function in a separate thread on SIGINT, SIGTERM or SIGHUP. Imports no ROS package."""
 
 import os
 import signal
@@ -8,19 +8,19 @@ from collections.abc import Callable
 from typing import Final
 
 LAST_S: Final = 1.0
-"""From the second signal to the end of the process, as in servoloop/stack/signals.py."""
+"""Time from the second signal to the end of the process, in seconds, as in servoloop/stack/signals.py."""
 
 
 def on_stop_signal(call: Callable[[], object]) -> None:
-    """Run ``call`` at the first signal; a second one ends the process. Only in the main thread.
+    """Run ``call`` at the first signal, and end the process at the second. Must be called in the main thread.
 
-    SIGHUP, of a terminal that was closed, is never the second: the kernel and the shell each send one. Where it is
-    ignored, as under nohup, it stays so.
+    A SIGHUP never counts as the second signal, because the kernel and the shell both send one when a terminal is
+    closed. If SIGHUP is ignored, as under nohup, it remains ignored.
 
-    An ordinary handler would run when the main thread is back in Python, and that one sleeps inside
-    the middleware. The wake-up descriptor is written at once, whichever thread gets the signal.
+    An ordinary handler would run only when the main thread returns to Python, but that thread sleeps in the middleware.
+    The wake-up descriptor is written immediately, regardless of the thread that receives the signal.
     """
-    reader, writer = os.pipe()  # never closed: a signal may come as long as the process lives
+    reader, writer = os.pipe()  # The pipe stays open until the process ends.
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -33,7 +33,7 @@ def on_stop_signal(call: Callable[[], object]) -> None:
         while (number := os.read(reader, 1)[0]) == signal.SIGHUP:
             pass
         time.sleep(LAST_S)
-        os.write(2, b"a second signal: ended at once. The arm finishes the motion under way and holds there\n")
+        os.write(2, b"second signal: ended at once. The arm finishes its current motion and holds its position\n")
         os._exit(128 + number)
 
     threading.Thread(target=wait, name="signals", daemon=True).start()

@@ -1,4 +1,4 @@
-"""The text of ``/sorting/arm/state``. No ROS."""
+"""Format the messages of ``/sorting/arm/state``. Imports no ROS package."""
 
 import json
 
@@ -6,7 +6,7 @@ from nodes.pick_place.job import State
 
 
 def state_json(seq: int, time_s: float, state: State) -> str:
-    """``seq`` counts states from 1; ``ts`` is the node's time in seconds (since 1970)."""
+    """Format a state as JSON. ``seq`` counts states from 1. ``ts`` is the time of the node, in seconds since 1970."""
     return json.dumps(
         {
             "seq": seq,

@@ -1,4 +1,4 @@
-"""The checks of a vision message: its apple, and whether it is fresh. No ROS."""
+"""Check the apples and the age of a vision message. Imports no ROS package."""
 
 from collections.abc import Iterable
 
@@ -6,17 +6,17 @@ from nodes.pick_place.settings import normal_grade
 
 
 def candidate(grades: Iterable[str]) -> str | None:
-    """The grade to pick for: of the first apple that has one. The camera's order is its ranking."""
+    """Return the grade of the first apple that has one, because the camera sorts the apples by rank."""
     return next((grade for grade in map(normal_grade, grades) if grade), None)
 
 
 def reason_not_fresh(stamp_s: float, now_s: float, max_age_s: float) -> str | None:
-    """Why a message with this stamp is no news, or None if it is; seconds on the node's clock."""
+    """Return why a message with this stamp is not fresh, or None. Times are in seconds on the node's clock."""
     age_s = now_s - stamp_s
     if stamp_s == 0.0:
-        return "its header has no stamp (by hand: header: auto)"
+        return "its header has no stamp (in `ros2 topic pub`, use header: auto)"
     if age_s >= max_age_s:
-        return f"it is {age_s:.1f} s old; news is younger than {max_age_s:g} s"
-    if age_s <= -max_age_s:  # it would stay news for as long as the clocks differ
-        return f"its stamp is {-age_s:.1f} s in the future; compare the clocks"
+        return f"it is {age_s:.1f} s old; the maximum age is {max_age_s:g} s"
+    if age_s <= -max_age_s:  # It would remain fresh as long as the clocks differ.
+        return f"its stamp is {-age_s:.1f} s in the future: synchronize the clocks"
     return None

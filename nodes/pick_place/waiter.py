@@ -1,4 +1,4 @@
-"""Waiting with a time-out in a callback of a single-threaded executor, without blocking it."""
+"""Wait with a timeout in a callback of a single-threaded executor, without blocking the executor."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -9,15 +9,17 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 GONE_S: Final = 2.0
-"""So long a server is off the graph before its motion is given up."""
-_LOOK_S: Final = 0.5
+"""Time for which a server must be missing from the graph before the wait for its motion ends, in seconds."""
+_CHECK_S: Final = 0.5
 
 
 class Waiter:
-    """Answers of programs are waited for on the steady clock: a simulated clock that stands still must not stop that.
+    """Waits for futures with a timeout.
 
-    Motions take their time on the node's clock where that is simulated. That clock may stand still for ever when the
-    simulation has ended, so that a motion is given up when its server is gone.
+    Responses are awaited on the steady clock, so that a paused simulation cannot block the wait.
+
+    In a simulation, motions are timed by the clock of the node. This clock stops when the simulation ends. The wait for
+    a motion therefore also ends when its server is gone.
     """
 
     def __init__(self, node: Node) -> None:
@@ -25,20 +27,20 @@ class Waiter:
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     async def until(self, timeout_s: float, *futures: Future) -> bool:
-        """True once one of the futures is done, at once or within ``timeout_s``."""
+        """Wait up to ``timeout_s`` for one of the futures, and return whether one is done."""
         return await self._until(timeout_s, self._steady, *futures)
 
-    async def until_moved(self, timeout_s: float, there: Callable[[], bool], *futures: Future) -> bool:
-        """The same for what takes as long as a motion does, and while the server is ``there``."""
+    async def until_moved(self, timeout_s: float, available: Callable[[], bool], *futures: Future) -> bool:
+        """Wait like ``until`` for a motion, on the node's clock if simulated, and only while its server exists."""
         clock, gone, absent = self._node.get_clock(), Future(), 0
 
-        def look() -> None:
+        def check_server() -> None:
             nonlocal absent
-            absent = 0 if there() else absent + 1
-            if absent * _LOOK_S >= GONE_S and not gone.done():
+            absent = 0 if available() else absent + 1
+            if absent * _CHECK_S >= GONE_S and not gone.done():
                 gone.set_result(None)
 
-        timer = self._node.create_timer(_LOOK_S, look, clock=self._steady)
+        timer = self._node.create_timer(_CHECK_S, check_server, clock=self._steady)
         try:
             await self._until(timeout_s, clock if clock.ros_time_is_active else self._steady, gone, *futures)
         finally:
@@ -46,29 +48,28 @@ class Waiter:
         return any(future.done() for future in futures)
 
     async def _until(self, timeout_s: float, clock: Clock, *futures: Future) -> bool:
-        bell = Future()
+        finished = Future()
 
-        def ring(_: Any = None) -> None:
-            if not bell.done():
-                bell.set_result(None)
+        def finish(_: Any = None) -> None:
+            if not finished.done():
+                finished.set_result(None)
                 self.wake()
 
-        timer = self._node.create_timer(timeout_s, ring, clock=clock)
+        timer = self._node.create_timer(timeout_s, finish, clock=clock)
         for future in futures:
-            future.add_done_callback(ring)
+            future.add_done_callback(finish)
         try:
-            await bell
+            await finished
         finally:
             self._node.destroy_timer(timer)
             for future in futures:
-                future.remove_done_callback(ring)
+                future.remove_done_callback(finish)
         return any(future.done() for future in futures)
 
     def wake(self) -> None:
-        """Let the executor look at its tasks again.
+        """Make the executor check its tasks again.
 
-        rclpy resumes a task that awaits a future only on its next round, and it may have looked at
-        that task before the future was set.
+        rclpy resumes a waiting task only in its next turn, and it may have checked the task before its future was done.
         """
         if self._node.executor is not None:
             self._node.executor.wake()

@@ -1,1 +1,1 @@
-"""The parts of rclpy that are private or replaced: for each the versions it is known for, and its purpose."""
+"""Patches of rclpy and uses of its private parts. Each patch states its purpose and the rclpy versions it supports."""

@@ -1,6 +1,7 @@
-"""What clients may ask of this process: messages of a limited size, and a limited number of goals a second.
+"""Limit the size of messages and the rate of goals that this process accepts from clients.
 
-What is beyond that is refused before it is turned into Python, which costs a fraction of reading and planning it.
+Messages beyond the limits are rejected before conversion to Python, at a fraction of the cost of reading and planning
+them.
 """
 
 import logging
@@ -17,59 +18,59 @@ LOG = logging.getLogger("servoloop.nodes")
 
 PARAMETER: Final = "max_message_size"
 GOALS_PER_S, BURST = 100.0, 10
-"""Goals of all clients that are read in a second, and of one client at once. Each takes some milliseconds."""
+"""Number of goals read per second from all clients, and in a burst from one client. Each takes some milliseconds."""
 REFUSALS_PER_S, REFUSALS_AT_ONCE = 100.0, 5
-"""Goals beyond that which are answered in a second, and at once. The others wait; other clients' answers pass them."""
+"""Number of rejections sent per second and in one burst. Later rejections wait, without delaying other responses."""
 STATUSES_PER_S, STATUSES_AT_ONCE = 5.0, 10
-"""How often an action publishes the status of its goals. Each message has all goals of the last ten seconds."""
-TELL_AGAIN_S: Final = 1.0
-"""A client that is refused again and again is reported once in this time."""
+"""Rate and burst of the status messages of an action. Each message contains all goals of the last 10 s."""
+REPORT_INTERVAL_S: Final = 1.0
+"""Minimum time between two reports about rejected messages on one topic, service or action, in seconds."""
 TOO_OFTEN: Final = (
-    f"goals come too often: of {GOALS_PER_S:g} a second each client has its share; send fewer, or a trajectory of many "
-    "points"
+    f"goals come too often: all clients share {GOALS_PER_S:g} goals per second; send fewer goals, or a trajectory with "
+    "many points"
 )
 
 
 class ClientLimits:
-    """All calls come from the ROS thread."""
+    """Limits for the clients of this process. All calls come from the ROS thread."""
 
     def __init__(self) -> None:
         self.bytes = sys.maxsize
-        """The limit of a message's size in memory; the manager's node sets it."""
+        """Maximum size of a message in memory, in bytes. The node of the controller manager sets it."""
         self.goals = FairRate(GOALS_PER_S, BURST)
         self.refusals = FairRate(REFUSALS_PER_S, REFUSALS_AT_ONCE)
         self.statuses = FairRate(STATUSES_PER_S, STATUSES_AT_ONCE)
-        """By action."""
+        """Rate of status messages, by action."""
         self.on_refused: dict[str, Callable[[str], None]] = {}
-        """By topic or action: a function that is told why a message is refused."""
+        """Function that receives the reason for a rejection, by topic or action."""
         self.actions: dict[int, str] = {}
-        """The names of actions by their servers' pointers: of an action rcl knows the name that is not expanded."""
-        self._told_s: dict[str, float] = {}
+        """Resolved names of actions, by the pointers of their servers. rcl itself only knows the unresolved names."""
+        self._reported_s: dict[str, float] = {}
 
     def add_action(self, server: ActionServer, name: str) -> None:
-        """Make the name of an action known, for messages about its goals."""
+        """Register the name of an action for messages about its goals."""
         self.actions[server._handle.pointer] = name
 
     def refuse_size(self, name: str) -> None:
-        """Report that a message on this topic, service or action is too large."""
+        """Report that a message on a topic, service or action is too large."""
         megabytes = f"{self.bytes / 1e6:g} MB"
         self._refuse(
-            name, f"it is larger than {megabytes}: send less at a time, or raise {PARAMETER} of /controller_manager"
+            name, f"it is larger than {megabytes}: send smaller messages, or raise {PARAMETER} of /controller_manager"
         )
 
     def refuse_rate(self, name: str) -> None:
-        """Report that goals come too often."""
+        """Report that clients send goals too often."""
         self._refuse(name, TOO_OFTEN)
 
     def _refuse(self, name: str, reason: str) -> None:
         now_s = monotonic()
-        if now_s - self._told_s.get(name, -TELL_AGAIN_S) < TELL_AGAIN_S:
+        if now_s - self._reported_s.get(name, -REPORT_INTERVAL_S) < REPORT_INTERVAL_S:
             return
-        self._told_s[name] = now_s
-        LOG.error("%s: a message is refused before it is read: %s", name, reason)
-        if tell := self.on_refused.get(name):
-            tell(reason)
+        self._reported_s[name] = now_s
+        LOG.error("%s: a message was rejected before it was read: %s", name, reason)
+        if callback := self.on_refused.get(name):
+            callback(reason)
 
 
 CLIENT_LIMITS: Final = ClientLimits()
-"""The limits of this process: the patches of rclpy that they are for are the whole process's, too."""
+"""Limits of this process. They are global, like the patches of rclpy that apply them."""

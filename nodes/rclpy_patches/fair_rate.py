@@ -1,30 +1,35 @@
-"""A limit on how often clients are served, of which each active client has the same share."""
+"""Limit the rate at which clients are served. All active clients have equal shares."""
 
 from collections.abc import Hashable
 from typing import Final
 
 ACTIVE_S: Final = 1.0
-"""A client that has asked within this time counts as active."""
+"""Time after its last request during which a client counts as active, in seconds."""
 
 
 class FairRate:
-    """Each client has tokens, spends one each time that it is served, and gets them back at its share of the rate."""
+    """Token bucket for each client. Serving a client costs one token, and tokens return at its share of the rate."""
 
     def __init__(self, per_second: float, burst: int) -> None:
-        """``per_second``: of all clients together; ``burst``: of one client that has not asked for a while."""
+        """Set the limits.
+
+        Args:
+            per_second: Maximum rate of all clients together, in requests per second.
+            burst: Number of requests that an idle client may send at once.
+        """
         self._per_second = per_second
         self._burst = burst
         self._clients: dict[Hashable, tuple[float, float]] = {}
-        """By client: its tokens, and when it asked last."""
+        """Tokens and time of the last request, by client."""
 
     def allows(self, client: Hashable, now_s: float) -> bool:
-        """Return whether a client that asks now is served."""
+        """Return whether a request of a client is served now."""
         known = self._clients
-        if client not in known:  # time enough to forget the others
-            self._clients = known = {who: at for who, at in known.items() if now_s - at[1] <= ACTIVE_S}
-        active = sum(now_s - asked_s <= ACTIVE_S for who, (_, asked_s) in known.items() if who != client) + 1
-        tokens, asked_s = known.get(client, (float(self._burst), now_s))
-        tokens = min(tokens + (now_s - asked_s) * self._per_second / active, float(self._burst))
+        if client not in known:  # Remove inactive clients, too.
+            self._clients = known = {name: entry for name, entry in known.items() if now_s - entry[1] <= ACTIVE_S}
+        active = sum(now_s - requested_s <= ACTIVE_S for name, (_, requested_s) in known.items() if name != client) + 1
+        tokens, requested_s = known.get(client, (float(self._burst), now_s))
+        tokens = min(tokens + (now_s - requested_s) * self._per_second / active, float(self._burst))
         served = tokens >= 1.0
         known[client] = (tokens - served, now_s)
         return served

@@ -1,10 +1,12 @@
-"""rclpy with the interpreter's lock (GIL) left to others while the middleware sends and takes. Known for rclpy 7.1.5.
+"""Release the GIL while the middleware sends and takes messages. Supports rclpy 7.1.5.
 
-rclpy holds it. But DDS can keep a sender waiting: for its own locks while clients come and go (50 that start at once:
-0.4 s on two cores), and up to 0.1 s in each answer to a client whose ear is not known yet or fits no answer of ours
-(rmw_fastrtps waits for it). Meanwhile no Python ran in this process: no control cycle either. The functions of
-rcl_calls.py stand in for twelve methods of rclpy; they call the same C functions through ctypes. What they take is not
-turned into Python if a client may not send it, for its size or because it sends too often (client_limits.py).
+rclpy keeps the GIL during these calls, but DDS can block a sender. DDS waits for its own locks while clients come and
+go (0.4 s on two cores for 50 clients that start together). rmw_fastrtps also waits up to 0.1 s in each response to a
+client whose reader is still unknown or incompatible. Without this patch, no Python code runs during these waits, and
+thus no control cycle.
+
+The functions of rcl_calls.py replace twelve methods of rclpy and call the same C functions through ctypes. Messages
+that are too large or too frequent are not converted to Python (see client_limits.py).
 """
 
 import ctypes
@@ -35,19 +37,19 @@ _SIGNATURES: Final = {
         "publish_status": f"(self: {_C}.ActionServer) -> None",
     },
 }
-"""The signatures of the replaced C methods by class, as pybind11 documents them."""
-_ANSWER: Final = ("self", "response", "header")
-"""The parameters of the one replaced method in Python, ``Service.send_response``."""
+"""Signatures of the replaced C methods by class, as documented by pybind11."""
+_SEND_RESPONSE: Final = ("self", "response", "header")
+"""Parameters of ``Service.send_response``, the only replaced method written in Python."""
 _FIELDS: Final = {
     "rmw_service_info_t": ("source_timestamp", "received_timestamp", "request_id"),
     "rmw_request_id_t": ("sequence_number",),
 }
-"""rclpy's own names for fields of the structures whose layouts are written down in rcl_calls.py."""
+"""Names in rclpy of the fields of structures whose layouts rcl_calls.py defines."""
 
 
 def replacements() -> list[tuple[Any, str, Any]]:
-    """Owner, name and replacement of each replaced method."""
-    from nodes.rclpy_patches import rcl_calls  # opens the C libraries
+    """Return the owner, name and replacement of each replaced method."""
+    from nodes.rclpy_patches import rcl_calls  # The import opens the C libraries.
 
     server = rclpy_implementation.ActionServer
     return [
@@ -63,13 +65,13 @@ def replacements() -> list[tuple[Any, str, Any]]:
 
 
 def release_gil_in_middleware() -> None:
-    """Replace the methods, from now on and in this whole process."""
+    """Replace the methods of rclpy in the whole process."""
     for owner, name, function in replacements():
         setattr(owner, name, function)
 
 
-def send_what_waits() -> None:
-    """Send what a flood of goals has put off. To be called often, where the methods are replaced."""
+def send_delayed() -> None:
+    """Send rejections and statuses that a flood of goals has delayed. Must be called often if the patch is in use."""
     from nodes.rclpy_patches import rcl_calls
 
     rcl_calls.send_refusals()
@@ -78,7 +80,7 @@ def send_what_waits() -> None:
 
 def _differences() -> Iterable[str]:
     yield from _other_methods()
-    replacements()  # raises where a C library or one of its functions is not there
+    replacements()  # This fails if a C library or one of its functions is missing.
     yield from _other_layouts()
 
 
@@ -88,9 +90,9 @@ def _other_methods() -> Iterable[str]:
             method = getattr(getattr(rclpy_implementation, owner, None), name, None)
             found = (getattr(method, "__doc__", "") or "").partition("\n")[0].removeprefix(name)
             if found != expected:
-                yield f"{owner}.{name} is {found or 'missing'} and not {expected}"
-    if tuple(inspect.signature(Service.send_response).parameters) != _ANSWER:
-        yield f"Service.send_response has other parameters than {', '.join(_ANSWER)}"
+                yield f"{owner}.{name} is {found or 'missing'} instead of {expected}"
+    if tuple(inspect.signature(Service.send_response).parameters) != _SEND_RESPONSE:
+        yield f"Service.send_response has parameters different from {', '.join(_SEND_RESPONSE)}"
 
 
 def _other_layouts() -> Iterable[str]:
@@ -99,16 +101,16 @@ def _other_layouts() -> Iterable[str]:
 
     for name, fields in _FIELDS.items():
         yield from missing(getattr(rclpy_implementation, name), fields)
-    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # raises where the layout of messages is another one
+    layout_of(FollowJointTrajectory.Impl.SendGoalService.Request)  # This fails if the layout differs.
     ours = ctypes.sizeof(rcl_calls.GoalStatuses)
     if platform.machine() == "x86_64" and (theirs := rcl_calls.written_by_zero_initialized_goal_statuses()) != ours:
-        yield f"rcl_action_goal_status_array_t has {theirs} bytes and not {ours}"
+        yield f"rcl_action_goal_status_array_t has {theirs} bytes instead of {ours}"
 
 
 PATCH: Final = Patch(
     "gil_release",
     RCLPY_7_1_5,
-    "a client that leaves, or listens with other qualities of service, can hold up the control loop for 0.1 s, and one "
-    "that sends a message of many megabytes for a second (max_message_size has no effect)",
+    "a client that leaves or has an incompatible QoS can block the control loop for 0.1 s, and a client that sends a "
+    "message of many megabytes can block it for a second (max_message_size has no effect)",
     _differences,
 )

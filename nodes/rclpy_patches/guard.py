@@ -1,7 +1,9 @@
-"""The guard around the patches of rclpy: on another rclpy the stack runs without them, and says what is lost.
+"""Select the patches that fit the installed rclpy.
 
-A patch that does not fit may end the process that holds the arm's torque: layouts of C structures are written down in
-it. So each is used on the versions only that it was tried on, and there only where it finds what it stands on.
+Without a patch, the stack still runs but has a limitation, about which it warns.
+
+Patches depend on the layouts of C structures. A patch that does not fit could crash the process that controls the arm.
+Each patch is therefore used only with the rclpy versions it was tested with, and only if its checks find no difference.
 """
 
 import logging
@@ -19,7 +21,7 @@ PATCHES: Final = (gil_release.PATCH, cycle_executor.PATCH, type_service.PATCH)
 
 
 def rclpy_version() -> str:
-    """The version in rclpy's package; "" for a build without one."""
+    """Return the version of the rclpy package, or "" if the build has none."""
     try:
         return version("rclpy")
     except PackageNotFoundError:
@@ -28,7 +30,7 @@ def rclpy_version() -> str:
 
 @cache
 def usable_patches() -> frozenset[Patch]:
-    """The patches that fit this rclpy, looked at once in a process; one warning names what is lost without the rest."""
+    """Return the patches that fit this rclpy. The first call in a process logs a warning about the others."""
     usable, warning = select(PATCHES, rclpy_version())
     if warning:
         LOG.warning("%s", warning)
@@ -36,21 +38,23 @@ def usable_patches() -> frozenset[Patch]:
 
 
 def select(patches: Iterable[Patch], found: str) -> tuple[frozenset[Patch], str]:
-    """The patches that fit the version ``found``, and a warning for the others ("" where all fit)."""
+    """Return the patches that fit the version ``found``, and a warning about the others ("" if all fit)."""
     reasons = {patch: _reason(patch, found) for patch in patches}
     usable = frozenset(patch for patch, reason in reasons.items() if not reason)
     if not any(reasons.values()):
         return usable, ""
     why = ", ".join(dict.fromkeys(reason for reason in reasons.values() if reason))
     lost = "; ".join(patch.loss for patch, reason in reasons.items() if reason)
-    return usable, f"{why}: plain rclpy is used instead of our patches, and everything works but for this: {lost}"
+    return usable, f"{why}: the stack uses plain rclpy without these patches and has the following limitations: {lost}"
 
 
 def _reason(patch: Patch, found: str) -> str:
-    """Why the patch is not used, or ""."""
+    """Return why a patch cannot be used, or "" if it can."""
     if found not in patch.versions:
-        return f"rclpy {found or 'of unknown version'} is not known here (known: {', '.join(sorted(patch.versions))})"
+        return (
+            f"rclpy {found or 'of unknown version'} is not supported (supported: {', '.join(sorted(patch.versions))})"
+        )
     try:
         return ", ".join(patch.differences())
-    except Exception as error:  # whatever another rclpy, rcl or C library does when it is looked at
+    except Exception as error:  # A different rclpy, rcl or C library may raise any error.
         return f"{patch.name} cannot be used on this rclpy: {error}"

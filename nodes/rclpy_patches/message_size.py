@@ -1,9 +1,8 @@
-"""The size of a message in C, found before it is turned into Python.
+"""Measure the size of a C message before its conversion to Python.
 
-What turns a message into Python has the interpreter's lock: of a list of numbers to the end, and of 200,000
-trajectory points for most of two seconds, in which the control cycles have to share it. The offsets of a message's
-fields are those of the introspection type support, whose structures (message_introspection.h of Jazzy) are written
-down here.
+The conversion holds the GIL. It converts a list of numbers without interruption. With 200,000 trajectory points, the
+control cycles compete for the GIL for almost two seconds. The offsets of the fields come from the
+introspection type support. Its structures (message_introspection.h of Jazzy) are defined here.
 """
 
 import ctypes
@@ -15,23 +14,23 @@ from typing import Any, Final
 import numpy as np
 
 _INTROSPECTION: Final = b"rosidl_typesupport_introspection_c"
-_STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # of field_types.h, as the sizes below
+_STRING, _WIDE_STRING, _MESSAGE = 16, 17, 18  # Like the sizes below, these are from field_types.h.
 _SIZES: Final = {1: 4, 2: 8, 3: 16, 4: 1, 5: 2, 6: 1, 7: 1, 8: 1, 9: 1, 10: 2, 11: 2, 12: 4, 13: 4, 14: 8, 15: 8}
 _NO_FIELD: Final = "structure_needs_at_least_one_member"
-"""The field in C of a message without fields."""
+"""Name of the C field of an empty message."""
 _WORD: Final = ctypes.sizeof(ctypes.c_size_t)
 _SEQUENCE: Final = 3 * _WORD
-"""Bytes of a sequence or a string: its data's address, its size and its capacity."""
+"""Size of a sequence or string header in bytes: address of the data, size and capacity."""
 
 
 class _TypeSupport(ctypes.Structure):
-    """The beginning of rosidl_message_type_support_t."""
+    """First fields of rosidl_message_type_support_t."""
 
     _fields_ = (("identifier", ctypes.c_char_p), ("data", ctypes.c_void_p))
 
 
 class _Member(ctypes.Structure):
-    """rosidl_typesupport_introspection_c__MessageMember."""
+    """C structure rosidl_typesupport_introspection_c__MessageMember."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -49,7 +48,7 @@ class _Member(ctypes.Structure):
 
 
 class _Members(ctypes.Structure):
-    """rosidl_typesupport_introspection_c__MessageMembers, up to the members."""
+    """First fields of rosidl_typesupport_introspection_c__MessageMembers, up to the members."""
 
     _fields_ = (
         ("namespace", ctypes.c_char_p),
@@ -67,28 +66,28 @@ class _Part:
 
     offset: int
     size: int
-    """Bytes of each element."""
+    """Size of each element, in bytes."""
     within: "Layout | None" = None
-    """The layout of each element, if elements have sequences of their own."""
+    """Layout of each element, if the elements contain sequences."""
     inline: int = 0
-    """Number of elements of an array that is part of the message itself; 0 for a sequence."""
+    """Number of elements of an array inside the message, or 0 for a sequence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The layout of one message type."""
+    """Layout of one message type."""
 
     names: tuple[str, ...]
-    """The names of its fields."""
+    """Names of the fields."""
     size: int
-    """Bytes without what is in sequences and strings."""
+    """Size without the contents of sequences and strings, in bytes."""
     parts: tuple[_Part, ...]
 
     def measured(self, address: int, allowed: int) -> int:
-        """Return the bytes of the message at ``address``, or some number above ``allowed`` if there are more."""
-        return self.size + self._beside(address, allowed - self.size)
+        """Return the size of the message at ``address`` in bytes, or any number above ``allowed`` if it is larger."""
+        return self.size + self._contents(address, allowed - self.size)
 
-    def _beside(self, address: int, allowed: int) -> int:
+    def _contents(self, address: int, allowed: int) -> int:
         total = 0
         for part in self.parts:
             data, count = address + part.offset, part.inline
@@ -102,13 +101,13 @@ class Layout:
         return total
 
     def of_all(self, data: int, count: int, allowed: int) -> int:
-        """Return the bytes in the sequences of ``count`` messages, which stand one after the other at ``data``."""
+        """Return the size of all sequences in an array of ``count`` messages at ``data``, in bytes."""
         if all(part.within is None and not part.inline for part in self.parts):
             table = np.array(_words(data, count * self.size // _WORD)).reshape(count, -1)
             return sum(int(table[:, part.offset // _WORD + 1].sum()) * part.size for part in self.parts)
         total = 0
         for place in range(count):
-            total += self._beside(data + place * self.size, allowed - total)
+            total += self._contents(data + place * self.size, allowed - total)
             if total > allowed:
                 break
         return total
@@ -124,17 +123,21 @@ def _words(address: int, count: int) -> Any:
 
 @cache
 def layout_of(kind: Any) -> Layout:
-    """Return the layout of a message type. Raises what ctypes raises, and ValueError if it is not as written here."""
+    """Return the layout of a message type. Exceptions of ctypes propagate.
+
+    Raises:
+        ValueError: The fields differ from those of the Python type.
+    """
     kind.__class__.__import_type_support__()
     layout = _layout(_introspection(capsule_address(kind._TYPE_SUPPORT)))
     known = tuple(kind.get_fields_and_field_types())
     if layout.names != known:
-        raise ValueError(f"{kind.__name__} has the fields {', '.join(layout.names)} and not {', '.join(known)}")
+        raise ValueError(f"{kind.__name__} has the fields {', '.join(layout.names)} instead of {', '.join(known)}")
     return layout
 
 
 def capsule_address(capsule: object) -> int:
-    """Return the address in a Python capsule without a name."""
+    """Return the address in an unnamed Python capsule."""
     get = ctypes.pythonapi.PyCapsule_GetPointer
     get.restype, get.argtypes = ctypes.c_void_p, (ctypes.py_object, ctypes.c_char_p)
     return int(get(capsule, None))
@@ -145,7 +148,7 @@ def _introspection(support: int) -> int:
     find.restype, find.argtypes = ctypes.c_void_p, (ctypes.c_void_p, ctypes.c_char_p)
     found = find(support, _INTROSPECTION)
     if not found:
-        raise ValueError(f"there is no {_INTROSPECTION.decode()} for a message type")
+        raise ValueError(f"a message type has no {_INTROSPECTION.decode()}")
     return int(found)
 
 
@@ -159,7 +162,7 @@ def _layout(support: int) -> Layout:
 
 
 def _parts(member: _Member) -> Iterator[_Part]:
-    """The sequences and strings of one field."""
+    """Yield the sequences and strings of one field."""
     within = {_STRING: _TEXT, _WIDE_STRING: _WIDE_TEXT}.get(member.type_id)
     if member.type_id == _MESSAGE:
         within = _layout(_introspection(member.members))

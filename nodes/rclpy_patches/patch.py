@@ -1,25 +1,25 @@
-"""A patch: one private or replaced part of rclpy, with the versions that it is known for."""
+"""Define a patch: a private or replaced part of rclpy, with the versions it supports."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
 RCLPY_7_1_5: Final = frozenset({"7.1.5"})
-"""rclpy's own number; its wheel is called ros-rclpy 7.1.6. 7.1.9 resumes callbacks that wait in another way."""
+"""Version reported by rclpy itself; its wheel is named ros-rclpy 7.1.6. Version 7.1.9 resumes callbacks differently."""
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """Used only on one of ``versions``, and where ``differences`` finds none."""
+    """A patch of rclpy. It is used only with one of ``versions``, and only if ``differences`` finds none."""
 
     name: str
     versions: frozenset[str]
     loss: str
-    """The stack's loss on plain rclpy, in words."""
+    """Limitation of the stack without the patch, as a clause for the warning."""
     differences: Callable[[], Iterable[str]]
-    """Lists how this rclpy differs from the one that the patch was written for; may raise anything."""
+    """Function that lists differences of the installed rclpy from the supported one. It may raise any exception."""
 
 
 def missing(owner: Any, names: Iterable[str]) -> list[str]:
-    """The names that a class or module lacks, in words."""
+    """Return a sentence for each name that a class or module lacks."""
     return [f"{owner.__name__} has no {name}" for name in names if not hasattr(owner, name)]

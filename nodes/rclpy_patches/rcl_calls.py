@@ -1,7 +1,7 @@
-"""rcl's functions through ctypes, which leaves the interpreter's lock to others: what gil_release.py puts into rclpy.
+"""Call functions of rcl through ctypes, which releases the GIL. gil_release.py installs these functions in rclpy.
 
-The layouts are those of rmw/types.h and action_msgs/msg/detail/goal_status_array__struct.h of Jazzy. To be imported
-only where gil_release.py allows it: the libraries are opened here, and their functions looked up.
+The layouts come from rmw/types.h and action_msgs/msg/detail/goal_status_array__struct.h of Jazzy. Only gil_release.py
+may import this module, because the import opens the C libraries and looks up their functions.
 """
 
 import ctypes
@@ -28,9 +28,9 @@ _TIMEOUT: Final = 2  # RCL_RET_TIMEOUT of rcl/types.h
 _NOTHING_TAKEN: Final = (401, 601, 2201)  # RCL_RET_{SUBSCRIPTION,SERVICE,ACTION_SERVER}_TAKE_FAILED
 
 TOO_LARGE, TOO_OFTEN = object(), object()
-"""Stand for messages that clients may not send, and that were not turned into Python."""
+"""Placeholders for messages that exceed a limit and were not converted to Python."""
 MOST_REFUSED: Final = 50
-"""Requests that are put off in one go; then other clients have their turn."""
+"""Maximum number of requests rejected in one call, before other clients are served."""
 _MESSAGE_INFO: Final = (
     "source_timestamp",
     "received_timestamp",
@@ -46,19 +46,19 @@ _RCUTILS: Final = ctypes.CDLL("librcutils.so")
 
 
 class _RequestId(ctypes.Structure):
-    """rmw_request_id_t: whom an answer is for."""
+    """C structure rmw_request_id_t, which identifies the client of a response."""
 
     _fields_ = (("writer_guid", ctypes.c_uint8 * 16), ("sequence_number", ctypes.c_int64))
 
 
 class _ServiceInfo(ctypes.Structure):
-    """rmw_service_info_t."""
+    """C structure rmw_service_info_t."""
 
     _fields_ = (("sent_ns", ctypes.c_int64), ("received_ns", ctypes.c_int64), ("request_id", _RequestId))
 
 
 class _MessageInfo(ctypes.Structure):
-    """rmw_message_info_t."""
+    """C structure rmw_message_info_t."""
 
     _fields_ = (
         ("source_timestamp", ctypes.c_int64),
@@ -70,13 +70,13 @@ class _MessageInfo(ctypes.Structure):
 
 
 class GoalStatuses(ctypes.Structure):
-    """rcl_action_goal_status_array_t: a sequence, and rcutils_allocator_t."""
+    """C structure rcl_action_goal_status_array_t: a sequence and an rcutils_allocator_t."""
 
     _fields_ = (("sequence", ctypes.c_void_p * 3), ("allocator", ctypes.c_void_p * 5))
 
 
 class _ErrorText(ctypes.Structure):
-    """rcutils_error_string_t."""
+    """C structure rcutils_error_string_t."""
 
     _fields_ = (("text", ctypes.c_char * 1024),)
 
@@ -85,7 +85,7 @@ _RCUTILS.rcutils_get_error_string.restype = _ErrorText
 
 
 class _Kind:
-    """A message type's functions that turn messages into C and back. These do hold the interpreter's lock."""
+    """Functions of a message type that convert messages to C and back. They hold the GIL."""
 
     def __init__(self, kind: Any) -> None:
         self._create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(capsule_address(kind._CREATE_ROS_MESSAGE))
@@ -97,18 +97,24 @@ class _Kind:
         self._layout = layout_of(kind)
 
     def sent(self, message: Any, send: Callable[[int], int]) -> int:
-        """The return value of ``send`` for the message in C."""
+        """Convert a message to C, pass it to ``send`` and return the return code."""
         raw = self._create()
         try:
-            self._from_python(message, raw)  # raises by itself
+            self._from_python(message, raw)  # This fails for an invalid message.
             return send(raw)
         finally:
             self._destroy(raw)
 
     def taken(self, take: Callable[[int], int], refuses: Callable[[], bool] | None = None) -> tuple[int, Any]:
-        """The return value of ``take``, and the message that ``take`` has filled in.
+        """Take a message and convert it to Python.
 
-        TOO_LARGE or TOO_OFTEN stands for a message that is not read: ``refuses`` says whether it comes too often.
+        Args:
+            take: Function that fills in a C message and returns a return code.
+            refuses: Function that returns whether the message comes too often.
+
+        Returns:
+            The return code and the message. The message is None after an error, and TOO_LARGE or TOO_OFTEN if it
+            exceeds a limit.
         """
         raw = self._create()
         try:
@@ -122,8 +128,8 @@ class _Kind:
             self._destroy(raw)
 
 
-_WAITING: Final[dict[int, Any]] = {}
-"""Action servers whose status is to be published later, by their pointers."""
+_DELAYED: Final[dict[int, Any]] = {}
+"""Action servers whose status publication is delayed, by their pointers."""
 _KINDS: Final[dict[Any, _Kind]] = {}
 
 
@@ -141,7 +147,7 @@ def _function(library: ctypes.CDLL, name: str, arguments: int) -> Any:
 
 
 def _name(library: ctypes.CDLL, name: str) -> Any:
-    """The function that tells an entity's name by its pointer."""
+    """Return a function that returns the name of an entity, given its pointer."""
     function = getattr(library, name)
     function.restype, function.argtypes = ctypes.c_char_p, (ctypes.c_void_p,)
     return lambda pointer: (function(pointer) or b"?").decode(errors="replace")
@@ -161,10 +167,10 @@ _end_statuses = _function(_RCL_ACTION, "rcl_action_goal_status_array_fini", 1)
 
 def _check(code: int, what: str) -> None:
     if code:
-        raise rclpy_implementation.RCLError(f"could not {what}: {_said()}")
+        raise rclpy_implementation.RCLError(f"could not {what}: {_error_text()}")
 
 
-def _said() -> str:
+def _error_text() -> str:
     text = _RCUTILS.rcutils_get_error_string().text.decode(errors="replace")
     _RCUTILS.rcutils_reset_error()
     return str(text)
@@ -205,23 +211,23 @@ def service_take_request(service: Any, kind: Any) -> tuple[Any, _ServiceInfo | N
 
 
 def _answer_empty(kind: Any, send: Callable[[int], int]) -> None:
-    """Answer a request that was not read with a response that says nothing: it is not ok, or not accepted."""
+    """Send an empty response to a request that was not read. Its default values mean "not ok" or "not accepted"."""
     response = getattr(sys.modules[kind.__module__], kind.__name__.removesuffix("Request") + "Response")
     if _kind(response).sent(response(), send):
-        LOG.warning("a client whose message is too large could not be answered: %s", _said())
+        LOG.warning("no response could be sent to a client whose message is too large: %s", _error_text())
 
 
 def service_send_response(service: Service, response: Any, info: _ServiceInfo) -> None:
     if not isinstance(response, service.srv_type.Response):
-        raise TypeError(f"{service.srv_name} answers {service.srv_type.__name__}.Response, not {type(response)}")
+        raise TypeError(f"{service.srv_name} needs a {service.srv_type.__name__}.Response, not {type(response)}")
     with service.handle:
         pointer, to = service.handle.pointer, ctypes.byref(info.request_id)
         code = _kind(type(response)).sent(response, lambda raw: int(_send_response(pointer, to, raw)))
     if code == _TIMEOUT:
-        why = "it has left, or listens with qualities of service that do not fit"
-        LOG.warning("%s: a client could not be answered: %s (%s)", service.srv_name, why, _said())
+        reason = "it has left, or its QoS is incompatible"
+        LOG.warning("%s: no response could be sent to a client: %s (%s)", service.srv_name, reason, _error_text())
         return
-    _check(code, f"answer on {service.srv_name}")
+    _check(code, f"send a response on {service.srv_name}")
 
 
 def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]]:
@@ -229,12 +235,12 @@ def server_take(name: str) -> Callable[[Any, Any], tuple[_RequestId | None, Any]
     answer = _function(_RCL_ACTION, f"rcl_action_send_{name}_response", 3)
 
     def take(server: Any, kind: Any) -> tuple[_RequestId | None, Any]:
-        """Take the first request that is not refused."""
+        """Take the first request within the limits."""
         pointer = server.pointer
         for _ in range(MOST_REFUSED):
             request_id = _RequestId()
             take_into = partial(_taken_by, function, pointer, request_id)
-            refuses = partial(_comes_too_often, request_id) if name == "goal" else None
+            refuses = partial(_is_too_frequent, request_id) if name == "goal" else None
             code, request = _kind(kind).taken(take_into, refuses)
             if code in _NOTHING_TAKEN:
                 return None, None
@@ -260,7 +266,7 @@ def _taken_by(function: Any, pointer: int, request_id: _RequestId, raw: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Refusal:
-    """A goal that is to be answered without having been read."""
+    """Pending rejection of a goal that was not read."""
 
     server: Any
     kind: Any
@@ -273,17 +279,17 @@ class _Refusal:
 
 
 _REFUSALS: Final[deque[_Refusal]] = deque(maxlen=10_000)
-"""Refusals that are to be sent, in their turn: every client hears all answers, and most keep only ten of them."""
+"""Pending rejections, sent at a limited rate. Every client receives all responses, and most queue only ten."""
 
 
 def send_refusals() -> None:
-    """Send refusals, as far as their time has come. To be called often."""
+    """Send the pending rejections that the rate limit allows. Must be called often."""
     while _REFUSALS and CLIENT_LIMITS.refusals.allows("all", monotonic()):
-        with suppress(InvalidHandle):  # its controller has been unloaded
+        with suppress(InvalidHandle):  # The controller has been unloaded.
             _REFUSALS.popleft().send()
 
 
-def _comes_too_often(request_id: _RequestId) -> bool:
+def _is_too_frequent(request_id: _RequestId) -> bool:
     return not CLIENT_LIMITS.goals.allows(bytes(request_id.writer_guid), monotonic())
 
 
@@ -305,21 +311,21 @@ def server_publish_feedback(server: Any, message: Any) -> None:
 
 
 def server_publish_status(server: Any) -> None:
-    """Publish at once, unless that came too often lately: the newest status then is published later."""
+    """Publish the goal status now if the rate limit allows it. Otherwise the newest status is published later."""
     if CLIENT_LIMITS.statuses.allows(server.pointer, monotonic()):
-        _WAITING.pop(server.pointer, None)
+        _DELAYED.pop(server.pointer, None)
         _publish_status_now(server)
     else:
-        _WAITING[server.pointer] = server
+        _DELAYED[server.pointer] = server
 
 
 def publish_waiting_statuses() -> None:
-    """Publish the statuses that were put off, as far as their time has come. To be called in every cycle."""
-    for pointer, server in list(_WAITING.items()):
+    """Publish the delayed statuses that the rate limit allows. Must be called in every cycle."""
+    for pointer, server in list(_DELAYED.items()):
         try:
             server_publish_status(server)
-        except (InvalidHandle, rclpy_implementation.RCLError):  # its controller has been unloaded
-            _WAITING.pop(pointer, None)
+        except (InvalidHandle, rclpy_implementation.RCLError):  # The controller has been unloaded.
+            _DELAYED.pop(pointer, None)
 
 
 def _publish_status_now(server: Any) -> None:
@@ -332,7 +338,7 @@ def _publish_status_now(server: Any) -> None:
 
 
 def written_by_zero_initialized_goal_statuses() -> int:
-    """The size of rcl's own goal status array. x86_64 only, where a structure is returned through a hidden pointer."""
+    """Return the size of rcl's goal status array in bytes. Requires x86_64, which returns structures by pointer."""
     untouched = 0xA5
     buffer = (ctypes.c_ubyte * 4096)(*[untouched] * 4096)
     _function(_RCL_ACTION, "rcl_action_get_zero_initialized_goal_status_array", 1)(buffer)

@@ -1,6 +1,6 @@
-"""The service ``~/get_type_description``, which rclpy leaves on the graph when its node goes.
+"""Remove the service ``~/get_type_description``, which rclpy leaves in the graph when its node is destroyed.
 
-Known for rclpy 7.1.5. Nothing in it ends the service beneath its own one, so this calls rcl for it.
+Supports rclpy 7.1.5. rclpy has no method that ends the rcl service, so this module calls rcl directly.
 """
 
 import ctypes
@@ -14,7 +14,7 @@ NAME: Final = "/get_type_description"
 
 
 def remove_type_service(node: Node) -> None:
-    """Take it off the graph, for a node that is about to be destroyed."""
+    """Remove the service of a node that is about to be destroyed."""
     finish = _rcl_service_fini()
     for service in node.services:
         if service.srv_name.endswith(NAME):
@@ -36,6 +36,6 @@ def _differences() -> list[str]:
 PATCH: Final = Patch(
     "type_service",
     RCLPY_7_1_5,
-    "the service get_type_description of an unloaded controller stays in the lists of services",
+    "the service get_type_description of an unloaded controller remains in the lists of services",
     _differences,
 )

@@ -1,36 +1,40 @@
 """A campaign: one scenario with many seeds, on several processes, with the same result however many there are."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
 from functools import cache, partial
 from pathlib import Path
 from random import Random
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Final, Literal, TypeVar, cast
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
 
-from controller.forward.forward_command_controller import ForwardCommandController
-from controller.trajectory.parameters import TrajectoryParameters
 from drivers.errors import DriverError
 from hal.plausible import Backlash, Duration, FaultCount, Time
 from hal.robot_file.robot_file import ExitPolicy
-from hal.types import JointLimits
 from hal.yaml_file import load
-from hal.yaml_nodes import compose
+from hal.yaml_nodes import compose, listed
+from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
 from servoloop.campaign.draw_clients import draw_client
-from servoloop.campaign.invariants import Violation
+from servoloop.campaign.hangs import ended_when_it_stands, limit
 from servoloop.campaign.promises import Promises
 from servoloop.campaign.ray_workers import on_ray
-from servoloop.campaign.run import RunReport, run_schedule
+from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule
+from servoloop.campaign.supervised import Loss, WorkerError
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import job_settings, require_cell
-from servoloop.simulation.schedule import Schedule
-from servoloop.simulation.stack_faults import inventory_of
+from servoloop.simulation.schedule import Schedule, ScheduleError
+from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 from servoloop.stack.arm_folders import OWN, arm_in, find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
-from sim_backend.faults.draw import draw, impossible
+from sim_backend.clock import Hang
+from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
+
+KILLED_IN_A_ROW: Final = 3
+"""Number of seeds whose processes are killed one after the other, at which a campaign ends."""
 
 
 class ScenarioError(DriverError):
@@ -44,7 +48,13 @@ def _listed(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
-OneOrMore = Annotated[tuple[Item, ...], Field(min_length=1), BeforeValidator(_listed)]
+def _not_empty(items: tuple[Item, ...]) -> tuple[Item, ...]:
+    if not items:
+        raise ValueError("the list is empty: name at least one, or leave out the key")
+    return items
+
+
+OneOrMore = Annotated[tuple[Item, ...], AfterValidator(_not_empty), BeforeValidator(_listed)]
 ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "guides"]
 
 
@@ -59,7 +69,7 @@ class Scenario(BaseModel):
     """Kinds of clients. ``job`` does the jobs, the others move the arm as long as it is up."""
     on_exit: OneOrMore[ExitPolicy] | None = None
     """How the arm is left at the end. None: as its robot file leaves virtual servos."""
-    job: tuple[str, ...] = ()
+    job: Annotated[tuple[str, ...], BeforeValidator(_listed)] = ()
     """Grades, one job each."""
     seconds: Time = 0.0
     """Time that the arm stays up after its jobs."""
@@ -68,10 +78,17 @@ class Scenario(BaseModel):
     """So many in each run."""
     within_s: Duration = 10.0
     """Since the arm is up: by then all have begun that happen while it is up; without jobs within ``seconds``."""
-    kinds: tuple[str, ...] | None = None
+    kinds: OneOrMore[str] | None = None
     """Of faults; None: all that the arm can have."""
     promises: Promises = Promises()
     """What the campaign must have looked at; it fails if it did not."""
+
+    @field_validator("job")
+    @classmethod
+    def _done_by_a_client(cls, job: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        if job and "job" not in info.data.get("clients", ("job",)):
+            raise ValueError("no client does these jobs: add `job` to `clients`, or leave out the jobs")
+        return job
 
     @field_validator("within_s")
     @classmethod
@@ -96,30 +113,35 @@ class Scenario(BaseModel):
 def read_scenario(path: Path, arm: str | None = None) -> Scenario:
     """Read the scenario in this YAML file, or the same with another arm.
 
-    Raises ScenarioError for its mistakes and for kinds of faults that the arm cannot have, ArmFileError for an unknown
-    arm.
+    Raises ScenarioError for its mistakes and for what can happen in none of its runs, ArmFileError for an unknown arm.
     """
     scenario = load(path, Scenario, ScenarioError)
     if arm is not None:
         find_arm(arm)
         scenario = scenario.model_copy(update={"arm": (arm,)})
     else:
-        for name in scenario.arm:
-            arm_in(path, name)
-    _require_possible_kinds(path, scenario)
+        for n, name in enumerate(scenario.arm):
+            arm_in(path, name, n)
+    mistakes = in_scenario(scenario, {name: files_of(name) for name in scenario.arm})
+    _refuse(path, mistakes, ScenarioError)
     return scenario
 
 
-def _require_possible_kinds(path: Path, scenario: Scenario) -> None:
-    """Check that every arm can have each kind of fault that the scenario names. Raises ScenarioError."""
-    texts: list[str] = []
-    for arm in scenario.arm:
-        there = inventory_of(files_of(arm))
-        for n, kind in enumerate(scenario.kinds or ()):
-            if why := impossible(kind, there):
-                texts.append(f"{compose(path, ScenarioError).place(('kinds', n))}: {arm} cannot have {kind!r}: {why}")
-    if texts:
-        raise ScenarioError("\n".join(texts))
+def require_possible_schedule(path: Path, schedule: Schedule) -> None:
+    """Check that the arm can do what the schedule in this file asks for.
+
+    Raises ScheduleError for jobs and acts, FaultError for faults.
+    """
+    files = files_of(schedule.arm)
+    _refuse(path, in_schedule(schedule, files), ScheduleError)
+    require_possible_in(path, schedule.faults, inventory_of(files))
+
+
+def _refuse(path: Path, mistakes: Iterable[Mistake], error: type[DriverError]) -> None:
+    """Raise an error with file and line of each mistake, if there is one."""
+    if found := [*mistakes]:
+        file = compose(path, error)
+        raise error("\n".join(listed([f"{file.place(place)}: {text}" for place, text in found])))
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
@@ -129,7 +151,7 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
     files = files_of(arm)
     jobs = scenario.job if client == "job" else ()
-    acts = draw_client(client, seed, *_arm_of(files), scenario.within_s)
+    acts = draw_client(client, seed, *joints_and_hand(files), scenario.within_s)
     seconds = scenario.seconds + (scenario.within_s if acts else 0.0)
     within_s = scenario.within_s if jobs else min(scenario.within_s, seconds)
     faults = draw(seed, inventory_of(files), within_s, scenario.faults, scenario.kinds)
@@ -145,41 +167,38 @@ def schedule_of(scenario: Scenario, seed: int) -> Schedule:
     )
 
 
-def _arm_of(files: Files) -> tuple[dict[str, JointLimits], bool]:
-    """The joints of the arm's trajectory controller with their limits, and whether there is a hand."""
-    parameters = (spec.parameters for spec in files.controllers.controllers)
-    arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
-    joints = arms[0].joints if arms else ()
-    hand = any(spec.kind == ForwardCommandController.kind for spec in files.controllers.controllers)
-    return {joint: files.limits[joint] for joint in joints}, hand
-
-
 def run_seed(scenario: Scenario, seed: int) -> RunReport:
     """Draw the schedule of a seed and run it."""
     return run_schedule_of(schedule_of(scenario, seed))
 
 
 def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
-    """Run a schedule on the arm that it names. An exception that no program may end with is a violation too.
+    """Run a schedule on the arm that it names.
 
-    ``prepare`` gets the stack before it comes up.
+    An exception that no program may end with is a violation too, and so is a run that does not end. ``prepare`` gets
+    the stack before it comes up.
     """
     settings = job_settings(find_arm(schedule.arm), schedule.job)
     require_cell(files_of(schedule.arm), schedule.job)
     stacks: list[FaultyStack] = []
 
+    def now_s() -> float:
+        return stacks[-1].clock.now() if stacks else 0.0
+
     def prepared(stack: FaultyStack) -> None:
         stacks.append(stack)
+        limit(stack.clock, schedule)
         prepare(stack)
 
     try:
-        return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
+        with ended_when_it_stands(now_s):
+            return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
     except FaultError:
         raise  # the schedule is wrong, not the stack
-    except Exception as error:  # a bug, and the other seeds shall be looked at as well
-        now_s = stacks[-1].clock.now() if stacks else 0.0
-        crash = Violation("no crash", round(now_s, 4), f"{type(error).__name__}: {error}")
-        return RunReport(schedule, (crash,), 0, str(error), now_s, None)
+    except Hang as hang:
+        return lost_run(schedule, NO_HANG, now_s(), str(hang))
+    except (Exception, SystemExit) as error:  # a bug, and the other seeds shall be looked at as well
+        return lost_run(schedule, NO_CRASH, now_s(), f"{type(error).__name__}: {error}")
 
 
 @cache
@@ -193,13 +212,35 @@ def campaign(
 ) -> Iterator[RunReport]:
     """Run all seeds; their reports come one by one, in the order of the seeds, until ``stop`` says so.
 
-    ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this machine. Raises FaultError for a
-    mistake in the scenario before anything is started, and RayError and WorkerError while it runs.
+    A run that hangs or is killed is reported as a violation; without ``processes`` the runs take place in this process,
+    and one that is killed ends it. ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this
+    machine. Raises FaultError for a mistake in the scenario before anything is started, and RayError and WorkerError
+    while it runs.
     """
     schedule_of(scenario, seeds.start)
-    run = partial(run_seed, scenario)
+    run, lost = partial(run_seed, scenario), partial(_lost_seed, scenario)
     if ray is not None:
-        return on_ray(run, seeds, ray, processes, stop)
-    if processes == 1:
+        return _unless_all_die(on_ray(run, lost, seeds, ray, max(processes, 1), stop))
+    if processes == 0:
         return in_this_process(run, seeds, stop)
-    return in_processes(run, seeds, processes, stop)
+    return _unless_all_die(in_processes(run, lost, seeds, processes, stop))
+
+
+def _lost_seed(scenario: Scenario, seed: int, loss: Loss) -> RunReport:
+    """The report of a seed whose process did not come to its end."""
+    return lost_run(schedule_of(scenario, seed), NO_HANG if loss.hung else NOT_KILLED, loss.time_s, loss.text)
+
+
+def _unless_all_die(reports: Generator[RunReport, None, None]) -> Iterator[RunReport]:
+    """Raise WorkerError behind the report of the last of several seeds in a row whose process is killed."""
+    in_a_row = 0
+    with closing(reports):
+        for report in reports:
+            yield report
+            killed = [one.text for one in report.violations if one.invariant == NOT_KILLED]
+            in_a_row = in_a_row + 1 if killed else 0
+            if in_a_row == KILLED_IN_A_ROW:
+                raise WorkerError(
+                    f"the processes of {in_a_row} seeds in a row were killed, the last one that of seed {report.seed} "
+                    f"({killed[0]}), perhaps for want of memory: take fewer processes, with --jobs"
+                )

@@ -7,7 +7,7 @@ from math import ceil
 from typing import Final
 
 from hal.joint import Joint
-from servoloop.campaign.fallen import Fallen
+from servoloop.campaign.kept_violation import KeptViolation
 from servoloop.campaign.tally import INVARIANTS, Outcome, Row, Tally
 from servoloop.plots import Curve, Panel, Stretch, histogram, points, stacked_bars, time_series
 from servoloop.simulation.cycle_recorder import Recording
@@ -56,7 +56,7 @@ def violations(tally: Tally) -> str:
     return stacked_bars(INVARIANTS, {"runs in which it fell": [fell[name] for name in INVARIANTS]}, COLOURS[:1], "runs")
 
 
-def trace(fallen: Fallen, joints: Sequence[Joint]) -> str:
+def trace(fallen: KeptViolation, joints: Sequence[Joint]) -> str:
     """Positions and commands, their difference, and velocities, until just behind the violation."""
     recording = fallen.recording
     times_s = [cycle.time_s for cycle in recording.cycles]

@@ -2,15 +2,22 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from typing import get_args
 
 from pydantic import BaseModel, ConfigDict, field_validator
 
 from drivers.printable import counted
-from servoloop.campaign.invariants import ALL
-from servoloop.campaign.visits import PHASES, Visit
+from drivers.servos.catalog import SERIES
+from servoloop.campaign.invariants.watch import ALL
+from servoloop.campaign.visits import JOB, NO_SERVO, PHASES, Visit
+from servoloop.simulation.acts import Act
 from sim_backend.faults.events import KINDS
 
 NAMES = tuple(kind.name for kind in ALL)
+MAKES = (*sorted({series.make for series in SERIES}), NO_SERVO)
+"""Makes of servos."""
+CLIENTS = (JOB, *(act.model_fields["kind"].default for act in get_args(get_args(Act)[0])))
+"""What clients do."""
 
 
 class PromisedVisit(BaseModel):
@@ -36,6 +43,20 @@ class PromisedVisit(BaseModel):
         if fault is not None and fault not in KINDS:
             raise ValueError(f"there is no fault {fault!r}: known are {', '.join(KINDS)}")
         return fault
+
+    @field_validator("make")
+    @classmethod
+    def _known_make(cls, make: str | None) -> str | None:
+        if make not in (None, *MAKES):
+            raise ValueError(f"there is no make {make!r}: known are {', '.join(MAKES)}")
+        return make
+
+    @field_validator("client")
+    @classmethod
+    def _known_client(cls, client: str | None) -> str | None:
+        if client not in (None, *CLIENTS):
+            raise ValueError(f"no client does {client!r}: known are {', '.join(CLIENTS)}")
+        return client
 
     def covers(self, visit: Visit) -> bool:
         """Whether a visited cell is one of those meant."""

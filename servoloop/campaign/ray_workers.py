@@ -3,13 +3,14 @@
 import os
 import socket
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache
 from typing import Any, Final
 
 from drivers.errors import DriverError
-from servoloop.campaign.workers import TASKS_OF_A_WORKER, Run, Stop, T, WorkerError, in_order, run_all, silence
+from servoloop.campaign.supervised import RUNS_OF_A_PROCESS, Supervisor, WorkerError
+from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_all
 from servoloop.extras import install_command
 
 LOCAL: Final = "local"
@@ -25,18 +26,21 @@ class RayError(DriverError):
     """Ray is not installed, or no cluster answers."""
 
 
-def on_ray(run: Run[T], seeds: range, address: str, processes: int, stop: Stop) -> Iterator[T]:
+def on_ray(
+    run: Run[T], lost: Lost[T], seeds: range, address: str, processes: int, stop: Stop
+) -> Generator[T, None, None]:
     """What the runs of all seeds return, in the order of the seeds, until ``stop``.
 
-    ``processes``: of a local Ray; a cluster has as many as it says. The task of a worker that is killed is run again.
+    ``processes``: of a local Ray; a cluster has as many as it says. Each of Ray's workers supervises a process for its
+    runs: only this process ends if a run hangs or is killed. The task of a worker of Ray that is killed is run again.
     Raises RayError, and WorkerError where the same task's worker is killed time and again.
     """
     ray = _ray()
     with _connected(ray, address, processes) as workers:
-        task = ray.remote(max_calls=TASKS_OF_A_WORKER, max_retries=TRIES_AGAIN)(_quietly).remote
+        task = ray.remote(max_calls=RUNS_OF_A_PROCESS // CHUNK, max_retries=TRIES_AGAIN)(_run_there).remote
         try:
-            yield from in_order(lambda chunk: task(partial(run_all, run), chunk).future(), seeds, workers, stop)
-        except ray.exceptions.WorkerCrashedError as error:
+            yield from in_order(lambda chunk: task(run, lost, chunk).future(), seeds, workers, stop)
+        except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError) as error:
             raise WorkerError(f"Ray's workers are killed again and again: {error}") from None
 
 
@@ -88,7 +92,12 @@ def _start(ray: Any, processes: int) -> None:
     )
 
 
-def _quietly(task: Any, seeds: range) -> Any:
+def _run_there(run: Any, lost: Any, seeds: range) -> Any:
     """A worker's task, there."""
-    silence()
-    return task(seeds)
+    return run_all(_supervisor(), run, lost, seeds)
+
+
+@cache
+def _supervisor() -> Supervisor:
+    """The supervisor of a worker's process."""
+    return Supervisor()

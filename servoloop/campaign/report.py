@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from servoloop.campaign.campaign import files_of
-from servoloop.campaign.fallen import BEFORE_S, Fallen
+from servoloop.campaign.kept_violation import BEFORE_S, KeptViolation
 from servoloop.campaign.tally import Tally
 from servoloop.extras import install_command
 from servoloop.simulation.schedule import schedule_text
@@ -43,7 +43,7 @@ class Moment:
     """Whether it is the first one behind the violation."""
 
 
-def page(tally: Tally | None, fallen: Sequence[Fallen]) -> str:
+def page(tally: Tally | None, fallen: Sequence[KeptViolation]) -> str:
     """The report in HTML; without ``tally`` only what fell. ``possible()`` must hold."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -63,7 +63,7 @@ def page(tally: Tally | None, fallen: Sequence[Fallen]) -> str:
     )
 
 
-def write(path: Path, tally: Tally | None, fallen: Sequence[Fallen]) -> None:
+def write(path: Path, tally: Tally | None, fallen: Sequence[KeptViolation]) -> None:
     """Write the report into the file ``path``. Raises DriverError."""
     write_file(path, page(tally, fallen), keep=False)
 
@@ -81,7 +81,7 @@ def _plots(tally: Tally) -> list[tuple[str, str]]:
     ]
 
 
-def _section(fallen: Fallen) -> dict[str, Any]:
+def _section(fallen: KeptViolation) -> dict[str, Any]:
     from servoloop.campaign import figures
 
     joints = files_of(fallen.schedule.arm).robot.joints
@@ -90,13 +90,14 @@ def _section(fallen: Fallen) -> dict[str, Any]:
         "schedule": schedule_text(fallen.schedule),
         "command": fallen.command,
         "recording": fallen.recording,
-        "trace_name": fallen.trace_path.name,
+        "note": fallen.note,
+        "trace_name": fallen.trace_path.name if fallen.trace_path else "",
         "plot": figures.trace(fallen, joints) if fallen.recording.cycles else "",
         "moments": _moments(fallen, packet_texts(fallen.recording, joints)),
     }
 
 
-def _moments(fallen: Fallen, packets: Sequence[list[str]]) -> list[Moment]:
+def _moments(fallen: KeptViolation, packets: Sequence[list[str]]) -> list[Moment]:
     behind = [cycle for cycle in fallen.recording.cycles if cycle.time_s >= fallen.violation.time_s]
     return [
         Moment(

@@ -3,13 +3,14 @@
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 from controller.shutdown import shut_down
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.invariants import ALL, Invariant, Violation, Watch
+from servoloop.campaign.invariants.watch import ALL, Invariant, Violation, Watch
 from servoloop.campaign.visits import Visit
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -17,6 +18,15 @@ from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.robot_files import Files
 from sim_backend.buses.build import Build
+
+NO_CRASH: Final = "no crash"
+"""Violated by an exception that no program may end with."""
+NO_HANG: Final = "no hang"
+"""Violated by a run that does not end."""
+NOT_KILLED: Final = "not killed"
+"""Violated by a run that ends its process."""
+WHOLE_RUN: Final = (NO_CRASH, NO_HANG, NOT_KILLED)
+"""Violations of a whole run, which is not looked at by invariants then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +84,12 @@ def run_schedule(
     return RunReport(
         *(schedule, violations, succeeded, ended, stack.clock.now(), largest_rad), watch.examined, watch.visits.cycles
     )
+
+
+def lost_run(schedule: Schedule, name: str, time_s: float, text: str) -> RunReport:
+    """Report a run that did not come to its end: nothing is known of it but this violation."""
+    time_s = round(time_s, 4)
+    return RunReport(schedule, (Violation(name, time_s, text),), 0, "", time_s, None)
 
 
 def end_program(stack: FaultyStack, on_exit: ExitPolicy | None = None) -> None:

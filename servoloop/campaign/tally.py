@@ -6,11 +6,13 @@ from enum import StrEnum
 from typing import Any
 
 from servoloop.campaign.campaign import Scenario
-from servoloop.campaign.invariants import ALL, Violation
-from servoloop.campaign.run import RunReport
+from servoloop.campaign.invariants.watch import ALL, Violation
+from servoloop.campaign.run import WHOLE_RUN, RunReport
 from servoloop.campaign.visits import PHASES, Visit
 
-INVARIANTS = (*(kind.name for kind in ALL), "no crash")
+EXAMINED = tuple(kind.name for kind in ALL)
+"""Invariants, which count what they examine, by name."""
+INVARIANTS = (*EXAMINED, *WHOLE_RUN)
 """All that can fall, by name."""
 
 
@@ -98,7 +100,7 @@ class Tally:
     def marks(self) -> list[tuple[str, int, int]]:
         """Each invariant with how often it examined its condition, and how many runs violate it."""
         runs = Counter(one.invariant for _, one in self.violations)
-        return [(name, self.examined[name], runs[name]) for name in INVARIANTS[:-1]]
+        return [(name, self.examined[name], runs[name]) for name in EXAMINED]
 
     @property
     def phases(self) -> tuple[str, ...]:
@@ -121,7 +123,7 @@ class Tally:
             "simulated_s": round(self.simulated_s, 1),
             "jobs_succeeded": self.succeeded,
             "ended_early": self.ended,
-            "examined": {name: self.examined[name] for name in INVARIANTS[:-1]},
+            "examined": {name: self.examined[name] for name in EXAMINED},
             "visits": [{**cell._asdict(), "cycles": cycles} for cell, cycles in sorted(self.visits.items())],
             "broken_promises": self.broken_promises,
             "violations": [

@@ -1,9 +1,11 @@
 """The visits of a run: which faults it met in which phase, on which make of servo, at which act of a client."""
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple
 
 from drivers.servos.catalog import series_of
+from hal.joint import Joint
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -16,6 +18,10 @@ NO_SERVO: Final = "none"
 """The make where a fault touches no servo, but the machine or a program."""
 
 
+JOB: Final = "job"
+"""The client before the first act of another one."""
+
+
 class Visit(NamedTuple):
     """One cell of the table of visits."""
 
@@ -23,6 +29,12 @@ class Visit(NamedTuple):
     fault: str
     make: str
     client: str
+
+
+def makes_of(event: Event, joints: Sequence[Joint]) -> set[str]:
+    """The makes of the servos that a fault touches."""
+    touched = touched_joints(event, joints)
+    return {series_of(joint.model).make for joint in joints if joint.name in touched} or {NO_SERVO}
 
 
 class Visits:
@@ -33,7 +45,6 @@ class Visits:
         self._stack = stack
         self._seen = 0
         self._begun = False
-        self._makes = {joint.name: series_of(joint.model).make for joint in stack.files.robot.joints}
 
     def update(self, state: JointState) -> None:
         """Count one cycle."""
@@ -49,16 +60,12 @@ class Visits:
         recent = player.happened[self._seen :]
         self._seen = len(player.happened)
         for event in {id(event): event for event in (*player.active.values(), *recent)}.values():
-            for make in self._makes_of(event):
+            for make in makes_of(event, self._stack.files.robot.joints):
                 self.cycles[Visit(phase, event.kind, make, self._client())] += 1
-
-    def _makes_of(self, event: Event) -> set[str]:
-        joints = touched_joints(event, self._stack.files.robot.joints)
-        return {self._makes[joint] for joint in joints} or {NO_SERVO}
 
     def _client(self) -> str:
         clients = self._stack.clients
-        return clients.newest or "job" if clients is not None else "job"
+        return clients.newest or JOB if clients is not None else JOB
 
     def _phase(self) -> Phase:
         stack = self._stack

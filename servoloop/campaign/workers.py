@@ -1,23 +1,21 @@
 """Runs on several processes, told in the order of their seeds, however many processes there are."""
 
-import logging
-import os
-import signal
-import threading
 from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from functools import partial
-from multiprocessing import connection, get_context, parent_process
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from itertools import takewhile
+from queue import SimpleQueue
+from threading import Event
 from typing import Final, TypeVar
 
-from drivers.errors import DriverError
+from servoloop.campaign.quiet import quiet
+from servoloop.campaign.supervised import Loss, Supervisor, deaf
 
 T = TypeVar("T")
 Run = Callable[[int], T]
 """The run of a seed."""
+Lost = Callable[[int, Loss], T]
+"""The result of a seed whose run was lost."""
 Stop = Callable[[], bool]
 """Whether to end with what has been done."""
 Submit = Callable[[range], Future[list[T]]]
@@ -25,24 +23,29 @@ Submit = Callable[[range], Future[list[T]]]
 
 CHUNK: Final = 5
 """Runs that a worker takes at once."""
-TASKS_OF_A_WORKER: Final = 20
-"""A new process every so often gives back what its stacks have left behind: some 200 MB after a hundred runs."""
 TASKS_AHEAD: Final = 4
 """Tasks for each worker that are handed out before the first of them is done: no report waits long for its turn."""
 LOOK_S: Final = 0.1
 """Seconds after which whoever waits for a worker looks whether to stop."""
 
 
-class WorkerError(DriverError):
-    """A worker was killed in the middle of its runs, again and again."""
+def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[int]) -> list[T]:
+    """The task of a worker, in the supervisor's process."""
+    return [_run_one(supervisor, run, lost, seed) for seed in seeds]
 
 
-def run_all(run: Run[T], seeds: range) -> list[T]:
-    """The task of a worker."""
-    return [run(seed) for seed in seeds]
+def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T:
+    """Run a seed. If its process ends, it is run once more, in a new process: another program may have ended the first.
+
+    A run that hangs is not run again.
+    """
+    result = supervisor.run(run, seed)
+    if isinstance(result, Loss) and not result.hung:
+        result = supervisor.run(run, seed)
+    return lost(seed, result) if isinstance(result, Loss) else result
 
 
-def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Iterator[T]:
+def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Generator[T, None, None]:
     """What the runs of all seeds return, in the order of the seeds, until ``stop``; a few tasks are kept at a time."""
     chunks = iter([seeds[at : at + CHUNK] for at in range(0, len(seeds), CHUNK)])
     waiting: deque[Future[list[T]]] = deque()
@@ -55,8 +58,8 @@ def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Itera
             yield from waiting.popleft().result()
 
 
-def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Iterator[T]:
-    """The same without workers."""
+def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Generator[T, None, None]:
+    """The same without workers. A run that ends its process ends this one."""
     with quiet():
         for seed in seeds:
             if stop():
@@ -64,55 +67,30 @@ def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Iterator[T]:
             yield run(seed)
 
 
-def in_processes(run: Run[T], seeds: range, processes: int, stop: Stop) -> Iterator[T]:
-    """The same on several processes of this machine. Raises WorkerError where one is killed."""
-    task = partial(run_all, run)
-    context = get_context("spawn")
-    with ProcessPoolExecutor(processes, context, _begin, max_tasks_per_child=TASKS_OF_A_WORKER) as pool:
+def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop: Stop) -> Generator[T, None, None]:
+    """The same on several processes of this machine."""
+    idle: SimpleQueue[Supervisor] = SimpleQueue()
+    over = Event()
+    """Set at the end, when no task begins another run."""
+    for _ in range(processes):
+        idle.put(Supervisor())
+
+    def task(chunk: range) -> list[T]:
+        supervisor = idle.get()
         try:
-            yield from in_order(lambda chunk: _submit(pool, task, chunk), seeds, processes, stop)
-        except BrokenProcessPool:
-            raise WorkerError(
-                "a process of the campaign was killed, perhaps for want of memory: take fewer, with --jobs"
-            ) from None
+            return run_all(supervisor, run, lost, takewhile(lambda _: not over.is_set(), chunk))
         finally:
+            idle.put(supervisor)
+
+    def submit(chunk: range) -> Future[list[T]]:
+        with deaf():
+            return pool.submit(task, chunk)
+
+    with ThreadPoolExecutor(processes) as pool:
+        try:
+            yield from in_order(submit, seeds, processes, stop)
+        finally:
+            over.set()
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Nothing is logged while the context lasts."""
-    former = logging.root.manager.disable
-    silence()
-    try:
-        yield
-    finally:
-        logging.disable(former)
-
-
-def silence() -> None:
-    """What thousands of arms log about their faults is nobody's concern."""
-    logging.disable(logging.CRITICAL)
-
-
-def _submit(pool: ProcessPoolExecutor, task: Callable[[range], list[T]], chunk: range) -> Future[list[T]]:
-    """Ctrl-C and a closed terminal are not for the workers, nor while they start: what this starts, threads and
-    processes, never hears of it."""
-    former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        return pool.submit(task, chunk)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former)
-
-
-def _begin() -> None:
-    """A worker's first deed; it ends with the process that started it, however that ends."""
-    silence()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
+            while not idle.empty():
+                idle.get().close()

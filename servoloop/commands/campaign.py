@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from servoloop.campaign.campaign import Scenario
-    from servoloop.campaign.fallen import Fallen
-    from servoloop.campaign.invariant import Violation
+    from servoloop.campaign.invariants.invariant import Violation
+    from servoloop.campaign.kept_violation import KeptViolation
     from servoloop.campaign.tally import Tally
     from servoloop.campaign.workers import Stop
 
@@ -42,7 +43,10 @@ def campaign(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How many runs.")] = 100,
     first: Annotated[int, typer.Option(min=0, help="The first one's seed.")] = 0,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as processors without.")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=0, help="Processes; as many as processors without. 0: this process, as for a debugger."),
+    ] = None,
     ray: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Run on a Ray cluster instead; `local` starts one on this machine."),
@@ -71,51 +75,65 @@ def campaign(
 
     said = read_scenario(scenario, arm)
     make_folder(out)
-    asked, processes = range(first, first + seeds), jobs or os.cpu_count() or 1
+    asked, processes = range(first, first + seeds), jobs if jobs is not None else os.cpu_count() or 1
     with Signals() as signals:
-        tally = _run(said, asked, processes, ray, lambda: signals.count > 0)
-        fallen, page, unwritten = _keep(tally, out, lambda: signals.count > 0)
+        tally, ended_by = _run(said, asked, processes, ray, lambda: signals.count > 0)
+        fallen, page, unwritten = _keep(tally, out, lambda: signals.count > 0, apart=processes > 0)
         interrupted = signals.count > 0
     if json:
         print_json({**tally.plain(), **_files(fallen, page)})
     else:
         _print(tally, fallen, page)
-    if unwritten:
-        raise unwritten
+    if error := ended_by or unwritten:
+        raise error
     if interrupted:
         raise Interrupted(f"interrupted: {len(tally.rows)} of {tally.planned} runs were done, and are reported")
     raise typer.Exit(1 if fallen or tally.broken_promises else 0)
 
 
-def _run(scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop") -> "Tally":
-    """Run the scenario with each seed."""
+def _run(
+    scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop"
+) -> "tuple[Tally, DriverError | None]":
+    """Run the scenario with each seed; an error that ends the campaign is returned: the runs are to be told first."""
     from rich.console import Console
     from rich.progress import Progress
 
     from servoloop.campaign.campaign import campaign as run
+    from servoloop.campaign.supervised import WorkerError
     from servoloop.campaign.tally import Tally
 
     tally = Tally(scenario, len(seeds))
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("runs", total=len(seeds))
-        for report in run(scenario, seeds, processes, stop, ray):
-            tally.add(report)
-            progress.advance(task)
-    return tally
+        try:
+            for report in run(scenario, seeds, processes, stop, ray):
+                tally.add(report)
+                progress.advance(task)
+        except WorkerError as error:
+            return tally, error
+    return tally, None
 
 
-def _keep(tally: "Tally", out: Path, stop: "Stop") -> "tuple[list[Fallen], Path | None, DriverError | None]":
-    """Write schedules, traces and the page into ``out``; an error is returned: the runs are to be told first."""
+def _keep(
+    tally: "Tally", out: Path, stop: "Stop", apart: bool
+) -> "tuple[list[KeptViolation], Path | None, DriverError | None]":
+    """Write schedules, traces and the page into ``out``; an error is returned: the runs are to be told first.
+
+    ``apart``: whether runs that look for smaller schedules take place in another process.
+    """
     from rich.console import Console
     from rich.progress import track
 
-    from servoloop.campaign.fallen import keep
+    from servoloop.campaign.kept_violation import keep
+    from servoloop.campaign.shrinking import violated, violated_apart
 
-    fallen: list[Fallen] = []
+    fallen: list[KeptViolation] = []
     console = Console(stderr=True)
     try:
-        for invariant, report in track(tally.first.items(), "what fell, made small", console=console, transient=True):
-            fallen.append(keep(report, invariant, out, stop))
+        with violated_apart() if apart and tally.first else nullcontext(violated) as names:
+            first = track(tally.first.items(), "what fell, made small", console=console, transient=True)
+            for invariant, report in first:
+                fallen.append(keep(report, invariant, out, stop, names))
         return fallen, _write_page(out / REPORT, tally, fallen), None
     except DriverError as error:
         return fallen, None, error
@@ -125,16 +143,15 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     """One schedule: what falls in it is printed and traced. Returns the exit status."""
     from rich.console import Console
 
-    from servoloop.campaign.campaign import files_of
-    from servoloop.campaign.fallen import Fallen, recorded, stem_of, traced
+    from servoloop.campaign.campaign import require_possible_schedule
+    from servoloop.campaign.kept_violation import KeptViolation, recorded, stem_of, traced
     from servoloop.simulation.schedule import read_schedule
-    from servoloop.simulation.stack_faults import inventory_of, require_possible_in
 
     schedule = read_schedule(path)
-    require_possible_in(path, schedule.faults, inventory_of(files_of(schedule.arm)))
+    require_possible_schedule(path, schedule)
     make_folder(out)
     report, recording = recorded(schedule)
-    fallen: list[Fallen] = []
+    fallen: list[KeptViolation] = []
     page, unwritten = None, None
     try:
         for one in report.violations:
@@ -156,7 +173,7 @@ def _see_again(path: Path, out: Path, json: bool) -> int:
     return 1 if report.violations else 0
 
 
-def _write_page(path: Path, tally: "Tally | None", fallen: "list[Fallen]") -> Path | None:
+def _write_page(path: Path, tally: "Tally | None", fallen: "list[KeptViolation]") -> Path | None:
     from servoloop.campaign import report
 
     if not report.possible():
@@ -166,16 +183,17 @@ def _write_page(path: Path, tally: "Tally | None", fallen: "list[Fallen]") -> Pa
     return path
 
 
-def _files(fallen: "list[Fallen]", page: Path | None) -> dict[str, Any]:
+def _files(fallen: "list[KeptViolation]", page: Path | None) -> dict[str, Any]:
     """The files that were written, for programs."""
     return {
         "kept": {one.violation.invariant: str(one.schedule_path) for one in fallen},
-        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen},
+        "traces": {one.violation.invariant: str(one.trace_path) for one in fallen if one.trace_path},
+        "not_minimized": {one.violation.invariant: one.note for one in fallen if one.note},
         "report": None if page is None else str(page),
     }
 
 
-def _print(tally: "Tally", fallen: "list[Fallen]", page: Path | None) -> None:
+def _print(tally: "Tally", fallen: "list[KeptViolation]", page: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -211,13 +229,13 @@ def _marks(tally: "Tally") -> "Table":
     return table
 
 
-def _print_fallen(violations: "Sequence[Violation]", fallen: "list[Fallen]", console: "Console") -> None:
+def _print_fallen(violations: "Sequence[Violation]", fallen: "list[KeptViolation]", console: "Console") -> None:
     """Print each violation, and where its trace is; of the last ones none may have been written."""
     for violation, one in zip_longest(violations, fallen):
         text = f"{violation.invariant}: at {violation.time_s:.3f} s: {violation.text}"
         console.print(text, style="red", soft_wrap=True, markup=False, highlight=False)
         if one is not None:
-            for line in (f"trace: {one.trace_path}", f"again: {one.command}"):
+            for line in (one.note or f"trace: {one.trace_path}", f"again: {one.command}"):
                 console.print(f"  {line}", soft_wrap=True, markup=False, highlight=False)
 
 

@@ -80,6 +80,7 @@ def emulate(
 
     Example: `servoloop emulate ./bus`, and then any program that takes a serial port: `./bus`
     """
+    from servoloop.stack.emulator import EmulatorOptions
     from servoloop.stack.emulator import emulate as run
     from servoloop.stack.signals import Signals
     from sim_backend.buses.build import Build
@@ -92,18 +93,10 @@ def emulate(
     files = read_arm_servos(find_arm(arm), urdf, robot)
     events = _events(faults, files, box)
     build = Build(backlash_deg, seed, 0 if box and practice is None else practice, box)
+    options = EmulatorOptions(build, pictures, eeprom, events)
     ready = _ready(link, files)
     with Signals() as signals, _page(link, arm, view) as show, compilation_announced(LOG.info):
-        run(
-            files,
-            link,
-            pictures,
-            build,
-            eeprom,
-            events,
-            stop=lambda: signals.count > 0,
-            on_ready=lambda: show(ready),
-        )
+        run(files, link, options, stop=lambda: signals.count > 0, on_ready=lambda: show(ready))
 
 
 def _require_page(urdf: Path | None) -> None:

@@ -52,7 +52,7 @@ def jog(
     from servoloop.stack.terminal import raw_keys
 
     set_network(network)
-    with Signals() as signals, LiveRobot(arm) as robot, client_node("servoloop_jog") as (node, executor):
+    with Signals() as signals, LiveRobot.find(arm) as robot, client_node("servoloop_jog") as (node, executor):
         robot.wait()
         client = RobotClient(node, executor, robot)
         client.connect()
@@ -162,7 +162,7 @@ def save(name: Name, arm: RunningArm = None) -> None:
     """
     from servoloop.manual.robot import LiveRobot
 
-    with LiveRobot(arm) as robot:
+    with LiveRobot.find(arm) as robot:
         robot.wait()
         now = robot.snapshot
     if now.faults:
@@ -187,7 +187,7 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
 
     require_ros()
     set_network(network)
-    with Signals() as signals, LiveRobot(arm) as robot:
+    with Signals() as signals, LiveRobot.find(arm) as robot:
         poses = Poses(robot.folder)
         pose = poses.get(name)
         robot.wait()

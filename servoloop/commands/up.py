@@ -186,7 +186,7 @@ def demo(
     from rich.console import Console
 
     from servoloop.demo import demo as reports
-    from servoloop.demo.cell import check_grades
+    from servoloop.demo.cell import CellOptions, check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.jobs import Live
     from sim_backend.buses.build import Build
@@ -204,7 +204,8 @@ def demo(
     make_folder(out)
     console = Console()
     with Live(console) as live:
-        report = run(jobs, repeat, out, chosen, robot, Build(backlash_deg, seed), live, record, view)
+        options = CellOptions(out, chosen, robot, Build(backlash_deg, seed), record, view)
+        report = run(jobs, repeat, options, live)
     reports.print_table(report, console)
     reports.write_json(report, out / "result.json")
     raise typer.Exit(0 if reports.succeeded(report) else 1)

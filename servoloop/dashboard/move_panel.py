@@ -16,7 +16,7 @@ from nodes.ros_environment import RosError, require_ros
 from servoloop.dashboard.narrow_page import PINNED
 from servoloop.manual.buttons import REPEATS_HZ, GoTo, Moves, Presses, Turn, Wish
 from servoloop.manual.poses import CLOSE, NOTHING, OPEN, Offer, offer
-from servoloop.manual.robot import WatchedRobot
+from servoloop.manual.robot import LiveRobot
 from servoloop.recording.sources import LiveSource
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Mover:
         self.offer = NOTHING
         self._why = LOOKING
         self._source = source
-        self._robot = WatchedRobot(source)
+        self._robot = LiveRobot(source)
         self._handling = Handling(self.presses)
         self.stop = self._handling.stop
         self._ended = threading.Event()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import DriverError
-from servoloop.demo.jobs import Camera, JobRunner, Live
+from servoloop.demo.jobs import Camera, JobRunner, Live, RosClients
 from servoloop.recording.stream import running_stacks
 from servoloop.simulation.job import require_cell
 from servoloop.stack.arm_folders import Arm, read_arm_files
@@ -19,7 +19,7 @@ from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.processes import Processes
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
-from sim_backend.buses.build import Build
+from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
@@ -70,15 +70,30 @@ def environment() -> dict[str, str]:
     return values
 
 
+@dataclass(frozen=True, slots=True)
+class CellOptions:
+    """What a cell consists of and what it writes."""
+
+    out: Path
+    """An existing folder for logs and pictures."""
+    arm: Arm
+    robot: Path | None = None
+    """A robot file instead of the arm's."""
+    build: Build = NOMINAL_BUILD
+    """The build of the virtual servos."""
+    record: Path | None = None
+    """A new file for the recording of the stack."""
+    view: bool = False
+    """Whether the arm is shown in a browser."""
+
+
 @contextmanager
-def cell(
-    out: Path, arm: Arm, robot: Path | None, build: Build, live: Live, record: Path | None = None, view: bool = False
-) -> Iterator[Cell]:
-    """Start the cell; end it behind the block. ``out``: an existing folder for logs and pictures.
+def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
+    """Start the processes of a cell, and end them after the block.
 
-    ``record``: a new file, into which the stack records. ``view``: show the arm in a browser.
-
-    Raises DriverError with a process' last words if one of them fails, Interrupted after a signal.
+    Raises:
+        DriverError: A process failed; the message has its last output.
+        Interrupted: A signal arrived.
     """
     from nodes.client_node import client_node
     from nodes.pick_place.client import PickClient
@@ -86,20 +101,21 @@ def cell(
     from nodes.stack_monitor import StackMonitor
 
     os.environ.update(environment())
+    out, arm = options.out, options.arm
     link = out / "bus"
-    files = read_arm_files(arm, robot=robot)
+    files = read_arm_files(arm, robot=options.robot)
     settings = load_pick_place(arm.pick_place).settings()
     require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
-        process_ids = _start(processes, link, files, build, live, record)
+        process_ids = _start(processes, link, files, options, live)
         process_ids["pick_place"] = _start_node(processes, arm, live)
-        if view:
+        if options.view:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
             picker, homing = PickClient(node, executor), Homing(node, executor, settings)
-            runner = JobRunner(monitor, picker, homing, live, camera, signals, processes)
+            runner = JobRunner(RosClients(monitor, picker, homing), live, camera, signals, processes)
             runner.wait_for_node(START_S)
             yield Cell(runner, monitor, files.component.name, settings.joints, process_ids)
         live.say("drawing the pictures")
@@ -128,15 +144,14 @@ def _page(processes: Processes, out: Path, stack: int) -> str:
     return found[0]
 
 
-def _start(
-    processes: Processes, link: Path, files: Files, build: Build, live: Live, record: Path | None
-) -> dict[str, int]:
+def _start(processes: Processes, link: Path, files: Files, options: CellOptions, live: Live) -> dict[str, int]:
     """Start the emulator and, once it serves, the stack; their process IDs."""
     buses = files.robot.file.lines()
     ready = link.with_name("ready")
     ready.unlink(missing_ok=True)
     started: dict[str, int] = {}
     live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
+    build, record = options.build, options.record
     built = ("--backlash", str(build.backlash_deg), *(() if build.seed is None else ("--seed", str(build.seed))))
     command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)
     started["emulator"] = processes.start("emulator", *command)

@@ -11,12 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from drivers.errors import DriverError
-from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
+from servoloop.demo.cell import ARM, Cell, CellOptions, are_all_grades, cell
 from servoloop.demo.jobs import Live, Run
 from servoloop.simulation.recording import worst
-from servoloop.stack.arm_folders import Arm
 from servoloop.stack.robot_files import write_file
-from sim_backend.buses.build import Build
 
 IDLE_S = 3.0
 FADING_S = 1.5
@@ -62,21 +60,16 @@ class Report:
 def demo(
     grades: Sequence[str],
     repeat: int,
-    out: Path,
-    arm: Arm,
-    robot: Path | None,
-    build: Build,
+    options: CellOptions,
     live: Live,
-    record: Path | None = None,
-    view: bool = False,
 ) -> Report:
-    """Run the demo; ``out`` is a folder, ``record`` a new file for the stack's recording.
-    With ``view`` the arm is shown in a browser meanwhile.
+    """Pick cubes of these grades, ``repeat`` times, in a new cell.
 
-    Raises DriverError with a process' last words if one of them fails.
+    Raises DriverError if a process fails; the message has its last output.
     """
-    with cell(out, arm, robot, build, live, record, view) as ready:
-        return _measure([grade for _ in range(repeat) for grade in grades], ready, are_all_grades(grades, arm))
+    jobs = [grade for _ in range(repeat) for grade in grades]
+    with cell(options, live) as ready:
+        return _measure(jobs, ready, are_all_grades(grades, options.arm))
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> Report:

@@ -130,22 +130,27 @@ class Trace:
     positions: list[list[float]] = field(default_factory=list)
 
 
+@dataclass(frozen=True, slots=True)
+class RosClients:
+    """The clients with which a demo drives and watches its stack."""
+
+    monitor: "StackMonitor"
+    picker: "PickClient"
+    homing: "Homing"
+
+
 class JobRunner:
     """The job runner runs jobs, one after the other, in a cell that is up."""
 
     def __init__(
         self,
-        monitor: "StackMonitor",
-        picker: "PickClient",
-        homing: "Homing",
+        clients: RosClients,
         live: Live,
         camera: "Camera",
         signals: Signals,
         processes: Processes,
     ) -> None:
-        self._monitor = monitor
-        self._picker = picker
-        self._homing = homing
+        self._monitor, self._picker, self._homing = clients.monitor, clients.picker, clients.homing
         self._failed = False
         """The last job. It may have left the arm, the hand and the cube anywhere."""
         self._live = live

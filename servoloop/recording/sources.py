@@ -30,6 +30,8 @@ class LiveSource:
         self._stream: MessageStream | None = None
         self.watched = Watched()
         self.connected = False
+        self.has_state = threading.Event()
+        """Set once a state of the robot has arrived."""
         self._thread = threading.Thread(target=self._read, name="live feed", daemon=True)
         self._thread.start()
 
@@ -91,6 +93,7 @@ class LiveSource:
                 self._heard_s = self._clock.now()
                 if not self.connected and watched.state.snapshot.joints:
                     self.watched, self.connected = watched, True
+                    self.has_state.set()
 
 
 class Source(Protocol):

@@ -14,7 +14,7 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState
-from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, Standing
+from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, JointPositions
 from servoloop.simulation.acts import Act, Cancel, Guide, Hand, Jog, Move, Plan, Reactivate, Stream, Switch
 from servoloop.simulation.stack import SimulatedStack
 
@@ -121,7 +121,7 @@ class SimulatedClients:
         velocity = np.where(np.array(self._arm.joints) == act.joint, act.share * fastest, 0.0)
         end_s = self._stack.clock.now() + act.for_s
         while self._stack.clock.now() < end_s and np.isfinite(self._measured).all():
-            set_point = motion.go(velocity, period_s, Standing(self._here(), self._measured))
+            set_point = motion.go(velocity, period_s, JointPositions(self._here(), self._measured))
             point = GoalPoint(tuple(set_point.tolist()), HORIZON_S)
             self._send(TrajectoryGoal(self._arm.joints, (point,), from_topic=True))
             yield

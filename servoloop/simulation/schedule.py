@@ -12,6 +12,7 @@ from hal.yaml_file import load
 from hal.yaml_nodes import compose
 from servoloop.simulation.acts import Act
 from servoloop.stack.arm_folders import OWN, arm_in
+from sim_backend.faults.event import Event
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.script import plain
 
@@ -43,29 +44,33 @@ class Schedule(BaseModel):
 def read_schedule(path: Path) -> Schedule:
     """Read the schedule in this YAML file.
 
-    Raises ScheduleError for its mistakes and for faults that begin after the run, ArmFileError for an unknown arm.
+    Raises ScheduleError for its mistakes and for what begins after the run, ArmFileError for an unknown arm.
     """
     schedule = load(path, Schedule, ScheduleError)
     arm_in(path, schedule.arm)
-    if late := faults_behind_the_end(schedule):
+    if late := behind_the_end(schedule):
         file = compose(path, ScheduleError)
-        raise ScheduleError("\n".join(_late(file.place(("faults", n, "at_s")), schedule, n) for n in late))
+        raise ScheduleError("\n".join(f"{file.place((*place, 'at_s'))}: {text}" for place, text in late))
     return schedule
 
 
-def faults_behind_the_end(schedule: Schedule) -> list[int]:
-    """The places of faults that begin only when the run is over; the length of a run with jobs is not known."""
+def behind_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
+    """The faults and acts that begin only when the run is over: the place and a sentence for each.
+
+    The length of a run with jobs is not known.
+    """
     if schedule.job:
         return []
-    return [n for n, one in enumerate(schedule.faults) if one.since == "up" and one.at_s > schedule.seconds]
+    end_s, faults, acts = schedule.seconds, enumerate(schedule.faults), enumerate(schedule.clients)
+    late = [(("faults", n), _late(one, end_s)) for n, one in faults if one.since == "up" and one.at_s > end_s]
+    return late + [(("clients", n), _late(act, end_s)) for n, act in acts if act.at_s > end_s]
 
 
-def _late(place: str, schedule: Schedule, number: int) -> str:
-    fault = schedule.faults[number]
-    return (
-        f"{place}: {fault.kind} begins at {fault.at_s:g} s, and the run ends after {schedule.seconds:g} s: let it "
-        "begin earlier, make `seconds` longer, or write `since: end`"
-    )
+def _late(one: FaultEvent | Act, end_s: float) -> str:
+    text = f"{one.kind} begins at {one.at_s:g} s, and the run ends after {end_s:g} s: let it begin earlier"
+    if isinstance(one, Event):
+        return f"{text}, make `seconds` longer, or write `since: end`"
+    return f"{text}, or make `seconds` longer"
 
 
 def schedule_text(schedule: Schedule) -> str:

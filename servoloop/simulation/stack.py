@@ -26,13 +26,12 @@ from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareSetup, compensation, compliances, servo_bus
 from servoloop.stack.robot_files import Files, read_files
 from servoloop.stack.virtual_lines import VirtualLines
-from sim_backend.buses.build import Build
+from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.line import ServoLine
 from sim_backend.scene.mujoco_hardware import MujocoHardware
 
-NOMINAL_BUILD = Build()
 AnyController = TypeVar("AnyController", JointTrajectoryController, ForwardCommandController)
 MOVE_S = 2.0
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from operator import attrgetter
 from pathlib import Path
 from random import Random
 from typing import Any, Final
@@ -24,6 +25,9 @@ from sim_backend.faults.targets import HOLD_S, Inventory, Misdeed, Upset
 
 ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.014}
 """Time that it takes to configure and activate one servo, by make."""
+
+GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tolerances")
+"""The attributes of a controller that takes trajectory goals."""
 
 
 def inventory_of(files: ServoFiles) -> Inventory:
@@ -80,6 +84,15 @@ class Upsettable:
         if any(how == "raises" for how, _ in self.upsets):
             raise RuntimeError("a fault was injected into this controller")
         self._controller.update(state, now_s, period_s)
+
+    @property
+    def takes_goals(self) -> bool:
+        """Whether the controller takes trajectory goals."""
+        try:
+            attrgetter(*GOAL_ATTRIBUTES)(self._controller)
+        except AttributeError:
+            return False
+        return True
 
     def check(self, goal: Any) -> str | None:
         """The controller's own answer to a goal."""

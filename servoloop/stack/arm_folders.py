@@ -92,12 +92,15 @@ def find_arm(name: str = OWN) -> Arm:
     raise ArmFileError(f"there is no arm {name}: name one of {known}, or a folder with {ARM_FILE}")
 
 
-def arm_in(path: Path, name: str) -> Arm:
-    """The arm that the file at ``path`` names under ``arm``. Raises ArmFileError with file and line."""
+def arm_in(path: Path, name: str, number: int = 0) -> Arm:
+    """The arm that the file at ``path`` names under ``arm``. Raises ArmFileError with file and line.
+
+    ``number``: the arm's place if ``arm`` is a list.
+    """
     try:
         return find_arm(name)
     except ArmFileError as error:
-        raise ArmFileError(f"{compose(path, ArmFileError).place(('arm',))}: {error}") from error
+        raise ArmFileError(f"{compose(path, ArmFileError).place(('arm', number))}: {error}") from error
 
 
 def read_arm(folder: Path) -> Arm:

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import realtime_priority
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
-from sim_backend.buses.build import Build
+from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.pty_link import PtyAdapter
@@ -194,29 +194,41 @@ class EmulatedArm:
             self.recorder.update(time_s)
 
 
+@dataclass(frozen=True, slots=True)
+class EmulatorOptions:
+    """How the virtual servos are built, what goes wrong with them, and what is kept of them."""
+
+    build: Build = NOMINAL_BUILD
+    pictures: Path | None = None
+    """A folder for a picture and a film, drawn at the end."""
+    eeprom: Path | None = None
+    """A file that keeps the EEPROM of the servos."""
+    faults: Sequence[FaultEvent] = ()
+    """Faults, in times since the emulator was ready."""
+
+
 def emulate(
     files: ServoFiles,
     link: Path,
-    pictures: Path | None,
-    build: Build,
-    eeprom: Path | None,
-    faults: Sequence[FaultEvent],
+    options: EmulatorOptions,
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
-    """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop``, then draw.
+    """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop`` returns true.
 
-    ``eeprom``: a file that keeps what the servos save. ``faults``: what is to go wrong, in times since the emulator
-    was ready. Raises PortBusy where a path is taken, EepromError where the file does not fit, FaultError where
-    something cannot go wrong with these servos, ArmFileError where the scene does not have their joints.
+    Raises:
+        PortBusy: A path is taken.
+        EepromError: The EEPROM file does not fit the servos.
+        FaultError: A fault cannot happen to these servos.
+        ArmFileError: The scene lacks joints of the servos.
     """
-    arm = EmulatedArm(files, link, build, pictured=pictures is not None)
-    if eeprom is not None:
-        keep_eeprom(eeprom, arm.lines.values())
-    require_possible(faults, arm.player.targets.inventory)
+    arm = EmulatedArm(files, link, options.build, pictured=options.pictures is not None)
+    if options.eeprom is not None:
+        keep_eeprom(options.eeprom, arm.lines.values())
+    require_possible(options.faults, arm.player.targets.inventory)
 
     def begin() -> None:
-        arm.player.play(faults, arm.world.time_s)
+        arm.player.play(options.faults, arm.world.time_s)
         on_ready()
 
     with (
@@ -225,8 +237,8 @@ def emulate(
         realtime_priority(),
     ):
         arm.serve(feed, control, stop, begin)
-    if arm.recorder and pictures:
-        arm.recorder.save(pictures)
+    if arm.recorder and options.pictures:
+        arm.recorder.save(options.pictures)
 
 
 Pose = tuple[Vector, Quaternion]

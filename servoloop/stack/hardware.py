@@ -3,11 +3,11 @@
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from controller.manager.plugins import PluginError, why_not_loaded
 from drivers.bus.bus import Bus
@@ -42,7 +42,6 @@ LOG = logging.getLogger("servoloop")
 
 OpenPort = Callable[[str, int, Clock], Port]
 """Opens a device at a rate in bit/s."""
-AnyLine = TypeVar("AnyLine", bound=Line)
 
 
 class HardwareKind(StrEnum):
@@ -114,13 +113,13 @@ def build(
     if len(in_mujoco) > 1:
         raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
     world = _World(clock, files.scene, in_mujoco[0].joints) if in_mujoco else None
-    buses: dict[str, Line] = {}
     below: OpenPort = virtual.open if virtual else SerialPort
 
     def open_port(device: str, baud: int, clock: Clock) -> Port:
         return tap(below(device, baud, clock), clock)
 
-    made = [_made(kinds[c.name], c, files, devices, clock, world, buses, open_port) for c in components]
+    builder = _ComponentBuilder(files, devices, clock, world, open_port)
+    made = [builder.build(kinds[component.name], component) for component in components]
     divisors = [_rw_divisor(component, files.controllers.update_rate_hz) for component in components]
     servos = {one.name: _compensation_switch(one) for one in made if isinstance(one, ServoHardware)}
     feed = _feed(devices) if servos and not virtual else None
@@ -136,7 +135,7 @@ def build(
     }
     driven = {joint for one in made if isinstance(one, ServoHardware) for joint in one.joints}
     lagging = compliances(joint for joint in files.robot.joints if joint.name in driven)
-    return HardwareSetup(ComponentSet(made, clock, divisors), scene, servos, not real, buses, rates_hz, lagging)
+    return HardwareSetup(ComponentSet(made, clock, divisors), scene, servos, not real, builder.buses, rates_hz, lagging)
 
 
 def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
@@ -158,38 +157,40 @@ def _rw_divisor(component: HardwareInfo, update_rate_hz: int) -> int:
     return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
 
 
-def _made(
-    kind: HardwareKind | str,
-    component: HardwareInfo,
-    files: Files,
-    devices: Mapping[str, str],
-    clock: Clock,
-    world: "_World | None",
-    opened: dict[str, Line],
-    open_port: OpenPort,
-) -> Hardware:
-    """Make one component. Its buses, when it opens them, are in ``opened`` too."""
-    joints = [joint for joint in files.robot.joints if joint.name in component.joints]
-    if kind is HardwareKind.MOCK:
-        return MockHardware.of(component, clock)
-    if not isinstance(kind, HardwareKind):
-        return _users(kind, component, clock)
-    require_positions(component)
-    if len(joints) != len(component.joints):
-        raise DescriptionError(
-            f'{component.name} has servos and no robot file: name it in its <hardware> as <param name="robot">'
-        )
-    if world is not None and kind is HardwareKind.MUJOCO:
-        return world.hardware(component.name, joints)
-    names = list(dict.fromkeys(joint.bus for joint in joints))
+@dataclass(frozen=True, slots=True)
+class _ComponentBuilder:
+    """Builds the hardware components of one robot."""
 
-    return ServoHardware(
-        component.name,
-        joints,
-        lambda: _noted(open_buses(files.robot.file, devices, clock, names, open_port), opened),
-        clock,
-        compensation(joints, files.description),
-    )
+    files: Files
+    devices: Mapping[str, str]
+    clock: Clock
+    world: "_World | None"
+    open_port: OpenPort
+    buses: dict[str, Line] = field(default_factory=dict)
+    """By name, the buses that components have opened so far."""
+
+    def build(self, kind: HardwareKind | str, component: HardwareInfo) -> Hardware:
+        """Build one component; nothing is opened yet. Raises DescriptionError if it lacks a robot file."""
+        joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
+        if kind is HardwareKind.MOCK:
+            return MockHardware.of(component, self.clock)
+        if not isinstance(kind, HardwareKind):
+            return _users(kind, component, self.clock)
+        require_positions(component)
+        if len(joints) != len(component.joints):
+            raise DescriptionError(
+                f'{component.name} has servos and no robot file: name it in its <hardware> as <param name="robot">'
+            )
+        if self.world is not None and kind is HardwareKind.MUJOCO:
+            return self.world.hardware(component.name, joints)
+        names = list(dict.fromkeys(joint.bus for joint in joints))
+        carried = compensation(joints, self.files.description)
+        return ServoHardware(component.name, joints, lambda: self._open(names), self.clock, carried)
+
+    def _open(self, names: Sequence[str]) -> Mapping[str, Bus]:
+        buses = open_buses(self.files.robot.file, self.devices, self.clock, names, self.open_port)
+        self.buses.update(buses)
+        return buses
 
 
 def compensation(joints: Sequence[Joint], description: Description, guided: bool = False) -> GravityCompensation | None:
@@ -203,11 +204,6 @@ def compensation(joints: Sequence[Joint], description: Description, guided: bool
         names = ", ".join(unknown)
         LOG.info("%s: the servo's stiffness is unknown, its sag and its lag are not compensated", names)
     return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]), guided)
-
-
-def _noted(buses: Mapping[str, AnyLine], opened: dict[str, Line]) -> Mapping[str, AnyLine]:
-    opened.update(buses)
-    return buses
 
 
 def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:

@@ -17,9 +17,13 @@ MARKERS = (
     "faults('silent id=3 at=1s for=2s', ...): what goes wrong, since the arm is up, see `servoloop fault --list`",
     "random_faults(count=3, within_s=5.0, kinds=None): as many faults as that, drawn from `seed`",
     "seeds(count, first=0): once for each seed, which is `seed`: an arm of its own, and faults of its own",
-    "invariants(also=(), without=()): classes of your own beside servoloop's, and names of servoloop's to leave out",
+    "invariants(also=(), without=(), examined=()): your own classes beside servoloop's, names of servoloop's to leave "
+    "out, and names of those that must examine something in each test",
     "rtf(factor): so many times as fast as real time, or 'max'; without it the ROS stack is in real time",
 )
+
+INVARIANTS = ("also", "without", "examined")
+"""The lists that the marker ``invariants`` takes."""
 
 ARM: pytest.StashKey["VirtualArm"] = pytest.StashKey()
 """A test's virtual arm."""
@@ -124,8 +128,14 @@ def _texts(node: pytest.Item) -> list[str]:
 
 
 def _invariants(node: pytest.Item) -> dict[str, Any]:
-    markers = list(node.iter_markers("invariants"))
-    return {
-        "also": tuple(kind for marker in markers for kind in marker.kwargs.get("also", ())),
-        "without": tuple(name for marker in markers for name in marker.kwargs.get("without", ())),
-    }
+    """The lists of all markers ``invariants`` of a test, by name."""
+    chosen: dict[str, Any] = dict.fromkeys(INVARIANTS, ())
+    for marker in node.iter_markers("invariants"):
+        if unknown := [*map(repr, marker.args), *(name for name in marker.kwargs if name not in INVARIANTS)]:
+            lists = f"{', '.join(INVARIANTS[:-1])} and {INVARIANTS[-1]}"
+            raise pytest.UsageError(f"invariants takes the lists {lists}, not {', '.join(unknown)}")
+        for name, entries in marker.kwargs.items():
+            if isinstance(entries, str):
+                raise pytest.UsageError(f"invariants({name}={entries!r}): write a list, [{entries!r}]")
+            chosen[name] += tuple(entries)
+    return chosen

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import radians
+from typing import Final
 
 from sim_backend.buses.mounting import Mounting
 from sim_backend.line.spread import Spread
@@ -35,3 +36,7 @@ class Build:
         """The backlash by joint, rad or m; empty where there is none."""
         gap_rad = radians(self.backlash_deg)
         return {one.joint: gap_rad * one.transmission for one in couplings} if gap_rad else {}
+
+
+NOMINAL_BUILD: Final = Build()
+"""Servos without deviations from their data sheets."""

@@ -7,7 +7,13 @@ import sys
 import pytest
 from rich.console import Console
 
-from benchmarks import simulation
+from benchmarks import invariants, simulation, stopwatch
+from servoloop.campaign.campaign import Scenario, files_of
+from servoloop.campaign.invariants.watch import ALL, Invariant
+from servoloop.campaign.run import run_schedule
+from servoloop.simulation.job import job_settings
+from servoloop.simulation.schedule import Schedule
+from servoloop.stack.arm_folders import OWN, find_arm
 
 PARTS = {"world", "servos", "line and packets", "driver", "controllers", "compensation", "loop"}
 
@@ -15,17 +21,42 @@ PARTS = {"world", "servos", "line and packets", "driver", "controllers", "compen
 def test_it_measures_every_part_and_prints_all(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    figures = simulation.measure(runs=1, steps=50)
+    short = Scenario(seconds=0.5, within_s=0.5)
+    figures = simulation.measure(runs=1, steps=50, scenario=short, seeds=1)
     assert min(figures.world, figures.servos, figures.stack) > 0.0
     assert set(figures.shares) == PARTS and min(figures.shares.values()) > 0.0
     assert sum(figures.shares.values()) == pytest.approx(1.0)
     text = io.StringIO()
     simulation.show(Console(file=text, width=120), figures)
     assert all(part in text.getvalue() for part in PARTS)
+    cost = figures.invariants
+    assert cost.runs == 1 and cost.without_s > 0.0 and cost.ratio == cost.with_all_s / cost.without_s
+    assert set(cost.shares) == {kind.name for kind in ALL} and sum(cost.shares.values()) == pytest.approx(1.0)
+    assert all(name in text.getvalue() for name in cost.shares)
+    assert f"{cost.ratio:.2f}" in text.getvalue()
     monkeypatch.setattr(simulation, "measure", lambda: figures)
     monkeypatch.setattr(sys, "argv", ["benchmarks.simulation", "--json"])
     simulation.main()
-    assert json.loads(capsys.readouterr().out)["shares"] == figures.shares
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["shares"] == figures.shares and printed["invariants"]["ratio"] == cost.ratio
+
+
+def test_an_invariant_that_is_timed_sees_and_says_the_same() -> None:
+    class Moves(Invariant):
+        """Nothing moves."""
+
+        name = "moves"
+
+        def on_step(self, time_s: float) -> None:
+            self.examined += 1
+            self.say("it moves")
+
+    watch = stopwatch.Stopwatch()
+    timed = invariants.timed(Moves, watch)
+    settings = job_settings(find_arm(OWN), ())
+    plain, measured = (run_schedule(files_of(OWN), settings, Schedule(seconds=0.2), (kind,)) for kind in (Moves, timed))
+    assert measured.violations == plain.violations and measured.examined == plain.examined
+    assert measured.examined["moves"] > 200 and watch.spent_s["moves"] > 0.0
 
 
 def test_a_part_is_not_charged_for_what_it_calls() -> None:
@@ -38,11 +69,11 @@ def test_a_part_is_not_charged_for_what_it_calls() -> None:
             self.inner()
             clock[0] += 3.0
 
-    clock, part, stopwatch = [0.0], Part(), simulation.Stopwatch()
+    clock, part, watch = [0.0], Part(), stopwatch.Stopwatch()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulation.time, "perf_counter", lambda: clock[0])
-        stopwatch.watch("inside", part, "inner")
-        stopwatch.watch("around", part, "outer")
+        patch.setattr(stopwatch.time, "perf_counter", lambda: clock[0])
+        watch.watch("inside", part, "inner")
+        watch.watch("around", part, "outer")
         part.outer()
-    assert stopwatch.spent_s == {"inside": 2.0, "around": 4.0}
-    assert stopwatch.shares() == {"inside": 2.0 / 6.0, "around": 4.0 / 6.0}
+    assert watch.spent_s == {"inside": 2.0, "around": 4.0}
+    assert watch.shares() == {"inside": 2.0 / 6.0, "around": 4.0 / 6.0}

@@ -30,7 +30,7 @@ def test_the_rates_are_those_that_are_searched() -> None:
 
 
 def test_the_current_is_that_of_a_blocked_servo() -> None:
-    said = re.search(r"blocked takes up to ([\d.]+) A", TEXT)
+    said = re.search(r"blocked takes up to ([\d.]+) A", " ".join(TEXT.split()))
     stalled = [model.rated_voltage_v / sts_motor(model).resistance_ohm for model in (STS3215, STS3215_C001)]
     assert said and float(said[1]) == pytest.approx(max(stalled), abs=0.05)
 

@@ -8,7 +8,7 @@ from zlib import crc32
 
 import yaml
 
-from servoloop.campaign.campaign import read_scenario, schedule_of
+from servoloop.campaign.campaign import read_scenario, require_possible_schedule, schedule_of
 from servoloop.manual.poses import Poses
 from servoloop.recording.page import page
 from servoloop.recording.reader import read_recording
@@ -40,10 +40,7 @@ def good_faults() -> list[bytes]:
 
 
 def read_whole_schedule(path: Path) -> None:
-    schedule = read_schedule(path)
-    arm = find_arm(schedule.arm)
-    load_pick_place(arm.pick_place)
-    require_possible_in(path, schedule.faults, inventory_of(read_arm_servos(arm)))
+    require_possible_schedule(path, read_schedule(path))
 
 
 def read_campaign(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A controller whose node cannot be made keeps no other client waiting."""
+"""A controller whose node fails does not delay the clients of other controllers."""
 
 from collections.abc import Callable
 from typing import Any, cast
@@ -16,7 +16,7 @@ from tests.controller.bench import Bench
 
 
 class FakeNode:
-    """Stands for a controller's node; the name says what it cannot do."""
+    """Fake controller node. Its name selects the operation that fails."""
 
     def __init__(self, spec: ControllerSpec, *_: object) -> None:
         if spec.name == "unmade":
@@ -43,7 +43,7 @@ class FakeNode:
 
 
 class FakeExecutor:
-    """Takes every node."""
+    """Fake executor that accepts every node."""
 
     add_node = remove_node = staticmethod(lambda node: None)
 
@@ -54,7 +54,7 @@ def nodes_of(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> ControllerNodes:
 
 
 @pytest.mark.parametrize("name", ["unmade", "unset", "undestroyed"])
-def test_a_node_that_fails_is_logged_once_and_the_graph_is_complete(
+def test_failing_node_is_logged_once_and_graph_becomes_complete(
     name: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench = Bench()
@@ -70,7 +70,7 @@ def test_a_node_that_fails_is_logged_once_and_the_graph_is_complete(
     assert caplog.text.count("Traceback") == 1 and name in caplog.text
 
 
-def test_clients_get_their_answers_whatever_fails_beside_them() -> None:
+def test_clients_receive_responses_despite_failures_elsewhere() -> None:
     answered: list[bool] = []
 
     def fails() -> bool:

@@ -1,8 +1,8 @@
-"""Who can reach the nodes: what is set for which wish, and what the user is told of it."""
+"""Discovery settings for each option, and the sentence that tells the user which programs can reach the nodes."""
 
 import pytest
 
-from nodes.discovery import PROFILE, PROFILES, open_to_network, stay_on_this_machine, who_can_command
+from nodes.discovery import PROFILE, PROFILES, describe_access, open_to_network, stay_on_this_machine
 
 LOCAL = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 SUBNET = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
@@ -26,7 +26,7 @@ BOUND = LOCAL | {PROFILES: str(PROFILE)}
         (BOUND, {}),
     ],
 )
-def test_what_is_not_said_stays_on_this_machine(environment: dict[str, str], added: dict[str, str]) -> None:
+def test_nodes_stay_on_this_machine_by_default(environment: dict[str, str], added: dict[str, str]) -> None:
     found = dict(environment)
     stay_on_this_machine(found)
     assert found == environment | added
@@ -45,7 +45,7 @@ def test_what_is_not_said_stays_on_this_machine(environment: dict[str, str], add
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}),
     ],
 )
-def test_the_option_opens_them_to_the_network(environment: dict[str, str], after: dict[str, str]) -> None:
+def test_network_option_opens_nodes_to_the_network(environment: dict[str, str], after: dict[str, str]) -> None:
     found = dict(environment)
     open_to_network(found)
     stay_on_this_machine(found)
@@ -55,26 +55,29 @@ def test_the_option_opens_them_to_the_network(environment: dict[str, str], after
 @pytest.mark.parametrize(
     ("environment", "words"),
     [
-        (BOUND, "programs on this machine with ROS_DOMAIN_ID 0 can command the arm; --network lets the network in"),
+        (BOUND, "programs on this machine with ROS_DOMAIN_ID 0 can command the arm; --network opens it to the network"),
         (BOUND | {"ROS_DOMAIN_ID": "7"}, "programs on this machine with ROS_DOMAIN_ID 7 can"),
-        (LOCAL, "programs on this machine with ROS_DOMAIN_ID 0 can command the arm, and hosts whose ROS_STATIC_PEERS"),
-        (LOCAL | {"ROS_STATIC_PEERS": "a;b"}, "ROS_STATIC_PEERS name it; others as ROS_STATIC_PEERS lets them"),
-        (SUBNET | {"ROS_LOCALHOST_ONLY": "1"}, "programs on this machine with"),
-        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "subnet"}, "programs on this machine with"),
+        (
+            LOCAL,
+            "programs with ROS_DOMAIN_ID 0 on this machine and on hosts that list this machine in ROS_STATIC_PEERS",
+        ),
+        (LOCAL | {"ROS_STATIC_PEERS": "a;b"}, "can command the arm, and so can programs that ROS_STATIC_PEERS admits"),
+        (SUBNET | {"ROS_LOCALHOST_ONLY": "1"}, "programs with ROS_DOMAIN_ID 0 on this machine and on hosts"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "subnet"}, "programs with ROS_DOMAIN_ID 0 on this machine and on hosts"),
         (SUBNET, "every program on the network with ROS_DOMAIN_ID 0 can command the arm"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}, "every program on the network"),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "no other program can reach the arm"),
         (
             SUBNET | {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"},
-            "every program on the network with ROS_DOMAIN_ID 0 can command the arm, with keys of ROS_SECURITY_KEYSTORE",
+            "can command the arm; keys from ROS_SECURITY_KEYSTORE required",
         ),
     ],
 )
-def test_the_words_name_all_who_can_reach_the_arm(environment: dict[str, str], words: str) -> None:
-    said = who_can_command(environment)
-    assert said.startswith(words) or said.endswith(words)
+def test_access_description_covers_all_programs_that_can_reach_the_arm(environment: dict[str, str], words: str) -> None:
+    text = describe_access(environment)
+    assert text.startswith(words) or text.endswith(words)
 
 
-def test_permissive_security_keeps_nobody_out() -> None:
+def test_permissive_security_excludes_no_program() -> None:
     permissive = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Permissive"}
-    assert who_can_command(SUBNET | permissive) == who_can_command(SUBNET)
+    assert describe_access(SUBNET | permissive) == describe_access(SUBNET)

@@ -1,4 +1,4 @@
-"""Nobody waits for ever for the middleware to let a process go."""
+"""The watchdog ends a process whose middleware does not shut down."""
 
 import subprocess
 import sys
@@ -11,12 +11,12 @@ def run(program: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
 
 
-def test_a_process_that_cannot_leave_is_ended_and_says_where_it_hung() -> None:
+def test_hanging_process_is_ended_with_a_traceback() -> None:
     ended = run(HANGS)
     assert ended.returncode == 1
     assert "Timeout" in ended.stderr and "<module>" in ended.stderr
 
 
-def test_one_that_has_left_goes_on() -> None:
+def test_process_continues_after_leaving_in_time() -> None:
     ended = run(LEAVES)
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -1,4 +1,4 @@
-"""Every client has its share of what is served, whatever the others ask for."""
+"""Every client receives its share of the rate, regardless of the requests of other clients."""
 
 import pytest
 
@@ -8,7 +8,7 @@ RATE, BURST = 100.0, 20
 
 
 def served(asked_hz: dict[str, float], seconds: float = 10.0) -> dict[str, int]:
-    """How often each client is served that asks so often."""
+    """Return the number of served requests of each client, given its request rate."""
     rate = FairRate(RATE, BURST)
     asks = sorted((k / hz, name) for name, hz in asked_hz.items() for k in range(round(seconds * hz)))
     counts = dict.fromkeys(asked_hz, 0)
@@ -18,29 +18,29 @@ def served(asked_hz: dict[str, float], seconds: float = 10.0) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("hz", [0.5, 10.0, 99.0])
-def test_a_client_within_the_rate_is_always_served(hz: float) -> None:
+def test_client_within_the_rate_is_always_served(hz: float) -> None:
     assert served({"one": hz}) == {"one": round(10 * hz)}
 
 
-def test_the_excess_of_one_client_is_refused() -> None:
+def test_excess_requests_of_one_client_are_refused() -> None:
     assert served({"one": 500.0})["one"] == pytest.approx(10 * RATE + BURST, abs=2)
 
 
 @pytest.mark.parametrize("floods", [1, 5])
-def test_beside_floods_an_honest_client_has_every_goal_served(floods: int) -> None:
+def test_slow_client_is_always_served_during_floods(floods: int) -> None:
     counts = served({f"flood{k}": 500.0 for k in range(floods)} | {"honest": 5.0})
     assert counts.pop("honest") == 50
     assert sum(counts.values()) <= 10 * RATE + floods * BURST
     assert max(counts.values()) - min(counts.values()) <= BURST
 
 
-def test_a_client_that_waits_may_send_some_at_once_again() -> None:
+def test_idle_client_may_send_a_burst_again() -> None:
     rate = FairRate(RATE, BURST)
     assert [rate.allows("one", 0.0) for _ in range(BURST + 1)] == [True] * BURST + [False]
     assert [rate.allows("one", 5.0) for _ in range(BURST + 1)] == [True] * BURST + [False]
 
 
-def test_clients_that_have_left_are_forgotten() -> None:
+def test_inactive_clients_are_removed() -> None:
     rate = FairRate(RATE, BURST)
     for k in range(10_000):
         rate.allows(k, k * 0.01)

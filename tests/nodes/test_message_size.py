@@ -1,4 +1,4 @@
-"""The size of a message is found in C, whatever it is made of, and is the same as its parts make in Python."""
+"""The size of a C message equals the sum of its parts in Python, for all kinds of fields."""
 
 import ctypes
 from typing import Any
@@ -24,7 +24,7 @@ SEQUENCE, POINT = 24, 104
 
 
 def measured(message: Any, allowed: int = HUGE) -> int:
-    """The size of a message that is turned into C for that, beside the fixed one of its type."""
+    """Convert a message to C and return its size without the fixed size of its type."""
     kind = type(message)
     layout = layout_of(kind)
     create = ctypes.PYFUNCTYPE(ctypes.c_void_p)(capsule_address(kind._CREATE_ROS_MESSAGE))
@@ -71,12 +71,12 @@ MANY_AXES = MultiDOFJointTrajectoryPoint(transforms=[Transform()] * 3)
     ],
     ids=lambda value: type(value).__name__ if not isinstance(value, int) else str(value),
 )
-def test_a_message_is_as_large_as_its_parts(message: Any, expected: int) -> None:
+def test_message_is_as_large_as_its_parts(message: Any, expected: int) -> None:
     assert measured(message) == expected
 
 
 @pytest.mark.parametrize("points", [1_000, 200_000])
-def test_where_a_message_is_too_large_it_is_not_looked_at_to_its_end(points: int) -> None:
+def test_measuring_stops_when_a_message_is_too_large(points: int) -> None:
     request = goal(points, 6)
     whole = points * (POINT + 2 * 6 * 8)
     assert measured(request) == whole

@@ -1,4 +1,4 @@
-"""The settings, and the file that repeats them."""
+"""Settings of the pick-and-place node and their configuration file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from nodes.pick_place.settings import Settings
 CONFIG = Path(__file__).parents[2] / "config" / "vision_pick_place_controller.yaml"
 
 
-def test_the_configuration_file_says_what_the_defaults_say() -> None:
+def test_configuration_file_equals_the_defaults() -> None:
     given: dict[str, Any] = yaml.safe_load(CONFIG.read_text())
     parameters = given["vision_pick_place_controller"]["ros__parameters"]
     default = Settings()
@@ -25,7 +25,7 @@ def test_the_configuration_file_says_what_the_defaults_say() -> None:
     assert parameters.pop("grades") == list(bins) == list(default.bins_rad)
     assert {grade: tuple(pose) for grade, pose in bins.items()} == default.bins_rad
     assert parameters == {name: getattr(default, name) for name in parameters}
-    assert len(parameters) == 8  # six times and two gripper values: none forgotten
+    assert len(parameters) == 8  # six times and two gripper positions
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_the_configuration_file_says_what_the_defaults_say() -> None:
     [
         ({"joints": ()}, "joints is empty"),
         ({"pick_rad": (0.0,)}, "poses.pick has 1 numbers for 6 joints"),
-        ({"ready_rad": (float("nan"),) * 6}, "poses.ready has a number that is not finite"),
+        ({"ready_rad": (float("nan"),) * 6}, "poses.ready contains a number that is not finite"),
         ({"bins_rad": {"D": (0.0,) * 5}}, "bins.D has 5 numbers"),
         ({"bins_rad": {"d ": (0.0,) * 6}}, "write 'D'"),
         ({"move_time_s": 0.0}, "move_time_s is 0.0"),
@@ -41,16 +41,16 @@ def test_the_configuration_file_says_what_the_defaults_say() -> None:
         ({"hand_closed_m": float("nan")}, "hand_closed_m must be"),
     ],
 )
-def test_nonsense_is_named(change: dict[str, Any], words: str) -> None:
+def test_invalid_setting_is_named(change: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         replace(Settings(), **change)
 
 
-def test_all_mistakes_are_named_at_once() -> None:
+def test_all_mistakes_are_named_together() -> None:
     with pytest.raises(ValueError, match=r"pick.*; move_time_s"):
         replace(Settings(), pick_rad=(), move_time_s=-1.0)
 
 
-def test_a_pose_that_no_arm_has_is_refused() -> None:
+def test_implausible_pose_is_refused() -> None:
     with pytest.raises(ValueError, match=r"poses.pick: 1e\+30 is not a plausible position"):
         replace(Settings(), pick_rad=(1e30, 0.0, 0.0, 0.0, 0.0, 0.0))

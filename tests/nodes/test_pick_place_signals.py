@@ -1,4 +1,4 @@
-"""The pick-place node stops at a signal, also at that of a terminal that was closed; a second one ends it."""
+"""The pick-and-place node stops on a signal or when its terminal closes, and a second signal ends it immediately."""
 
 import signal
 import subprocess
@@ -21,11 +21,11 @@ def start(program: str) -> "subprocess.Popen[str]":
     process = subprocess.Popen(
         [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    assert said(process) == "up"
+    assert next_line(process) == "up"
     return process
 
 
-def said(process: "subprocess.Popen[str]") -> str:
+def next_line(process: "subprocess.Popen[str]") -> str:
     assert process.stdout is not None
     return process.stdout.readline().strip()
 
@@ -38,19 +38,19 @@ def process() -> Iterator["subprocess.Popen[str]"]:
     process.communicate()
 
 
-def test_a_closed_terminal_is_told_twice_and_stops_it_once(process: "subprocess.Popen[str]") -> None:
+def test_two_hangup_signals_of_a_closed_terminal_stop_the_node_once(process: "subprocess.Popen[str]") -> None:
     process.send_signal(signal.SIGHUP)
-    assert said(process) == "stop"
+    assert next_line(process) == "stop"
     process.send_signal(signal.SIGHUP)
     process.send_signal(signal.SIGTERM)
     assert process.wait(30.0) == 128 + signal.SIGTERM
 
 
-def test_under_nohup_a_closed_terminal_stops_nothing() -> None:
+def test_closed_terminal_is_ignored_under_nohup() -> None:
     process = start(UNDER_NOHUP + PROGRAM)
     process.send_signal(signal.SIGHUP)
     process.send_signal(signal.SIGINT)
-    assert said(process) == "stop"
+    assert next_line(process) == "stop"
     process.send_signal(signal.SIGINT)
     assert process.wait(30.0) == 128 + signal.SIGINT
     process.communicate()

@@ -1,4 +1,4 @@
-"""Which apple, and is the message news? And the text of a state."""
+"""Choice of the apple, age of vision messages, and JSON of a state."""
 
 import json
 
@@ -18,7 +18,7 @@ from nodes.pick_place.vision import candidate, reason_not_fresh
         (["", " c ", "A"], "C"),
     ],
 )
-def test_the_first_apple_with_a_grade(grades: list[str], expected: str | None) -> None:
+def test_first_apple_with_a_grade_is_chosen(grades: list[str], expected: str | None) -> None:
     assert candidate(grades) == expected
 
 
@@ -33,12 +33,12 @@ def test_the_first_apple_with_a_grade(grades: list[str], expected: str | None) -
         (101.0, "future"),
     ],
 )
-def test_news_is_younger_than_a_second(stamp_s: float, word: str | None) -> None:
+def test_message_is_fresh_for_less_than_a_second(stamp_s: float, word: str | None) -> None:
     reason = reason_not_fresh(stamp_s, 100.0, 1.0)
     assert (reason is None) if word is None else (reason is not None and word in reason)
 
 
-def test_a_state_in_words() -> None:
+def test_state_is_formatted_as_json() -> None:
     state = State(3, "B", Phase.ERROR, "canceled")
     assert json.loads(state_json(12, 1.5, state)) == {
         "seq": 12,

@@ -1,4 +1,4 @@
-"""Names that clients and files send are cut and on one line in every message of the nodes."""
+"""Messages show names from clients and files shortened and on one line."""
 
 from types import SimpleNamespace
 from typing import Any, cast
@@ -15,29 +15,29 @@ from nodes.pick_place.node import PickPlaceNode
 
 WILD = "arm\nERROR all is well\x1b[2J" + "x" * 1_000_000
 SPARE = 100
-"""Characters that a message has beside the name."""
+"""Maximum number of characters in a message besides the name."""
 
 
 class Log:
-    """Stands for a node's logger."""
+    """Fake logger of a node."""
 
     def __init__(self) -> None:
-        self.said: list[str] = []
+        self.messages: list[str] = []
 
     def error(self, text: str, **_: Any) -> None:
-        self.said.append(text)
+        self.messages.append(text)
 
     info = warning = error
 
 
-def fits(said: list[str]) -> None:
-    assert said
-    for text in said:
+def fits(messages: list[str]) -> None:
+    assert messages
+    for text in messages:
         assert len(text) <= LONGEST_LINE + SPARE
         assert "\n" not in text and "\x1b" not in text and "\\n" in text
 
 
-def test_a_line_is_one_line() -> None:
+def test_line_breaks_are_escaped() -> None:
     assert printable_line("a\nb\x1b[2J\t") == "a\\nb\\x1b[2J\t"
 
 
@@ -47,25 +47,25 @@ def services(log: Log) -> Any:
     return made
 
 
-def test_a_state_that_hardware_does_not_know() -> None:
+def test_unknown_hardware_state_is_printed_safely() -> None:
     log = Log()
     services(log)._refuse(SimpleNamespace(name=WILD, target_state=State(label=WILD)))
-    fits(log.said)
+    fits(log.messages)
 
 
-def test_a_component_that_does_not_exist() -> None:
+def test_unknown_component_is_printed_safely() -> None:
     log = Log()
     made = services(log)
     made._stack = SimpleNamespace(loop=SimpleNamespace(hardware=SimpleNamespace(component=lambda name: None)))
     request = SimpleNamespace(name=WILD, target_state=State(id=3))
     with pytest.raises(StopIteration):
         made._set_state(request, SimpleNamespace(ok=True)).send(None)
-    fits(log.said)
+    fits(log.messages)
 
 
-def test_a_grade_that_pick_and_place_does_not_know() -> None:
+def test_unknown_grade_is_printed_safely() -> None:
     log = Log()
     node = cast(Any, PickPlaceNode.__new__(PickPlaceNode))
     node._log, node._reason_to_reject = log, lambda grade: f"unknown grade {grade}"
     node._on_goal(SimpleNamespace(grade=WILD))
-    fits(log.said)
+    fits(log.messages)

@@ -1,4 +1,4 @@
-"""Refusals of rcl become one sentence; a defect of ours keeps its traceback."""
+"""Errors of rcl become one sentence, and errors in our code keep their traceback."""
 
 from pathlib import Path
 from typing import Any
@@ -28,12 +28,12 @@ def rcl() -> Any:
 @pytest.mark.parametrize(
     "name", ["RCLError", "RCLInvalidROSArgsError", "RCUtilsError", "RMWError", "UnknownROSArgsError"]
 )
-def test_what_rcl_refuses_is_a_sentence(rcl: Any, name: str) -> None:
+def test_error_of_rcl_becomes_a_sentence(rcl: Any, name: str) -> None:
     text = refused(getattr(rcl, name)("no such thing, at /home/me/rcl/src/rcl/init.c:1"))
     assert text.startswith("ROS 2 does not start: ") and "no such thing" in text and "/home/me" not in text
 
 
-def test_a_name_that_rcl_refuses_is_a_sentence() -> None:
+def test_invalid_name_becomes_a_sentence() -> None:
     from rclpy.exceptions import InvalidNodeNameException
 
     text = refused(InvalidNodeNameException("an arm", "must not contain a space", 2))
@@ -41,7 +41,7 @@ def test_a_name_that_rcl_refuses_is_a_sentence() -> None:
 
 
 @pytest.mark.parametrize("kind", ["plain", "InvalidHandle", "NotImplementedError"])
-def test_a_defect_is_none(rcl: Any, kind: str) -> None:
+def test_error_in_our_code_is_not_converted(rcl: Any, kind: str) -> None:
     from nodes.ros_process import rcl_errors
 
     error = RuntimeError("dictionary changed size") if kind == "plain" else getattr(rcl, kind)("a defect")
@@ -50,7 +50,7 @@ def test_a_defect_is_none(rcl: Any, kind: str) -> None:
     assert caught.value is error
 
 
-def test_parameters_that_rcl_cannot_read_are_a_sentence(tmp_path: Path) -> None:
+def test_unreadable_parameters_become_a_sentence(tmp_path: Path) -> None:
     from nodes.ros_process import init_rclpy
 
     file = tmp_path / "parameters.yaml"

@@ -1,4 +1,4 @@
-"""The guard around rclpy: a patch is used only on a version it is known for, and where it finds what it stands on."""
+"""A patch of rclpy is used only with a supported version, and only if its checks find no difference."""
 
 import ctypes
 import logging
@@ -28,61 +28,59 @@ def other_version() -> Iterable[str]:
 
 
 def lost(monkeypatch: pytest.MonkeyPatch, patch: Patch) -> str:
-    """The warning where only this patch does not fit."""
+    """Return the warning if only this patch does not fit."""
     usable, warning = select(PATCHES, KNOWN)
     assert usable == frozenset(PATCHES) - {patch}
     assert patch.loss in warning and not any(other.loss in warning for other in usable)
     return warning
 
 
-def test_all_fit_the_rclpy_that_set_up_installs() -> None:
+def test_all_patches_fit_the_installed_rclpy() -> None:
     assert select(PATCHES, rclpy_version()) == (frozenset(PATCHES), "")
 
 
 @pytest.mark.parametrize("version", ["7.1.4", "7.1.9", "7.1.50", "9.1.2", ""])
-def test_an_unknown_version_gets_none_and_one_warning_names_all_that_is_lost(version: str) -> None:
+def test_unknown_version_uses_no_patch_and_one_warning_lists_the_limitations(version: str) -> None:
     patches = [Patch(name, frozenset({KNOWN}), f"no {name}", other_version) for name in ("speed", "calm")]
     usable, warning = select(patches, version)
     assert not usable
     assert warning.startswith(
-        f"rclpy {version or 'of unknown version'} is not known here (known: {KNOWN}): plain rclpy"
+        f"rclpy {version or 'of unknown version'} is not supported (supported: {KNOWN}): the stack uses plain rclpy"
     )
-    assert warning.endswith("everything works but for this: no speed; no calm")
-    assert warning.count("not known here") == 1
+    assert warning.endswith("has the following limitations: no speed; no calm")
+    assert warning.count("not supported") == 1
 
 
 @pytest.mark.parametrize(("owner", "name"), [("Publisher", "publish"), ("ActionServer", "send_goal_response")])
-def test_a_replaced_method_that_is_missing_or_takes_something_else(
-    owner: str, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_or_different_method_disables_the_patch(owner: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     kind = getattr(rclpy_implementation, owner)
     monkeypatch.setattr(kind, name, type("Other", (), {"__doc__": f"{name}(self: {owner}) -> None\n\nSend."})())
-    assert f"{owner}.{name} is (self: {owner}) -> None and not (self: " in lost(monkeypatch, gil_release.PATCH)
+    assert f"{owner}.{name} is (self: {owner}) -> None instead of (self: " in lost(monkeypatch, gil_release.PATCH)
     monkeypatch.delattr(kind, name)
-    assert f"{owner}.{name} is missing and not (self: " in lost(monkeypatch, gil_release.PATCH)
+    assert f"{owner}.{name} is missing instead of (self: " in lost(monkeypatch, gil_release.PATCH)
 
 
-def test_the_replaced_method_in_python_takes_something_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_parameters_of_send_response_disable_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Service, "send_response", lambda self, response: None)
-    assert "Service.send_response has other parameters" in lost(monkeypatch, gil_release.PATCH)
+    assert "Service.send_response has parameters different from" in lost(monkeypatch, gil_release.PATCH)
 
 
-def test_a_layout_that_differs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_layout_disables_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     assert rcl_calls.written_by_zero_initialized_goal_statuses() == ctypes.sizeof(rcl_calls.GoalStatuses) == 64
 
     class Longer(rcl_calls.GoalStatuses):
         _fields_ = (("more", ctypes.c_void_p),)
 
     monkeypatch.setattr(rcl_calls, "GoalStatuses", Longer)
-    assert "rcl_action_goal_status_array_t has 64 bytes and not 72" in lost(monkeypatch, gil_release.PATCH)
+    assert "rcl_action_goal_status_array_t has 64 bytes instead of 72" in lost(monkeypatch, gil_release.PATCH)
 
 
-def test_a_structure_without_the_fields_that_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_structure_field_disables_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(rclpy_implementation.rmw_request_id_t, "sequence_number")
     assert "rmw_request_id_t has no sequence_number" in lost(monkeypatch, gil_release.PATCH)
 
 
-def test_c_libraries_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_c_libraries_disable_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> Any:
         raise OSError(f"{name}: cannot open shared object file")
 
@@ -96,12 +94,12 @@ def test_c_libraries_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.parametrize("name", ["_take_service", "_take_waitable"])
-def test_an_executor_that_takes_in_another_way(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_take_method_disables_the_patch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(Executor, name)
     assert f"SingleThreadedExecutor has no {name}" in lost(monkeypatch, cycle_executor.PATCH)
 
 
-def test_an_executor_that_keeps_its_tasks_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_tasks_of_the_executor_disable_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     def made(self: Any) -> None:
         self._context = self._guard = self._sigint_gc = self._pending_tasks = self._tasks_lock = None
 
@@ -111,20 +109,20 @@ def test_an_executor_that_keeps_its_tasks_elsewhere(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Executor, "__init__", made)
     monkeypatch.setattr(Executor, "_make_handler", handler)
     warning = lost(monkeypatch, cycle_executor.PATCH)
-    assert "Executor has no _tasks, Executor._make_handler makes tasks in another way" in warning
+    assert "Executor has no _tasks, Executor._make_handler creates tasks differently" in warning
 
 
-def test_guards_that_mark_themselves_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_guard_condition_disables_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(GuardCondition, "__init__", lambda self: None)
     assert "GuardCondition has no _executor_triggered" in lost(monkeypatch, cycle_executor.PATCH)
 
 
-def test_a_wait_set_that_is_made_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_wait_set_disables_the_patch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rclpy_implementation.WaitSet, "__init__", lambda self: None)
-    assert "WaitSet is made with other arguments" in lost(monkeypatch, cycle_executor.PATCH)
+    assert "WaitSet takes different arguments" in lost(monkeypatch, cycle_executor.PATCH)
 
 
-def test_a_process_is_warned_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+def test_process_logs_the_warning_once(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     monkeypatch.setattr(guard, "rclpy_version", lambda: "7.1.99")
     usable_patches.cache_clear()
     try:
@@ -132,4 +130,4 @@ def test_a_process_is_warned_once(monkeypatch: pytest.MonkeyPatch, caplog: pytes
             assert usable_patches() == usable_patches() == frozenset()
     finally:
         usable_patches.cache_clear()
-    assert [record.getMessage().partition(" (")[0] for record in caplog.records] == ["rclpy 7.1.99 is not known here"]
+    assert [record.getMessage().partition(" (")[0] for record in caplog.records] == ["rclpy 7.1.99 is not supported"]

@@ -1,4 +1,4 @@
-"""nodes/ uses private parts of rclpy in rclpy_patches/ only, where the guard stands before them."""
+"""nodes/ uses private parts of rclpy only in rclpy_patches/, whose guard checks them."""
 
 import ast
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import pytest
 NODES = Path(__file__).parents[2] / "nodes"
 MODULES = [path for path in NODES.rglob("*.py") if path.parent.name != "rclpy_patches"]
 RCLPYS = ("Node", "SingleThreadedExecutor")
-"""The classes of rclpy that ours inherit from."""
+"""Classes of rclpy from which our classes inherit."""
 OWN = ("self", "cls", "os")
 
 
@@ -18,14 +18,14 @@ def private(name: str) -> bool:
 
 
 def on_others(tree: ast.AST) -> Iterator[str]:
-    """Private attributes of anything but ``self``."""
+    """Yield private attributes of all objects except ``self``."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and private(node.attr) and ast.unparse(node.value) not in OWN:
             yield ast.unparse(node)
 
 
 def inherited(tree: ast.AST) -> Iterator[str]:
-    """Private attributes that a class uses and has from rclpy."""
+    """Yield private attributes that a class uses and inherits from rclpy."""
     for kind in (n for n in ast.walk(tree) if isinstance(n, ast.ClassDef)):
         if any(ast.unparse(base) in RCLPYS for base in kind.bases):
             used = [n for n in ast.walk(kind) if isinstance(n, ast.Attribute) and ast.unparse(n.value) == "self"]
@@ -35,7 +35,7 @@ def inherited(tree: ast.AST) -> Iterator[str]:
 
 
 def imported(tree: ast.AST) -> Iterator[str]:
-    """Modules of rclpy that are its own affair."""
+    """Yield imported private modules of rclpy."""
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("rclpy.impl", "rclpy._")):
             yield str(node.module)
@@ -47,16 +47,16 @@ def of_rclpy(source: str) -> list[str]:
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(NODES)))
-def test_no_private_part_of_rclpy(module: Path) -> None:
+def test_no_private_part_of_rclpy_is_used(module: Path) -> None:
     assert of_rclpy(module.read_text()) == []
 
 
-def test_the_patches_would_be_found() -> None:
+def test_private_parts_in_patches_are_found() -> None:
     source = (NODES / "rclpy_patches" / "cycle_executor.py").read_text()
     found = of_rclpy(source)
     assert {"guard._executor_triggered", "CycleExecutor._guard", "rclpy.impl.implementation_singleton"} <= set(found)
 
 
-def test_a_clock_that_is_replaced_would_be_found() -> None:
-    """An attribute that a class stores and rclpy has too cannot be told apart; so the node's own has another name."""
+def test_replaced_clock_is_found() -> None:
+    """An own attribute with the same name as one of rclpy would not be found, so the node uses a different name."""
     assert of_rclpy("class Ours(Node):\n    def now(self):\n        return self._clock.now()\n") == ["Ours._clock"]

@@ -1,4 +1,4 @@
-"""A ROS 2 that is missing, of another kind, or set up by variables that it cannot use is refused in one sentence."""
+"""A missing, different or badly configured ROS 2 installation is reported in one sentence."""
 
 import os
 import subprocess
@@ -16,43 +16,47 @@ VERBS = [["up", "--hardware", "mock"], ["pick", "B"], ["demo", "--grades", "A"]]
 
 @pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
 @pytest.mark.parametrize("package", ["rclpy", "control_msgs", "sorting_arm_interfaces"])
-def test_what_is_missing_is_named(
+def test_missing_package_is_named(
     verb: list[str], package: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in PACKAGES:
         monkeypatch.setitem(sys.modules, name, sys.modules.get(name, sys))
     monkeypatch.setitem(sys.modules, package, None)
-    said = complaint(capsys, monkeypatch, *verb)
-    assert f"needs ROS 2 Jazzy, and Python finds no {package}: run 'make setup'" in said
+    output = complaint(capsys, monkeypatch, *verb)
+    assert f"ROS 2 Jazzy is required, but Python cannot find {package}: run 'make setup'" in output
 
 
 @pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
 def test_another_distribution_is_refused(
     verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As a sourced one comes: before ours on the path."""
+    """A sourced distribution precedes the installed packages on the path."""
     pytest.importorskip("rclpy")
     info = tmp_path / "rclpy-9.1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rclpy\nVersion: 9.1.0\n")
     monkeypatch.syspath_prepend(tmp_path)
-    said = complaint(capsys, monkeypatch, *verb)
-    assert "needs ROS 2 Jazzy (rclpy 7.1.x), and Python finds rclpy 9.1.0: open a shell" in said
+    output = complaint(capsys, monkeypatch, *verb)
+    assert "ROS 2 Jazzy (rclpy 7.1.x) is required, but Python finds rclpy 9.1.0: open a shell" in output
 
 
 SETTINGS = [
-    ("ROS_DOMAIN_ID", "abc", "ROS_DOMAIN_ID is 'abc': set it to a whole number from 0 to 232, or unset it"),
-    ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID is '233': set it to a whole number from 0 to 232, or unset it"),
+    ("ROS_DOMAIN_ID", "abc", "ROS_DOMAIN_ID is 'abc': set it to an integer from 0 to 232, or unset it"),
+    ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID is '233': set it to an integer from 0 to 232, or unset it"),
     ("ROS_DOMAIN_ID", "-1", "ROS_DOMAIN_ID is '-1': set it"),
     ("ROS_DOMAIN_ID", "\u0661", "ROS_DOMAIN_ID is '\u0661': set it"),
     ("RMW_IMPLEMENTATION", "rmw_nope", "RMW_IMPLEMENTATION is rmw_nope, which is not installed: unset it, or install"),
     ("RMW_IMPLEMENTATION", "rmw.no/pe", "RMW_IMPLEMENTATION is rmw.no/pe, which is not installed: unset it"),
-    ("ROS_LOG_DIR", "/proc/nope", "ROS_LOG_DIR makes ROS 2 write its logs to /proc/nope, which it cannot (No such"),
-    ("ROS_HOME", "/proc/nope", "ROS_HOME makes ROS 2 write its logs to /proc/nope/log, which it cannot"),
-    ("HOME", "/proc/nope", "HOME makes ROS 2 write its logs to /proc/nope/.ros/log, which it cannot"),
-    ("HOME", "", "HOME is not set, and ROS 2 needs a folder for its logs: set ROS_LOG_DIR"),
+    (
+        "ROS_LOG_DIR",
+        "/proc/nope",
+        "ROS 2 cannot write its logs to /proc/nope, the folder that ROS_LOG_DIR selects (No such",
+    ),
+    ("ROS_HOME", "/proc/nope", "ROS 2 cannot write its logs to /proc/nope/log, the folder that ROS_HOME selects"),
+    ("HOME", "/proc/nope", "ROS 2 cannot write its logs to /proc/nope/.ros/log, the folder that HOME selects"),
+    ("HOME", "", "HOME is not set, but ROS 2 needs a folder for its logs: set ROS_LOG_DIR"),
 ]
-"""A variable, what it is set to, and the sentence."""
+"""Environment variable, its value and the expected message."""
 
 
 @pytest.fixture
@@ -65,7 +69,7 @@ def set_variable(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 @pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
 @pytest.mark.parametrize(("name", "value", "words"), SETTINGS)
-def test_a_variable_that_ros_cannot_use_is_named_by_every_command(
+def test_every_command_reports_an_invalid_variable(
     verb: list[str],
     name: str,
     value: str,
@@ -78,16 +82,16 @@ def test_a_variable_that_ros_cannot_use_is_named_by_every_command(
 
 
 @pytest.mark.parametrize(("name", "value", "words"), SETTINGS)
-def test_the_pick_place_node_names_it_too(
+def test_pick_place_node_reports_an_invalid_variable(
     name: str, value: str, words: str, set_variable: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     set_variable.setenv(name, value)
     assert vision_pick_place_controller.main(["node"]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f"vision_pick_place_controller: {words}") and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert output.startswith(f"vision_pick_place_controller: {words}") and output.count("\n") == 1
 
 
-def test_what_ros_uses_is_accepted(set_variable: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_valid_settings_are_accepted(set_variable: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name, value in (("ROS_DOMAIN_ID", ""), ("ROS_DOMAIN_ID", "232"), ("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")):
         set_variable.setenv(name, value)
         require_ros()
@@ -103,13 +107,17 @@ def test_what_ros_uses_is_accepted(set_variable: pytest.MonkeyPatch, tmp_path: P
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module", ["servoloop", "nodes.vision_pick_place_controller"])
-def test_ros_of_another_python_and_errors_of_rcl_are_one_sentence(module: str, tmp_path: Path) -> None:
+def test_errors_of_rclpy_and_rcl_are_reported_in_one_sentence(module: str, tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
     words = ["up", "--hardware", "mock"] if module == "servoloop" else []
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy" / "__init__.py").write_text("raise ImportError('no _rclpy_pybind11 for this Python')\n")
     for name, value, begin in (
-        ("PYTHONPATH", str(tmp_path), f"{tmp_path}/rclpy/__init__.py is not for this Python (no _rclpy_pybind11 for"),
+        (
+            "PYTHONPATH",
+            str(tmp_path),
+            f"{tmp_path}/rclpy/__init__.py does not work with this Python (no _rclpy_pybind11 for",
+        ),
         ("ROS_STATIC_PEERS", "bad peer", "ROS 2 does not start: error creating node: Unable to resolve peer bad peer"),
     ):
         done = subprocess.run(

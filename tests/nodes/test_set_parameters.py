@@ -1,4 +1,4 @@
-"""A client that sets parameters has an answer for each of them, and nobody a traceback."""
+"""A client that sets parameters receives a result for each of them, without a traceback."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ WHY = "parameter 'strange' cannot be set because its type 77 does not exist: use
 
 
 def setting(request: Any, response: Any) -> Any:
-    """As rclpy does it: one result for each, or one for all."""
+    """Respond like rclpy, with one result per parameter or one for all."""
     if any(parameter.name == "failing" for parameter in request.parameters):
         raise ZeroDivisionError("a plug-in's")
     result = SetParametersResult(successful=True)
@@ -29,7 +29,7 @@ def setting(request: Any, response: Any) -> Any:
     return response
 
 
-def test_of_several_the_good_ones_are_set(caplog: pytest.LogCaptureFixture) -> None:
+def test_valid_parameters_of_a_call_are_set(caplog: pytest.LogCaptureFixture) -> None:
     request = SetParameters.Request(parameters=[STRANGE, GOOD, FAILING, GOOD])
     results = answering(SetParameters, setting)(request, SetParameters.Response()).results
     assert [result.successful for result in results] == [False, True, False, True]
@@ -46,11 +46,11 @@ def test_of_several_the_good_ones_are_set(caplog: pytest.LogCaptureFixture) -> N
         ([FAILING], "parameter 'failing' cannot be set: a plug-in's"),
     ],
 )
-def test_together_they_are_set_or_none_is(parameters: list[Parameter], reason: str) -> None:
+def test_atomic_call_sets_all_parameters_or_none(parameters: list[Parameter], reason: str) -> None:
     request = SetParametersAtomically.Request(parameters=parameters)
     result = answering(SetParametersAtomically, setting)(request, SetParametersAtomically.Response()).result
     assert (result.successful, result.reason) == (not reason, reason)
 
 
-def test_other_services_stay_as_they_are() -> None:
+def test_other_services_are_not_wrapped() -> None:
     assert answering(GetParameters, setting) is setting

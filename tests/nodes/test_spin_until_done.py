@@ -1,4 +1,4 @@
-"""A client waits for a future without leaving something behind for every event that it serves meanwhile."""
+"""Waiting for a future leaves no callback behind for the events served meanwhile."""
 
 from collections.abc import Callable, Iterator
 
@@ -15,7 +15,7 @@ from nodes.ros_process import spin_until_done
 
 
 class Counting(Future):
-    """Counts what is hung on it."""
+    """Future that counts its callbacks."""
 
     hung = 0
 
@@ -34,7 +34,7 @@ def node(ros_domain: int) -> Iterator[Node]:
 
 
 @pytest.mark.ros
-def test_events_that_are_served_meanwhile_leave_nothing_on_the_future(node: Node) -> None:
+def test_served_events_leave_no_callback_on_the_future(node: Node) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     answer, events = Counting(executor=executor), 0
@@ -52,7 +52,7 @@ def test_events_that_are_served_meanwhile_leave_nothing_on_the_future(node: Node
 
 
 @pytest.mark.ros
-def test_a_task_that_waits_keeps_no_event_from_its_turn(node: Node) -> None:
+def test_waiting_task_does_not_delay_events(node: Node) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     answer, bell = Future(executor=executor), Future(executor=executor)
@@ -68,7 +68,7 @@ def test_a_task_that_waits_keeps_no_event_from_its_turn(node: Node) -> None:
 
 
 @pytest.mark.ros
-def test_one_that_never_comes_is_waited_for_no_longer_than_said(node: Node) -> None:
+def test_wait_ends_at_the_timeout(node: Node) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     assert not spin_until_done(executor, Future(), 0.05)

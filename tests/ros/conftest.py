@@ -1,15 +1,15 @@
-"""The stack and the client that the controller manager's tests share."""
+"""Stack and client shared by the tests of the controller manager."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
 
-if TYPE_CHECKING:  # where there is no rclpy, these tests are passed over
+if TYPE_CHECKING:  # These tests are skipped without rclpy.
     from tests.ros.manager_client import ManagerClient
     from tests.ros.stack_process import StackProcess
 
-# The controller manager's tests. A module that needs another stack, or has more to put right, has its own.
+# Fixtures of the controller manager's tests. Modules that need another stack or more cleanup have their own.
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def connected(stack: "StackProcess") -> Iterator["ManagerClient"]:
 
 @pytest.fixture
 def client(connected: "ManagerClient") -> Iterator["ManagerClient"]:
-    """The stack as it is after its start, whatever the test before has done."""
+    """Provide the client, with the stack as it is after its start."""
     from tests.ros.manager_bench import restore
 
     yield connected

@@ -1,4 +1,4 @@
-"""A client that cannot hear: its calls hold up the ROS side of the stack."""
+"""A client whose calls block the ROS thread of the stack, because it cannot receive responses."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 @contextmanager
 def deaf_client(node: Node) -> Iterator[Callable[[], object]]:
-    """A call for the answer to which the middleware waits 0.1 s, two cycles long: no ear fits it."""
+    """Provide a service call with an incompatible QoS, for whose response the middleware waits 0.1 s (two cycles)."""
     qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     deaf = node.create_client(ListControllers, "/controller_manager/list_controllers", qos_profile=qos)
     yield lambda: deaf.call_async(ListControllers.Request())

@@ -1,4 +1,4 @@
-"""What the pick-and-place node finds below it in tests: an arm that obeys a plan, and a hand."""
+"""Fake arm and hand for the pick-and-place node. The arm follows a plan."""
 
 import threading
 import time
@@ -19,29 +19,29 @@ MOTION_S = 0.05
 
 
 class Plan(Enum):
-    """What the arm does with one goal."""
+    """Behavior of the arm for one goal."""
 
     SUCCEED = auto()
     REJECT = auto()
     ABORT = auto()
     HOLD = auto()
-    """Moves until it is canceled."""
+    """Move until the goal is canceled."""
     ANSWER_LATE = auto()
-    """Keeps the answer to the goal until ``FakeArm.go_on``; then it holds."""
+    """Delay the response to the goal until ``FakeArm.go_on``, then hold."""
     REFUSE_CANCEL = auto()
-    """Moves on when told to stop, until ``FakeArm.go_on``; then it succeeds."""
+    """Ignore a cancel until ``FakeArm.go_on``, then succeed."""
 
 
 @dataclass
 class FakeArm:
-    """Notes every goal and gripper value with the time, in ns since 1970, that orders them.
+    """Records every goal and gripper value with its time, in ns since 1970.
 
-    Its node wants a single-threaded executor.
+    Its node needs a single-threaded executor.
     """
 
     node: Node
     plans: list[Plan] = field(default_factory=list)
-    """For the coming goals, the first first; goals without one succeed."""
+    """Plans for the next goals, in order. Goals without a plan succeed."""
     goals: list[tuple[int, Any]] = field(default_factory=list)
     ended_ns: list[int] = field(default_factory=list)
     canceled: int = 0
@@ -62,7 +62,7 @@ class FakeArm:
         self.node.create_subscription(Float64MultiArray, HAND_TOPIC, self._on_hand, 10)
 
     def forget(self, *plans: Plan) -> None:
-        """Begin anew, with plans for the coming goals."""
+        """Clear the records and set plans for the next goals."""
         for notes in (self.plans, self.goals, self.ended_ns, self.hand):
             notes.clear()
         self.canceled = 0
@@ -70,12 +70,12 @@ class FakeArm:
         self.plans.extend(plans)
 
     def go_on(self) -> None:
-        """Give the late answer; end the motion that refuses to stop. From any thread."""
+        """Send a delayed response, or end a motion that ignores its cancel. Thread-safe."""
         self._answer.set()
         self.node.executor.create_task(self._end_motion)
 
     def close(self) -> None:
-        """A node that is destroyed leaves its action servers standing."""
+        """Destroy the action servers explicitly, because ``destroy_node`` leaves them."""
         self._server.destroy()
 
     def _end_motion(self) -> None:
@@ -114,5 +114,5 @@ class FakeArm:
         return result
 
     def _on_hand(self, message: Any, info: Any) -> None:
-        # when it was sent: a goal sent after it may well be handled before it
+        # The time of sending counts, because a later goal may be handled first.
         self.hand.append((info["source_timestamp"], list(message.data)))

@@ -1,9 +1,9 @@
-"""A pick-and-place program that is not ours: it knows the arm's action, the hand's topic, and TF.
+"""A third-party pick-and-place program that uses only the arm's action, the hand's topic and TF.
 
-    python tests/ros/foreign_pick_place.py A [B C ...]
+Usage: python tests/ros/foreign_pick_place.py A [B C ...]
 
-Moves the arm through one job a grade, without any pause after a gripper command. Then it looks where
-the cube lies and prints one line of JSON; exit status 0 only if every cube lies in its bin.
+It runs one job per grade, without a pause after a gripper command. It then checks where the cube lies and prints one
+line of JSON. The exit status is 0 only if every cube lies in its bin.
 """
 
 import json
@@ -35,7 +35,7 @@ SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 
 
 class Robot(Node):  # type: ignore[misc]
-    """Sends, waits, sends the next."""
+    """Client of arm, hand and TF that sends one command after the other."""
 
     def __init__(self) -> None:
         super().__init__("foreign_pick_place")
@@ -47,24 +47,24 @@ class Robot(Node):  # type: ignore[misc]
         self.create_subscription(TFMessage, "/tf_static", self.on_tf, latched)
 
     def on_tf(self, message: TFMessage) -> None:
-        """Keep where things are in the base frame (m)."""
+        """Store the positions of all frames in the base frame, in m."""
         for transform in message.transforms:
             if transform.header.frame_id.lstrip("/") == "base_link":
                 at = transform.transform.translation
                 self.frames[transform.child_frame_id.lstrip("/")] = (at.x, at.y, at.z)
 
     def connect(self) -> None:
-        """Wait until somebody listens to the arm's goals and the hand's values."""
+        """Wait until the arm's action and the hand's topic have subscribers."""
         if not self.arm.wait_for_server(timeout_sec=10.0):
             sys.exit("no action server /arm_controller/follow_joint_trajectory")
         deadline_s = time.monotonic() + 10.0
         while self.hand.get_subscription_count() == 0:
             if time.monotonic() > deadline_s:
-                sys.exit("nobody listens to /hand_controller/commands")
+                sys.exit("no subscriber on /hand_controller/commands")
             time.sleep(0.1)
 
     def move(self, positions: list[float]) -> None:
-        """One goal, waited for to its end (rad)."""
+        """Send one goal in rad and wait for its end."""
         goal = FollowJointTrajectory.Goal()
         goal.trajectory.joint_names = JOINTS
         point = JointTrajectoryPoint(positions=positions)
@@ -78,14 +78,14 @@ class Robot(Node):  # type: ignore[misc]
         rclpy.spin_until_future_complete(self, result, timeout_sec=10.0)
         if not result.done() or result.result().status != SUCCEEDED:
             words = result.result().result.error_string if result.done() else "no result in 10 s"
-            sys.exit(f"the arm did not get to {positions}: {words}")
+            sys.exit(f"the arm did not reach {positions}: {words}")
 
     def grip(self, position: float) -> None:
-        """Tell the fingers, and go on (m)."""
+        """Send a position to the fingers, in m, without waiting."""
         self.hand.publish(Float64MultiArray(data=[position]))
 
     def job(self, grade: str) -> None:
-        """Ready, pick, bin, ready."""
+        """Run one job: ready, pick, bin, ready."""
         self.move(READY)
         self.grip(OPEN_M)
         self.move(PICK)
@@ -95,7 +95,7 @@ class Robot(Node):  # type: ignore[misc]
         self.move(READY)
 
     def look(self) -> tuple[list[float] | None, str | None]:
-        """Where the cube is now (m), and in which bin."""
+        """Return the position of the cube in m, and the bin that contains it."""
         self.frames.pop("cube", None)
         end_s = time.monotonic() + LOOK_S
         while time.monotonic() < end_s:
@@ -114,7 +114,7 @@ class Robot(Node):  # type: ignore[misc]
 
 
 def main() -> int:
-    """The exit status."""
+    """Run the jobs and return the exit status."""
     grades = sys.argv[1:]
     if not grades or any(grade not in BINS for grade in grades):
         sys.exit("usage: foreign_pick_place.py A|B|C ...")

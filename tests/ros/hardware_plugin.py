@@ -1,9 +1,9 @@
-"""A hardware component as a user brings it: a mock that shows what it is asked, and fails where a test says so.
+"""A user's hardware component for tests: a mock that records its calls and fails on request.
 
-The ``orders`` of the URDF name a folder. A file there, called after one of the component's calls, is an order: with
-"lost" or "defect" that call raises as long as the file is there; once, with "rest" it makes itself inactive, and with
-a number it takes so many seconds. The file ``pose`` is somebody's hand on the first joint: there it stands from the
-next call on.
+The parameter ``orders`` in the URDF names a folder. A file in it, named after a call of the component, contains an
+order. "lost" or "defect" makes the call raise an error while the file exists. "rest" makes the component deactivate
+itself once, and a number delays one call by that number of seconds. The file ``pose`` displaces the first joint from
+outside, at the next call.
 """
 
 import time
@@ -25,7 +25,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Gauge(MockHardware):
-    """Its first joint's state interfaces ``reads`` and ``writes`` count these calls; ``calls`` lists the others."""
+    """Mock component. State interfaces ``reads`` and ``writes`` of its first joint count these calls; ``calls`` lists
+    all others."""
 
     orders: Path
 
@@ -84,7 +85,7 @@ class Gauge(MockHardware):
 
 
 def make(component: HardwareInfo, clock: Clock) -> Gauge:
-    """What the entry point names."""
+    """Create the component. The entry point names this function."""
     made = Gauge.of(component, clock)
     assert isinstance(made, Gauge)
     made.orders = Path(component.parameters["orders"])
@@ -92,7 +93,7 @@ def make(component: HardwareInfo, clock: Clock) -> Gauge:
 
 
 def install(site: Path) -> str:
-    """What pip leaves behind of a package with this plug-in; returns the PYTHONPATH with which it is found."""
+    """Create the files of an installed package with this plug-in, and return the PYTHONPATH that contains it."""
     info = site / "acme-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
@@ -101,7 +102,7 @@ def install(site: Path) -> str:
 
 
 class Orders:
-    """The test's side: the folder of one component."""
+    """Control of one component by a test, through the folder of the component."""
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir()
@@ -109,16 +110,16 @@ class Orders:
 
     @property
     def hardware(self) -> str:
-        """What stands in the URDF's ``<hardware>``."""
+        """Contents of ``<hardware>`` in the URDF."""
         return f'<plugin>{NAME}</plugin><param name="orders">{self.folder}</param>'
 
     @property
     def calls(self) -> list[str]:
-        """Those that change its state, so far."""
+        """Return the calls so far that change the state of the component."""
         return (self.folder / "calls").read_text().split()
 
     def give(self, call: str, wanted: str | float) -> None:
-        """Whole at once: the component looks in every cycle."""
+        """Write an order. The file is replaced atomically, because the component reads it in every cycle."""
         part = self.folder / f"{call}.part"
         part.write_text(str(wanted))
         part.replace(self.folder / call)

@@ -1,4 +1,4 @@
-"""A stack with the house's own controllers and two more, whose joints are taken: what most tests of the manager use."""
+"""A stack with the default controllers and two more for the same joints, used by most tests of the manager."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,7 +34,7 @@ spare:
 
 @contextmanager
 def manager_stack(folder: Path) -> Iterator[StackProcess]:
-    """The stack until the end of the block."""
+    """Run the stack until the end of the block."""
     head, rest = CONTROLLERS.read_text().split("\narm_controller:\n")
     path = folder / "controllers.yaml"
     path.write_text(f"{head.rstrip()}\n{_MORE}\narm_controller:\n{rest}")
@@ -43,7 +43,7 @@ def manager_stack(folder: Path) -> Iterator[StackProcess]:
 
 
 def restore(client: ManagerClient) -> None:
-    """The controllers as they are after the start, whatever a test has done."""
+    """Restore the controllers as after the start."""
     for name, wanted in AT_START.items():
         state = client.states().get(name)
         if state is None:

@@ -1,4 +1,4 @@
-"""A client of /controller_manager in the test's own process, which is another one than the stack's."""
+"""A client of /controller_manager in the process of the test, separate from the stack."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +31,7 @@ BEST_EFFORT, STRICT, AUTO, FORCE_AUTO = 1, 2, 3, 4  # of controller_manager_msgs
 
 
 class ManagerClient:
-    """Calls services by their short names, one after the other."""
+    """Client that calls services by their short names, one after the other."""
 
     def __init__(self, name: str = "manager_client") -> None:
         self.node = Node(name)
@@ -40,27 +40,27 @@ class ManagerClient:
         self._clients: dict[str, Any] = {}
 
     def client(self, kind: Any, service: str) -> Any:
-        """The client of a service that is there."""
+        """Return the client of a service after the service has been discovered."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
             assert self._clients[service].wait_for_service(PATIENCE_S), service
         return self._clients[service]
 
     def wait(self, *futures: Future) -> list[Any]:
-        """The results of all; fails if one never comes."""
+        """Wait for all results. Fail if one does not arrive."""
         self.spin_until(lambda: all(future.done() for future in futures))
         return [future.result() for future in futures]
 
     def call(self, kind: Any, service: str, **fields: Any) -> Any:
-        """The response of ``service`` to a request of these fields."""
+        """Call a service with a request of these fields and return its response."""
         return self.wait(self.client(kind, service).call_async(kind.Request(**fields)))[0]
 
     def listed(self) -> dict[str, ControllerState]:
-        """All controllers, by name."""
+        """Return all controllers by name."""
         return {c.name: c for c in self.call(ListControllers, f"{MANAGER}/list_controllers").controller}
 
     def states(self) -> dict[str, str]:
-        """The states of all controllers, by name."""
+        """Return the states of all controllers by name."""
         return {name: c.state for name, c in self.listed().items()}
 
     def load(self, name: str) -> bool:
@@ -82,7 +82,7 @@ class ManagerClient:
         strictness: int = STRICT,
         timeout_s: int = 0,
     ) -> Future:
-        """The switch's answer, when it comes."""
+        """Request a switch and return its future."""
         request = SwitchController.Request(
             activate_controllers=list(activate),
             deactivate_controllers=list(deactivate),
@@ -95,40 +95,40 @@ class ManagerClient:
     def switch(
         self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), strictness: int = STRICT
     ) -> tuple[bool, str]:
-        """Whether it worked, and what was said."""
+        """Switch controllers, and return success and message."""
         (answer,) = self.wait(self.switching(activate, deactivate, strictness))
         return bool(answer.ok), str(answer.message)
 
     def set_from_text(self, node: str, name: str, text: str) -> bool:
-        """Set a parameter as the spawner does: from a text that is read as YAML."""
+        """Set a parameter from YAML text, like the spawner."""
         parameter = Parameter("any", value="").to_parameter_msg()
         parameter.name, parameter.value = name, get_parameter_value(string_value=text)
         (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[parameter]).results
         return bool(result.successful)
 
     def put(self, node: str, name: str, value: Any) -> str:
-        """Set a parameter; returns why not, or an empty text."""
+        """Set a parameter. Return the reason for a failure, or an empty text."""
         message = Parameter(name, value=value).to_parameter_msg()
         (result,) = self.call(SetParameters, f"{node}/set_parameters", parameters=[message]).results
         assert result.successful == (not result.reason)
         return str(result.reason)
 
     def get(self, node: str, *names: str) -> list[Any]:
-        """The values of parameters."""
+        """Return the values of parameters."""
         values = self.call(GetParameters, f"{node}/get_parameters", names=list(names)).values
         return [parameter_value_to_python(value) for value in values]
 
     def parameters(self, node: str) -> set[str]:
-        """The names of all parameters."""
+        """Return the names of all parameters."""
         return set(self.call(ListParameters, f"{node}/list_parameters").result.names)
 
     def set_hardware(self, label: str) -> None:
-        """The arm's state, by its label."""
+        """Set the state of the arm by its label."""
         service = f"{MANAGER}/set_hardware_component_state"
         assert self.call(SetHardwareComponentState, service, name="robot_arm", target_state=State(label=label)).ok
 
     def spin_until(self, ready: Callable[[], object], instead: Callable[[], object] = str) -> None:
-        """Serve the node until it is so; fails if it never is, and says what is so ``instead``."""
+        """Spin until a condition is true. Fail after a timeout, with ``instead`` as the actual state."""
         deadline_s = time.monotonic() + PATIENCE_S
         while not ready():
             assert time.monotonic() < deadline_s, f"never came: {instead()}"
@@ -136,7 +136,7 @@ class ManagerClient:
 
     @contextmanager
     def hearing(self, kind: Any, topic: str, qos: Any = 10) -> Iterator[list[Any]]:
-        """The messages of a topic, from when its publisher is found until the end of the block."""
+        """Record the messages of a topic from the discovery of its publisher until the end of the block."""
         messages: list[Any] = []
         subscription = self.node.create_subscription(kind, topic, messages.append, qos)
         try:
@@ -152,7 +152,7 @@ class ManagerClient:
 
 @contextmanager
 def manager_client() -> Iterator[ManagerClient]:
-    """A client within a ROS context of its own."""
+    """Provide a client with its own ROS context."""
     rclpy.init()
     client = ManagerClient()
     try:

@@ -1,4 +1,4 @@
-"""A user's controller that can be made to do what none should; the stack of a test has it installed as a plug-in."""
+"""A user's controller with configurable faults. The stack of a test has it installed as a plug-in."""
 
 import logging
 import time
@@ -15,7 +15,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class TroublesomeParameters(Parameters):
-    """``holdup`` is a file: while it exists, ``fault: waits`` holds the loop up."""
+    """Parameters of the controller. While the file ``holdup`` exists, ``fault: waits`` blocks the loop."""
 
     joint: str
     fault: Literal["none", "raises", "too many", "too few", "waits"] = "none"
@@ -26,7 +26,7 @@ class TroublesomeParameters(Parameters):
 
 
 class Troublesome:
-    """Holds its joint, unless it is told to fail."""
+    """Controller that holds its joint unless a fault is configured."""
 
     kind = "test/Troublesome"
     parameters_type = TroublesomeParameters

@@ -1,4 +1,4 @@
-"""The arm with a mock for almost every joint, each in a block of its own with other parameters."""
+"""The arm with a mock for almost every joint. Each mock has its own block and parameters."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ from tests.ros.two_components import HAND, MOCK, servos, write_robot_file
 
 FOLLOWER = "hand_left_joint"
 MULTIPLIER, OFFSET_M = -0.5, 0.02
-"""Of the hand's ``<mimic>``."""
+"""Multiplier and offset of the hand's ``<mimic>``."""
 PERIOD_S = 0.05
 DYNAMIC = '<param name="calculate_dynamics">true</param>'
 FROZEN = '<param name="disable_commands">true</param>'
@@ -33,7 +33,7 @@ def state(name: str, initial: float | None = None) -> str:
 
 
 def joint(name: str, command: str = "", begin: float | None = None, more: str = "") -> str:
-    """With position and velocity as states, and ``more``; at ``begin`` in the beginning."""
+    """Return the XML of a joint with position and velocity states, extra interfaces and an initial value."""
     commands = f'<command_interface name="{command}"/>' if command else ""
     return f'<joint name="{name}">{commands}{state("position", begin)}{state("velocity")}{more}</joint>'
 
@@ -44,7 +44,7 @@ def block(name: str, kind: str, hardware: str, *joints: str) -> str:
 
 
 def blocks(folder: Path) -> str:
-    """``wheel`` has servos by the file, so that ``--hardware mock`` has something to take the place of."""
+    """Return the XML of all blocks. ``wheel`` has servos, so that ``--hardware mock`` can replace them."""
     wheel = servos(write_robot_file(folder, "wheel", "joint3"))
     extra = state("effort") + state("heat", 21.5) + state("offset")
     return "".join(
@@ -61,7 +61,7 @@ def blocks(folder: Path) -> str:
 
 
 def write_mocks(folder: Path) -> tuple[Path, Path]:
-    """URDF and controllers file."""
+    """Write the URDF and the controllers file."""
     text, count = re.subn("<ros2_control.*</ros2_control>", blocks(folder), URDF.read_text(), flags=re.DOTALL)
     mimic = f'<mimic joint="{HAND}"/>'
     assert count == 1 and mimic in text

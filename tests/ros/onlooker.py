@@ -1,4 +1,4 @@
-"""A client that listens to topics and sends the forward controllers their commands, in the test's own process."""
+"""A client in the process of the test that receives topics and commands the forward controllers."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -13,17 +13,17 @@ from std_msgs.msg import Float64MultiArray
 from tests.ros.manager_client import ManagerClient
 
 EVERY: Final = 1000
-"""A listener's depth where no message may be missed."""
+"""Queue depth of a subscriber that must not miss a message."""
 CYCLES: Final = 5
-"""In so many a command that should not count would show."""
+"""Number of states in which the effect of a wrongly executed command would be visible."""
 
 
 MATCH_S = 0.2
-"""For the other side to know a new publisher too: controllers listen best effort, and what comes before is lost."""
+"""Time for controllers to discover a new publisher, in seconds. Best-effort subscribers miss earlier messages."""
 
 
 class Onlooker(ManagerClient):
-    """What comes in is there after ``spin_until``."""
+    """Client whose received messages are available after ``spin_until``."""
 
     def __init__(self) -> None:
         super().__init__("onlooker")
@@ -32,17 +32,17 @@ class Onlooker(ManagerClient):
     def some(
         self, kind: Any, topic: str, count: int, wanted: Callable[[Any], bool] = lambda m: True, qos: Any = 10
     ) -> list[Any]:
-        """The first messages of which ``wanted`` holds."""
+        """Return the first messages that satisfy ``wanted``."""
         with self.hearing(kind, topic, qos) as seen:
             self.spin_until(lambda: len(list(filter(wanted, seen))) >= count)
         return list(filter(wanted, seen))
 
     def first(self, kind: Any, topic: str, wanted: Callable[[Any], bool] = lambda m: True, qos: Any = 10) -> Any:
-        """The first message of which ``wanted`` holds."""
+        """Return the first message that satisfies ``wanted``."""
         return self.some(kind, topic, 1, wanted, qos)[0]
 
     def send(self, controller: str, *values: float) -> None:
-        """A command for a forward controller that is there."""
+        """Send a command to a forward controller after its discovery."""
         if controller not in self._commands:
             self._commands[controller] = self.node.create_publisher(Float64MultiArray, f"/{controller}/commands", 10)
             self.spin_until(lambda: self._commands[controller].get_subscription_count() == 1)
@@ -50,17 +50,17 @@ class Onlooker(ManagerClient):
         self._commands[controller].publish(Float64MultiArray(data=list(values)))
 
     def arrives(self, **places: float) -> None:
-        """Wait until these joints are there."""
+        """Wait until the joints have reached these positions."""
         self.first(JointState, "/joint_states", lambda m: all(_near(m, name, at) for name, at in places.items()))
 
     def stays(self, **places: float) -> None:
-        """These joints are there in each of the next states."""
+        """Check that the joints stay at these positions in each of the next states."""
         states = self.some(JointState, "/joint_states", CYCLES)
         assert [name for state in states for name, at in places.items() if not _near(state, name, at)] == []
 
 
 def place(state: JointState, joint: str) -> float:
-    """The joint's position (rad, m)."""
+    """Return the position of a joint, in rad or m."""
     return float(state.position[state.name.index(joint)])
 
 
@@ -70,7 +70,7 @@ def _near(state: JointState, joint: str, at: float) -> bool:
 
 @contextmanager
 def onlooker() -> Iterator[Onlooker]:
-    """A client within a ROS context of its own."""
+    """Provide a client with its own ROS context."""
     rclpy.init()
     client = Onlooker()
     try:

@@ -1,4 +1,4 @@
-"""The pick-and-place node in a process of its own, with everything around it in this process."""
+"""The pick-and-place node in its own process, with its environment in the process of the test."""
 
 import json
 import os
@@ -31,7 +31,7 @@ FEEDBACK = ["start", "ready", "grasp", "place"]
 
 
 def wait_until(condition: Callable[[], Any], what: str) -> None:
-    """Fail with ``what`` if the condition does not come true within the deadline."""
+    """Wait for a condition, and fail with ``what`` after a deadline."""
     deadline_s = time.monotonic() + DEADLINE_S
     while not condition():
         assert time.monotonic() < deadline_s, f"not within {DEADLINE_S} s: {what}"
@@ -39,44 +39,44 @@ def wait_until(condition: Callable[[], Any], what: str) -> None:
 
 
 def finished(future: Any, what: str) -> Any:
-    """The result of a future that another thread sets."""
+    """Return the result of a future that another thread sets."""
     wait_until(future.done, what)
     return future.result()
 
 
 class Pick:
-    """One goal to the node under test."""
+    """One goal for the node under test."""
 
     def __init__(self, client: ActionClient, grade: str, heard: Sequence[Any]) -> None:
-        """``heard``: every feedback message, of whatever goal, as it comes."""
+        """Send a goal. ``heard`` receives every feedback message of all goals."""
         self._heard = heard
         sent = client.send_goal_async(PickPlace.Goal(grade=grade))
-        self._handle = finished(sent, "the answer to the goal")
+        self._handle = finished(sent, "the response to the goal")
         self.accepted: bool = self._handle.accepted
 
     def cancel(self) -> None:
-        """Ask for it, and expect that it is granted."""
-        answer = finished(self._handle.cancel_goal_async(), "the answer to the cancel")
+        """Request a cancel and check that it is accepted."""
+        answer = finished(self._handle.cancel_goal_async(), "the response to the cancel")
         assert len(answer.goals_canceling) == 1
 
     def end(self) -> tuple[int, Any]:
-        """Status (action_msgs/GoalStatus) and result."""
+        """Wait for the end, and return status (action_msgs/GoalStatus) and result."""
         response = finished(self._handle.get_result_async(), "the result")
         return response.status, response.result
 
     @property
     def feedback(self) -> list[Any]:
-        """The goal's feedback so far."""
+        """Feedback of the goal so far."""
         ours = bytes(self._handle.goal_id.uuid)
         return [message.feedback for message in self._heard if bytes(message.goal_id.uuid) == ours]
 
     def phases(self) -> list[str]:
-        """The feedback's phases so far."""
+        """Phases in the feedback so far."""
         return [feedback.phase for feedback in self.feedback]
 
 
 class Cell:
-    """A context manager: the node under test, a fake arm (or none), and the node's clients."""
+    """Context manager with the node under test, a fake arm (or none) and clients of the node."""
 
     def __init__(self, domain: int, log: Path, arguments: Sequence[str] = (), arm: bool = True) -> None:
         self._log = log
@@ -100,14 +100,14 @@ class Cell:
             self._nodes.append(rclpy.create_node("fake_arm", context=self._context))
             self.arm = FakeArm(self._nodes[-1])
         self.node.create_subscription(String, "/sorting/arm/state", self._on_state, 10)
-        # rclpy's action client drops what is fed back when the result overtakes it, so the topic itself is heard.
+        # rclpy's action client drops feedback that arrives after the result, so the test subscribes to the topic.
         self._feedback: list[Any] = []
         message_type, topic = PickPlace.Impl.FeedbackMessage, "/sorting/arm/pick_place/_action/feedback"
         self.node.create_subscription(message_type, topic, self._feedback.append, 10)
         self._client = ActionClient(self.node, PickPlace, "/sorting/arm/pick_place")
         self._enable = self.node.create_client(SetBool, "/sorting/arm/enable")
         self._vision = self.node.create_publisher(AppleQualityArray, "/sorting/perception/apple_quality", 10)
-        # a thread a node; rclpy's multi-threaded executor now and then sleeps over an event
+        # One thread per node, because rclpy's multi-threaded executor sometimes misses an event.
         self._executors = [SingleThreadedExecutor(context=self._context) for _ in self._nodes]
         self._threads = [threading.Thread(target=e.spin, daemon=True) for e in self._executors]
 
@@ -137,12 +137,12 @@ class Cell:
         self._context.shutdown()
 
     def below(self) -> FakeArm:
-        """The fake arm."""
+        """Fake arm of the cell."""
         assert self.arm is not None
         return self.arm
 
     def lose_arm(self) -> None:
-        """The arm's node ends in the middle of whatever it does."""
+        """Destroy the node of the arm, even during a motion."""
         self._executors.pop().shutdown()
         self._threads.pop().join()
         self.below().close()
@@ -150,8 +150,8 @@ class Cell:
         self.arm = None
 
     def forget(self, *plans: Plan) -> None:
-        """Begin a test: no notes, these plans for the arm's coming goals."""
-        # a result may overtake the last states; they must not arrive in the next test
+        """Start a test with empty records and plans for the next goals of the arm."""
+        # A result may arrive before the last states, which must not reach the next test.
         wait_until(lambda: self._ends() >= self._accepted, "the end of every accepted job")
         self.clear(*plans)
 
@@ -159,7 +159,7 @@ class Cell:
         return self.phases().count("error") + self.phases().count("done") // 2
 
     def clear(self, *plans: Plan) -> None:
-        """``forget`` without waiting for what was sent and may be lost."""
+        """Do the work of ``forget`` without waiting for messages that may be lost."""
         self.states.clear()
         self._feedback.clear()
         self._accepted = 0
@@ -167,29 +167,29 @@ class Cell:
             self.arm.forget(*plans)
 
     def pick(self, grade: str) -> Pick:
-        """Send a goal and wait for the answer to it."""
+        """Send a goal and wait for the response."""
         pick = Pick(self._client, grade, self._feedback)
         self._accepted += pick.accepted
         return pick
 
     def phases(self) -> list[str]:
-        """The states' phases so far."""
+        """Phases in the states so far."""
         return [state["phase"] for state in self.states]
 
     def wait_for_end(self) -> None:
-        """Until the state that ends a job has come."""
+        """Wait for the final state of a job."""
         wait_until(lambda: self.phases()[-1:] == ["error"] or self.phases()[-2:] == ["done"] * 2, "the last state")
 
     def wait_for_goals(self, count: int) -> None:
-        """Until the arm has had so many goals."""
+        """Wait until the arm has received a number of goals."""
         wait_until(lambda: len(self.below().goals) >= count, f"goal {count} of the arm")
 
     def enable(self, data: bool) -> Any:
-        """Call the service."""
+        """Call the enable service."""
         return finished(self._enable.call_async(SetBool.Request(data=data)), "the service")
 
     def see(self, *grades: str, age_s: float | None = 0.0) -> None:
-        """Publish a vision message of this age; None: without a stamp."""
+        """Publish a vision message of a given age, or without a stamp if the age is None."""
         message = AppleQualityArray(apples=[AppleQuality(grade=grade) for grade in grades])
         if age_s is not None:
             now = self.node.get_clock().now()
@@ -198,21 +198,21 @@ class Cell:
         self.sights += 1
 
     def see_until(self, condition: Callable[[], bool], *grades: str, age_s: float | None = 0.0) -> None:
-        """Publish it again and again; the first may be lost while the node is being discovered."""
+        """Publish a message repeatedly, because the first may be lost during discovery."""
 
         def see_and_look() -> bool:
             self.see(*grades, age_s=age_s)
             time.sleep(0.05)
             return condition()
 
-        wait_until(see_and_look, "what the vision messages should do")
+        wait_until(see_and_look, "the effect of the vision messages")
 
     def log(self) -> str:
-        """All that the node has printed."""
+        """Return the output of the node."""
         return self._log.read_text(errors="replace")
 
     def wait_for_log(self, words: str, count: int = 1) -> None:
-        """Until the node has printed these words so often."""
+        """Wait until the node has printed these words a number of times."""
         wait_until(lambda: self.log().count(words) >= count, f"{words!r} in the log:\n{self.log()}")
 
     def _on_state(self, message: Any) -> None:

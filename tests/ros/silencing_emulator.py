@@ -1,6 +1,6 @@
-"""An emulator of seven servos at the path that is named; SIGUSR1 pulls the plug of servo 4.
+"""Emulate seven servos at a given path. SIGUSR1 disconnects servo 4.
 
-python tests/ros/silencing_emulator.py LINK
+Usage: python tests/ros/silencing_emulator.py LINK
 """
 
 import signal

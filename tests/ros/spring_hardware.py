@@ -1,6 +1,6 @@
-"""A user's own hardware whose joints spring back to 0 in each cycle that does not tell them where to be.
+"""User hardware whose joints spring back to 0 in each cycle without a command.
 
-It counts the cycles in which it is read, and shows the count as the effort of all joints.
+It counts the cycles in which it is read, and reports the count as the effort of all joints.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ from hal.types import JointState
 
 
 class SpringHardware(MockHardware):
-    """At the place that it was told since it was last read, or else at 0."""
+    """Mock whose joints are at the positions commanded since the last read, or at 0."""
 
     cycles = 0
 
@@ -26,5 +26,5 @@ class SpringHardware(MockHardware):
 
 
 def make(component: HardwareInfo, clock: Clock) -> SpringHardware:
-    """What the entry point names."""
+    """Create the component. The entry point names this function."""
     return SpringHardware(component.name, component.joints, clock)

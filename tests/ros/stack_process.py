@@ -1,4 +1,4 @@
-"""The stack as a process, as a user starts it, and a client of the arm in the test's own process."""
+"""The stack in its own process, and a client of the arm in the process of the test."""
 
 import signal
 import subprocess
@@ -23,7 +23,7 @@ PATIENCE_S = 60.0
 
 
 class StackProcess:
-    """A ``servoloop`` verb that runs until it is told to end; ``words`` is what it printed."""
+    """A ``servoloop`` command that runs until it is ended. ``words`` is its output."""
 
     def __init__(self, log: Path, *arguments: str, module: str = "servoloop") -> None:
         self._log = log
@@ -40,14 +40,14 @@ class StackProcess:
         until(path.exists, lambda: self.process.poll() is not None and self.words)
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """Send the signal (unless it has ended) and wait; returns the exit status."""
+        """Send a signal if the process still runs, wait for its end, and return the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(PATIENCE_S)
 
 
 def until(ready: Callable[[], bool], failed: Callable[[], object] = lambda: None) -> None:
-    """Wait for a condition; fail with what ``failed`` says, or when it never comes."""
+    """Wait for a condition. Fail after a timeout, or as soon as ``failed`` returns a reason."""
     deadline_s = time.monotonic() + PATIENCE_S
     while not ready():
         if words := failed():
@@ -58,7 +58,7 @@ def until(ready: Callable[[], bool], failed: Callable[[], object] = lambda: None
 
 @contextmanager
 def running(folder: Path, *arguments: str, module: str = "servoloop") -> Iterator[StackProcess]:
-    """``servoloop up`` until the end of the block, ready for goals."""
+    """Run ``servoloop up`` until the end of the block. It is ready for goals."""
     ready = folder / "ready"
     stack = StackProcess(folder / "up.log", "up", "--ready-file", str(ready), *arguments, module=module)
     try:
@@ -70,7 +70,7 @@ def running(folder: Path, *arguments: str, module: str = "servoloop") -> Iterato
 
 @contextmanager
 def emulating(folder: Path, *arguments: str) -> Iterator[Path]:
-    """``servoloop emulate`` with these arguments until the end of the block; yields the link."""
+    """Run ``servoloop emulate`` until the end of the block and yield the link."""
     link = folder / "bus"
     emulator = StackProcess(folder / "emulate.log", "emulate", str(link), *arguments)
     try:
@@ -81,7 +81,7 @@ def emulating(folder: Path, *arguments: str) -> Iterator[Path]:
 
 
 class ArmClient:
-    """A client of the arm's action on a node of its own."""
+    """A client of the arm's action on its own node."""
 
     def __init__(self, name: str = "test_client") -> None:
         self.node = Node(name)
@@ -91,7 +91,7 @@ class ArmClient:
         assert self._client.wait_for_server(PATIENCE_S)
 
     def send(self, positions: Sequence[float], seconds: int = 2) -> Future:
-        """Send a single-point goal; the future of its (status, error_code, error_string)."""
+        """Send a single-point goal and return the future of its (status, error_code, error_string)."""
         goal = FollowJointTrajectory.Goal()
         goal.trajectory.joint_names = list(JOINTS)
         point = JointTrajectoryPoint(positions=list(positions))
@@ -104,7 +104,7 @@ class ArmClient:
         return future
 
     def wait(self, future: Future) -> object:
-        """The future's result; fails if it never comes."""
+        """Wait for the result of a future. Fail after a timeout."""
         self.spin_until(future.done)
         return future.result()
 
@@ -116,13 +116,13 @@ class ArmClient:
 
     def close(self) -> None:
         self.executor.shutdown()
-        self._client.destroy()  # a node that is destroyed leaves its action clients standing
+        self._client.destroy()  # ``destroy_node`` leaves action clients behind.
         self.node.destroy_node()
 
 
 @contextmanager
 def arm_client() -> Iterator[ArmClient]:
-    """A client within a ROS context of its own."""
+    """Provide a client with its own ROS context."""
     rclpy.init()
     client = ArmClient()
     try:

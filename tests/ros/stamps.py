@@ -5,5 +5,5 @@ from rclpy.time import Time as RosTime
 
 
 def time_message(since_1970_s: float) -> Time:
-    """Seconds since the epoch as a ROS time."""
+    """Convert seconds since the epoch to a ROS time."""
     return RosTime(nanoseconds=round(since_1970_s * 1e9)).to_msg()

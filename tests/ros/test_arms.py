@@ -1,4 +1,4 @@
-"""``--arm``: other arms than this project's own, in real processes over ROS."""
+"""Use ``--arm`` with other arms than the default one, in real processes over ROS."""
 
 import json
 from pathlib import Path
@@ -22,19 +22,19 @@ INTERRUPTED = 130
 
 
 def page(arm: str) -> tuple[str, str]:
-    """The commands of an arm's page. The demo's own stack is the second one, on a virtual port."""
+    """Return the commands of an arm's page. The second stack is the demo's own, on a virtual port."""
     return f"servoloop demo --arm {arm}", f"servoloop up --arm {arm} --port /dev/ttyACM0"
 
 
 def start(folder: Path, arm: str) -> StackProcess:
-    """The demo, with one cube."""
+    """Run the demo with one cube."""
     return StackProcess(folder / "demo.log", "demo", "--arm", arm, "--grades", "C", "--out", str(folder / "out"))
 
 
-def test_the_so101_in_mujoco_goes_where_a_client_sends_it(ros_domain: int, tmp_path: Path) -> None:
-    said = load_pick_place(find_arm("so101").pick_place)
+def test_so101_in_mujoco_reaches_a_goal(ros_domain: int, tmp_path: Path) -> None:
+    poses_file = load_pick_place(find_arm("so101").pick_place)
     with client_of(tmp_path, "--arm", "so101", "--hardware", "mujoco") as client:
-        assert _reached(client, said.joints, said.poses.ready)
+        assert _reached(client, poses_file.joints, poses_file.poses.ready)
 
 
 def _reached(client: TrajectoryClient, joints: tuple[str, ...], pose: tuple[float, ...]) -> bool:
@@ -46,7 +46,7 @@ def _reached(client: TrajectoryClient, joints: tuple[str, ...], pose: tuple[floa
 
 
 @pytest.mark.runs(*page("so101"))
-def test_the_demo_sorts_a_cube_with_an_so101(ros_domain: int, tmp_path: Path) -> None:
+def test_demo_sorts_a_cube_with_an_so101(ros_domain: int, tmp_path: Path) -> None:
     demo = start(tmp_path, "so101")
     assert demo.process.wait(DEMO_S) == 0, demo.words
     result = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -56,7 +56,7 @@ def test_the_demo_sorts_a_cube_with_an_so101(ros_domain: int, tmp_path: Path) ->
 
 @pytest.mark.runs(*page("so100"), *page("koch"))
 @pytest.mark.parametrize("arm", ["so100", "koch"])
-def test_the_demo_begins_with_a_cube_in_its_bin(arm: str, ros_domain: int, tmp_path: Path) -> None:
+def test_demo_starts_with_a_cube_in_its_bin(arm: str, ros_domain: int, tmp_path: Path) -> None:
     demo = start(tmp_path, arm)
     try:
         until(lambda: "cube in bin C" in demo.words, lambda: demo.process.poll() is not None and demo.words)

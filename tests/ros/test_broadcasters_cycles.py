@@ -1,4 +1,4 @@
-"""What happens in every cycle, seen from another process: states go out, and the last command is written again."""
+"""Every cycle publishes states and writes the last command again, as seen from another process."""
 
 import math
 import os
@@ -29,7 +29,7 @@ IN_A_ROW = 20
 
 
 def _install(folder: Path) -> None:
-    """What pip leaves behind of a package that offers the hardware."""
+    """Create the files of an installed package that provides the hardware."""
     info = folder / "springs-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: springs\nVersion: 1.0\n")
@@ -37,7 +37,7 @@ def _install(folder: Path) -> None:
 
 
 def _urdf() -> str:
-    """The arm on springs; the hand shows its effort too, which is the number of the cycle."""
+    """Run the arm on springs. The effort of the hand is the number of the cycle."""
     counted = JOINT.format(HAND).replace("</joint>", '  <state_interface name="effort"/>\n    </joint>')
     joints = "".join(map(JOINT.format, ARM)) + counted + FOLLOWER
     springs = block("springs", "<plugin>factory/Springs</plugin>", joints)
@@ -57,7 +57,7 @@ def client(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 def cycle(message: JointState) -> int:
-    """The number of the cycle in which it was measured."""
+    """Return the number of the cycle in which a state was measured."""
     return int(message.effort[message.name.index(HAND)])
 
 
@@ -66,12 +66,12 @@ def stamp_s(message: JointState | DynamicJointState) -> float:
 
 
 def in_a_row(states: list[JointState]) -> list[JointState]:
-    """The newest states without a gap: where a machine is held up, a cycle may be left out."""
+    """Return consecutive states. Slow machines may skip a cycle."""
     row = states[-IN_A_ROW:]
     return row if [cycle(state) - cycle(row[0]) for state in row] == list(range(IN_A_ROW)) else []
 
 
-def test_every_cycle_is_shown_also_where_the_ros_side_was_held_up(client: Onlooker) -> None:
+def test_every_cycle_is_published_even_if_the_ros_thread_was_blocked(client: Onlooker) -> None:
     with client.hearing(JointState, "/joint_states", EVERY) as states, deaf_client(client.node) as hold_up:
         client.spin_until(lambda: states)
         for number in range(1, 6):
@@ -85,7 +85,7 @@ def test_every_cycle_is_shown_also_where_the_ros_side_was_held_up(client: Onlook
 
 
 @pytest.mark.row("jsb-topics", "golden-joint-states")
-def test_joint_states_go_out_at_every_update_with_wall_clock_stamps(client: Onlooker) -> None:
+def test_joint_states_are_published_at_every_update_with_wall_clock_stamps(client: Onlooker) -> None:
     begin_s = time.time()
     with client.hearing(JointState, "/joint_states", EVERY) as states:
         client.spin_until(lambda: bool(in_a_row(states)))
@@ -98,7 +98,7 @@ def test_joint_states_go_out_at_every_update_with_wall_clock_stamps(client: Onlo
 
 
 @pytest.mark.row("jsb-topics")
-def test_dynamic_joint_states_go_out_with_them(client: Onlooker) -> None:
+def test_dynamic_joint_states_are_published_with_joint_states(client: Onlooker) -> None:
     with (
         client.hearing(JointState, "/joint_states", EVERY) as states,
         client.hearing(DynamicJointState, "/dynamic_joint_states", EVERY) as dynamic,
@@ -116,15 +116,15 @@ def test_dynamic_joint_states_go_out_with_them(client: Onlooker) -> None:
 
 
 @pytest.mark.row("jsb-full")
-def test_what_a_joint_has_not_is_nan_and_every_field_has_its_full_length(client: Onlooker) -> None:
+def test_missing_interfaces_are_nan_and_fields_have_full_length(client: Onlooker) -> None:
     state = client.first(JointState, "/joint_states")
     assert len(state.position) == len(state.velocity) == len(state.effort) == len(state.name) == 8
     assert [name for name, effort in zip(state.name, state.effort, strict=True) if not math.isnan(effort)] == [HAND]
 
 
 @pytest.mark.row("fwd-every-cycle")
-def test_the_last_command_is_written_in_every_cycle(client: Onlooker) -> None:
-    """One message, and the springs are held against all cycles."""
+def test_last_command_is_written_in_every_cycle(client: Onlooker) -> None:
+    """A single command holds the joints against the springs in all cycles."""
     client.send("hand_controller", 0.02)
     client.arrives(hand_right_joint=0.02)
     with client.hearing(JointState, "/joint_states", EVERY) as states:

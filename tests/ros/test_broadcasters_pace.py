@@ -1,4 +1,4 @@
-"""How often something is done that is decided once a cycle."""
+"""The rate limiter, which is evaluated once per cycle."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from nodes.publishing import RateLimiter
 
 
 def times(stamps_s: Sequence[float], rate_hz: float) -> list[float]:
-    """When it was due."""
+    """Return the times at which a message was due."""
     pace = RateLimiter()
     return [stamp_s for stamp_s in stamps_s if pace.due(stamp_s, rate_hz)]
 
@@ -19,20 +19,20 @@ def times(stamps_s: Sequence[float], rate_hz: float) -> list[float]:
     ("cycle_hz", "rate_hz", "expected"),
     [(20, 20, 200), (20, 1000, 200), (100, 20, 200), (20, 5, 50), (30, 20, 200), (20, 0.5, 5)],
 )
-def test_over_ten_seconds_it_is_done_as_often_as_asked(cycle_hz: int, rate_hz: float, expected: int) -> None:
+def test_rate_is_reached_over_ten_seconds(cycle_hz: int, rate_hz: float, expected: int) -> None:
     done = times([number / cycle_hz for number in range(10 * cycle_hz)], rate_hz)
     assert len(done) == pytest.approx(expected, abs=2)
 
 
-def test_cycles_that_come_a_little_early_or_late_are_not_skipped() -> None:
+def test_slightly_early_or_late_cycles_are_not_skipped() -> None:
     stamps_s = [0.05 * number + (0.004 if number % 2 else -0.004) for number in range(100)]
     assert times(stamps_s, 20.0) == stamps_s
 
 
-def test_after_a_long_pause_there_is_no_burst() -> None:
+def test_no_burst_follows_a_long_pause() -> None:
     pauses = [0.0, 5.0, *(5.0 + 0.01 * number for number in range(1, 21))]
     assert times(pauses, 20.0) == pytest.approx([0.0, 5.0, 5.03, 5.08, 5.13, 5.18], abs=0.011)
 
 
-def test_where_time_is_set_back_it_goes_on_at_once() -> None:
+def test_limiter_continues_after_time_jumps_back() -> None:
     assert times([100.0, 0.0, 0.05, 0.1], 20.0) == [100.0, 0.0, 0.05, 0.1]

@@ -1,4 +1,4 @@
-"""The scene beside the arm in /tf, also for those who begin to listen late."""
+"""Objects of the scene in /tf, including for late subscribers."""
 
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -28,7 +28,7 @@ CYCLE_S = 0.05
 
 
 class EmptyRobot:
-    """A robot state publisher of a robot without joints, and how often it has looked at the scene."""
+    """A robot state publisher without joints, with the number of its reads of the scene."""
 
     def __init__(self, parameters: dict[str, Any]) -> None:
         self.looks = 0
@@ -52,7 +52,7 @@ class EmptyRobot:
 
 @pytest.fixture
 def executor(ros_domain: int) -> Iterator[SingleThreadedExecutor]:
-    """What is added to it is off the graph afterwards."""
+    """Remove all added entities from the graph after the test."""
     rclpy.init()
     executor = SingleThreadedExecutor()
     yield executor
@@ -61,7 +61,7 @@ def executor(ros_domain: int) -> Iterator[SingleThreadedExecutor]:
     rclpy.try_shutdown()
 
 
-def test_the_scene_is_looked_at_once_a_second_while_nobody_listens(executor: SingleThreadedExecutor) -> None:
+def test_scene_is_read_once_per_second_without_subscribers(executor: SingleThreadedExecutor) -> None:
     robot = EmptyRobot({})
     executor.add_node(robot.publisher.node)
     robot.cycle(200)
@@ -71,7 +71,7 @@ def test_the_scene_is_looked_at_once_a_second_while_nobody_listens(executor: Sin
 @pytest.mark.parametrize(
     ("parameters", "looks"), [({}, 100), ({"publish_frequency": 5.0}, 25), ({"ignore_timestamp": True}, 100)]
 )
-def test_those_who_listen_see_it_as_often_as_the_links(
+def test_subscribers_receive_the_scene_with_the_links(
     executor: SingleThreadedExecutor, parameters: dict[str, Any], looks: int
 ) -> None:
     seen: list[TFMessage] = []
@@ -91,7 +91,7 @@ def test_those_who_listen_see_it_as_often_as_the_links(
 
 
 @pytest.mark.parametrize("parameters", [{"publish_frequency": 0.0}, {"frame_prefix": 7}, {"ignore_timestamp": []}])
-def test_a_wrong_beginning_is_told_and_the_defaults_count(
+def test_invalid_initial_parameters_are_logged_and_replaced_by_defaults(
     executor: SingleThreadedExecutor, parameters: dict[str, Any], capfd: pytest.CaptureFixture[str]
 ) -> None:
     robot = EmptyRobot(parameters)

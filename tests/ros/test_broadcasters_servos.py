@@ -1,4 +1,4 @@
-"""What virtual servos say of themselves through the servo state broadcaster, over the whole way from their wire."""
+"""States of virtual servos in the servo state broadcaster, from the bus to the topic."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ servo_states:
 
 
 @pytest.mark.slow
-def test_each_servo_says_how_it_is(ros_domain: int, tmp_path: Path) -> None:
+def test_each_servo_reports_its_state(ros_domain: int, tmp_path: Path) -> None:
     controllers = tmp_path / "controllers.yaml"
     controllers.write_text(CONTROLLERS)
     seen: list[dict[str, dict[str, float]]] = []
@@ -53,7 +53,7 @@ def test_each_servo_says_how_it_is(ros_domain: int, tmp_path: Path) -> None:
 
 
 def _publishers(node: Node) -> set[tuple[str, str]]:
-    """Node and topic."""
+    """Return pairs of node name and topic of all publishers."""
     return {
         (publisher.node_name, topic)
         for topic, _ in node.get_topic_names_and_types()
@@ -61,12 +61,12 @@ def _publishers(node: Node) -> set[tuple[str, str]]:
     }
 
 
-def test_a_user_can_bring_a_robot_state_publisher_of_their_own(ros_domain: int, tmp_path: Path) -> None:
+def test_user_can_run_a_separate_robot_state_publisher(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", "--no-robot-state-publisher"):
         rclpy.init()
         node, executor = Node("onlooker"), SingleThreadedExecutor()
         executor.add_node(node)
-        last = ("joint_state_broadcaster", "/joint_states")  # they come after those that must not come
+        last = ("joint_state_broadcaster", "/joint_states")  # These arrive after those that must not arrive.
         until(lambda: executor.spin_once(timeout_sec=0.1) or last in _publishers(node))
         nodes, topics = node.get_node_names(), dict(node.get_topic_names_and_types())
         node.destroy_node()

@@ -1,4 +1,4 @@
-"""Broadcasters, as a client in another process meets them."""
+"""Topics and parameters of the broadcasters, as seen from another process."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -67,7 +67,7 @@ def client(stack: StackProcess) -> Iterator[Onlooker]:
 
 
 @pytest.mark.row("jsb-topics", "jsb-full", "jsb-order", "golden-joint-states")
-def test_joint_states_are_upstreams(client: Onlooker) -> None:
+def test_joint_states_match_ros2_control(client: Onlooker) -> None:
     message = client.first(JointState, "/joint_states")
     assert message.name == ["hand_left_joint", HAND, *JOINTS]
     assert message.header.frame_id == "base_link"
@@ -77,8 +77,8 @@ def test_joint_states_are_upstreams(client: Onlooker) -> None:
 
 
 @pytest.mark.row("moveit-states")
-def test_moveit_finds_every_joint_that_moves(client: Onlooker) -> None:
-    """Its listener is reliable, and waits for all joints of the description that are neither fixed nor mimics."""
+def test_moveit_finds_every_moving_joint(client: Onlooker) -> None:
+    """The subscriber of MoveIt is reliable. It waits for all joints that are neither fixed nor mimics."""
     robot = ET.fromstring(client.first(String, "/robot_description", qos=LATCHED).data)
     joints = {joint.get("name") for joint in robot.findall("joint") if joint.get("type") != "fixed"}
     mimics = {joint.get("name") for joint in robot.findall("joint") if joint.find("mimic") is not None}
@@ -90,7 +90,7 @@ def test_moveit_finds_every_joint_that_moves(client: Onlooker) -> None:
 
 
 @pytest.mark.row("jsb-topics", "jsb-order")
-def test_dynamic_joint_states_have_each_joints_own_interfaces(client: Onlooker) -> None:
+def test_dynamic_joint_states_list_the_interfaces_of_each_joint(client: Onlooker) -> None:
     message = client.first(DynamicJointState, "/dynamic_joint_states")
     assert message.joint_names == ["hand_left_joint", HAND, *JOINTS]
     assert message.header.frame_id == "base_link"
@@ -99,8 +99,8 @@ def test_dynamic_joint_states_have_each_joints_own_interfaces(client: Onlooker) 
 
 
 @pytest.mark.row("jsb-order", "jsb-extra", "jsb-full")
-def test_a_local_broadcaster_shows_what_it_was_asked_for(client: Onlooker) -> None:
-    """In the order of its parameters, and behind that zeros."""
+def test_local_broadcaster_publishes_the_configured_joints(client: Onlooker) -> None:
+    """Joints are in the order of the parameters, followed by zeros for extra joints."""
     client.send("pair_controller", 0.1, -0.2)
     client.arrives(joint1=0.1, joint2=-0.2)
     message = client.first(JointState, "/local_broadcaster/joint_states")
@@ -126,7 +126,7 @@ def test_dynamic_joint_states_can_be_switched_off(client: Onlooker) -> None:
     assert not client.node.get_publishers_info_by_topic("/quiet_broadcaster/dynamic_joint_states")
 
 
-def test_servo_states_are_there_for_those_who_listen(client: Onlooker) -> None:
+def test_servo_states_are_published_to_subscribers(client: Onlooker) -> None:
     message = client.first(DynamicJointState, "/servo_states/dynamic_joint_states")
     assert message.joint_names == ["joint1"]
     (values,) = message.interface_values
@@ -137,7 +137,7 @@ def test_servo_states_are_there_for_those_who_listen(client: Onlooker) -> None:
 
 @pytest.mark.row("golden-qos")
 @pytest.mark.parametrize("topic", ["/joint_states", "/dynamic_joint_states", "/tf_static", "/robot_description"])
-def test_the_newest_state_waits_for_late_listeners(client: Onlooker, topic: str) -> None:
+def test_newest_state_is_latched_for_late_subscribers(client: Onlooker, topic: str) -> None:
     client.spin_until(lambda: bool(client.node.get_publishers_info_by_topic(topic)))
     (publisher,) = client.node.get_publishers_info_by_topic(topic)
     assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
@@ -145,7 +145,7 @@ def test_the_newest_state_waits_for_late_listeners(client: Onlooker, topic: str)
 
 
 @pytest.mark.row("golden-qos")
-def test_the_hand_listens_to_every_publisher(client: Onlooker) -> None:
+def test_hand_accepts_commands_of_every_publisher(client: Onlooker) -> None:
     client.spin_until(lambda: bool(client.node.get_subscriptions_info_by_topic("/hand_controller/commands")))
     (subscriber,) = client.node.get_subscriptions_info_by_topic("/hand_controller/commands")
     assert subscriber.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
@@ -162,15 +162,13 @@ def test_the_hand_listens_to_every_publisher(client: Onlooker) -> None:
         ("servo_states", "rate", 5.0, ""),
     ],
 )
-def test_parameters_are_read_only_as_upstream_or_checked(
-    client: Onlooker, node: str, name: str, value: Any, reason: str
-) -> None:
+def test_parameters_are_read_only_or_checked(client: Onlooker, node: str, name: str, value: Any, reason: str) -> None:
     answer = client.put(f"/{node}", name, value)
     assert reason in answer
     assert bool(reason) == bool(answer)
 
 
 @pytest.mark.row("rsp-parameters")
-def test_the_links_parameters_begin_as_the_controllers_file_says(client: Onlooker) -> None:
+def test_robot_state_publisher_starts_with_parameters_of_the_controllers_file(client: Onlooker) -> None:
     names = ("publish_frequency", "frame_prefix", "ignore_timestamp")
     assert client.get("/robot_state_publisher", *names) == [19.0, "", False]

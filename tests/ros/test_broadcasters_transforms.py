@@ -1,4 +1,4 @@
-"""The robot state publisher, as a client in another process meets it: where the links are, and how often it says so."""
+"""The robot state publisher, as seen from another process: link poses and publishing rate."""
 
 import math
 import xml.etree.ElementTree as ET
@@ -48,7 +48,7 @@ MORE = """
 </joint>
 </robot>
 """
-"""A fixed link; and one that follows joint1, of which the hardware and so the joint states know nothing."""
+"""A fixed link and a link that mimics joint1. The hardware and the joint states do not contain them."""
 MOVING = {f"link{i}" for i in range(1, 6)} | {"gripper_base_link", "hand_right_link", "hand_left_link", "pointer"}
 
 
@@ -70,14 +70,14 @@ def client(stack: StackProcess) -> Iterator[Onlooker]:
 
 @pytest.fixture
 def upstreams(client: Onlooker) -> Iterator[None]:
-    """Its parameters are upstream's defaults again afterwards."""
+    """Restore the default parameters after the test."""
     yield
     for name, value in (("publish_frequency", 20.0), ("frame_prefix", ""), ("ignore_timestamp", False)):
         assert client.put(LINKS, name, value) == ""
 
 
 def frames(message: TFMessage) -> set[tuple[str, str]]:
-    """Parents and children."""
+    """Return pairs of parent and child frames."""
     return {(t.header.frame_id, t.child_frame_id) for t in message.transforms}
 
 
@@ -100,20 +100,20 @@ def about_z(angle_rad: float) -> Any:
 
 
 def stamps_ns(messages: Sequence[JointState | TFMessage]) -> list[int]:
-    """When each was measured."""
+    """Return the stamps of all transforms."""
     headers = [m.transforms[0].header if isinstance(m, TFMessage) else m.header for m in messages]
     return [header.stamp.sec * 1_000_000_000 + header.stamp.nanosec for header in headers]
 
 
 @pytest.mark.row("rsp-topics")
-def test_a_late_listener_gets_the_description_word_for_word(client: Onlooker, stack: StackProcess) -> None:
+def test_late_subscriber_receives_the_exact_description(client: Onlooker, stack: StackProcess) -> None:
     latched = client.first(String, "/robot_description", qos=LATCHED).data
     assert latched == URDF.read_text().replace("</robot>", MORE)
     assert ET.fromstring(latched).get("name") == "robot_arm"
 
 
 @pytest.mark.row("rsp-topics")
-def test_moving_links_are_in_tf_and_fixed_ones_in_tf_static(client: Onlooker) -> None:
+def test_moving_links_are_in_tf_and_fixed_links_in_tf_static(client: Onlooker) -> None:
     moving = client.first(TFMessage, "/tf")
     fixed = client.first(TFMessage, "/tf_static", qos=LATCHED)
     assert {child for _, child in frames(moving)} == MOVING
@@ -124,7 +124,7 @@ def test_moving_links_are_in_tf_and_fixed_ones_in_tf_static(client: Onlooker) ->
 
 
 @pytest.mark.row("rsp-topics", "rsp-mimic")
-def test_links_are_where_their_joints_are_and_mimics_follow(client: Onlooker) -> None:
+def test_links_follow_their_joints_and_mimics(client: Onlooker) -> None:
     client.send("base_controller", 0.4)
     client.send("hand_controller", 0.02)
     client.arrives(joint1=0.4, hand_right_joint=0.02, hand_left_joint=0.02)
@@ -138,8 +138,8 @@ def test_links_are_where_their_joints_are_and_mimics_follow(client: Onlooker) ->
 
 
 @pytest.mark.row("rsp-states")
-def test_the_joint_states_of_others_move_nothing(client: Onlooker) -> None:
-    """Unlike upstream, which takes whatever comes on the topic."""
+def test_joint_states_of_other_publishers_are_ignored(client: Onlooker) -> None:
+    """In contrast, the node of ROS 2 uses all messages on the topic."""
     client.send("base_controller", 0.2)
     client.arrives(joint1=0.2)
     publisher = client.node.create_publisher(JointState, "/joint_states", 10)
@@ -159,7 +159,7 @@ def test_the_joint_states_of_others_move_nothing(client: Onlooker) -> None:
 
 
 @pytest.mark.row("rsp-parameters")
-def test_its_parameters_are_upstreams(client: Onlooker) -> None:
+def test_parameters_match_robot_state_publisher(client: Onlooker) -> None:
     names = ("robot_description", "publish_frequency", "frame_prefix", "ignore_timestamp")
     description, *others = client.get(LINKS, *names)
     assert description == client.first(String, "/robot_description", qos=LATCHED).data
@@ -170,19 +170,19 @@ def test_its_parameters_are_upstreams(client: Onlooker) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("robot_description", "<robot/>", "end it and start it with the other URDF"),
+        ("robot_description", "<robot/>", "restart it with the other URDF"),
         ("publish_frequency", 0.0, "publish_frequency: Input should be greater than 0"),
         ("publish_frequency", 1001.0, "publish_frequency: 1001 is not a plausible rate"),
     ],
 )
-def test_what_it_cannot_do_is_refused_in_words(client: Onlooker, name: str, value: Any, words: str) -> None:
+def test_invalid_parameter_is_rejected_with_a_reason(client: Onlooker, name: str, value: Any, words: str) -> None:
     assert words in client.put(LINKS, name, value)
 
 
 def heard(client: Onlooker, count: int) -> tuple[list[int], list[int]]:
-    """The stamps of so many links, and those of the joint states from the first to the last of them."""
+    """Return the stamps of a number of link transforms, and those of the joint states in the same period."""
     with client.hearing(JointState, "/joint_states", EVERY) as states, client.hearing(TFMessage, "/tf", EVERY) as links:
-        client.spin_until(lambda: bool(states) and len(links) >= 2)  # after a change the second one comes early
+        client.spin_until(lambda: bool(states) and len(links) >= 2)  # After a change the second transform comes early.
         links.clear()
         client.spin_until(lambda: len(links) >= count and stamps_ns(states)[-1] >= stamps_ns(links)[-1])
         shown, measured = stamps_ns(links), stamps_ns(states)
@@ -191,7 +191,7 @@ def heard(client: Onlooker, count: int) -> tuple[list[int], list[int]]:
 
 @pytest.mark.row("rsp-parameters")
 @pytest.mark.parametrize(("frequency_hz", "every"), [(20.0, 1), (5.0, 4), (1000.0, 1)])
-def test_links_come_at_the_publish_frequency_and_never_faster_than_the_states(
+def test_links_are_published_at_the_frequency_but_not_faster_than_states(
     client: Onlooker, upstreams: None, frequency_hz: float, every: int
 ) -> None:
     assert client.put(LINKS, "publish_frequency", frequency_hz) == ""
@@ -203,7 +203,7 @@ def test_links_come_at_the_publish_frequency_and_never_faster_than_the_states(
 
 
 @pytest.mark.row("rsp-parameters")
-def test_with_ignore_timestamp_every_state_is_shown(client: Onlooker, upstreams: None) -> None:
+def test_ignore_timestamp_publishes_every_state(client: Onlooker, upstreams: None) -> None:
     assert client.put(LINKS, "publish_frequency", 5.0) == ""
     assert client.put(LINKS, "ignore_timestamp", True) == ""
     shown, measured = heard(client, 10)
@@ -212,7 +212,7 @@ def test_with_ignore_timestamp_every_state_is_shown(client: Onlooker, upstreams:
 
 
 @pytest.mark.row("rsp-parameters")
-def test_a_frame_prefix_acts_on_all_links_while_it_runs(client: Onlooker, upstreams: None) -> None:
+def test_frame_prefix_applies_to_all_links_at_run_time(client: Onlooker, upstreams: None) -> None:
     assert client.put(LINKS, "frame_prefix", "left/") == ""
 
     def prefixed(message: TFMessage) -> bool:
@@ -220,7 +220,7 @@ def test_a_frame_prefix_acts_on_all_links_while_it_runs(client: Onlooker, upstre
 
     assert ("left/base_link", "left/link1") in frames(client.first(TFMessage, "/tf", prefixed))
     assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == {("left/link5", "left/camera")}
-    # The broadcaster with topics of its own shows a part of the arm, and moves no links.
+    # The broadcaster with local topics publishes a part of the arm and does not affect the transforms.
     assert {len(m.transforms) for m in client.some(TFMessage, "/tf", 10, prefixed)} == {len(MOVING)}
     assert client.put(LINKS, "frame_prefix", "") == ""
     client.first(TFMessage, "/tf", lambda m: ("base_link", "link1") in frames(m))

@@ -1,4 +1,4 @@
-"""The executor that keeps its wait set: every kind of entity is served whenever it comes or goes; cycles come first."""
+"""The executor that reuses its wait set serves all kinds of entities and gives precedence to cycles."""
 
 import threading
 import time
@@ -56,7 +56,7 @@ def until(executor: CycleExecutor, ready: Callable[[], object]) -> None:
 
 
 def settle(executor: CycleExecutor) -> None:
-    """What creating entities leaves to be done."""
+    """Serve events that are pending after the creation of entities."""
     for _ in range(20):
         executor.serve(0.01)
 
@@ -96,7 +96,7 @@ def test_messages_calls_timers_and_guards_are_served(executor: CycleExecutor, no
     assert (len(triggered), len(ticks)) == (1, before)
 
 
-def test_an_action_runs_while_others_are_served(executor: CycleExecutor, node: Node) -> None:
+def test_action_runs_while_other_entities_are_served(executor: CycleExecutor, node: Node) -> None:
     decided = Future()
 
     async def execute(goal: Any) -> ParallelGripperCommand.Result:
@@ -120,7 +120,7 @@ def test_an_action_runs_while_others_are_served(executor: CycleExecutor, node: N
     server.destroy()
 
 
-def test_a_callback_that_waits_keeps_only_its_group_waiting(executor: CycleExecutor, node: Node) -> None:
+def test_waiting_callback_blocks_only_its_group(executor: CycleExecutor, node: Node) -> None:
     held = Future()
 
     async def slow(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -145,7 +145,7 @@ def test_a_callback_that_waits_keeps_only_its_group_waiting(executor: CycleExecu
     assert [future.result().message for future in answers] == ["slow", "neighbour", "other"]
 
 
-def test_what_comes_and_goes_meanwhile_is_served_and_is_not(executor: CycleExecutor, node: Node) -> None:
+def test_added_entities_are_served_and_removed_ones_are_not(executor: CycleExecutor, node: Node) -> None:
     client = node.create_client(Trigger, "/ask")
     settle(executor)
     for number in range(3):
@@ -162,7 +162,7 @@ def test_what_comes_and_goes_meanwhile_is_served_and_is_not(executor: CycleExecu
     until(executor, lambda: not client.service_is_ready())
 
 
-def test_a_service_may_take_itself_off_the_graph(executor: CycleExecutor, node: Node) -> None:
+def test_service_can_destroy_itself(executor: CycleExecutor, node: Node) -> None:
     def leave(_request: Trigger.Request, _response: Trigger.Response) -> Trigger.Response:
         node.destroy_service(second)
         return Trigger.Response(message="gone")
@@ -176,9 +176,7 @@ def test_a_service_may_take_itself_off_the_graph(executor: CycleExecutor, node: 
     until(executor, lambda: not clients[1].service_is_ready())
 
 
-def test_an_error_in_a_callback_is_raised_and_the_others_are_served_after_it(
-    executor: CycleExecutor, node: Node
-) -> None:
+def test_error_in_a_callback_is_raised_and_others_are_served_later(executor: CycleExecutor, node: Node) -> None:
     def fail(_message: String) -> None:
         raise ValueError("an oddity")
 
@@ -193,14 +191,14 @@ def test_an_error_in_a_callback_is_raised_and_the_others_are_served_after_it(
     until(executor, lambda: heard)
 
 
-def test_a_posted_cycle_comes_before_callbacks_and_once(executor: CycleExecutor, node: Node) -> None:
+def test_posted_cycle_precedes_callbacks_and_is_served_once(executor: CycleExecutor, node: Node) -> None:
     heard: list[Any] = []
     node.create_subscription(String, "/said", heard.append, 10)
     out = node.create_publisher(String, "/said", 10)
     until(executor, lambda: out.get_subscription_count())
     settle(executor)
     out.publish(String())
-    time.sleep(0.1)  # it is there
+    time.sleep(0.1)  # The executor is waiting.
     executor.post()
     executor.serve(PATIENCE_S)
     assert not heard
@@ -213,7 +211,7 @@ def test_a_posted_cycle_comes_before_callbacks_and_once(executor: CycleExecutor,
     assert len(heard) == 2
 
 
-def test_a_guard_that_is_triggered_together_with_a_cycle_is_not_forgotten(executor: CycleExecutor, node: Node) -> None:
+def test_guard_triggered_with_a_cycle_is_still_served(executor: CycleExecutor, node: Node) -> None:
     triggered: list[int] = []
     guard = node.create_guard_condition(lambda: triggered.append(1))
     settle(executor)
@@ -226,7 +224,7 @@ def test_a_guard_that_is_triggered_together_with_a_cycle_is_not_forgotten(execut
     assert triggered == [1]
 
 
-def test_a_cycle_is_posted_from_another_thread(executor: CycleExecutor, node: Node) -> None:
+def test_cycle_can_be_posted_from_another_thread(executor: CycleExecutor, node: Node) -> None:
     settle(executor)
     thread = threading.Timer(0.05, executor.post)
     begin_s = time.monotonic()
@@ -236,7 +234,7 @@ def test_a_cycle_is_posted_from_another_thread(executor: CycleExecutor, node: No
     thread.join()
 
 
-def test_between_changes_the_wait_set_is_kept(
+def test_wait_set_is_reused_between_changes(
     executor: CycleExecutor, node: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node.create_service(Trigger, "/ask", answer("yes"))
@@ -256,15 +254,15 @@ def test_between_changes_the_wait_set_is_kept(
     assert gathered
 
 
-def test_the_end_of_ros_is_told(executor: CycleExecutor, node: Node) -> None:
+def test_shutdown_of_ros_raises(executor: CycleExecutor, node: Node) -> None:
     settle(executor)
     rclpy.shutdown()
     with pytest.raises(ExternalShutdownException):
         executor.serve(PATIENCE_S)
 
 
-def test_a_failing_callback_keeps_no_cycle_back(executor: CycleExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cycle was posted beside it, and nobody would post it again."""
+def test_failing_callback_does_not_delay_a_cycle(executor: CycleExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cycle was posted at the same time and would not be posted again."""
     surface = Surface.__new__(Surface)
     served: list[bool] = []
     shown: list[str] = []

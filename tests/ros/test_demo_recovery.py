@@ -1,4 +1,4 @@
-"""After a job that failed, the demo's next one begins with the arm at home, the hand open and a cube on the stand."""
+"""After a failed job, the demo restarts with the arm at home, the hand open and a cube on the stand."""
 
 import io
 import os
@@ -11,7 +11,7 @@ from rich.console import Console
 
 pytest.importorskip("rclpy")
 
-from servoloop.demo.cell import cell
+from servoloop.demo.cell import CellOptions, cell
 from servoloop.demo.jobs import Live
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.buses.build import Build
@@ -22,7 +22,7 @@ SILENCE_S = 3.0
 
 
 class StopsEmulator(Live):
-    """Stops the servos' side for seconds in a phase of the job that runs."""
+    """Stop the emulator for some seconds in a phase of the running job."""
 
     emulator = 0
     when = ""
@@ -35,10 +35,10 @@ class StopsEmulator(Live):
             threading.Timer(SILENCE_S, os.kill, (self.emulator, signal.SIGCONT)).start()
 
 
-def test_the_job_after_one_that_failed_succeeds(ros_domain: int, tmp_path: Path) -> None:
+def test_job_after_a_failed_job_succeeds(ros_domain: int, tmp_path: Path) -> None:
     words = io.StringIO()
     live = StopsEmulator(Console(file=words, width=200))
-    with cell(tmp_path, find_arm(), None, Build(1.0), live) as ready:
+    with cell(CellOptions(tmp_path, find_arm(), build=Build(1.0)), live) as ready:
         live.emulator = ready.process_ids["emulator"]
         for phase, grade in (("grasp", "A"), ("place", "B")):
             live.when = phase

@@ -1,4 +1,4 @@
-"""The arm stays on this machine: its sockets are the loopback interface's, and this machine's clients find it."""
+"""The sockets of the arm are bound to the loopback interface, and clients on this machine find it."""
 
 import os
 import subprocess
@@ -20,11 +20,11 @@ LOOPBACK = "127.0.0.1"
 
 
 def receiving_on(pid: int, domain: int) -> set[str]:
-    """The addresses of the process's UDP sockets on the ports of this domain: 250 of them, from 7400 on."""
+    """Return the addresses of UDP sockets on the ports of a domain (250 ports from 7400)."""
     first_port = 7400 + 250 * domain
     targets = set()
     for link in Path(f"/proc/{pid}/fd").iterdir():
-        with suppress(FileNotFoundError):  # closed meanwhile
+        with suppress(FileNotFoundError):  # The socket has been closed meanwhile.
             targets.add(os.readlink(link))
     found = set()
     for line in Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:]:
@@ -37,14 +37,14 @@ def receiving_on(pid: int, domain: int) -> set[str]:
 
 @pytest.fixture
 def unset(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """The domain, and no discovery range."""
+    """Set the domain without a discovery range."""
     monkeypatch.delenv(RANGE)
     monkeypatch.delenv(PROFILES)
     yield ros_domain
 
 
 @pytest.mark.parametrize("client_range", ["SUBNET", "LOCALHOST"])
-def test_the_stack_is_closed_to_the_network_and_open_to_this_machine(
+def test_stack_is_open_only_to_this_machine(
     unset: int, client_range: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with running(tmp_path, "--hardware", "mock") as stack:
@@ -56,14 +56,14 @@ def test_the_stack_is_closed_to_the_network_and_open_to_this_machine(
             assert response.result.error_code == 0, response
 
 
-def test_the_option_lets_the_network_in(unset: int, tmp_path: Path) -> None:
+def test_network_option_opens_the_stack(unset: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", "--network") as stack:
         assert "0.0.0.0" in receiving_on(stack.process.pid, unset)
         assert f"every program on the network with ROS_DOMAIN_ID {unset} can command the arm" in stack.words
 
 
 @pytest.mark.parametrize(("options", "address"), [([], LOOPBACK), (["--network"], "0.0.0.0")], ids=["here", "network"])
-def test_so_does_the_pick_place_node(unset: int, options: list[str], address: str, tmp_path: Path) -> None:
+def test_network_option_opens_the_pick_place_node(unset: int, options: list[str], address: str, tmp_path: Path) -> None:
     node = StackProcess(tmp_path / "node.log", *options, module="nodes.vision_pick_place_controller")
     try:
         until(lambda: "can command the arm" in node.words, lambda: node.process.poll() is not None and node.words)
@@ -73,8 +73,8 @@ def test_so_does_the_pick_place_node(unset: int, options: list[str], address: st
         node.end()
 
 
-def test_clients_such_as_pick_look_on_this_machine_only(unset: int) -> None:
-    """Each in a process of its own, which looks at its own sockets."""
+def test_clients_search_only_this_machine(unset: int) -> None:
+    """Each client runs in its own process and inspects its own sockets."""
     program = (
         "import os, sys\nfrom tests.ros.test_discovery_range import receiving_on\n"
         "from nodes.client_node import client_node\nfrom servoloop.commands.options import set_network\n"

@@ -1,4 +1,4 @@
-"""Every verb with every arm that ``servoloop arms`` lists, on virtual servos in processes of their own."""
+"""Run every command with every arm of ``servoloop arms``, on virtual servos in separate processes."""
 
 import json
 import math
@@ -36,11 +36,11 @@ from tests.view.view_process import viewing
 pytestmark = pytest.mark.ros
 
 QUICK = "koch"
-"""The arm whose row is among the quick tests: neither its joints nor its servos are those of the default arm."""
+"""Arm of the quick tests. Its joints and servos differ from those of the default arm."""
 
 
 def row(arm: str) -> object:
-    """The arm, which the fixtures of servoloop.testing are, too."""
+    """Return the arm, which the fixtures of servoloop.testing also use."""
     marks = [pytest.mark.virtual_arm(arm), *(() if arm == QUICK else (pytest.mark.slow,))]
     return pytest.param(arm, marks=marks)
 
@@ -50,7 +50,7 @@ every_arm = pytest.mark.parametrize("arm", [row(arm.name) for arm in arms()])
 
 @pytest.fixture(autouse=True)
 def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No other stack is found."""
+    """Isolate the test from other stacks."""
     with runtime_folder(monkeypatch):
         yield
 
@@ -70,7 +70,7 @@ def test_up_without_a_port_and_view(arm: str, ros_stack: RosStack) -> None:
 
 
 def measured_joints() -> dict[str, float]:
-    """Every joint that the stack publishes, with its measured position."""
+    """Return every joint published by the stack, with its measured position."""
     states: list[JointState] = []
     with client_node("every_arm") as (node, executor):
         assert isinstance(executor, SingleThreadedExecutor)
@@ -85,7 +85,7 @@ def measured_joints() -> dict[str, float]:
 
 
 def shown_joints(arm: str) -> set[str]:
-    """The joints that a page in this process has shown, with its buttons."""
+    """Return the joints that a page in this process has shown, with its buttons."""
     clock = MonotonicClock()
     source, server = LiveSource(arm, clock), PageServer("127.0.0.1", 0)
     page, mover = Page(server), Mover(source, clock)
@@ -131,14 +131,14 @@ def test_simulate(arm: str) -> None:
 
 
 def called(*arguments: str) -> str:
-    """What a verb prints in this process, which must succeed."""
+    """Return the output of a command that runs in this process and must succeed."""
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     return result.stdout
 
 
 @pytest.mark.slow
-def test_doctor_serves_the_servos_of_its_arm_by_itself() -> None:
+def test_doctor_starts_the_virtual_servos_of_its_arm() -> None:
     result = CliRunner().invoke(app, ["doctor", "--arm", "so101_leader", "--port", "virtual", "--json"])
     assert result.exit_code == 0, result.output
     (bus,) = json.loads(result.stdout)["buses"]
@@ -147,10 +147,10 @@ def test_doctor_serves_the_servos_of_its_arm_by_itself() -> None:
 
 
 @pytest.mark.parametrize("arm", [arm.name for arm in arms()])
-def test_demo_starts_its_processes_with_the_files_of_its_arm(
+def test_demo_starts_processes_with_the_files_of_its_arm(
     arm: str, ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The whole demo runs with some arms only: tests/ros/test_arms.py and test_readme.py."""
+    """Only tests/ros/test_arms.py and test_readme.py run the whole demo."""
     started: list[tuple[str, ...]] = []
 
     def start(processes: Processes, name: str, *command: str) -> int:

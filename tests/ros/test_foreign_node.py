@@ -1,4 +1,4 @@
-"""A pick-and-place node that is not ours, on a stack of its own: a second try begins with a cube on the stand again."""
+"""A third-party pick-and-place node on a new stack. A retry starts with a cube on the stand."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ from tests.ros.stack_process import running
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-def test_a_node_that_is_not_ours_gets_its_cubes_into_their_bins(ros_domain: int, tmp_path: Path) -> None:
+def test_third_party_node_sorts_its_cubes(ros_domain: int, tmp_path: Path) -> None:
     program = Path(__file__).with_name("foreign_pick_place.py")
     with running(tmp_path):
         command = [sys.executable, str(program), "A", "B", "C"]

@@ -1,4 +1,4 @@
-"""Forward command controllers, as a client in another process meets them: what is a command, and what is none."""
+"""Forward command controllers, as seen from another process: valid and invalid commands."""
 
 import math
 from collections.abc import Iterator
@@ -37,7 +37,7 @@ NOT_FINITE = "Non-finite value received. Dropping message"
 
 
 def _urdf() -> str:
-    """The arm on mocks that differentiate, the last two joints driven by speed."""
+    """The arm on mocks that calculate dynamics. The last two joints are velocity-controlled."""
     text, found, blocks = URDF.read_text().partition("<ros2_control")
     ours = '<plugin>servoloop/ServoHardware</plugin>\n      <param name="robot">robot_arm.yaml</param>'
     mock = '<plugin>mock_components/GenericSystem</plugin><param name="calculate_dynamics">true</param>'
@@ -69,8 +69,8 @@ def client(stack: StackProcess) -> Iterator[Onlooker]:
 
 @pytest.mark.row("fwd-finite", "golden-hand-dropped")
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_value_that_is_not_finite_drops_the_message(client: Onlooker, stack: StackProcess, value: float) -> None:
-    """Also where the other values are sound."""
+def test_non_finite_value_drops_the_message(client: Onlooker, stack: StackProcess, value: float) -> None:
+    """The message is dropped even if its other values are valid."""
     client.send("pair_controller", 0.1, -0.2)
     client.send("hand_controller", 0.02)
     client.arrives(joint3=0.1, joint2=-0.2, hand_right_joint=0.02)
@@ -85,12 +85,12 @@ def test_a_value_that_is_not_finite_drops_the_message(client: Onlooker, stack: S
 
 
 @pytest.mark.row("fwd-empty", "golden-hand-dropped")
-def test_an_empty_command_does_nothing(client: Onlooker, stack: StackProcess) -> None:
+def test_empty_command_is_ignored(client: Onlooker, stack: StackProcess) -> None:
     client.send("hand_controller", 0.03)
     client.arrives(hand_right_joint=0.03)
     told = stack.words
     client.send("hand_controller")
-    client.send("hand_controller", math.nan)  # it comes after the empty one, and is told
+    client.send("hand_controller", math.nan)  # This message follows the empty one and is logged.
     until(lambda: NOT_FINITE in stack.words.removeprefix(told))
     client.stays(hand_right_joint=0.03)
     assert "command size (0)" not in stack.words
@@ -102,10 +102,10 @@ def test_an_empty_command_does_nothing(client: Onlooker, stack: StackProcess) ->
     ("controller", "sound", "wrong"),
     [("hand_controller", [0.02], [0.01, 0.03]), ("pair_controller", [0.1, -0.2], [0.3])],
 )
-def test_a_command_of_another_length_is_left_out(
+def test_command_of_wrong_length_is_ignored(
     client: Onlooker, stack: StackProcess, controller: str, sound: list[float], wrong: list[float]
 ) -> None:
-    """Unlike upstream, where it ends the controller."""
+    """In contrast, ros2_control deactivates the controller."""
     joints = ["joint3", "joint2"] if controller == "pair_controller" else [HAND]
     client.send(controller, *sound)
     client.arrives(**dict(zip(joints, sound, strict=True)))
@@ -120,10 +120,11 @@ def test_a_command_of_another_length_is_left_out(
 
 
 @pytest.mark.row("fwd-length", "golden-hand-length")
-def test_where_it_is_asked_for_a_command_of_another_length_ends_the_controller(
+def test_command_of_wrong_length_deactivates_the_controller_if_configured(
     client: Onlooker, stack: StackProcess
 ) -> None:
-    """As upstream. The joint stays, the others go on, and what is sent meanwhile does not count afterwards."""
+    """As in ros2_control, the joint holds and the other controllers continue. Commands sent meanwhile are ignored
+    later."""
     client.send("strict_controller", 0.1)
     client.arrives(joint1=0.1)
     client.send("strict_controller", 0.2, 0.3)
@@ -140,8 +141,8 @@ def test_where_it_is_asked_for_a_command_of_another_length_ends_the_controller(
 
 @pytest.mark.row("golden-hand-limits")
 @pytest.mark.parametrize(("wanted", "limit"), [(0.5, 0.05), (-0.01, 0.0)])
-def test_the_hand_is_brought_to_its_limit(client: Onlooker, stack: StackProcess, wanted: float, limit: float) -> None:
-    """Unlike upstream, which passes it on."""
+def test_hand_command_is_limited(client: Onlooker, stack: StackProcess, wanted: float, limit: float) -> None:
+    """In contrast, ros2_control passes the value on."""
     client.send("hand_controller", 0.025)
     client.arrives(hand_right_joint=0.025)
     with client.hearing(JointState, "/joint_states", EVERY) as states:
@@ -153,10 +154,8 @@ def test_the_hand_is_brought_to_its_limit(client: Onlooker, stack: StackProcess,
 
 
 @pytest.mark.row("fwd-every-cycle")
-def test_a_speed_falls_to_zero_without_a_new_command_unless_the_file_says_otherwise(
-    client: Onlooker, stack: StackProcess
-) -> None:
-    """Upstream's goes on for ever, whatever has become of who wanted it."""
+def test_speed_falls_to_zero_without_new_commands_by_default(client: Onlooker, stack: StackProcess) -> None:
+    """In contrast, ros2_control keeps the speed even if the client has died."""
 
     def speed(state: JointState, joint: str) -> float:
         return float(state.velocity[state.name.index(joint)])

@@ -1,4 +1,4 @@
-"""docs/getting-started-so101.md: every command, in its order, on a virtual box of factory-new servos."""
+"""Run every command of docs/getting-started-so101.md in order, on a virtual box of factory-new servos."""
 
 import json
 import shutil
@@ -42,13 +42,13 @@ STEPS = [
 ]
 
 
-def test_the_page_has_these_commands_in_this_order() -> None:
+def test_page_has_these_commands_in_order() -> None:
     assert [command for command in commands(PAGE) if not command.startswith("python tools/")] == STEPS
 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """A copy of the arm's folder: its calibration is written there."""
+    """Copy the folder of the arm, because its calibration is written there."""
     return Path(shutil.copytree(ARMS / "so101", tmp_path / "so101"))
 
 
@@ -71,7 +71,7 @@ def once(*arguments: str) -> str:
 
 @pytest.mark.runs(*STEPS, *commands("setup.md"))
 @pytest.mark.timeout(400)
-def test_from_a_box_of_new_servos_to_a_sorted_cube(arm: Path, link: Path, ros_domain: int) -> None:
+def test_commands_lead_from_new_servos_to_a_sorted_cube(arm: Path, link: Path, ros_domain: int) -> None:
     of_arm = ("--arm", str(arm), "--port", str(link))
     once("ports")
     status, printed, said = follow(link, "setup", *of_arm)
@@ -91,7 +91,7 @@ def test_from_a_box_of_new_servos_to_a_sorted_cube(arm: Path, link: Path, ros_do
 
 
 def _assert_as_mounted(joints: dict[str, Any]) -> None:
-    """Every direction and zero is the virtual arm's own, which the servos could not know."""
+    """Check that every direction and zero matches the virtual arm."""
     for true in Mounting(0).couplings(couplings(read_arm_files(find_arm("so101")).robot)):
         made = joints[true.joint]
         off = (made["zero_counts"] + (made["homing_offset"] or 0) - true.zero_counts + 2048) % 4096 - 2048
@@ -100,7 +100,7 @@ def _assert_as_mounted(joints: dict[str, Any]) -> None:
 
 
 def _sort(arm: Path, link: Path) -> None:
-    """The stack, the node and one job on what has been set up."""
+    """Run the stack, the node and one job with the new configuration."""
     feed = WorldFeedClient(feed_path(link))
     ready = arm.parent / "ready"
     stack = StackProcess(

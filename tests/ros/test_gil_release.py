@@ -1,4 +1,4 @@
-"""What the stand-ins for rclpy's calls send and take is what rclpy's would, and Python goes on meanwhile."""
+"""The replaced rclpy calls send and take the same data as rclpy, and Python runs meanwhile."""
 
 import threading
 import time
@@ -67,7 +67,7 @@ def wait(session: Session, future: Future) -> Any:
 
 
 @pytest.mark.parametrize("message", [STATE, REPORT, String(data=""), String(data="x" * 100_000)], ids=lambda m: "")
-def test_a_message_arrives_whole(session: Session, message: Any) -> None:
+def test_message_arrives_complete(session: Session, message: Any) -> None:
     node = session[0]
     out = node.create_publisher(type(message), "/out", LATCHED)
     heard: list[Any] = []
@@ -77,19 +77,19 @@ def test_a_message_arrives_whole(session: Session, message: Any) -> None:
     assert heard == [message]
 
 
-def test_another_kind_of_message_is_refused(session: Session) -> None:
+def test_message_of_another_type_is_refused(session: Session) -> None:
     with pytest.raises(TypeError, match=r"Expected .*String.*, got .*JointState"):
         session[0].create_publisher(String, "/out", 10).publish(STATE)
 
 
-def test_a_message_that_cannot_be_sent_raises_as_ever(session: Session) -> None:
+def test_invalid_message_raises_as_in_rclpy(session: Session) -> None:
     state = JointState()
     state._position = None
     with pytest.raises(TypeError, match="position"):
         session[0].create_publisher(JointState, "/out", 10).publish(state)
 
 
-def test_a_service_is_asked_and_answers(session: Session) -> None:
+def test_service_receives_and_responds(session: Session) -> None:
     node, asked = session[0], []
 
     def answer(
@@ -110,7 +110,7 @@ def test_a_service_is_asked_and_answers(session: Session) -> None:
     assert asked == [request] * 3
 
 
-def test_an_answer_of_another_kind_is_refused(session: Session) -> None:
+def test_response_of_another_type_is_refused(session: Session) -> None:
     node = session[0]
     service = node.create_service(QueryTrajectoryState, "/query", lambda _request, _response: STATE)
     client = node.create_client(QueryTrajectoryState, "/query")
@@ -120,7 +120,7 @@ def test_an_answer_of_another_kind_is_refused(session: Session) -> None:
         until(session, lambda: False)
 
 
-def test_an_action_is_served_from_goal_to_result(session: Session) -> None:
+def test_action_is_served_from_goal_to_result(session: Session) -> None:
     node, decided, goals = session[0], Future(), []
 
     async def execute(goal: ServerGoalHandle) -> FollowJointTrajectory.Result:
@@ -170,17 +170,17 @@ def test_an_action_is_served_from_goal_to_result(session: Session) -> None:
     server.destroy()
 
 
-def test_a_failure_of_the_middleware_is_rclpys_error_with_its_words(session: Session) -> None:
+def test_middleware_failure_raises_an_error_of_rclpy(session: Session) -> None:
     out = session[0].create_publisher(String, "/out", 10)
     session[0].context.shutdown()
     with pytest.raises(rclpy_implementation.RCLError, match=r"could not publish: .*context"):
         out.publish(String())
 
 
-def test_python_goes_on_while_a_client_that_cannot_hear_is_answered(
+def test_python_runs_during_a_response_to_an_incompatible_client(
     session: Session, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The client asks for answers of other qualities than a service gives: the middleware waits 0.1 s for its ear."""
+    """The QoS of the client is incompatible with the service, so the middleware waits 0.1 s for a reader."""
     node, done, ticks, meanwhile = session[0], threading.Event(), [0], []
 
     def tick() -> None:
@@ -205,5 +205,5 @@ def test_python_goes_on_while_a_client_that_cannot_hear_is_answered(
     finally:
         done.set()
         thread.join()
-    assert meanwhile[0] > 5  # rclpy's own: 0 or 1
-    assert "/query: a client could not be answered: it has left, or listens with qualities" in caplog.text
+    assert meanwhile[0] > 5  # With plain rclpy, this is 0 or 1.
+    assert "/query: no response could be sent to a client: it has left, or its QoS is incompatible" in caplog.text

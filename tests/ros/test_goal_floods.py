@@ -1,4 +1,4 @@
-"""A client that floods the action with goals has an answer to each, and every other client is served meanwhile."""
+"""A client that floods the action receives all responses, and all other clients are served."""
 
 import json
 import subprocess
@@ -22,9 +22,9 @@ pytestmark = pytest.mark.ros
 
 FLOOD_HZ, FLOOD_S = 500, 4
 PATIENT_S = 10.0
-"""Time in which an honest client is answered, on a machine that is busy with the flood as well."""
+"""Maximum response time for a normal client on a machine that is busy with the flood."""
 UNREAD_S = 2.0
-"""Time in which an answer has come, and is found by a client that reads its answers."""
+"""Maximum time until a response has arrived and the client has read it."""
 FLOODER = f"""
 import json, sys, time
 from control_msgs.action import FollowJointTrajectory
@@ -35,7 +35,7 @@ from tests.ros.stack_process import JOINTS, READY, PATIENCE_S
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 with client_node("flooder") as (node, executor):
-    # Of the answers, its own and all others' that it hears, a client keeps only ten, unless it says so.
+    # By default, a client queues only ten responses, including those to all other clients.
     client = ActionClient(
         node,
         FollowJointTrajectory,
@@ -63,10 +63,10 @@ with client_node("flooder") as (node, executor):
 
 
 @pytest.mark.parametrize(("queue", "kept"), [(qos_profile_services_default, False), (EVERY_CALL, True)])
-def test_rclpys_default_queue_of_a_client_loses_an_answer_that_is_read_after_ten_others(
+def test_default_queue_of_a_client_loses_a_response_after_ten_others(
     client: ManagerClient, stack: StackProcess, queue: QoSProfile, kept: bool
 ) -> None:
-    """The stack has answered in both cases. A client's queue has the answers to all clients of the action."""
+    """The stack has responded in both cases. A client's queue holds the responses to all clients of the action."""
     others = ManagerClient("others")
     actions = [ActionClient(one.node, FollowJointTrajectory, ACTION, goal_service_qos_profile=qos)
                for one, qos in ((client, queue), (others, EVERY_CALL))]  # fmt: skip
@@ -85,7 +85,7 @@ def test_rclpys_default_queue_of_a_client_loses_an_answer_that_is_read_after_ten
         others.close()
 
 
-def test_an_honest_client_is_served_during_a_flood(client: ManagerClient, stack: StackProcess) -> None:
+def test_normal_client_is_served_during_a_flood(client: ManagerClient, stack: StackProcess) -> None:
     action = ActionClient(client.node, FollowJointTrajectory, ACTION, goal_service_qos_profile=EVERY_CALL)
     assert action.wait_for_server(PATIENCE_S)
     goal = FollowJointTrajectory.Goal(trajectory=trajectory(1))

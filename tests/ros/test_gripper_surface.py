@@ -1,4 +1,4 @@
-"""A gripper behind upstream's two actions, as a client in another process meets it."""
+"""A gripper with both gripper actions of ros2_control, as seen from another process."""
 
 import math
 from abc import abstractmethod
@@ -37,7 +37,7 @@ gripper_controller:
 
 
 class Gripper:
-    """A client of the action."""
+    """A client of the gripper action."""
 
     action: Any
 
@@ -50,21 +50,21 @@ class Gripper:
         assert self._client.wait_for_server(PATIENCE_S)
 
     def close(self) -> None:
-        self._client.destroy()  # a node that is destroyed leaves its action clients standing
+        self._client.destroy()  # ``destroy_node`` leaves action clients behind.
         self.node.destroy_node()
 
     @abstractmethod
     def goal(self, position: float, **fields: Any) -> Any:
-        """The action's goal."""
+        """Create a goal of the action."""
 
     def offer(self, goal: Any) -> Any:
-        """The goal handle, accepted or not."""
+        """Send a goal and return its handle, accepted or not."""
         self.feedback.clear()
         sending = self._client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
         return self.wait(sending)
 
     def send(self, position: float, **fields: Any) -> tuple[Any, Future]:
-        """A goal that is accepted, and the future of its result."""
+        """Send a goal that must be accepted, and return the future of its result."""
         handle = self.offer(self.goal(position, **fields))
         assert handle.accepted
         return handle, handle.get_result_async()
@@ -77,7 +77,7 @@ class Gripper:
         until(lambda: self._executor.spin_once(timeout_sec=0.1) or ready())
 
     def hand_at(self, position: float) -> None:
-        """Until the fingers are there."""
+        """Wait until the fingers have reached a position."""
         seen: list[JointState] = []
         subscription = self.node.create_subscription(JointState, "/joint_states", seen.append, 10)
         self.spin_until(
@@ -110,11 +110,11 @@ KINDS = {
 
 
 PARALLEL = pytest.mark.parametrize("kind", [Parallel], indirect=True, ids=["Parallel"])
-"""The other action has no such fields."""
+"""Only this action has these fields."""
 
 
 def _place(client: Gripper, message: Any) -> float:
-    """The position in a result or a feedback."""
+    """Return the position in a result or feedback."""
     return float(message.state.position[0] if isinstance(client, Parallel) else message.position)
 
 
@@ -142,7 +142,7 @@ def client(kind: type[Gripper], stack: StackProcess) -> Iterator[Gripper]:
     rclpy.try_shutdown()
 
 
-def test_it_opens_with_feedback_and_says_when_it_is_there(client: Gripper) -> None:
+def test_gripper_opens_with_feedback_and_result(client: Gripper) -> None:
     _, future = client.send(0.05)
     answer = client.wait(future)
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
@@ -155,14 +155,14 @@ def test_it_opens_with_feedback_and_says_when_it_is_there(client: Gripper) -> No
 
 
 @pytest.mark.parametrize("position", [0.06, -0.001, math.nan, math.inf])
-def test_what_is_no_place_for_the_fingers_is_rejected_with_the_numbers(
+def test_position_outside_the_limits_is_rejected_with_its_value(
     client: Gripper, stack: StackProcess, position: float
 ) -> None:
     assert not client.offer(client.goal(position)).accepted
     until(lambda: f"goal rejected: position {position:g}" in stack.words)
 
 
-def test_a_new_goal_ends_the_old_one(client: Gripper) -> None:
+def test_new_goal_ends_the_old_goal(client: Gripper) -> None:
     _, first = client.send(0.0)
     _, second = client.send(0.05)
     old, new = client.wait(first), client.wait(second)
@@ -172,7 +172,7 @@ def test_a_new_goal_ends_the_old_one(client: Gripper) -> None:
     client.hand_at(0.05)
 
 
-def test_cancel_is_answered_and_the_fingers_stop(client: Gripper) -> None:
+def test_cancel_stops_the_fingers(client: Gripper) -> None:
     handle, future = client.send(0.0)
     client.spin_until(lambda: bool(client.feedback))
     assert len(client.wait(handle.cancel_goal_async()).goals_canceling) == 1
@@ -182,14 +182,14 @@ def test_cancel_is_answered_and_the_fingers_stop(client: Gripper) -> None:
     assert len(client.wait(handle.cancel_goal_async()).goals_canceling) == 0
 
 
-def test_an_effort_is_taken_and_its_limits_told(client: Gripper, stack: StackProcess) -> None:
+def test_effort_is_accepted_with_a_warning(client: Gripper, stack: StackProcess) -> None:
     fields = {"effort": [30.0]} if isinstance(client, Parallel) else {"max_effort": 30.0}
     _, future = client.send(0.02, **fields)
     assert client.wait(future).status == GoalStatus.STATUS_SUCCEEDED
-    assert "max effort 30 is not heeded: torque_limit in the robot file bounds the force" in stack.words
+    assert "max effort 30 is ignored: torque_limit in the robot file limits the force" in stack.words
 
 
-def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Gripper) -> None:
+def test_tolerances_can_be_set_at_run_time_but_not_the_joint(client: Gripper) -> None:
     setting = client.node.create_client(SetParameters, "/gripper_controller/set_parameters")
     assert setting.wait_for_service(PATIENCE_S)
 
@@ -204,7 +204,8 @@ def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Grippe
     assert refusal(goal_tolerance=-1.0)
     assert refusal(goal_tolerance=0.02) == ""
     answer = client.wait(client.send(0.03)[1])
-    assert _place(client, answer.result) == pytest.approx(0.02, abs=0.002)  # near enough from the first cycle on
+    # The fingers are within the tolerance from the first cycle on.
+    assert _place(client, answer.result) == pytest.approx(0.02, abs=0.002)
     assert refusal(goal_tolerance=0.0005) == ""
 
 
@@ -214,12 +215,15 @@ def test_tolerances_can_be_set_while_it_runs_and_the_joint_cannot(client: Grippe
     [
         ({"position": []}, "wrong number of position values, expects 1, got 0"),
         ({"position": [0.0, 0.0]}, "wrong number of position values, expects 1, got 2"),
-        ({"position": [0.0], "name": ["joint1"]}, f"the goal is for joint1, and this gripper's joint is {HAND}"),
+        ({"position": [0.0], "name": ["joint1"]}, f"the goal names joint1, but the joint of this gripper is {HAND}"),
         ({"position": [0.0], "velocity": [-1.0]}, f"max velocity -1.0 for {HAND}: it must be finite and not negative"),
-        ({"position": [0.0], "velocity": [1.0, 1.0]}, "2 velocities or efforts for one joint: send one, or none"),
+        (
+            {"position": [0.0], "velocity": [1.0, 1.0]},
+            "2 velocities or efforts for one joint: send at most one of each",
+        ),
     ],
 )
-def test_a_parallel_goal_that_fits_no_gripper_is_rejected(
+def test_invalid_parallel_goal_is_rejected(
     client: Gripper, stack: StackProcess, fields: dict[str, Any], words: str
 ) -> None:
     assert not client.offer(ParallelGripperCommand.Goal(command=JointState(**fields))).accepted
@@ -227,7 +231,7 @@ def test_a_parallel_goal_that_fits_no_gripper_is_rejected(
 
 
 @PARALLEL
-def test_a_parallel_goal_with_all_its_fields_gets_the_joints_state(client: Gripper) -> None:
+def test_parallel_goal_with_all_fields_returns_the_joint_state(client: Gripper) -> None:
     client.wait(client.send(0.05)[1])
     client.hand_at(0.05)
     _, future = client.send(0.03, name=[HAND], velocity=[0.02])

@@ -1,4 +1,4 @@
-"""Hardware components that are lost and come back, or are not there at the start; seen from another process."""
+"""Hardware components that are lost and return, or are missing at the start, as seen from another process."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 
 @contextmanager
 def emulating(folder: Path, urdf: Path) -> Iterator[StackProcess]:
-    """The arm's virtual servos at ``folder``/bus."""
+    """Run the virtual servos of the arm at ``folder``/bus."""
     link = folder / "bus"
     emulator = StackProcess(folder / "emulate.log", "emulate", str(link), "--urdf", str(urdf))
     try:
@@ -37,8 +37,8 @@ def emulating(folder: Path, urdf: Path) -> Iterator[StackProcess]:
 
 
 @pytest.mark.row("trouble-unplugged", "cm-on-error", "trouble-nan")
-def test_an_unplugged_arm_is_activated_again_when_it_is_back(ros_domain: int, tmp_path: Path) -> None:
-    """The hand, another component, goes on all the while. Upstream's way needs ``--stay`` for the last one only."""
+def test_unplugged_arm_can_be_activated_again(ros_domain: int, tmp_path: Path) -> None:
+    """The hand is another component and continues. If the last component is lost, ``--stay`` is needed."""
     urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
     options = ("--urdf", str(urdf), "--port", str(tmp_path / "bus"), "--stay")
     with emulating(tmp_path, urdf) as emulator, running(tmp_path, *options) as stack, arm_client() as client:
@@ -68,7 +68,7 @@ def test_an_unplugged_arm_is_activated_again_when_it_is_back(ros_domain: int, tm
 
 
 @pytest.mark.row("trouble-unplugged", "cm-set-hardware")
-def test_without_stay_too_the_stack_goes_on_while_one_component_is_left(ros_domain: int, tmp_path: Path) -> None:
+def test_stack_without_stay_continues_with_one_component(ros_domain: int, tmp_path: Path) -> None:
     urdf = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
     with (
         emulating(tmp_path, urdf) as emulator,
@@ -84,7 +84,7 @@ def test_without_stay_too_the_stack_goes_on_while_one_component_is_left(ros_doma
 
 
 @pytest.mark.row("trouble-nan", "cm-set-hardware")
-def test_staying_it_waits_for_servos_that_are_not_there_yet(ros_domain: int, tmp_path: Path) -> None:
+def test_stack_with_stay_waits_for_missing_servos(ros_domain: int, tmp_path: Path) -> None:
     urdf = write_servos(tmp_path)
     link = tmp_path / "bus"
     ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
@@ -102,9 +102,9 @@ def test_staying_it_waits_for_servos_that_are_not_there_yet(ros_domain: int, tmp
                 known = [*ARM] if name == "arm" else ["hand_left_joint", HAND, *ARM]
                 client.spin_until(lambda known=known: bool(messages) and messages[-1].name == known)
             assert activate(client, "arm_controller", "hand_controller")[0]
-            # The limp arm lies on the stand: where the machine is busy it is lifted too late for the first goal.
+            # Without torque the arm lies on the stand. On a busy machine it is lifted too late for the first goal.
             assert any(client.wait(client.send(READY)).status == SUCCEEDED for _ in range(2))
-            # Nothing is said of a joint before it has been measured.
+            # A joint is not reported before it has been measured.
             assert all(map(math.isfinite, (value for message in messages for value in message.position)))
             assert stack.end() == 0, stack.words
         finally:
@@ -112,14 +112,14 @@ def test_staying_it_waits_for_servos_that_are_not_there_yet(ros_domain: int, tmp
 
 
 @pytest.mark.row("trouble-unplugged")
-def test_two_makes_on_two_lines_and_both_lines_lost(ros_domain: int, tmp_path: Path) -> None:
-    """Servos of one make in the arm and of another in the hand, each a component; the emulator takes both away."""
+def test_two_manufacturers_on_two_buses_and_both_buses_lost(ros_domain: int, tmp_path: Path) -> None:
+    """Arm and hand are components with servos of different manufacturers. The emulator disconnects both."""
     hand = tmp_path / "hand.yaml"
     urdf = write_servos(tmp_path)
     text = hand.read_text().replace("sts3215", "xl430-w250").replace("protocol: feetech", "protocol: dynamixel")
     robot = yaml.safe_load(text)
     for joint in robot["joints"].values():
-        joint.pop("settings", None)  # those of the other make
+        joint.pop("settings", None)  # servos of the other manufacturer
     hand.write_text(yaml.safe_dump(robot))
     link = tmp_path / "bus"
     ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
@@ -137,10 +137,12 @@ def test_two_makes_on_two_lines_and_both_lines_lost(ros_domain: int, tmp_path: P
         emulator.end()
 
 
-def test_components_begin_in_the_states_that_the_controllers_file_says(ros_domain: int, tmp_path: Path) -> None:
+def test_components_start_in_the_states_of_the_controllers_file(ros_domain: int, tmp_path: Path) -> None:
     controllers_file = tmp_path / "controllers.yaml"
-    said = "    update_rate: 20\n    hardware_components_initial_state: {unconfigured: [hand], inactive: [arm]}\n"
-    controllers_file.write_text(CONTROLLERS.read_text().replace("    update_rate: 20\n", said))
+    replacement = (
+        "    update_rate: 20\n    hardware_components_initial_state: {unconfigured: [hand], inactive: [arm]}\n"
+    )
+    controllers_file.write_text(CONTROLLERS.read_text().replace("    update_rate: 20\n", replacement))
     options = ("--urdf", str(write_urdf(tmp_path)), "--controllers", str(controllers_file))
     with running(tmp_path, *options), arm_client() as client:
         assert components(client) == {"arm": "inactive", "hand": "unconfigured"}
@@ -152,7 +154,7 @@ def test_components_begin_in_the_states_that_the_controllers_file_says(ros_domai
 
 
 @pytest.mark.row("cm-on-error-fails", "cm-set-hardware")
-def test_a_component_that_cannot_even_be_given_up_is_finalized_for_good(
+def test_component_whose_cleanup_fails_is_finalized(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hand = Orders(tmp_path / "hand")
@@ -168,11 +170,11 @@ def test_a_component_that_cannot_even_be_given_up_is_finalized_for_good(
         hand.withdraw()
         for label in ("active", "inactive", "unconfigured"):
             assert set_state(client, "hand", label=label) == (False, "finalized")
-        told = "hand is not set active: hand is finalized, which is its end: start the stack anew"
-        client.spin_until(lambda: told in stack.words)
+        expected = "hand was not set to active: hand is finalized, which is its end: start the stack anew"
+        client.spin_until(lambda: expected in stack.words)
         assert set(interfaces(client, "hand").values()) == {(False, False)}
         states = controllers(client)
         assert (states["hand_controller"], states["arm_controller"]) == ("inactive", "active")
         assert hand.calls[-1] == "cleanup"
-        assert stack.end() == 1  # a script must notice
-        assert "deactivate" in hand.calls  # the last that can be tried
+        assert stack.end() == 1  # The exit status tells scripts about the failure.
+        assert "deactivate" in hand.calls  # the last possible attempt

@@ -1,4 +1,4 @@
-"""A component of a user's own under the running stack: what it is asked, and what becomes of it when it fails."""
+"""A user's hardware component in a running stack: its calls and its failures."""
 
 import math
 import re
@@ -23,12 +23,12 @@ pytestmark = pytest.mark.ros
 ABORTED = 6  # action_msgs/msg/GoalStatus
 HZ = 20
 BACKGROUND = {"hand_controller": "active", "joint_state_broadcaster": "active"}
-"""The controllers that have nothing to do with the arm's component."""
+"""Controllers that do not use the arm component."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What one ``/dynamic_joint_states`` says of the arm's first joint."""
+    """State of the arm's first joint in one ``/dynamic_joint_states`` message."""
 
     stamp_s: float
     position: float
@@ -37,7 +37,7 @@ class Sample:
 
 
 class Bench:
-    """The stack with the plug-in as the arm, and what it shows."""
+    """The stack with the plug-in as the arm, and its published states."""
 
     def __init__(self, stack: StackProcess, client: ArmClient, arm: Orders) -> None:
         self.stack, self.client, self.arm = stack, client, arm
@@ -57,14 +57,14 @@ class Bench:
         )
 
     def bring_back(self) -> None:
-        """Everything active and sound."""
+        """Wait until all components are active and without faults."""
         self.arm.withdraw()
         assert set_state(self.client, "arm", label="active") == (True, "active")
         if controllers(self.client)["arm_controller"] != "active":
             assert activate(self.client, "arm_controller")[0]
 
     def move(self) -> object:
-        """Return while the arm is on a long way; the future of the goal's result."""
+        """Start a long motion and return the future of its result."""
         begin = self.samples[-1].position
         result = self.client.send([begin + 0.8, *READY[1:]], seconds=8)
         self.client.spin_until(lambda: self.samples[-1].position > begin + 0.05)
@@ -101,7 +101,7 @@ def test_inactive_hardware_is_read_and_not_written(bench: Bench) -> None:
         "commands/joint1/position": (True, False),
         **{f"states/joint1/{kind}": (True, False) for kind in ("reads", "writes", "position", "velocity")},
     }
-    bench.arm.give("pose", -0.3)  # by hand: what is read goes on being shown
+    bench.arm.give("pose", -0.3)  # moved by hand: the measured position is still published
     bench.client.spin_until(lambda: bench.samples[-1].position == -0.3)
     written = bench.samples[-1].writes
     assert set_state(bench.client, "arm", label="active") == (True, "active")
@@ -110,7 +110,7 @@ def test_inactive_hardware_is_read_and_not_written(bench: Bench) -> None:
 
 
 @pytest.mark.row("cm-set-hardware")
-def test_from_unconfigured_to_active_it_is_configured_first(bench: Bench) -> None:
+def test_activation_from_unconfigured_configures_first(bench: Bench) -> None:
     begin = len(bench.arm.calls)
     assert set_state(bench.client, "arm", label="unconfigured") == (True, "unconfigured")
     assert set_state(bench.client, "arm", label="active") == (True, "active")
@@ -119,29 +119,29 @@ def test_from_unconfigured_to_active_it_is_configured_first(bench: Bench) -> Non
 
 @pytest.mark.row("cm-set-hardware")
 @pytest.mark.parametrize(("call", "stays"), [("configure", "unconfigured"), ("activate", "inactive")])
-@pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_a_step_that_fails_is_told_and_it_stays_where_it_got(
-    bench: Bench, call: str, stays: str, order: str, says: str
+@pytest.mark.parametrize(("order", "expected"), [("lost", GONE), ("defect", DEFECT)])
+def test_failed_transition_is_logged_and_the_last_state_is_kept(
+    bench: Bench, call: str, stays: str, order: str, expected: str
 ) -> None:
     assert set_state(bench.client, "arm", label="unconfigured") == (True, "unconfigured")
     bench.arm.give(call, order)
     assert set_state(bench.client, "arm", label="active") == (False, stays)
-    bench.client.spin_until(lambda: f"arm is not set active: {says}" in bench.stack.words)
+    bench.client.spin_until(lambda: f"arm was not set to active: {expected}" in bench.stack.words)
 
 
 @pytest.mark.row("cm-on-error", "trouble-fault", "trouble-nan")
-@pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_a_fault_in_mid_motion_ends_the_goal_and_the_component_comes_back_where_it_stands(
-    bench: Bench, order: str, says: str
+@pytest.mark.parametrize(("order", "expected"), [("lost", GONE), ("defect", DEFECT)])
+def test_fault_during_a_motion_ends_the_goal_and_the_component_returns_in_place(
+    bench: Bench, order: str, expected: str
 ) -> None:
-    """Other components and the broadcaster go on; upstream deactivates the broadcaster too."""
+    """Other components and the broadcaster continue. ros2_control also deactivates the broadcaster."""
     client = bench.client
     result = bench.move()
     bench.arm.give("read", order)
     answer = client.wait(result)
     assert answer.status == ABORTED
     text = "Current goal cancelled during deactivate transition."
-    assert answer.result.error_string == f"{text} arm is lost: {says}"
+    assert answer.result.error_string == f"{text} arm is lost: {expected}"
     client.spin_until(lambda: components(client) == {"arm": "unconfigured", "hand": "active"})
     assert controllers(client) == {"arm_controller": "inactive", **BACKGROUND}
     assert set(interfaces(client, "joint").values()) == {(False, False)}
@@ -151,10 +151,10 @@ def test_a_fault_in_mid_motion_ends_the_goal_and_the_component_comes_back_where_
     assert not ok and "command interface 'joint1/position' is not available" in message
     seen = len(bench.joint_states)
     client.spin_until(lambda: len(bench.joint_states) > seen + 3)
-    assert all(map(math.isfinite, bench.joint_states[-1].position))  # the last that is known
+    assert all(map(math.isfinite, bench.joint_states[-1].position))  # the last known position
     assert len(bench.joint_states[-1].name) == 8
 
-    bench.arm.give("pose", -0.4)  # meanwhile somebody has moved it
+    bench.arm.give("pose", -0.4)  # moved by hand meanwhile
     bench.arm.withdraw("read")
     outputs: list[float] = []
     client.node.create_subscription(
@@ -166,19 +166,17 @@ def test_a_fault_in_mid_motion_ends_the_goal_and_the_component_comes_back_where_
     bench.bring_back()
     back = len(bench.samples)
     client.spin_until(lambda: len(outputs) > 10 and len(bench.samples) > back + 10)
-    assert outputs == [-0.4] * len(outputs)  # whatever the goal was
+    assert outputs == [-0.4] * len(outputs)  # regardless of the goal
     assert {sample.position for sample in bench.samples[back:]} == {-0.4}
 
 
 @pytest.mark.row("cm-on-error", "cm-write-deactivate")
-@pytest.mark.parametrize(("order", "says"), [("lost", GONE), ("defect", DEFECT)])
-def test_a_component_that_cannot_be_written_is_lost_as_well_and_never_inactive(
-    bench: Bench, order: str, says: str
-) -> None:
+@pytest.mark.parametrize(("order", "expected"), [("lost", GONE), ("defect", DEFECT)])
+def test_component_with_a_failed_write_is_lost_and_not_inactive(bench: Bench, order: str, expected: str) -> None:
     result = bench.move()
     begin = len(bench.arm.calls)
     bench.arm.give("write", order)
-    assert bench.client.wait(result).result.error_string.endswith(f"arm is lost: {says}")
+    assert bench.client.wait(result).result.error_string.endswith(f"arm is lost: {expected}")
     seen: list[str] = []
     bench.client.spin_until(lambda: seen.append(components(bench.client)["arm"]) or seen[-1] == "unconfigured")
     assert "inactive" not in seen
@@ -187,8 +185,8 @@ def test_a_component_that_cannot_be_written_is_lost_as_well_and_never_inactive(
 
 
 @pytest.mark.row("cm-write-deactivate")
-def test_a_component_that_makes_itself_inactive_is_lost_and_its_goals_do_not_succeed(bench: Bench) -> None:
-    """There is no way for it to ask to be deactivated: it works, or it is lost."""
+def test_component_that_deactivates_itself_is_lost_and_its_goals_fail(bench: Bench) -> None:
+    """A component cannot request its deactivation. It works, or it is lost."""
     result = bench.move()
     bench.arm.give("write", "rest")
     answer = bench.client.wait(result)
@@ -199,7 +197,7 @@ def test_a_component_that_makes_itself_inactive_is_lost_and_its_goals_do_not_suc
 
 
 @pytest.mark.row("cm-overruns")
-def test_cycles_that_a_slow_component_misses_are_left_out_with_a_warning(bench: Bench) -> None:
+def test_cycles_missed_by_a_slow_component_are_skipped_with_a_warning(bench: Bench) -> None:
     reports: list[DiagnosticStatus] = []
     bench.client.node.create_subscription(
         DiagnosticArray, "/diagnostics", lambda message: reports.append(message.status[0]), 10
@@ -209,7 +207,8 @@ def test_cycles_that_a_slow_component_misses_are_left_out_with_a_warning(bench: 
     bench.client.spin_until(lambda: bench.samples[-1].reads > before.reads + 25)
     after = bench.samples[-1]
     due = (after.stamp_s - before.stamp_s) * HZ
-    assert after.reads - before.reads < due - 6  # those that are made up for would come to all that were due
+    # If missed cycles were repeated, the count would equal the number of due cycles.
+    assert after.reads - before.reads < due - 6
     assert max(int(count) for count in re.findall(r"missed (\d+) cycles?: the loop was", bench.stack.words)) >= 10
     bench.client.spin_until(lambda: bool(reports) and "cycles missed" in reports[-1].message)
     assert reports[-1].level == DiagnosticStatus.WARN

@@ -1,4 +1,4 @@
-"""Robots that cannot be brought up: ``servoloop up`` says why in words and ends, it neither waits nor hangs."""
+"""``servoloop up`` reports why a robot cannot be started and ends."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ HARDWARE = f"<hardware>{MOCK}</hardware>"
 COMMAND = '<command_interface name="position"/>'
 ARM_JOINT = '<joint name="joint1">'
 BROKEN = {
-    # how the file of two mocks is broken: what, by what; what is said
+    # Replaced text, its replacement and the expected message.
     "an unknown tag": (HARDWARE, f"{HARDWARE}<wheel/>", "<ros2_control name='arm'> has the unknown tag <wheel>"),
     "a sensor element": (
         HARDWARE,
@@ -60,7 +60,7 @@ BROKEN = {
 
 
 def refusal(folder: Path, *arguments: str) -> str:
-    """What ``servoloop up`` says when it ends, which it must by itself and with a failure."""
+    """Return the output of ``servoloop up``, which must end with a failure without being stopped."""
     stack = StackProcess(folder / "up.log", "up", "--ready-file", str(folder / "ready"), *arguments)
     try:
         assert stack.process.wait(PATIENCE_S) == 1
@@ -71,7 +71,7 @@ def refusal(folder: Path, *arguments: str) -> str:
 
 
 def plugged(folder: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str) -> Path:
-    """The URDF with a plug-in as the arm, of which one call fails."""
+    """Write a URDF with a plug-in as the arm. One of its calls fails."""
     arm = Orders(folder / "arm")
     arm.give(call, order)
     monkeypatch.setenv("PYTHONPATH", install(folder))
@@ -80,10 +80,10 @@ def plugged(folder: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str
 
 @pytest.mark.row("cm-urdf-errors")
 @pytest.mark.parametrize("kind", [*BROKEN])
-def test_a_mistake_in_the_blocks_is_said_in_one_line(
+def test_mistake_in_the_blocks_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    """In this process: each is found before there is a node."""
+    """The mistakes are found before a node is created, so the command runs in this process."""
     what, by_what, says = BROKEN[kind]
     urdf = write_urdf(tmp_path)
     text = urdf.read_text()
@@ -94,7 +94,7 @@ def test_a_mistake_in_the_blocks_is_said_in_one_line(
 
 
 @pytest.mark.row("cm-no-hang", "cm-urdf-errors")
-def test_a_urdf_without_hardware(ros_domain: int, tmp_path: Path) -> None:
+def test_urdf_without_hardware_is_refused(ros_domain: int, tmp_path: Path) -> None:
     urdf = write_urdf(tmp_path)
     urdf.write_text(re.sub("<ros2_control.*</ros2_control>", "", urdf.read_text(), flags=re.DOTALL))
     (line,) = refusal(tmp_path, "--urdf", str(urdf)).splitlines()
@@ -104,7 +104,7 @@ def test_a_urdf_without_hardware(ros_domain: int, tmp_path: Path) -> None:
 @pytest.mark.row("cm-no-hang")
 @pytest.mark.parametrize("call", ["configure", "activate"])
 @pytest.mark.parametrize(("order", "says"), [("lost", f"servoloop: {GONE}"), ("defect", f"RuntimeError: {DEFECT}")])
-def test_hardware_that_cannot_begin(
+def test_hardware_that_cannot_start_is_reported(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, order: str, says: str
 ) -> None:
     words = refusal(tmp_path, "--urdf", str(plugged(tmp_path, monkeypatch, call, order)))
@@ -112,13 +112,13 @@ def test_hardware_that_cannot_begin(
 
 
 @pytest.mark.row("cm-no-hang")
-def test_a_port_that_is_not_there(ros_domain: int, tmp_path: Path) -> None:
+def test_missing_port_is_reported(ros_domain: int, tmp_path: Path) -> None:
     words = refusal(tmp_path, "--port", str(tmp_path / "no_such_port"))
     assert words.splitlines()[-1].startswith(f"servoloop: there is no {tmp_path / 'no_such_port'}")
 
 
 @pytest.mark.row("cm-no-hang")
-def test_controllers_of_interfaces_that_the_hardware_has_not(ros_domain: int, tmp_path: Path) -> None:
+def test_controllers_of_missing_interfaces_are_refused(ros_domain: int, tmp_path: Path) -> None:
     controllers = tmp_path / "controllers.yaml"
     controllers.write_text(
         CONTROLLERS.read_text().replace("command_interfaces: [position]", "command_interfaces: [velocity]")

@@ -1,4 +1,4 @@
-"""Hardware components over the middleware: listed, switched, lost and brought back, by a client in another process."""
+"""Hardware components over ROS: listed, switched, lost and recovered by a client in another process."""
 
 import math
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ def client(stack: StackProcess) -> Iterator[ArmClient]:
 
 @pytest.fixture(autouse=True)
 def everything_active(request: pytest.FixtureRequest) -> None:
-    """Before each test that uses the mocks."""
+    """Restore the state before each test that uses the mocks."""
     if "client" in request.fixturenames:
         client = request.getfixturevalue("client")
         for name in ("arm", "hand"):
@@ -45,7 +45,7 @@ def everything_active(request: pytest.FixtureRequest) -> None:
 
 
 @pytest.mark.row("cm-list-hardware")
-def test_both_components_are_listed_as_they_are_in_the_file(client: ArmClient) -> None:
+def test_both_components_are_listed_as_in_the_file(client: ArmClient) -> None:
     arm, hand = ask(client, ListHardwareComponents, "list_hardware_components").component
     assert (arm.name, arm.type, arm.plugin_name) == ("arm", "system", "mock_components/GenericSystem")
     assert (arm.rw_rate, hand.rw_rate) == (20, 10)
@@ -62,7 +62,7 @@ def test_both_components_are_listed_as_they_are_in_the_file(client: ArmClient) -
 
 
 ROWS = [
-    # the states it is set to, one after the other: id and label; the answer to the last
+    # States to set in order (ID and label), and the response to the last request.
     ([(State.PRIMARY_STATE_INACTIVE, "")], (True, "inactive")),
     ([(State.PRIMARY_STATE_UNCONFIGURED, "")], (True, "unconfigured")),
     ([(0, "inactive")], (True, "inactive")),
@@ -79,20 +79,20 @@ ROWS = [
 
 @pytest.mark.row("cm-set-hardware")
 @pytest.mark.parametrize(("steps", "answer"), ROWS)
-def test_setting_a_state(client: ArmClient, steps: list[tuple[int, str]], answer: tuple[bool, str]) -> None:
+def test_hardware_state_can_be_set(client: ArmClient, steps: list[tuple[int, str]], answer: tuple[bool, str]) -> None:
     for target, label in steps:
         got = set_state(client, "hand", target, label)
     assert got == answer
     assert components(client) == {"arm": "active", "hand": answer[1]}
 
 
-def test_a_component_that_is_not_there(client: ArmClient) -> None:
+def test_unknown_component_is_refused(client: ArmClient) -> None:
     assert set_state(client, "foot", State.PRIMARY_STATE_ACTIVE)[0] is False
 
 
 @pytest.mark.row("cm-list-hardware")
 @pytest.mark.parametrize(("label", "available"), [("active", True), ("inactive", True), ("unconfigured", False)])
-def test_its_interfaces_are_there_while_it_is_configured(client: ArmClient, label: str, available: bool) -> None:
+def test_interfaces_are_available_while_configured(client: ArmClient, label: str, available: bool) -> None:
     assert set_state(client, "hand", label=label) == (True, label)
     answer = ask(client, ListHardwareInterfaces, "list_hardware_interfaces")
     hand = [i for i in (*answer.command_interfaces, *answer.state_interfaces) if i.name.startswith("hand")]
@@ -103,7 +103,7 @@ def test_its_interfaces_are_there_while_it_is_configured(client: ArmClient, labe
 
 
 @pytest.mark.row("trouble-nan")
-def test_joints_of_unconfigured_hardware_are_in_no_joint_states(client: ArmClient) -> None:
+def test_joints_of_unconfigured_hardware_are_not_in_joint_states(client: ArmClient) -> None:
     messages: list[JointState] = []
     client.node.create_subscription(JointState, "/joint_states", messages.append, 100)
     for label, names in (("unconfigured", [*ARM]), ("active", ["hand_left_joint", HAND, *ARM])):
@@ -114,8 +114,8 @@ def test_joints_of_unconfigured_hardware_are_in_no_joint_states(client: ArmClien
 
 
 @pytest.mark.row("trouble-deactivated")
-def test_its_controllers_go_with_it_and_cannot_come_back_before_it_does(client: ArmClient) -> None:
-    """Unlike upstream, where they stay active and command nothing."""
+def test_controllers_are_deactivated_with_their_hardware_until_it_is_active(client: ArmClient) -> None:
+    """In contrast, the controllers of ros2_control remain active without effect."""
     set_state(client, "hand", label="inactive")
     states = controllers(client)
     assert (states["hand_controller"], states["arm_controller"], states["joint_state_broadcaster"]) == (
@@ -131,8 +131,8 @@ def test_its_controllers_go_with_it_and_cannot_come_back_before_it_does(client: 
 
 
 @pytest.mark.row("golden-hardware-inactive", "trouble-deactivated")
-def test_a_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) -> None:
-    """Unlike upstream, where it succeeds though nothing moves."""
+def test_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) -> None:
+    """In contrast, the goal succeeds in ros2_control without any motion."""
     result = client.send([0.3, *READY[1:]], seconds=5)
     assert set_state(client, "arm", label="inactive") == (True, "inactive")
     answer = client.wait(result)
@@ -142,10 +142,10 @@ def test_a_goal_is_aborted_when_its_hardware_is_set_inactive(client: ArmClient) 
     assert controllers(client)["hand_controller"] == "active"
 
 
-def test_a_burst_of_wishes_ends_where_the_last_one_says(client: ArmClient) -> None:
+def test_burst_of_state_requests_ends_in_the_last_state(client: ArmClient) -> None:
     service = client.node.create_client(SetHardwareComponentState, "/controller_manager/set_hardware_component_state")
     assert service.wait_for_service(30.0)
-    # A service keeps ten requests and ten answers: of more that are under way at once, some may be lost.
+    # A default service queues ten requests and ten responses. Of more at a time, some may be lost.
     labels = ["inactive", "unconfigured", "active", "inactive"] * 2
     wishes = [SetHardwareComponentState.Request(name="hand", target_state=State(label=label)) for label in labels]
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""Messages that are too large are refused before they are read; the client is answered, and the next one served."""
+"""Messages that are too large are rejected before they are read. The client receives a response."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -22,11 +22,11 @@ pytestmark = pytest.mark.ros
 
 ACTION = "/arm_controller/follow_joint_trajectory"
 LIMIT = "max_message_size"
-REASON = "it is larger than 2 MB: send less at a time, or raise max_message_size of /controller_manager"
+REASON = "it is larger than 2 MB: send smaller messages, or raise max_message_size of /controller_manager"
 
 
 def trajectory(points: int) -> JointTrajectory:
-    """A trajectory to one pose, whose points come as soon as they may."""
+    """Create a trajectory to one pose with points at minimal time intervals."""
     message = JointTrajectory(joint_names=list(JOINTS))
     for number in range(1, points + 1):
         point = JointTrajectoryPoint(positions=list(READY))
@@ -52,20 +52,20 @@ def accepted(client: ManagerClient, action: ActionClient, points: int) -> bool:
     return bool(handle.accepted)
 
 
-def test_a_goal_of_many_points_is_rejected_and_the_next_is_served(
+def test_goal_with_too_many_points_is_rejected_and_the_next_is_served(
     client: ManagerClient, action: ActionClient, stack: StackProcess
 ) -> None:
     with client.hearing(String, "/arm_controller/rejection_reason", LATCHED) as reasons:
         assert not accepted(client, action, 50_000)
         client.spin_until(lambda: reasons)
     assert reasons[0].data == f"goal rejected: {REASON}"
-    assert f"{ACTION}: a message is refused before it is read: {REASON}" in stack.words
+    assert f"{ACTION}: a message was rejected before it was read: {REASON}" in stack.words
     assert accepted(client, action, 5)
 
 
 @pytest.fixture
 def small(client: ManagerClient) -> Iterator[None]:
-    """The least limit: a large message on a topic that may lose some would often not arrive."""
+    """Set the lowest limit, because large messages on a best-effort topic are often lost."""
     assert client.put(MANAGER, LIMIT, 10_000) == ""
     yield
     assert client.put(MANAGER, LIMIT, 2_000_000) == ""
@@ -79,26 +79,26 @@ def small(client: ManagerClient) -> Iterator[None]:
     ],
     ids=["trajectory", "command"],
 )
-def test_what_is_too_large_on_a_topic_is_dropped(
+def test_large_message_on_a_topic_is_dropped(
     client: ManagerClient, small: None, stack: StackProcess, topic: str, message: Any
 ) -> None:
     out = client.node.create_publisher(type(message), topic, 10)
     client.spin_until(out.get_subscription_count)
     out.publish(message)
-    client.spin_until(lambda: f"{topic}: a message is refused before it is read" in stack.words)
+    client.spin_until(lambda: f"{topic}: a message was rejected before it was read" in stack.words)
     client.node.destroy_publisher(out)
 
 
-def test_a_request_has_an_empty_answer(client: ManagerClient, stack: StackProcess) -> None:
+def test_large_request_has_an_empty_response(client: ManagerClient, stack: StackProcess) -> None:
     value = ParameterValue(type=4, string_value="x" * 3_000_000)
     service = f"{MANAGER}/set_parameters"
     answer = client.call(SetParameters, service, parameters=[Parameter(name="late.type", value=value)])
     assert list(answer.results) == []
-    assert f"{service}: a message is refused before it is read" in stack.words
+    assert f"{service}: a message was rejected before it was read" in stack.words
     assert client.get(MANAGER, "late.type") == [None]
 
 
-def test_the_limit_is_a_parameter_of_the_manager(client: ManagerClient, action: ActionClient) -> None:
+def test_limit_is_a_parameter_of_the_manager(client: ManagerClient, action: ActionClient) -> None:
     assert client.get(MANAGER, LIMIT) == [2_000_000]
     assert client.put(MANAGER, LIMIT, 5).startswith("5 is not a plausible max message size: write 10000 to 1e+09 bytes")
     assert accepted(client, action, 100)

@@ -1,4 +1,4 @@
-"""A stack as a user starts it, looked at in a terminal and recorded while it runs, by people who come later."""
+"""A running stack is monitored in a terminal and recorded by programs that start later."""
 
 import shlex
 import signal
@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(180)]
 
 @contextmanager
 def recording() -> "Iterator[subprocess.Popen[str]]":
-    """The program that records into this folder; it has ended behind the block, however that was left."""
+    """Run a program that records into a folder, and end it after the block in all cases."""
     record = [sys.executable, "-m", "servoloop", "record", "run.mcap"]
     with subprocess.Popen(record, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as recorder:
         try:
@@ -35,7 +35,7 @@ def recording() -> "Iterator[subprocess.Popen[str]]":
 
 
 @pytest.mark.runs(LIVE)
-def test_a_running_stack_is_seen_and_recorded_and_its_end_is_said(
+def test_running_stack_is_monitored_and_recorded_until_its_end(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -63,6 +63,6 @@ def test_a_running_stack_is_seen_and_recorded_and_its_end_is_said(
     stamps = [stamp_s(message) for message in messages["/joint_states"]]
     assert f"run.mcap: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended\n" == said
     numbers = [cycle.number for cycle in messages["/servoloop/cycles"]]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "not one is missing"
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "no cycle is missing"
     (result,) = messages["/arm_controller/goal_result"]
     assert result.status == "succeeded"

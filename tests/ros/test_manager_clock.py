@@ -1,4 +1,4 @@
-"""Whose time counts: the cycle is ``update_rate``'s and the stamps are the machine's, whatever ROS time says."""
+"""The control cycle follows ``update_rate`` and stamps use the system clock, regardless of ROS time."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    """At another rate than the house's file."""
+    """Use an update rate that differs from the default file."""
     folder = tmp_path_factory.mktemp("clock")
     controllers = folder / "controllers.yaml"
     controllers.write_text(CONTROLLERS.read_text().replace("update_rate: 20\n", f"update_rate: {RATE_HZ}\n"))
@@ -51,7 +51,7 @@ def client(stack: StackProcess) -> Iterator[ManagerClient]:
 
 @pytest.fixture
 def sim_time(client: ManagerClient) -> Iterator[Any]:
-    """All nodes are told to use a clock that stands still; the publisher of that clock."""
+    """Set all nodes to a clock that stands still, and provide the publisher of that clock."""
     clock = client.node.create_publisher(Clock, "/clock", LATCHED)
     for node in NODES:
         assert client.put(node, "use_sim_time", True) == ""
@@ -73,30 +73,30 @@ def periods_s(messages: Sequence[JointState]) -> list[float]:
 
 
 def joint_states(client: ManagerClient, count: int) -> list[JointState]:
-    with client.hearing(JointState, "/joint_states") as heard:
-        client.spin_until(lambda: len(heard) >= count)
-    return heard
+    with client.hearing(JointState, "/joint_states") as received:
+        client.spin_until(lambda: len(received) >= count)
+    return received
 
 
 @pytest.mark.row("cm-update-rate")
-def test_every_cycle_is_one_period_of_the_update_rate(client: ManagerClient) -> None:
-    # The middle one of many: a machine that is busy with other things has late cycles now and then.
+def test_every_cycle_takes_one_period_of_the_update_rate(client: ManagerClient) -> None:
+    # The median is used, because a busy machine has late cycles now and then.
     assert median(periods_s(joint_states(client, 60))) == pytest.approx(1.0 / RATE_HZ, rel=0.1)
 
 
 @pytest.mark.row("cm-update-rate")
-def test_the_rate_is_told_by_everyone_who_is_asked(client: ManagerClient) -> None:
+def test_all_interfaces_report_the_rate(client: ManagerClient) -> None:
     assert client.get(MANAGER, "update_rate") == [RATE_HZ]
     assert {controller.update_rate for controller in client.listed().values()} == {RATE_HZ}
     (component,) = client.call(ListHardwareComponents, f"{MANAGER}/list_hardware_components").component
     assert component.rw_rate == RATE_HZ
-    with client.hearing(DiagnosticArray, "/diagnostics") as heard:
-        client.spin_until(lambda: heard)
-    assert {value.key: value.value for value in heard[0].status[0].values}["rate_hz"] == str(RATE_HZ)
+    with client.hearing(DiagnosticArray, "/diagnostics") as received:
+        client.spin_until(lambda: received)
+    assert {value.key: value.value for value in received[0].status[0].values}["rate_hz"] == str(RATE_HZ)
 
 
 @pytest.mark.row("cm-sim-time")
-def test_with_sim_time_the_rate_and_the_stamps_stay_the_machines(client: ManagerClient, sim_time: Any) -> None:
+def test_sim_time_does_not_change_rate_and_stamps(client: ManagerClient, sim_time: Any) -> None:
     began_s = time.time()
     states = joint_states(client, 60)
     assert median(periods_s(states)) == pytest.approx(1.0 / RATE_HZ, rel=0.1)
@@ -104,14 +104,14 @@ def test_with_sim_time_the_rate_and_the_stamps_stay_the_machines(client: Manager
 
 
 @pytest.mark.row("cm-sim-time")
-def test_with_sim_time_what_is_told_is_stamped_by_the_machine(client: ManagerClient, sim_time: Any) -> None:
+def test_sim_time_does_not_change_the_stamps_of_other_topics(client: ManagerClient, sim_time: Any) -> None:
     began_s = time.time() - 10.0
     with (
         client.hearing(DiagnosticArray, "/diagnostics") as reports,
         client.hearing(ControllerManagerActivity, f"{MANAGER}/activity", LATCHED) as activity,
         client.hearing(TransitionEvent, "/hand_controller/transition_event") as events,
     ):
-        client.spin_until(lambda: len(reports) >= 2)  # a timer of theirs goes on though that clock stands still
+        client.spin_until(lambda: len(reports) >= 2)  # Their timers run although that clock stands still.
         assert client.switch((), ["hand_controller"])[0]
         client.spin_until(lambda: len(events) >= 2)
         assert client.switch(["hand_controller"])[0]
@@ -123,12 +123,12 @@ def test_with_sim_time_what_is_told_is_stamped_by_the_machine(client: ManagerCli
 
 
 @pytest.mark.row("cm-sim-time")
-def test_with_sim_time_goals_begin_by_the_machines_clock_and_that_is_said(
+def test_sim_time_does_not_change_the_start_of_goals_and_is_logged(
     client: ManagerClient, sim_time: Any, stack: StackProcess
 ) -> None:
     arm = TrajectoryClient(stack)
     for pose in (PICK, READY):
-        # In simulated time both would begin decades from now.
+        # In simulated time, both goals would start decades from now.
         sent = arm.send(goal_of(trajectory(point(pose, 2.0), stamp=arm.stamp(-1.0))))
         assert arm.outcome(sent)[0] == SUCCEEDED
     arm.close()

@@ -1,4 +1,4 @@
-"""Controllers that fail or hold the loop up, over DDS: what the others do meanwhile, and what clients are told."""
+"""Controllers that fail or block the loop: behavior of the other controllers and responses to clients, over ROS."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -53,13 +53,13 @@ FAULTS = [
 
 @pytest.fixture(scope="module")
 def holdup(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """While this file is there, the loop can be held up."""
+    """File that allows the loop to be blocked while it exists."""
     return tmp_path_factory.mktemp("failures") / "holdup"
 
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, holdup: Path) -> Iterator[StackProcess]:
-    """With the plug-in installed as pip would leave it."""
+    """Run the stack with the plug-in installed as by pip."""
     folder = holdup.parent
     info = folder / "troublesome-1.0.dist-info"
     info.mkdir()
@@ -76,7 +76,7 @@ def stack(ros_domain: int, holdup: Path) -> Iterator[StackProcess]:
 
 @pytest.fixture
 def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """The stack as it is after its start, whatever the test before has done."""
+    """Restore the state of the stack after its start."""
     assert connected.states() == AT_START
     yield connected
     for name in ("troublesome", "alone"):
@@ -88,12 +88,12 @@ def client(connected: ManagerClient) -> Iterator[ManagerClient]:
 
 
 def move_the_hand(client: ManagerClient, position_m: float) -> None:
-    """Returns when it is there: neither its controller nor the broadcaster has suffered."""
+    """Move the arm and return when it has arrived. Its controller and the broadcaster must be unaffected."""
     publisher = client.node.create_publisher(Float64MultiArray, "/hand/commands", 1)
     with client.hearing(JointState, "/joint_states") as heard:
 
         def there() -> bool:
-            # Again and again: the controller listens best effort, and may not know a new publisher yet.
+            # Send repeatedly, because a best-effort subscriber may not have discovered the new publisher yet.
             publisher.publish(Float64MultiArray(data=[position_m]))
             return bool(heard) and abs(heard[-1].position[heard[-1].name.index(HAND)] - position_m) < 1e-6
 
@@ -101,12 +101,12 @@ def move_the_hand(client: ManagerClient, position_m: float) -> None:
     client.node.destroy_publisher(publisher)
 
 
-# A controller whose update fails
+# A controller with a failing update
 
 
 @pytest.mark.row("cm-update-error", "trouble-python")
 @pytest.mark.parametrize(("fault", "why"), FAULTS)
-def test_one_that_fails_is_deactivated_and_its_fallback_takes_over(
+def test_failed_controller_is_deactivated_and_its_fallback_takes_over(
     client: ManagerClient, stack: StackProcess, fault: str, why: str
 ) -> None:
     before = stack.words.count(why)
@@ -125,13 +125,13 @@ def test_one_that_fails_is_deactivated_and_its_fallback_takes_over(
 
 
 @pytest.mark.row("cm-update-error")
-def test_one_without_a_fallback_leaves_its_joint_to_others(client: ManagerClient, stack: StackProcess) -> None:
+def test_failed_controller_without_fallback_releases_its_joint(client: ManagerClient, stack: StackProcess) -> None:
     assert client.put("/alone", "fault", "raises") == ""
     client.spin_until(lambda: client.states()["alone"] == "inactive")
     assert client.states() == {**AT_START, "alone": "inactive"}
     assert "alone failed and is deactivated" in stack.words
     move_the_hand(client, 0.01)
-    # It is as it was before: mended, it can be activated again; as it is, it fails at once.
+    # Its state is unchanged. It fails again immediately, and after a repair it can be activated.
     assert client.switch(["alone"]) == (True, f"{DONE}\nActivated controllers: [ alone ]")
     client.spin_until(lambda: client.states()["alone"] == "inactive")
     assert client.put("/alone", "fault", "none") == "" and client.switch(["alone"])[0]
@@ -139,12 +139,12 @@ def test_one_without_a_fallback_leaves_its_joint_to_others(client: ManagerClient
     assert client.states() == AT_START
 
 
-# A loop that is held up
+# A blocked loop
 
 
 @contextmanager
 def held_up(client: ManagerClient, stack: StackProcess, holdup: Path) -> Iterator[None]:
-    """No cycle begins until the end of the block; the ROS side goes on."""
+    """Block all cycles until the end of the block. The ROS thread continues."""
     said = "troublesome holds the loop up"
     before = stack.words.count(said)
     holdup.touch()
@@ -157,7 +157,7 @@ def held_up(client: ManagerClient, stack: StackProcess, holdup: Path) -> Iterato
 
 
 @pytest.mark.row("cm-switch-timeout")
-def test_time_out_0_is_a_second_after_which_nothing_is_switched(
+def test_timeout_0_means_one_second_and_then_nothing_is_switched(
     client: ManagerClient, stack: StackProcess, holdup: Path
 ) -> None:
     with client.hearing(DiagnosticArray, "/diagnostics") as seconds, held_up(client, stack, holdup):
@@ -165,7 +165,7 @@ def test_time_out_0_is_a_second_after_which_nothing_is_switched(
         later = client.switching((), ["joint_state_broadcaster"], timeout_s=2)
         in_time = client.switching((), ["alone"], timeout_s=60)
         told = len(seconds)
-        client.spin_until(lambda: len(seconds) >= told + 4)  # one a second, by the stack's own clock
+        client.spin_until(lambda: len(seconds) >= told + 4)  # once per second, by the clock of the stack
         assert not (late.done() or later.done() or in_time.done())
     answers = client.wait(late, later, in_time)
     assert [(answer.ok, answer.message) for answer in answers] == [
@@ -177,13 +177,13 @@ def test_time_out_0_is_a_second_after_which_nothing_is_switched(
 
 
 @pytest.mark.row("cm-switch-timeout")
-def test_time_out_0_does_not_mean_at_once(client: ManagerClient) -> None:
-    """The loop comes to a switch in its next cycle, which is within the second."""
+def test_timeout_0_waits_for_the_next_cycle(client: ManagerClient) -> None:
+    """The loop performs a switch in its next cycle, which is within the second."""
     (answer,) = client.wait(client.switching((), ["hand"], timeout_s=0))
     assert (answer.ok, client.states()["hand"]) == (True, "inactive")
 
 
-def test_while_the_loop_is_held_up_the_lists_are_answered(
+def test_list_services_respond_while_the_loop_is_blocked(
     client: ManagerClient, stack: StackProcess, holdup: Path
 ) -> None:
     with held_up(client, stack, holdup):

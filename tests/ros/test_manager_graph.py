@@ -1,4 +1,4 @@
-"""The graph of a running stack as another process sees it: nodes, their services, topics and qualities of service."""
+"""The graph of a running stack, as seen from another process: nodes, services, topics and QoS."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -55,23 +55,23 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture(scope="module")
 def client(stack: StackProcess) -> Iterator[ManagerClient]:
-    """One that has found all nodes."""
+    """Provide a client that has discovered all nodes."""
     with manager_client() as client:
         client.spin_until(lambda: set(NODES) <= set(client.node.get_node_names()))
         yield client
 
 
 Look = Callable[[str, str], list[tuple[str, list[str]]]]
-"""What a node has on the graph, by the node's name and namespace."""
+"""Query function for the entities of a node, by node name and namespace."""
 
 
 def of_node(look: Look, node: str) -> dict[str, str]:
-    """Names and types of what ``look`` finds at a node in the root namespace."""
+    """Return names and types of the entities that ``look`` finds for a node in the root namespace."""
     return {name: " ".join(kinds) for name, kinds in look(node.strip("/"), "/")}
 
 
 def expect(client: ManagerClient, look: Look, node: str, wanted: dict[str, str]) -> None:
-    """Wait until the node has all of this: discovery brings one after the other."""
+    """Wait until all expected entities of a node have been discovered."""
     client.spin_until(lambda: wanted.items() <= of_node(look, node).items())
 
 
@@ -84,14 +84,14 @@ def test_each_node_has_the_parameter_services(client: ManagerClient, node: str) 
 
 
 @pytest.mark.row("cm-services", "golden-manager-graph")
-def test_the_manager_has_the_eleven_services_with_upstreams_types(client: ManagerClient) -> None:
+def test_manager_has_the_eleven_services_of_ros2_control(client: ManagerClient) -> None:
     wanted = {f"{MANAGER}/{name}": f"controller_manager_msgs/srv/{kind}" for name, kind in MANAGER_SERVICES.items()}
     assert len(wanted) == 11
     expect(client, client.node.get_service_names_and_types_by_node, MANAGER, wanted)
 
 
 @pytest.mark.row("golden-manager-graph")
-def test_the_managers_topics(client: ManagerClient) -> None:
+def test_manager_has_its_topics(client: ManagerClient) -> None:
     node = client.node
     activity = {f"{MANAGER}/activity": "controller_manager_msgs/msg/ControllerManagerActivity"}
     expect(client, node.get_publisher_names_and_types_by_node, MANAGER, activity)
@@ -101,8 +101,8 @@ def test_the_managers_topics(client: ManagerClient) -> None:
 
 
 @pytest.mark.row("cm-statistics", "golden-manager-graph")
-def test_there_are_no_statistics_and_no_introspection(client: ManagerClient) -> None:
-    """Unlike upstream: the timing of the loop is among the diagnostics."""
+def test_manager_has_no_statistics_and_introspection_topics(client: ManagerClient) -> None:
+    """In contrast to ros2_control, the timing of the loop is part of the diagnostics."""
     there = {f"{MANAGER}/activity", "/parameter_events", "/rosout"}
     client.spin_until(lambda: set(of_node(client.node.get_publisher_names_and_types_by_node, MANAGER)) == there)
     topics = [name for name, _ in client.node.get_topic_names_and_types()]
@@ -110,7 +110,7 @@ def test_there_are_no_statistics_and_no_introspection(client: ManagerClient) -> 
 
 
 @pytest.mark.row("golden-arm-graph")
-def test_the_arms_action_service_and_topics(client: ManagerClient) -> None:
+def test_arm_has_its_action_service_and_topics(client: ManagerClient) -> None:
     node: Node = client.node
     action = {f"{ARM}/follow_joint_trajectory": "control_msgs/action/FollowJointTrajectory"}
     expect(client, partial(get_action_server_names_and_types_by_node, node), ARM, action)
@@ -128,7 +128,7 @@ def test_the_arms_action_service_and_topics(client: ManagerClient) -> None:
     expect(client, node.get_subscriber_names_and_types_by_node, ARM, subscribers)
 
 
-def test_the_hand_listens_and_the_broadcaster_speaks(client: ManagerClient) -> None:
+def test_hand_subscribes_and_broadcaster_publishes(client: ManagerClient) -> None:
     node = client.node
     commands = {"/hand_controller/commands": "std_msgs/msg/Float64MultiArray"}
     expect(client, node.get_subscriber_names_and_types_by_node, "hand_controller", commands)
@@ -143,7 +143,7 @@ Quality = tuple[ReliabilityPolicy, DurabilityPolicy]
 
 
 def quality(client: ManagerClient, endpoints: Callable[[str], list[TopicEndpointInfo]], topic: str) -> Quality:
-    """That of the only endpoint, once it is found."""
+    """Return the QoS of the only endpoint, after its discovery."""
     client.spin_until(lambda: endpoints(topic))
     (endpoint,) = endpoints(topic)
     return endpoint.qos_profile.reliability, endpoint.qos_profile.durability
@@ -164,7 +164,7 @@ def quality(client: ManagerClient, endpoints: Callable[[str], list[TopicEndpoint
         (f"{ARM}/transition_event", RELIABLE),
     ],
 )
-def test_who_speaks_is_reliable_and_states_are_latched(client: ManagerClient, topic: str, offered: Quality) -> None:
+def test_publishers_are_reliable_and_states_are_latched(client: ManagerClient, topic: str, offered: Quality) -> None:
     assert quality(client, client.node.get_publishers_info_by_topic, topic) == offered
 
 
@@ -172,14 +172,14 @@ def test_who_speaks_is_reliable_and_states_are_latched(client: ManagerClient, to
 @pytest.mark.parametrize(
     "topic", [f"{ARM}/joint_trajectory", f"{ARM}/speed_scaling_input", "/hand_controller/commands"]
 )
-def test_who_takes_commands_listens_to_every_publisher(client: ManagerClient, topic: str) -> None:
+def test_command_subscribers_accept_every_publisher(client: ManagerClient, topic: str) -> None:
     assert quality(client, client.node.get_subscriptions_info_by_topic, topic) == EVERY_PUBLISHER
 
 
 @pytest.mark.row("golden-qos")
 @pytest.mark.parametrize("reliability", [ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT])
 @pytest.mark.parametrize("durability", [DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE])
-def test_the_hand_is_found_by_every_publisher(
+def test_every_publisher_discovers_the_hand(
     client: ManagerClient, reliability: ReliabilityPolicy, durability: DurabilityPolicy
 ) -> None:
     qos = QoSProfile(depth=1, reliability=reliability, durability=durability)

@@ -1,4 +1,4 @@
-"""A controller is loaded before its parameters are known; they are set on its node, and then it is configured."""
+"""A controller is loaded before its parameters are known. They are set on its node before it is configured."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture
 def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """A manager without controllers."""
+    """Run a manager without controllers."""
     yield connected
     for name, state in connected.states().items():
         assert state != "active" or connected.switch((), [name])[0]
@@ -36,13 +36,13 @@ def client(connected: ManagerClient) -> Iterator[ManagerClient]:
 
 
 def load(client: ManagerClient, name: str, kind: str) -> None:
-    """Each test has a name of its own: a client of an unloaded node's service may ask before it knows the next one."""
+    """Use a unique controller name in each test, because a client may still call the service of an unloaded node."""
     assert client.set_from_text(MANAGER, f"{name}.type", kind)
     assert client.load(name)
     assert client.states()[name] == "unconfigured"
 
 
-def test_loaded_set_configured_and_activated(client: ManagerClient, stack: StackProcess) -> None:
+def test_controller_is_loaded_set_configured_and_activated(client: ManagerClient, stack: StackProcess) -> None:
     load(client, "fingers", FORWARD)
     assert client.get("/fingers", "joints", "interface_name", "deactivate_on_wrong_length") == [None, None, False]
     assert not client.configure("fingers")
@@ -56,9 +56,7 @@ def test_loaded_set_configured_and_activated(client: ManagerClient, stack: Stack
     assert client.listed()["fingers"].claimed_interfaces == ["hand_right_joint/position"]
 
 
-def test_what_makes_no_sense_is_refused_when_it_is_set_or_configured(
-    client: ManagerClient, stack: StackProcess
-) -> None:
+def test_invalid_parameters_are_refused_when_set_or_configured(client: ManagerClient, stack: StackProcess) -> None:
     load(client, "thumb", FORWARD)
     assert "joints" in client.put("/thumb", "joints", [])
     assert "interface_name" in client.put("/thumb", "interface_name", "smell")
@@ -72,12 +70,12 @@ def test_what_makes_no_sense_is_refused_when_it_is_set_or_configured(
     assert client.states() == {"thumb": "unconfigured"}
 
 
-def test_configured_it_is_as_any_other(client: ManagerClient) -> None:
+def test_late_parameters_can_be_set_again_only_after_cleanup(client: ManagerClient) -> None:
     load(client, "grip", FORWARD)
     assert client.put("/grip", "interface_name", "position") == ""
     assert client.put("/grip", "joints", ["hand_right_joint"]) == ""
     assert client.configure("grip")
-    assert "only before it is configured" in client.put("/grip", "joints", ["joint1"])
+    assert "only before the controller is configured" in client.put("/grip", "joints", ["joint1"])
     assert client.get("/grip", "joints") == [["hand_right_joint"]]
     assert client.cleanup("grip")
     assert client.put("/grip", "joints", ["joint1"]) == ""
@@ -93,7 +91,9 @@ def test_configured_it_is_as_any_other(client: ManagerClient) -> None:
     ],
     ids=["trajectory", "gripper"],
 )
-def test_every_kind(client: ManagerClient, kind: str, name: str, value: object, claims: list[str]) -> None:
+def test_trajectory_and_gripper_controllers_accept_late_parameters(
+    client: ManagerClient, kind: str, name: str, value: object, claims: list[str]
+) -> None:
     controller = f"late_{name}"
     load(client, controller, kind)
     assert client.put(f"/{controller}", name, value) == ""
@@ -101,7 +101,7 @@ def test_every_kind(client: ManagerClient, kind: str, name: str, value: object, 
     assert client.listed()[controller].claimed_interfaces == claims
 
 
-def test_the_spawners_other_parameters_are_kept(client: ManagerClient, tmp_path: Path) -> None:
+def test_other_parameters_of_the_spawner_are_kept(client: ManagerClient, tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text("arm: {ros__parameters: {constraints: {goal_time: 2.5, joint1: {goal: 0.25}}}}\n")
     assert client.set_from_text(MANAGER, "arm.params_file", str([str(file)]))

@@ -1,4 +1,4 @@
-"""Loading, configuring, cleaning up and unloading controllers over DDS, as the golden answers have it."""
+"""Load, configure, clean up and unload controllers over ROS, with the same responses as ros2_control."""
 
 from typing import Any
 
@@ -19,12 +19,12 @@ from tests.ros.stack_process import PICK, ArmClient, StackProcess
 pytestmark = pytest.mark.ros
 
 
-def refused(case: str, verb: str, name: str, said: str) -> Any:
-    return pytest.param(verb, name, said, id=case, marks=pytest.mark.row("golden-not-ok", f"cm-{verb}"))
+def refused(case: str, verb: str, name: str, expected: str) -> Any:
+    return pytest.param(verb, name, expected, id=case, marks=pytest.mark.row("golden-not-ok", f"cm-{verb}"))
 
 
 @pytest.mark.parametrize(
-    ("verb", "name", "said"),
+    ("verb", "name", "expected"),
     [
         refused("load unknown", "load", "nope", "The 'type' param was not defined for 'nope'"),
         refused("load with no name", "load", "", "The 'type' param was not defined for ''"),
@@ -38,16 +38,18 @@ def refused(case: str, verb: str, name: str, said: str) -> Any:
         refused("clean up active", "cleanup", "arm_controller", "can not be cleaned up while it is active"),
     ],
 )
-def test_refused(client: ManagerClient, stack: StackProcess, verb: str, name: str, said: str) -> None:
+def test_invalid_requests_are_refused(
+    client: ManagerClient, stack: StackProcess, verb: str, name: str, expected: str
+) -> None:
     assert client.set_from_text(MANAGER, "bad.type", "no_such/Type")
-    before = stack.words.count(said)
+    before = stack.words.count(expected)
     assert not getattr(client, verb)(name)
     assert client.states() == AT_START
-    assert stack.words.count(said) == before + 1
+    assert stack.words.count(expected) == before + 1
 
 
 @pytest.mark.row("golden-clean-unload", "cm-cleanup", "cm-unload", "cm-load")
-def test_clean_up_then_unload_then_load_again(client: ManagerClient) -> None:
+def test_controller_is_cleaned_up_unloaded_and_loaded_again(client: ManagerClient) -> None:
     assert client.cleanup("conflict") and client.cleanup("conflict")
     assert client.states()["conflict"] == "unconfigured"
     assert client.unload("conflict")
@@ -59,14 +61,14 @@ def test_clean_up_then_unload_then_load_again(client: ManagerClient) -> None:
 
 
 @pytest.mark.row("golden-clean-unload", "cm-unload")
-def test_an_inactive_one_is_unloaded_without_a_clean_up(client: ManagerClient) -> None:
+def test_inactive_controller_is_unloaded_without_cleanup(client: ManagerClient) -> None:
     assert client.states()["spare"] == "inactive"
     assert client.unload("spare")
     assert "spare" not in client.states()
 
 
 @pytest.mark.row("cm-configure")
-def test_an_inactive_one_is_configured_once_more_and_an_active_one_not(client: ManagerClient) -> None:
+def test_only_an_inactive_controller_is_configured_again(client: ManagerClient) -> None:
     assert client.unload("spare")
     assert client.load("spare") and client.configure("spare")
     assert client.listed()["spare"].required_command_interfaces == ["joint6/position"]
@@ -77,18 +79,18 @@ def test_an_inactive_one_is_configured_once_more_and_an_active_one_not(client: M
 
 
 @pytest.mark.row("cm-configure", "cm-switch-strict")
-def test_an_unconfigured_one_is_configured_and_only_then_activated(client: ManagerClient) -> None:
+def test_unconfigured_controller_must_be_configured_before_activation(client: ManagerClient) -> None:
     assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
     text = "Controller with name 'hand_controller' can not be activated since it is unconfigured"
-    ok, said = client.switch(["hand_controller"])
-    assert not ok and said.startswith(text)
+    ok, message = client.switch(["hand_controller"])
+    assert not ok and message.startswith(text)
     assert client.states()["hand_controller"] == "unconfigured"
     assert client.configure("hand_controller") and client.states()["hand_controller"] == "inactive"
     assert client.switch(["hand_controller"])[0]
 
 
 @pytest.mark.row("cm-configure", "cm-cleanup")
-def test_the_action_comes_and_goes_with_the_configuration(client: ManagerClient) -> None:
+def test_action_exists_only_while_configured(client: ManagerClient) -> None:
     name = "/arm_controller/follow_joint_trajectory"
 
     def there() -> bool:
@@ -111,24 +113,24 @@ def test_the_action_comes_and_goes_with_the_configuration(client: ManagerClient)
 
 
 @pytest.mark.row("cm-configure", "cm-cleanup")
-def test_its_node_stays_from_load_to_unload_and_tells_every_transition(client: ManagerClient) -> None:
-    """Who has found the node once, hears and reaches it through all configurations."""
+def test_node_exists_from_load_to_unload_and_publishes_every_transition(client: ManagerClient) -> None:
+    """A client that has discovered the node once can use it through all configurations."""
     assert client.get("/hand_controller", "interface_name") == ["position"]
-    with client.hearing(TransitionEvent, "/hand_controller/transition_event") as heard:
+    with client.hearing(TransitionEvent, "/hand_controller/transition_event") as received:
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
         assert client.get("/hand_controller", "interface_name") == ["position"]
         assert client.configure("hand_controller") and client.configure("hand_controller")
         assert client.get("/hand_controller", "interface_name") == ["position"]
         assert client.switch(["hand_controller"])[0]
-        client.spin_until(lambda: len(heard) >= 12)
+        client.spin_until(lambda: len(received) >= 12)
     begun = ["deactivate", "cleanup", "configure", "cleanup", "configure", "activate"]
-    assert [m.transition.label for m in heard[::2]] == begun
-    assert {m.transition.label for m in heard[1::2]} == {"transition_success"}
+    assert [m.transition.label for m in received[::2]] == begun
+    assert {m.transition.label for m in received[1::2]} == {"transition_success"}
     client.spin_until(lambda: client.node.count_subscribers("/hand_controller/commands") == 1)
     client.spin_until(lambda: client.node.get_node_names().count("hand_controller") == 1)
 
 
-def test_what_it_listens_to_goes_with_its_configuration(client: ManagerClient) -> None:
+def test_subscriptions_exist_only_while_configured(client: ManagerClient) -> None:
     assert client.switch((), ["hand_controller"])[0]
     for _ in range(3):
         assert client.cleanup("hand_controller")
@@ -137,7 +139,7 @@ def test_what_it_listens_to_goes_with_its_configuration(client: ManagerClient) -
         client.spin_until(lambda: client.node.count_subscribers("/hand_controller/commands") == 1)
 
 
-def test_a_goal_that_ends_with_its_controller_still_gets_its_result(client: ManagerClient) -> None:
+def test_goal_that_ends_with_its_controller_receives_its_result(client: ManagerClient) -> None:
     arm = ArmClient("goal_client")
     result = arm.send(PICK, seconds=5)
     assert client.switch((), ["arm_controller"])[0]
@@ -149,7 +151,7 @@ def test_a_goal_that_ends_with_its_controller_still_gets_its_result(client: Mana
 
 
 @pytest.mark.row("cm-services")
-def test_reload_controller_libraries(client: ManagerClient) -> None:
+def test_reload_controller_libraries_unloads_all_controllers_only_if_forced(client: ManagerClient) -> None:
     service = f"{MANAGER}/reload_controller_libraries"
     assert not client.call(ReloadControllerLibraries, service, force_kill=False).ok
     assert client.states() == AT_START
@@ -158,8 +160,8 @@ def test_reload_controller_libraries(client: ManagerClient) -> None:
 
 
 @pytest.mark.slow
-def test_fifty_that_list_and_a_burst_of_a_hundred_switches(client: ManagerClient, stack: StackProcess) -> None:
-    # Every client hears the answers to all: one that keeps only the last ten can lose its own among them.
+def test_fifty_listing_clients_and_a_hundred_switches_are_served(client: ManagerClient, stack: StackProcess) -> None:
+    # Every client receives all responses. A client with a queue of ten can lose its own response.
     all_of_them = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 
     def another(kind: Any, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""``servoloop up --no-spawn``: a stack of its own, whose controllers wait for a spawner."""
+"""Controllers of ``servoloop up --no-spawn`` wait for a spawner. The file has its own stack."""
 
 from pathlib import Path
 
@@ -14,9 +14,9 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.mark.row("cm-spawner")
-def test_without_spawning_the_files_controllers_wait_for_the_spawner(ros_domain: int, tmp_path: Path) -> None:
+def test_controllers_of_the_file_wait_for_the_spawner(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", "--no-spawn"), manager_client() as client:
         assert client.states() == {}
-        assert Spawner(client).spawn("hand_controller") == ""  # the manager knows its type and parameters from the file
+        assert Spawner(client).spawn("hand_controller") == ""  # The manager knows type and parameters from the file.
         assert client.states() == {"hand_controller": "active"}
         assert client.get("/hand_controller", "joints") == [["hand_right_joint"]]

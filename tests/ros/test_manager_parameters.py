@@ -1,4 +1,4 @@
-"""Parameters over DDS: of the manager, of the controllers and of the hardware component, by all of their services."""
+"""Parameters of the manager, the controllers and the hardware component, through all parameter services."""
 
 import math
 from typing import Any
@@ -45,27 +45,27 @@ def listed(client: ManagerClient, node: str, prefix: str, depth: int) -> set[str
 
 
 def put_together(client: ManagerClient, node: str, **values: Any) -> str:
-    """Set all or none of them; why not, or ''. Names have ``__`` for a dot."""
+    """Set all parameters or none, and return the reason for a failure or ''. ``__`` in names stands for a dot."""
     parameters = [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
     result = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=parameters).result
     assert result.successful == (not result.reason)
     return str(result.reason)
 
 
-def test_the_managers_parameters(client: ManagerClient) -> None:
+def test_manager_has_its_parameters(client: ManagerClient) -> None:
     assert client.get(MANAGER, "update_rate", "conflict.type") == [20, FORWARD]
     assert "<ros2_control" in client.get(MANAGER, "robot_description")[0]
     assert client.put(MANAGER, "update_rate", 30) == "parameter 'update_rate' cannot be set because it is read-only"
     assert client.get(MANAGER, "update_rate") == [20]
 
 
-def test_the_controllers_parameters_under_upstreams_names(client: ManagerClient) -> None:
+def test_controllers_have_parameters_with_ros2_control_names(client: ManagerClient) -> None:
     names = client.parameters(ARM)
     assert {"joints", "constraints.goal_time", "constraints.joint1.goal", "interpolation_method"} <= names
     assert client.get("/spare", "joints", "interface_name") == [["joint6"], "position"]
 
 
-# Every service of every kind of node
+# Services of all kinds of nodes
 
 
 @pytest.mark.row("cm-parameter-services")
@@ -97,7 +97,7 @@ def test_parameters_are_listed_described_and_typed(
 
 
 @pytest.mark.row("cm-parameter-services")
-def test_a_description_says_what_values_are_allowed(client: ManagerClient) -> None:
+def test_description_contains_the_allowed_values(client: ManagerClient) -> None:
     (goal_time,) = described(client, ARM, "constraints.goal_time")
     assert goal_time.additional_constraints == "at least 0"
 
@@ -114,7 +114,7 @@ def test_groups_are_listed_by_their_prefix(client: ManagerClient) -> None:
 
 @pytest.mark.row("cm-parameter-services")
 @pytest.mark.parametrize("node", [ARM, COMPONENT])
-def test_what_is_not_declared_is_neither_described_nor_set(client: ManagerClient, node: str) -> None:
+def test_undeclared_parameter_is_neither_described_nor_set(client: ManagerClient, node: str) -> None:
     assert described(client, node, "use_sim_time", "nonsense") == []
     assert client.get(node, "use_sim_time", "nonsense") == []
     assert list(client.call(GetParameterTypes, f"{node}/get_parameter_types", names=["nonsense"]).types) == []
@@ -124,7 +124,7 @@ def test_what_is_not_declared_is_neither_described_nor_set(client: ManagerClient
 
 
 @pytest.mark.row("cm-parameter-services", "cm-spawner")
-def test_the_manager_takes_what_is_not_declared_for_the_spawner_sets_that(client: ManagerClient) -> None:
+def test_manager_accepts_undeclared_parameters_of_the_spawner(client: ManagerClient) -> None:
     assert put_together(client, MANAGER, late__type=FORWARD, late__params_file=["a.yaml", "b.yaml"]) == ""
     assert client.get(MANAGER, "late.type", "late.params_file") == [FORWARD, ["a.yaml", "b.yaml"]]
     assert {d.name: d.type for d in described(client, MANAGER, "late.type", "late.params_file")} == {
@@ -134,14 +134,14 @@ def test_the_manager_takes_what_is_not_declared_for_the_spawner_sets_that(client
 
 
 @pytest.mark.row("cm-parameter-services")
-def test_what_nobody_has_set_at_the_manager_has_no_value_and_no_type(client: ManagerClient) -> None:
+def test_unset_parameter_of_the_manager_has_no_value_and_type(client: ManagerClient) -> None:
     assert client.get(MANAGER, "nobody.type") == [None]
     assert list(client.call(GetParameterTypes, f"{MANAGER}/get_parameter_types", names=["nobody.type"]).types) == [0]
     assert [(d.name, d.type) for d in described(client, MANAGER, "nobody.type")] == [("nobody.type", 0)]
 
 
 @pytest.mark.row("cm-parameter-services")
-def test_set_together_all_of_them_count_or_none(client: ManagerClient) -> None:
+def test_atomic_call_sets_all_parameters_or_none(client: ManagerClient) -> None:
     names = ("constraints.goal_time", "constraints.joint1.goal")
     before = client.get(ARM, *names)
     refused = "constraints.joint1.goal: Input should be greater than or equal to 0"
@@ -156,7 +156,7 @@ def test_set_together_all_of_them_count_or_none(client: ManagerClient) -> None:
 
 
 @pytest.mark.row("cm-parameter-services")
-def test_set_one_by_one_the_good_ones_count(client: ManagerClient) -> None:
+def test_separate_call_sets_the_valid_parameters(client: ManagerClient) -> None:
     values = {"constraints.goal_time": 1.5, "joints": ["joint1"]}
     parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
     results = client.call(SetParameters, f"{ARM}/set_parameters", parameters=parameters).results
@@ -165,12 +165,14 @@ def test_set_one_by_one_the_good_ones_count(client: ManagerClient) -> None:
     assert client.put(ARM, "constraints.goal_time", 0.0) == ""
 
 
-# What is refused, and what stays
+# Refused and preserved values
 
 
 @pytest.mark.row("golden-read-only")
 @pytest.mark.parametrize(("name", "value"), [("interpolation_method", "none"), ("joints", ["joint1"])])
-def test_a_read_only_parameter_is_refused_in_upstreams_words(client: ManagerClient, name: str, value: Any) -> None:
+def test_read_only_parameter_is_refused_with_the_ros2_control_text(
+    client: ManagerClient, name: str, value: Any
+) -> None:
     before = client.get(ARM, name)
     assert client.put(ARM, name, value) == f"parameter '{name}' cannot be set because it is read-only"
     assert client.get(ARM, name) == before
@@ -185,13 +187,13 @@ def test_a_read_only_parameter_is_refused_in_upstreams_words(client: ManagerClie
         ("nonsense", 1.0, UNDECLARED),
     ],
 )
-def test_a_parameter_that_is_refused_stays(client: ManagerClient, name: str, value: Any, reason: str) -> None:
+def test_refused_parameter_keeps_its_value(client: ManagerClient, name: str, value: Any, reason: str) -> None:
     before = client.get(ARM, name)
     assert reason in client.put(ARM, name, value)
     assert client.get(ARM, name) == before
 
 
-def test_a_parameter_that_can_be_set_outlives_a_new_configuration(client: ManagerClient) -> None:
+def test_set_parameter_survives_a_new_configuration(client: ManagerClient) -> None:
     assert client.put(ARM, "constraints.joint1.goal", 0.25) == ""
     assert client.switch((), ["arm_controller"])[0] and client.configure("arm_controller")
     assert client.get(ARM, "constraints.joint1.goal") == [0.25]
@@ -199,11 +201,11 @@ def test_a_parameter_that_can_be_set_outlives_a_new_configuration(client: Manage
     assert client.switch(["arm_controller"])[0] and client.states() == AT_START
 
 
-# What makes no sense
+# Invalid values
 
 
 def put_strange(client: ManagerClient, node: str) -> list[str]:
-    """The reasons why a value of type 77 is refused, of both services."""
+    """Return the reasons of both services for the rejection of a value of type 77."""
     strange = ParameterMessage(name="use_sim_time", value=ParameterValue(type=77))
     (one,) = client.call(SetParameters, f"{node}/set_parameters", parameters=[strange]).results
     all_ = client.call(SetParametersAtomically, f"{node}/set_parameters_atomically", parameters=[strange]).result
@@ -212,14 +214,14 @@ def put_strange(client: ManagerClient, node: str) -> list[str]:
 
 
 @pytest.mark.parametrize("node", [MANAGER, ARM, COMPONENT])
-def test_a_value_of_an_unknown_type_is_answered(client: ManagerClient, stack: StackProcess, node: str) -> None:
+def test_value_of_an_unknown_type_is_answered(client: ManagerClient, stack: StackProcess, node: str) -> None:
     reason = "parameter 'use_sim_time' cannot be set because its type 77 does not exist: use 0 to 9"
     assert put_strange(client, node) == [reason, reason]
     assert "Traceback" not in stack.words
 
 
 @pytest.mark.parametrize("wrong", [math.nan, 5, True, [1.0, 2.0], ["a/B"]])
-def test_a_type_that_is_no_text_is_refused_and_the_controller_can_be_loaded(client: ManagerClient, wrong: Any) -> None:
+def test_non_text_type_is_refused_and_the_controller_can_be_loaded(client: ManagerClient, wrong: Any) -> None:
     reason = client.put(MANAGER, "odd.type", wrong)
     assert reason.startswith("odd.type is ") and reason.endswith(
         "which is not a type of controllers: write one as a text"
@@ -228,7 +230,7 @@ def test_a_type_that_is_no_text_is_refused_and_the_controller_can_be_loaded(clie
     assert client.put(MANAGER, "odd.type", FORWARD) == "" and client.load("odd")
 
 
-def test_a_setting_may_be_a_text_and_then_a_list(client: ManagerClient) -> None:
+def test_setting_may_change_from_text_to_list(client: ManagerClient) -> None:
     for value in ("a.yaml", ["a.yaml", "b.yaml"], "c.yaml"):
         assert client.put(MANAGER, "other.params_file", value) == ""
         assert client.get(MANAGER, "other.params_file") == [value]

@@ -1,4 +1,4 @@
-"""A user's own controller and a user's own hardware, Python classes beside the stack: on the graph like the others."""
+"""A user's controller and hardware as Python classes. They appear in the graph like the built-in ones."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ VELOCITY = '<state_interface name="velocity"/>'
 
 
 @pytest.mark.row("trouble-python")
-def test_a_users_controller_and_its_interface_node(
+def test_user_controller_has_its_interface_node(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(
@@ -73,8 +73,8 @@ def test_a_users_controller_and_its_interface_node(
         client.spin_until(lambda: max(swings, default=0.0) > 0.05)
         assert "read-only" in client.put("/wave", "joint", "joint1")
         assert "greater than or equal to 0" in client.put("/wave", "amplitude", -1.0)
-        assert client.put("/wave", "amplitude", 0.6) == ""  # its interface fails from here on, and nobody else
-        client.spin_until(lambda: "wave shows nothing from here on" in stack.words)
+        assert client.put("/wave", "amplitude", 0.6) == ""  # Only its interface fails from here on.
+        client.spin_until(lambda: "controller wave stops publishing after this error" in stack.words)
         assert client.states() == {"wave": "active"}
         assert client.switch((), ["wave"])[0] and client.cleanup("wave")
         client.spin_until(lambda: "/wave/stop" not in dict(client.node.get_service_names_and_types()))
@@ -84,18 +84,16 @@ def test_a_users_controller_and_its_interface_node(
         assert client.get("/wave", "unit", "amplitude") == ["rad", 0.2]
         swings.clear()
         assert client.switch(["wave"])[0]
-        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # by a new interface, on the same node
-        assert "its ROS node lacks" not in stack.words
+        client.spin_until(lambda: max(swings, default=0.0) > 0.05)  # a new interface on the same node
+        assert "its ROS node is incomplete" not in stack.words
         assert client.switch((), ["wave"])[0] and client.unload("wave")
         client.spin_until(lambda: "wave" not in client.node.get_node_names())
         assert client.get(MANAGER, "wave.type") == ["joint_wave/Wave"]
 
 
 @pytest.mark.row("trouble-python")
-def test_a_users_hardware_is_driven_and_switched(
-    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The conveyor of docs/hardware.md: told a speed by topic, read in ``/joint_states``, stopped by a service."""
+def test_user_hardware_is_driven_and_switched(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the conveyor of docs/hardware.md: commanded by topic, read in ``/joint_states`` and stopped by a service."""
     install(tmp_path, "belt", code(PAGE, "python"), "[servoloop.hardware]\nfactory/Belt = belt:Belt")
     (tmp_path / "belt.urdf").write_text(BELT.replace(VELOCITY, f'<state_interface name="position"/>{VELOCITY}'))
     (tmp_path / "controllers.yaml").write_text(BELT_CONTROLLERS)
@@ -109,7 +107,7 @@ def test_a_users_hardware_is_driven_and_switched(
         with client.hearing(JointState, "/joint_states") as heard:
 
             def runs() -> bool:
-                # Again and again: the controller listens best effort, and may not know a new publisher yet.
+                # Send repeatedly, because a best-effort subscriber may not have discovered the new publisher yet.
                 publisher.publish(Float64MultiArray(data=[0.3]))
                 return bool(heard) and heard[-1].velocity[0] == pytest.approx(0.3)
 

@@ -1,10 +1,10 @@
-"""The spawner's calls, in its order: a client of our own does from another process what upstream's does.
+"""Make the calls of the ros2_control spawner with our own client, from another process.
 
-Upstream's spawner: ``list_controllers``; if the controller is not loaded, the parameters ``NAME.node_options_args``,
-``NAME.params_file`` (a list), ``NAME.type`` and ``NAME.fallback_controllers`` on the manager, each set from a text;
-``load_controller``; then ``configure_controller``; then ``switch_controller``, strict, with five seconds' time.
-Killed with ``--unload-on-kill``, it deactivates strictly and unloads. A call that is not answered within ten seconds
-it repeats, up to three times.
+The spawner first calls ``list_controllers``. If the controller is not loaded, it sets the parameters
+``NAME.node_options_args``, ``NAME.params_file`` (a list), ``NAME.type`` and ``NAME.fallback_controllers`` of the
+manager from text and calls ``load_controller``. It then calls ``configure_controller`` and ``switch_controller``
+(strict, with a timeout of 5 s). If it is killed with ``--unload-on-kill``, it deactivates strictly and unloads. It
+repeats a call without a response after 10 s, up to three times.
 """
 
 import signal
@@ -52,7 +52,7 @@ NARROW = "hand: {ros__parameters: {joints: [hand_right_joint, joint6]}}\n"
 
 
 class Spawner:
-    """What upstream's spawner asks, call by call."""
+    """Client with the calls of the ros2_control spawner, in their order."""
 
     def __init__(self, client: ManagerClient) -> None:
         self.client = client
@@ -68,7 +68,7 @@ class Spawner:
         load_only: bool = False,
         inactive: bool = False,
     ) -> str:
-        """Returns the step that failed, or an empty text."""
+        """Spawn a controller and return the failed step, or an empty text."""
         if name not in self.client.states():
             settings = {
                 "node_options_args": str(list(ros_args)) if ros_args else "",
@@ -88,7 +88,7 @@ class Spawner:
         return "" if inactive or self._switch([name], []) else "activate"
 
     def unload(self, name: str) -> str:
-        """As after ``--unload-on-kill``."""
+        """Deactivate and unload, as after ``--unload-on-kill``."""
         if not self._switch([], [name]):
             return "deactivate"
         return "" if self.client.unload(name) else "unload"
@@ -108,7 +108,7 @@ class Spawner:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a controllers file that names no controllers, and files that do."""
+    """Write a controllers file without controllers, and parameter files with controllers."""
     folder = tmp_path_factory.mktemp("spawner")
     for name, text in (("empty", EMPTY), ("arm", ARM), ("hand", HAND), ("narrow", NARROW)):
         (folder / f"{name}.yaml").write_text(text)
@@ -123,7 +123,7 @@ def stack(ros_domain: int, files: Path) -> Iterator[StackProcess]:
 
 @pytest.fixture
 def spawner(connected: ManagerClient) -> Iterator[Spawner]:
-    """A manager without controllers."""
+    """Run a manager without controllers."""
     yield Spawner(connected)
     for name, state in connected.states().items():
         assert state != "active" or connected.switch((), [name])[0]
@@ -131,7 +131,7 @@ def spawner(connected: ManagerClient) -> Iterator[Spawner]:
 
 
 @pytest.mark.row("cm-spawner")
-def test_a_stack_that_starts_with_nobody_is_filled_by_the_spawner(spawner: Spawner, files: Path) -> None:
+def test_spawner_fills_a_stack_without_controllers(spawner: Spawner, files: Path) -> None:
     assert spawner.client.states() == {}
     kind = "joint_state_broadcaster/JointStateBroadcaster"
     assert spawner.spawn("joint_state_broadcaster", kind=kind) == ""
@@ -142,12 +142,12 @@ def test_a_stack_that_starts_with_nobody_is_filled_by_the_spawner(spawner: Spawn
     listed = {c.name: c for c in spawner.client.call(ListControllers, f"{MANAGER}/list_controllers").controller}
     assert listed["hand"].claimed_interfaces == ["hand_right_joint/position"]
     assert spawner.client.get("/arm", "joints") == [[f"joint{i}" for i in range(1, 7)]]
-    # again: it is loaded, so it is only configured, which an active one refuses
+    # The controller is loaded, so the spawner only configures it, which an active controller refuses.
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == "configure"
 
 
 @pytest.mark.row("cm-spawner")
-def test_load_only_and_inactive(spawner: Spawner, files: Path) -> None:
+def test_controller_is_only_loaded_or_left_inactive(spawner: Spawner, files: Path) -> None:
     given = {"files": [files / "hand.yaml"], "kind": FORWARD}
     assert spawner.spawn("hand", **given, load_only=True) == ""  # type: ignore[arg-type]
     assert spawner.client.states() == {"hand": "unconfigured"}
@@ -158,7 +158,7 @@ def test_load_only_and_inactive(spawner: Spawner, files: Path) -> None:
 
 
 @pytest.mark.row("cm-spawner")
-def test_unloaded_and_spawned_again_with_other_parameters(spawner: Spawner, files: Path) -> None:
+def test_controller_is_spawned_again_with_other_parameters(spawner: Spawner, files: Path) -> None:
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD) == ""
     assert spawner.unload("hand") == ""
     assert spawner.client.states() == {}
@@ -190,22 +190,22 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
         ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node /hand"),
     ],
 )
-def test_what_cannot_be_loaded_or_configured_is_said_in_the_log(
+def test_failed_load_or_configuration_is_logged(
     spawner: Spawner, stack: StackProcess, files: Path, name: str, file: str, kind: str, step: str, said: str
 ) -> None:
-    # the manager still knows what was set for the tests before
+    # The manager still has the parameters of earlier tests.
     assert spawner.client.set_from_text(MANAGER, f"{name}.type", kind or "''")
     assert spawner.spawn(name, files=[files / f"{file}.yaml"], kind=kind) == step
     assert said in stack.words
     assert spawner.client.states() == ({name: "unconfigured"} if step == "configure" else {})
 
 
-# Answers that are late
+# Late responses
 
 
 @contextmanager
 def stopped(stack: StackProcess) -> Iterator[None]:
-    """The whole stack stands still until the end of the block."""
+    """Stop the whole process of the stack until the end of the block."""
     stack.process.send_signal(signal.SIGSTOP)
     try:
         yield
@@ -214,7 +214,7 @@ def stopped(stack: StackProcess) -> Iterator[None]:
 
 
 def repeated(stack: StackProcess, client: ManagerClient, kind: Any, service: str, **fields: Any) -> list[bool]:
-    """Whether each of three identical requests is granted, all of which wait for the stack."""
+    """Return whether each of three identical requests is granted. All of them wait for the stack."""
     caller, request = client.client(kind, f"{MANAGER}/{service}"), kind.Request(**fields)
     with stopped(stack):
         futures = [caller.call_async(request) for _ in range(3)]
@@ -222,7 +222,7 @@ def repeated(stack: StackProcess, client: ManagerClient, kind: Any, service: str
 
 
 @pytest.mark.row("cm-spawner")
-def test_requests_that_are_repeated_because_the_answer_was_late(
+def test_repeated_requests_after_a_late_response_are_handled(
     spawner: Spawner, stack: StackProcess, files: Path
 ) -> None:
     client = spawner.client
@@ -244,8 +244,8 @@ def test_requests_that_are_repeated_because_the_answer_was_late(
 
 
 @pytest.mark.row("cm-spawner")
-def test_a_spawner_that_has_given_up_is_started_once_more(spawner: Spawner, stack: StackProcess, files: Path) -> None:
-    """What the first has been granted too late, the second finds done and goes on from there."""
+def test_second_spawner_completes_the_work_of_the_first(spawner: Spawner, stack: StackProcess, files: Path) -> None:
+    """The second spawner finds the late results of the first one and continues from there."""
     client = spawner.client
     assert spawner.spawn("hand", files=[files / "hand.yaml"], kind=FORWARD, load_only=True) == ""
     assert repeated(stack, client, LoadController, "load_controller", name="hand") == [False] * 3

@@ -1,4 +1,4 @@
-"""The controller manager over DDS, seen from another process: what it lists, and what it tells unasked."""
+"""Lists and published topics of the controller manager, as seen from another process."""
 
 from itertools import groupby
 
@@ -24,11 +24,11 @@ LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 INACTIVE, ACTIVE = (2, "inactive"), (3, "active")
 
 
-# What it lists
+# Lists
 
 
 @pytest.mark.row("cm-list-controllers")
-def test_list_controllers(client: ManagerClient) -> None:
+def test_list_controllers_returns_all_controllers(client: ManagerClient) -> None:
     assert client.cleanup("spare")
     listed = client.listed()
     arm, conflict, spare = listed["arm_controller"], listed["conflict"], listed["spare"]
@@ -44,7 +44,7 @@ def test_list_controllers(client: ManagerClient) -> None:
 
 
 @pytest.mark.row("cm-list-controllers")
-def test_claims_are_listed_while_active_and_needs_while_configured(client: ManagerClient) -> None:
+def test_claims_are_listed_while_active_and_requirements_while_configured(client: ManagerClient) -> None:
     def hand() -> tuple[str, list[str], list[str]]:
         listed = client.listed()["hand_controller"]
         return listed.state, list(listed.claimed_interfaces), list(listed.required_command_interfaces)
@@ -59,17 +59,17 @@ def test_claims_are_listed_while_active_and_needs_while_configured(client: Manag
     assert hand() == ("inactive", [], finger)
 
 
-def test_list_controller_types(client: ManagerClient) -> None:
+def test_list_controller_types_returns_all_types(client: ManagerClient) -> None:
     answer = client.call(ListControllerTypes, f"{MANAGER}/list_controller_types")
     assert {FORWARD, "joint_state_broadcaster/JointStateBroadcaster"} <= set(answer.types)
     assert answer.base_classes == ["controller_interface::ControllerInterface"] * len(answer.types)
 
 
-# What it tells
+# Published topics
 
 
 @pytest.mark.row("cm-activity")
-def test_activity_is_told_to_latecomers_and_on_every_change(client: ManagerClient) -> None:
+def test_activity_is_latched_and_published_on_every_change(client: ManagerClient) -> None:
     (publisher,) = client.node.get_publishers_info_by_topic(f"{MANAGER}/activity")
     assert publisher.qos_profile.reliability is ReliabilityPolicy.RELIABLE
     assert publisher.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
@@ -80,7 +80,7 @@ def test_activity_is_told_to_latecomers_and_on_every_change(client: ManagerClien
             return [{c.name: c.state.label for c in (*m.controllers, *m.hardware_components)} for m in heard]
 
         client.spin_until(lambda: heard)
-        assert states() == [everything]  # nothing has changed since, and nothing is told again
+        assert states() == [everything]  # Without a change, nothing is published again.
         assert client.switch((), ["hand_controller"])[0] and client.cleanup("hand_controller")
         assert client.unload("hand_controller") and client.load("hand_controller")
         assert client.configure("hand_controller") and client.switch(["hand_controller"])[0]
@@ -95,7 +95,7 @@ def test_activity_is_told_to_latecomers_and_on_every_change(client: ManagerClien
         assert stamps_s == sorted(stamps_s)
 
 
-def test_transitions_are_told_as_upstream_tells_them(client: ManagerClient) -> None:
+def test_transitions_are_published_as_in_ros2_control(client: ManagerClient) -> None:
     with client.hearing(TransitionEvent, "/hand_controller/transition_event") as heard:
         assert client.switch((), ["hand_controller"])[0]
         client.spin_until(lambda: len(heard) >= 2)
@@ -112,7 +112,7 @@ def test_transitions_are_told_as_upstream_tells_them(client: ManagerClient) -> N
 
 
 @pytest.mark.row("cm-diagnostics")
-def test_diagnostics_once_a_second(client: ManagerClient) -> None:
+def test_diagnostics_are_published_once_per_second(client: ManagerClient) -> None:
     with client.hearing(DiagnosticArray, "/diagnostics") as heard:
         client.spin_until(lambda: len(heard) >= 4)
     stamps_s = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in heard]
@@ -124,14 +124,14 @@ def test_diagnostics_once_a_second(client: ManagerClient) -> None:
 
 
 @pytest.mark.row("cm-description")
-def test_another_description_is_not_taken_and_that_is_said(client: ManagerClient, stack: StackProcess) -> None:
-    """The one in use comes from the start; the robot state publisher of the stack latches the same one."""
-    said = "another robot description is on /robot_description: it is not used"
+def test_different_description_is_ignored_with_a_warning(client: ManagerClient, stack: StackProcess) -> None:
+    """The description in use is set at the start. The robot state publisher of the stack latches the same one."""
+    warning = "a different robot description on /robot_description is ignored"
     assert client.get(MANAGER, "robot_description") == [URDF.read_text()]
-    assert said not in stack.words
+    assert warning not in stack.words
     publisher = client.node.create_publisher(String, "/robot_description", LATCHED)
     publisher.publish(String(data="<robot name='another'/>"))
-    client.spin_until(lambda: said in stack.words)
+    client.spin_until(lambda: warning in stack.words)
     client.node.destroy_publisher(publisher)
     refused = "parameter 'robot_description' cannot be set because it is read-only"
     assert client.put(MANAGER, "robot_description", "<robot name='another'/>") == refused

@@ -1,4 +1,4 @@
-"""Switching controllers over DDS, in upstream's words: what is done, and what is refused before anything is touched."""
+"""Switch controllers over ROS, with the messages of ros2_control. Invalid requests change nothing."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -31,14 +31,14 @@ EVERY_STRICTNESS = (0, BEST_EFFORT, STRICT, AUTO, FORCE_AUTO)
 
 @pytest.fixture
 def client(connected: ManagerClient) -> Iterator[ManagerClient]:
-    """The stack as it is after its start, whatever the test before has done."""
+    """Restore the state of the stack after its start."""
     yield connected
     connected.set_hardware("active")
     restore(connected)
 
 
 @pytest.mark.row("cm-switch-claims")
-def test_at_the_start_the_first_of_the_file_has_the_joint(client: ManagerClient, stack: StackProcess) -> None:
+def test_first_controller_of_the_file_has_the_joint_at_the_start(client: ManagerClient, stack: StackProcess) -> None:
     assert client.states() == AT_START
     assert f"conflict stays inactive: {CONFLICT}" in stack.words
 
@@ -76,7 +76,7 @@ CLAIMED = ("golden-claimed", "cm-switch-claims")
         row("no such strictness", ["arm_controller"], [], 9, False, "9 is not a valid Strictness"),
     ],
 )
-def test_a_switch_that_changes_nothing(
+def test_switch_without_changes_is_answered(
     client: ManagerClient, activate: list[str], deactivate: list[str], strictness: int, ok: bool, text: str
 ) -> None:
     assert client.switch(activate, deactivate, strictness) == (ok, text)
@@ -84,7 +84,7 @@ def test_a_switch_that_changes_nothing(
 
 
 @pytest.mark.row("golden-unknown-and-known", "cm-switch-strict", "cm-switch-best-effort", "cm-switch-success")
-def test_unknown_and_known(client: ManagerClient) -> None:
+def test_switch_of_unknown_and_known_controllers(client: ManagerClient) -> None:
     assert client.switch((), ["arm_controller"]) == (True, f"{DONE}\nDeactivated controllers: [ arm_controller ]")
     assert client.switch(["nope", "arm_controller"], (), STRICT) == (False, NOPE)
     assert client.states()["arm_controller"] == "inactive"
@@ -99,10 +99,10 @@ def test_unknown_and_known(client: ManagerClient) -> None:
     [("nope", NOPE), ("arm_controller", ALREADY), ("spare", NOT_CONFIGURED)],
     ids=["unknown", "active already", "unconfigured"],
 )
-def test_one_bad_name_beside_a_good_one(client: ManagerClient, bad: str, text: str) -> None:
+def test_switch_with_one_invalid_name(client: ManagerClient, bad: str, text: str) -> None:
     assert client.switch((), ["hand_controller"])[0] and client.cleanup("spare")
     before = client.states()
-    # The good ones of both lists stay where they were: also the one that was to be stopped.
+    # The valid controllers of both lists keep their states, including the one to deactivate.
     assert client.switch([bad, "hand_controller"], ["joint_state_broadcaster"], STRICT) == (False, text)
     assert client.states() == before
     done = f"{DONE}\nDeactivated controllers: [ joint_state_broadcaster ]\nActivated controllers: [ hand_controller ]"
@@ -111,7 +111,7 @@ def test_one_bad_name_beside_a_good_one(client: ManagerClient, bad: str, text: s
 
 
 @pytest.mark.row("cm-switch-strict", "cm-switch-best-effort")
-def test_one_that_is_to_be_stopped_and_is_not_active(client: ManagerClient) -> None:
+def test_deactivation_of_an_inactive_controller(client: ManagerClient) -> None:
     text = "Controller with name 'spare' can not be deactivated since it is not active."
     assert client.switch((), ["spare", "hand_controller"], STRICT) == (False, text)
     assert client.states() == AT_START
@@ -120,16 +120,16 @@ def test_one_that_is_to_be_stopped_and_is_not_active(client: ManagerClient) -> N
 
 
 @pytest.mark.row("cm-switch-default")
-def test_no_strictness_leaves_out_what_cannot_be(client: ManagerClient, stack: StackProcess) -> None:
+def test_unset_strictness_means_best_effort(client: ManagerClient, stack: StackProcess) -> None:
     stopped = (True, f"{DONE}\nDeactivated controllers: [ hand_controller ]")
     assert client.switch(["nope"], ["hand_controller"], 0) == stopped
     assert client.switch(["nope", "hand_controller", "arm_controller"], (), 0)[0]
     assert client.states() == AT_START
-    assert "no strictness is given: BEST_EFFORT (1) is taken" in stack.words
+    assert "strictness is not set: using BEST_EFFORT (1)" in stack.words
 
 
 @pytest.mark.row("cm-switch-claims")
-def test_a_claim_that_is_taken_fails_the_whole_switch(client: ManagerClient) -> None:
+def test_taken_claim_fails_the_whole_switch(client: ManagerClient) -> None:
     assert client.switch((), ["hand_controller"])[0]
     for strictness in (0, BEST_EFFORT, STRICT, AUTO):
         assert client.switch(["hand_controller", "conflict"], (), strictness) == (False, CONFLICT)
@@ -137,7 +137,7 @@ def test_a_claim_that_is_taken_fails_the_whole_switch(client: ManagerClient) -> 
 
 
 @pytest.mark.row("cm-switch-success")
-def test_one_for_the_other_in_one_switch(client: ManagerClient) -> None:
+def test_one_switch_exchanges_two_controllers(client: ManagerClient) -> None:
     text = f"{DONE}\nDeactivated controllers: [ arm_controller ]\nActivated controllers: [ conflict spare ]"
     assert client.switch(["conflict", "spare"], ["arm_controller"]) == (True, text)
     assert client.listed()["conflict"].claimed_interfaces == ["joint1/position"]
@@ -148,7 +148,7 @@ def test_one_for_the_other_in_one_switch(client: ManagerClient) -> None:
 
 @pytest.mark.row("cm-switch-claims")
 @pytest.mark.parametrize("label", ["inactive", "unconfigured"])
-def test_hardware_that_is_not_active_fails_who_commands_it_however_strict(client: ManagerClient, label: str) -> None:
+def test_inactive_hardware_fails_commanding_controllers_with_any_strictness(client: ManagerClient, label: str) -> None:
     client.set_hardware(label)
     before = client.states()
     assert (before["arm_controller"], before["joint_state_broadcaster"]) == ("inactive", "active")
@@ -160,7 +160,7 @@ def test_hardware_that_is_not_active_fails_who_commands_it_however_strict(client
         assert client.states() == before
 
 
-def test_who_commands_nothing_may_look_on_at_inactive_hardware(client: ManagerClient) -> None:
+def test_broadcaster_can_be_activated_on_inactive_hardware(client: ManagerClient) -> None:
     client.set_hardware("inactive")
     assert client.switch((), ["joint_state_broadcaster"])[0] and client.switch(["joint_state_broadcaster"])[0]
     client.set_hardware("active")

@@ -1,4 +1,4 @@
-"""The mock in several blocks, each with other parameters, as a client in another process sees it over DDS."""
+"""The mock hardware in several blocks with different parameters, as seen from another process."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One ``/joint_states``, by joint."""
+    """One ``/joint_states`` message, by joint."""
 
     position: dict[str, float]
     velocity: dict[str, float]
@@ -32,7 +32,7 @@ class Seen:
 
 
 class Bench:
-    """What the stack shows, and a way to command it."""
+    """Client that records the states of the stack and sends commands."""
 
     def __init__(self, client: ManagerClient) -> None:
         self.client = client
@@ -48,7 +48,7 @@ class Bench:
         self.until(lambda: bool(self.seen and self.dynamic))
         self.until(lambda: all(p.get_subscription_count() for p in self._publishers.values()))
         self.first = self.seen[0]
-        """Before anything is commanded."""
+        """Record the states before the first command."""
 
     def _take(self, message: JointState) -> None:
         columns = (message.position, message.velocity, message.effort)
@@ -58,12 +58,12 @@ class Bench:
         self.client.spin_until(ready)
 
     def command(self, controller: str, *values: float) -> int:
-        """Returns how many states had been seen before."""
+        """Send a command and return the number of states received before it."""
         self._publishers[controller].publish(Float64MultiArray(data=values))
         return len(self.seen)
 
     def go(self, joint1: float, joint2: float, joint4: float, hand_m: float) -> list[Seen]:
-        """Positions; returns what is seen until those that move have arrived and a while has passed."""
+        """Send positions. Return the states until the moving joints have arrived and some time has passed."""
         wanted = {"joint1": joint1, "joint2": joint2, HAND: hand_m}
         begin = self.command("positions", joint1, joint2, joint4, hand_m)
 
@@ -86,13 +86,13 @@ def bench(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 def interfaces(message: DynamicJointState, name: str) -> dict[str, float]:
-    """Of one joint."""
+    """Return the interface values of one joint."""
     listed = message.interface_values[message.joint_names.index(name)]
     return dict(zip(listed.interface_names, listed.values, strict=True))
 
 
 @pytest.mark.row("cm-urdf-types", "cm-list-hardware")
-def test_systems_actuators_and_sensors_are_components_of_their_own(bench: Bench) -> None:
+def test_systems_actuators_and_sensors_are_separate_components(bench: Bench) -> None:
     listed = bench.client.call(ListHardwareComponents, f"{MANAGER}/list_hardware_components").component
     assert {c.name: (c.type, c.state.label) for c in listed} == {
         "plain-1": ("system", "active"),
@@ -103,7 +103,8 @@ def test_systems_actuators_and_sensors_are_components_of_their_own(bench: Bench)
         "probe": ("sensor", "active"),
         "hand": ("system", "active"),
     }
-    names = {"plain_1", "smooth", "wheel", "stuck", "strong", "probe", "hand"}  # as far as a node may be called so
+    # Node names contain only letters, digits and underscores.
+    names = {"plain_1", "smooth", "wheel", "stuck", "strong", "probe", "hand"}
     bench.until(lambda: names <= set(bench.client.node.get_node_names()))
     probe = next(c for c in listed if c.name == "probe")
     assert not probe.command_interfaces
@@ -113,8 +114,8 @@ def test_systems_actuators_and_sensors_are_components_of_their_own(bench: Bench)
 
 
 @pytest.mark.row("cm-urdf-initial")
-def test_what_has_an_initial_value_begins_there_and_the_rest_is_unknown(bench: Bench) -> None:
-    """Positions and velocities of the mock begin at 0 where nothing is said, as GenericSystem's."""
+def test_interfaces_start_at_their_initial_values_or_unknown(bench: Bench) -> None:
+    """Positions and velocities of the mock default to 0, as in GenericSystem."""
     first = bench.first
     assert {name: first.position[name] for name in ("joint1", "joint4", "joint6")} == {
         "joint1": 0.25,
@@ -130,7 +131,7 @@ def test_what_has_an_initial_value_begins_there_and_the_rest_is_unknown(bench: B
 
 
 @pytest.mark.row("cm-urdf-mimic")
-def test_a_mimic_joint_is_in_the_states_and_takes_no_commands(bench: Bench) -> None:
+def test_mimic_joint_has_states_but_no_commands(bench: Bench) -> None:
     listed = bench.client.call(ListHardwareInterfaces, f"{MANAGER}/list_hardware_interfaces")
     assert not [i.name for i in listed.command_interfaces if i.name.startswith(FOLLOWER)]
     states = [i.name for i in listed.state_interfaces if i.name.startswith(FOLLOWER)]
@@ -139,7 +140,7 @@ def test_a_mimic_joint_is_in_the_states_and_takes_no_commands(bench: Bench) -> N
 
 
 def differentiates(course: list[Seen], name: str) -> bool:
-    """Whether between two states it has moved by so many periods' worth of its velocity: some may have been missed."""
+    """Return whether position changes equal velocity times a whole number of periods. States may be missing."""
     steady = [
         (before.position[name], after.position[name], after.velocity[name])
         for before, after in pairwise(course)
@@ -150,12 +151,12 @@ def differentiates(course: list[Seen], name: str) -> bool:
 
 
 @pytest.mark.row("cm-mock-position", "cm-mock-dynamics", "cm-mock-mimic", "cm-mock-disabled", "cm-urdf-types")
-def test_position_commands_are_mirrored_differentiated_and_followed(bench: Bench) -> None:
+def test_position_commands_are_mirrored_differentiated_and_mimicked(bench: Bench) -> None:
     course = bench.go(1.25, 1.9, 1.0, 0.04)
     assert {seen.velocity["joint1"] for seen in course} == {0.0}
-    assert len({seen.position["joint1"] for seen in course}) > 3  # it was on its way
+    assert len({seen.position["joint1"] for seen in course}) > 3  # It was moving.
     assert differentiates(course, "joint2")
-    assert max(seen.velocity["joint2"] for seen in course) == pytest.approx(4.0)  # the joint's limit
+    assert max(seen.velocity["joint2"] for seen in course) == pytest.approx(4.0)  # limit of the joint
     assert {seen.position["joint4"] for seen in course} == {0.125}
     assert {seen.velocity["joint4"] for seen in course} == {0.0}
     for seen in course:
@@ -163,11 +164,11 @@ def test_position_commands_are_mirrored_differentiated_and_followed(bench: Bench
         assert seen.velocity[FOLLOWER] == pytest.approx(MULTIPLIER * seen.velocity[HAND])
     assert course[-1].position[FOLLOWER] == pytest.approx(0.0)
     assert min(seen.velocity[FOLLOWER] for seen in course) < 0.0
-    assert {seen.position["joint6"] for seen in course} == {-0.5}  # the sensor's
+    assert {seen.position["joint6"] for seen in course} == {-0.5}  # state of the sensor
 
 
 @pytest.mark.row("cm-mock-dynamics")
-def test_a_velocity_command_moves_the_joint_also_in_the_place_of_servos(bench: Bench) -> None:
+def test_velocity_command_moves_a_mock_or_replaced_servo(bench: Bench) -> None:
     begin = bench.command("speeds", 0.5)
     bench.until(lambda: bench.seen[-1].position["joint3"] > 0.3)
     assert differentiates(bench.seen[begin:], "joint3")
@@ -177,7 +178,7 @@ def test_a_velocity_command_moves_the_joint_also_in_the_place_of_servos(bench: B
     assert bench.seen[-1].position["joint3"] == bench.seen[-2].position["joint3"] > 0.2
 
 
-def test_an_effort_command_is_mirrored(bench: Bench) -> None:
+def test_effort_command_is_mirrored(bench: Bench) -> None:
     bench.command("efforts", 1.5)
     bench.until(lambda: bench.seen[-1].effort["joint5"] == 1.5)
     assert bench.seen[-1].position["joint5"] == 0.0

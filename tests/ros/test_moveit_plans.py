@@ -1,4 +1,4 @@
-"""Plans as MoveIt makes them, over the real action and virtual servos: driven, canceled anywhere, blocked."""
+"""Run plans like those of MoveIt over the real action and virtual servos: executed, canceled and blocked."""
 
 import math
 import re
@@ -30,10 +30,10 @@ from tests.ros.trajectory_stacks import PERIOD_S, client_of
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
-"""Velocity and acceleration of config/moveit/joint_limits.yaml."""
+"""Velocity and acceleration limits of config/moveit/joint_limits.yaml."""
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
 AROUND_THE_STAND = (0.0, -0.41, -0.76, -0.70, -1.10, 1.55)
-"""Below its top, with a finger on either side."""
+"""Pose below the top of the stand, with a finger on either side."""
 LEFT, RIGHT = (0.4, -0.2, -0.8, -0.6, -1.1, 1.55), (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55)
 BOWS = {
     "straight": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -41,10 +41,10 @@ BOWS = {
     "over an obstacle": (0.0, 0.25, 0.0, 0.0, 0.1, 0.0),
 }
 FOLLOWING_RAD = 0.04
-"""Of full-speed plans; sag, lag and what is left of both."""
+"""Maximum following error of full-speed plans, in rad, from sag and lag."""
 START_RAD = 0.01
+"""Value of MoveIt's allowed_start_tolerance, in rad."""
 BACKLASH_RAD = math.radians(1.0)
-"""MoveIt's allowed_start_tolerance."""
 
 
 @pytest.fixture(scope="module")
@@ -60,25 +60,25 @@ def message(points: Sequence[GoalPoint]) -> Any:
 
 
 def driven(client: TrajectoryClient, curve: Curve, scale: float = 1.0) -> FloatArray:
-    """The references (k, 6) of a plan that must arrive, once the arm rests."""
+    """Run a plan that must arrive, and return its references (k, 6) after the arm has come to rest."""
     first = len(client.states)
     status, code, text = client.outcome(client.send(goal_of(message(plan(curve, LIMITS, scale)))))
     assert (status, code) == (SUCCEEDED, 0) and text.startswith(REACHED), text
-    client.cycles(4)  # it has arrived within the tolerance, and comes nearer
+    client.cycles(4)  # It has arrived within the tolerance and approaches the goal further.
     return references(client, first)
 
 
 def references(client: TrajectoryClient, first: int) -> FloatArray:
-    """Where the arm was to be. What the servos are told lies ahead of it, by as much as each of them lags."""
+    """Return the reference positions. The commands to the servos are ahead by the lag of each servo."""
     return np.array([state.reference.positions for state in client.states[first:]])
 
 
 def ways(client: TrajectoryClient, first: int) -> FloatArray:
-    """Where the arm was."""
+    """Return the measured positions."""
     return np.array([state.feedback.positions for state in client.states[first:]])
 
 
-def test_a_joint_that_is_blocked_aborts_and_is_relieved_within_two_seconds_and_named(servos: TrajectoryClient) -> None:
+def test_blocked_joint_is_named_aborts_and_is_relieved_within_two_seconds(servos: TrajectoryClient) -> None:
     driven(servos, straight(tuple(measured(servos)), AROUND_THE_STAND), 0.5)
     start = tuple(measured(servos))
     sent = servos.send(goal_of(message(plan(straight(start, (0.6, *start[1:])), LIMITS))))
@@ -87,11 +87,11 @@ def test_a_joint_that_is_blocked_aborts_and_is_relieved_within_two_seconds_and_n
     assert re.fullmatch(r"Aborted due to path tolerance violation: joint1 is off by 0\.\d+, allowed is 0\.3000", text)
     held = [any(abs(off) > 0.05 for off in message.error.positions) for message in sent.feedback]
     assert sum(held) * PERIOD_S < 2.0
-    driven(servos, straight(tuple(measured(servos)), start), 0.5)  # away from the stand, the way it came
+    driven(servos, straight(tuple(measured(servos)), start), 0.5)  # back from the stand on the same path
 
 
 @pytest.mark.parametrize(("turn", "bow"), enumerate(BOWS.values()), ids=BOWS)
-def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rests(
+def test_plans_arrive_or_stop_on_their_path_when_canceled(
     servos: TrajectoryClient, turn: int, bow: tuple[float, ...]
 ) -> None:
     for pose in (READY, RIGHT):
@@ -107,7 +107,7 @@ def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rest
         assert off_line(references(servos, first), whole) < 0.01
         assert off_line(ways(servos, first), whole) < FOLLOWING_RAD
         servos.cycles(4)
-        # One that arrived before the cancel comes nearer still; and the gears leave every link a degree.
+        # An arm that arrived before the cancel still approaches the goal. The gears have a backlash of one degree.
         assert tuple(measured(servos)) == pytest.approx(here, abs=BACKLASH_RAD), (
             "the goal ended while the arm still moved"
         )
@@ -115,7 +115,7 @@ def test_plans_arrive_and_wherever_they_are_canceled_the_arm_is_on_them_and_rest
 
 
 def canceled_on(client: TrajectoryClient, sent: Sent, after_s: float) -> bool:
-    """Cancel a goal when it has gone on for so long; whether it had not arrived by then."""
+    """Cancel a goal after a time, and return whether it was still running."""
     client.until(lambda: len(sent.feedback) >= max(round(after_s / PERIOD_S), 1))
     client.cancel(sent)
     outcome = client.outcome(sent)[:2]

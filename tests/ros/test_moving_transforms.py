@@ -1,4 +1,4 @@
-"""The transforms of moving transforms, against the plain calculation joint by joint."""
+"""Transforms of moving links match a direct calculation for each joint."""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ def joint(name: str, kind: str, mimic: Mimic | None = None, axis: tuple[float, f
 
 
 def shown(transforms: Sequence[TransformStamped]) -> dict[str, tuple[list[float], list[float]]]:
-    """Translation and rotation by child frame."""
+    """Return translation and rotation by child frame."""
     return {
         t.child_frame_id: (
             [t.transform.translation.x, t.transform.translation.y, t.transform.translation.z],
@@ -38,12 +38,12 @@ def shown(transforms: Sequence[TransformStamped]) -> dict[str, tuple[list[float]
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (1.0, 2.0, -2.0)])
 @pytest.mark.parametrize("position", [0.0, 0.7, -2.9, 5.0])
-def test_a_moving_link_is_where_the_plain_calculation_puts_it(
+def test_moving_link_matches_the_direct_calculation(
     kind: str, axis: tuple[float, float, float], position: float
 ) -> None:
     moving = joint("a", kind, axis=axis)
     transforms = MovingTransforms([moving], "")
-    transforms.transforms(("a",), (1.0,), STAMP)  # what a cycle leaves behind must not show in the next one
+    transforms.transforms(("a",), (1.0,), STAMP)  # The messages of one cycle must not affect the next.
     (transform,) = transforms.transforms(("a",), (position,), STAMP)
     place, turn = shown([transform])["after_a"]
     wanted_place, wanted_turn = child_pose(moving, position)
@@ -54,7 +54,7 @@ def test_a_moving_link_is_where_the_plain_calculation_puts_it(
     assert transform.header.stamp == STAMP
 
 
-def test_mimic_joints_follow_unless_they_are_told_of_themselves() -> None:
+def test_mimic_joints_follow_unless_they_are_measured() -> None:
     moving = [joint("a", "prismatic"), joint("b", "prismatic", Mimic("a", -2.0, 0.5)), joint("c", "prismatic")]
     followed = shown(MovingTransforms(moving, "").transforms(("a",), (0.1,), STAMP))
     assert set(followed) == {"after_a", "after_b"}
@@ -63,7 +63,7 @@ def test_mimic_joints_follow_unless_they_are_told_of_themselves() -> None:
     assert told["after_b"][0] == pytest.approx(child_pose(moving[1], 0.2)[0])
 
 
-def test_what_is_not_known_and_what_the_urdf_has_not_is_not_shown() -> None:
+def test_unknown_positions_and_joints_are_omitted() -> None:
     transforms = MovingTransforms(
         [joint("a", "revolute"), joint("b", "revolute"), joint("f", "fixed"), joint("o", "floating")], ""
     )
@@ -72,13 +72,13 @@ def test_what_is_not_known_and_what_the_urdf_has_not_is_not_shown() -> None:
     assert set(shown(transforms.transforms(names, (1.0, 0.1, 0.2, 0.0, 0.0), STAMP))) == {"after_a", "after_b"}
 
 
-def test_other_names_are_looked_up_anew() -> None:
+def test_changed_names_are_looked_up_again() -> None:
     transforms = MovingTransforms([joint("a", "prismatic"), joint("b", "prismatic")], "")
     assert set(shown(transforms.transforms(("a",), (0.1,), STAMP))) == {"after_a"}
     assert set(shown(transforms.transforms(("b",), (0.1,), STAMP))) == {"after_b"}
 
 
-def test_frames_have_the_prefix() -> None:
+def test_frames_have_the_prefix_of_the_robot() -> None:
     joints = {"a": joint("a", "revolute"), "f": joint("f", "fixed")}
     (moving,) = MovingTransforms(joints.values(), "left/").transforms(("a",), (0.1,), STAMP)
     (fixed,) = fixed_transforms(joints, "left/", STAMP)

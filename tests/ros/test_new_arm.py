@@ -1,4 +1,4 @@
-"""An arm that ``servoloop arms new`` made: the virtual servos serve it, the stack moves it, the page shows it."""
+"""An arm created by ``servoloop arms new`` is emulated, moved and shown on the page."""
 
 import subprocess
 import sys
@@ -29,7 +29,7 @@ GOAL_RAD, OFF_RAD = -0.3, 0.06
 
 @pytest.fixture
 def arm(tmp_path: Path) -> str:
-    """The new arm's folder."""
+    """Create the folder of the new arm."""
     (tmp_path / "robot.urdf").write_text(BLOCK.sub("", find_arm("so101").urdf.read_text()))
     command = [sys.executable, "-m", "servoloop", "arms", "new", str(tmp_path / "mine"), str(tmp_path / "robot.urdf")]
     subprocess.run(command, check=True, capture_output=True, timeout=60.0)
@@ -37,7 +37,7 @@ def arm(tmp_path: Path) -> str:
 
 
 def move(client: ManagerClient, joints: list[str]) -> None:
-    """Send all joints to zero and one of them to the goal; returns when the goal has succeeded."""
+    """Move all joints to zero and one of them to a goal, and return after success."""
     action = ActionClient(client.node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
     assert action.wait_for_server(20.0)
     goal = FollowJointTrajectory.Goal()
@@ -54,7 +54,7 @@ def move(client: ManagerClient, joints: list[str]) -> None:
 
 
 @pytest.mark.runs(*commands("arms/README.md"))
-def test_it_is_emulated_moved_and_shown(ros_domain: int, tmp_path: Path, arm: str) -> None:
+def test_new_arm_is_emulated_moved_and_shown(ros_domain: int, tmp_path: Path, arm: str) -> None:
     joints = ["shoulder_pan", LIFT, "elbow_flex", "wrist_flex", "wrist_roll"]
     with (
         emulating(tmp_path, "--arm", arm) as link,

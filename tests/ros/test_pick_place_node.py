@@ -1,4 +1,4 @@
-"""The pick-and-place node over real DDS: its names, its goals, and what it does about failures."""
+"""The pick-and-place node over ROS: its names, goals and failures."""
 
 import signal
 import subprocess
@@ -34,13 +34,13 @@ BIN = {
 SUCCEEDED = GoalStatus.STATUS_SUCCEEDED
 CANCELED = GoalStatus.STATUS_CANCELED
 ABORTED = GoalStatus.STATUS_ABORTED
-# How much of the story has been told while the n-th motion runs.
+# Number of states published while the n-th motion runs.
 TOLD = [2, 5, 8, 10]
 
 
 @pytest.fixture(scope="module")
 def shared_cell(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One node for most tests. Discovery is over when nothing of a whole job gets lost any more."""
+    """Provide one node for most tests. Discovery is complete when no message of a whole job is lost."""
     parameters = Path(__file__).parents[2] / "config" / f"{NODE}.yaml"
     log = tmp_path_factory.mktemp("node") / "log"
     with Cell(ros_domain, log, ["--ros-args", "--params-file", str(parameters)]) as cell:
@@ -64,12 +64,12 @@ def cell(shared_cell: Cell) -> Cell:
 
 
 def positions(cell: Cell) -> list[list[float]]:
-    """What the arm was asked for."""
+    """Return the goals of the arm."""
     return [list(goal.trajectory.points[0].positions) for _, goal in cell.below().goals]
 
 
 def assert_it_works_again(cell: Cell) -> None:
-    """A job that went wrong must not leave the node busy."""
+    """Check that the node accepts and completes a new job."""
     cell.forget()
     assert cell.pick("A").end()[0] == SUCCEEDED
 
@@ -77,7 +77,7 @@ def assert_it_works_again(cell: Cell) -> None:
 # --- names and types ---------------------------------------------------------------------------
 
 
-def test_names_and_types(cell: Cell) -> None:
+def test_node_has_its_names_and_types(cell: Cell) -> None:
     graph = cell.node
     published = dict(graph.get_publisher_names_and_types_by_node(NODE, "/"))
     assert published["/sorting/arm/state"] == ["std_msgs/msg/String"]
@@ -97,7 +97,7 @@ def test_names_and_types(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize("grade", ["A", "B", "C"])
-def test_goals_are_exactly_those_of_the_table(cell: Cell, grade: str) -> None:
+def test_goals_equal_those_of_the_table(cell: Cell, grade: str) -> None:
     status, result = cell.pick(grade).end()
     assert (status, result.success) == (SUCCEEDED, True)
     assert positions(cell) == [READY, PICK, BIN[grade], READY]
@@ -110,7 +110,7 @@ def test_goals_are_exactly_those_of_the_table(cell: Cell, grade: str) -> None:
         assert (stamp.sec, stamp.nanosec) == (0, 0)
 
 
-def test_gripper_commands_go_out_between_the_motions(cell: Cell) -> None:
+def test_gripper_commands_are_sent_between_the_motions(cell: Cell) -> None:
     arm = cell.below()
     cell.pick("B").end()
     wait_until(lambda: len(arm.hand) == 3, "the gripper commands")
@@ -119,7 +119,7 @@ def test_gripper_commands_go_out_between_the_motions(cell: Cell) -> None:
         assert arm.ended_ns[index] < sent_ns < arm.goals[index + 1][0]
 
 
-def test_states_and_feedback(cell: Cell) -> None:
+def test_states_and_feedback_are_published(cell: Cell) -> None:
     pick = cell.pick("C")
     _, result = pick.end()
     cell.wait_for_end()
@@ -135,7 +135,7 @@ def test_states_and_feedback(cell: Cell) -> None:
     assert abs(first["ts"] - time.time()) < 600.0
 
 
-def test_numbers_go_on_from_job_to_job(cell: Cell) -> None:
+def test_numbers_continue_from_job_to_job(cell: Cell) -> None:
     first, second = (cell.pick("B").end()[1].request_id for _ in range(2))
     assert second == first + 1
     wait_until(lambda: cell.phases() == STORY * 2, "both stories")
@@ -144,7 +144,7 @@ def test_numbers_go_on_from_job_to_job(cell: Cell) -> None:
 
 
 @pytest.mark.parametrize("grade", ["b", "  B ", "\tb\n"])
-def test_grade_in_any_dress(cell: Cell, grade: str) -> None:
+def test_grade_is_normalized(cell: Cell, grade: str) -> None:
     assert cell.pick(grade).end()[0] == SUCCEEDED
     assert positions(cell)[2] == BIN["B"]
 
@@ -168,7 +168,7 @@ def test_empty_grade_is_rejected(cell: Cell, grade: str) -> None:
     cell.wait_for_log("the grade is empty", before + 1)
 
 
-def test_a_goal_while_busy_is_rejected(cell: Cell) -> None:
+def test_goal_while_busy_is_rejected(cell: Cell) -> None:
     cell.forget(Plan.HOLD)
     first = cell.pick("A")
     cell.wait_for_goals(1)
@@ -178,7 +178,7 @@ def test_a_goal_while_busy_is_rejected(cell: Cell) -> None:
     assert first.end()[0] == CANCELED
 
 
-def test_disabled_means_no_new_job_and_the_running_one_goes_on(cell: Cell) -> None:
+def test_disabled_node_finishes_its_job_but_starts_none(cell: Cell) -> None:
     running = cell.pick("A")
     try:
         answer = cell.enable(False)
@@ -212,7 +212,7 @@ def test_cancel_in_every_motion(cell: Cell, motion: int) -> None:
     assert_it_works_again(cell)
 
 
-def test_cancel_at_once(cell: Cell) -> None:
+def test_cancel_right_after_the_goal(cell: Cell) -> None:
     cell.forget(*[Plan.HOLD] * 4)
     pick = cell.pick("B")
     pick.cancel()
@@ -220,7 +220,7 @@ def test_cancel_at_once(cell: Cell) -> None:
     assert_it_works_again(cell)
 
 
-def test_cancel_before_the_arm_has_answered(cell: Cell) -> None:
+def test_cancel_before_the_arm_has_responded(cell: Cell) -> None:
     cell.forget(Plan.ANSWER_LATE)
     pick = cell.pick("B")
     cell.wait_for_goals(1)
@@ -252,14 +252,14 @@ def test_failure_in_every_motion(cell: Cell, motion: int, plan: Plan, words: str
 # --- vision ------------------------------------------------------------------------------------
 
 
-def test_a_fresh_apple_starts_a_job(cell: Cell) -> None:
+def test_fresh_apple_starts_a_job(cell: Cell) -> None:
     cell.see("", " c", "A")
     cell.wait_for_end()
     assert cell.phases() == STORY
     assert positions(cell) == [READY, PICK, BIN["C"], READY]
 
 
-def test_an_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
+def test_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
     cell.forget(Plan.HOLD)
     pick = cell.pick("A")
     cell.wait_for_goals(1)
@@ -273,15 +273,17 @@ def test_an_apple_while_busy_waits_for_the_next_message(cell: Cell) -> None:
 @pytest.mark.parametrize(
     ("grades", "age_s", "words"),
     [
-        (["A"], 2.0, "s old; news is younger than 1 s"),
+        (["A"], 2.0, "s old; the maximum age is 1 s"),
         (["A"], None, "no stamp"),
         (["A"], -60.0, "in the future"),
-        (["", " "], 0.0, "no apple in it has a grade"),
-        ([], 0.0, "no apple in it has a grade"),
+        (["", " "], 0.0, "none of its apples has a grade"),
+        ([], 0.0, "none of its apples has a grade"),
     ],
 )
-def test_no_news(ros_domain: int, tmp_path: Path, grades: list[str], age_s: Any, words: str) -> None:
-    # a node a message: the log of the one above keeps quiet about repetitions
+def test_stale_or_empty_vision_message_is_ignored(
+    ros_domain: int, tmp_path: Path, grades: list[str], age_s: Any, words: str
+) -> None:
+    # One node per message, because the node does not log repetitions.
     with Cell(ros_domain % 100 + 1, tmp_path / "log") as cell:
         cell.see_until(lambda: words in cell.log(), *grades, age_s=age_s)
         assert cell.states == []
@@ -291,7 +293,7 @@ def test_vision_can_be_switched_off(ros_domain: int, tmp_path: Path) -> None:
     arguments = ["--ros-args", "-p", "auto_goal_from_vision:=false"]
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arguments) as cell:
         cell.see_until(lambda: cell.sights == 10, "A")
-        assert cell.pick("B").end()[0] == SUCCEEDED  # and not rejected as busy
+        assert cell.pick("B").end()[0] == SUCCEEDED  # The node does not reject the goal as busy.
         assert BIN["A"] not in positions(cell)
 
 
@@ -305,24 +307,24 @@ IMPATIENT = [
 
 @pytest.fixture(scope="module")
 def impatient(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """A node that waits for a moment only, so that the tests need not wait for long."""
+    """Run a node with short timeouts, so that the tests are fast."""
     log = tmp_path_factory.mktemp("impatient") / "log"
     with Cell((ros_domain + 1) % 100 + 1, log, IMPATIENT) as cell:
         wait_until(lambda: _nothing_lost(cell), "a whole job")
         yield cell
 
 
-def test_an_arm_that_does_not_answer(impatient: Cell) -> None:
+def test_arm_that_does_not_respond_aborts_the_job(impatient: Cell) -> None:
     impatient.forget(Plan.ANSWER_LATE)
     status, result = impatient.pick("B").end()
     assert status == ABORTED
-    assert "did not answer" in result.message
+    assert "did not respond" in result.message
     impatient.below().go_on()
-    wait_until(lambda: impatient.below().canceled == 1, "the late goal's cancel")
+    wait_until(lambda: impatient.below().canceled == 1, "the cancel of the late goal")
     assert_it_works_again(impatient)
 
 
-def test_an_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
+def test_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
     impatient.forget(Plan.HOLD)
     status, result = impatient.pick("B").end()
     assert status == ABORTED
@@ -331,7 +333,7 @@ def test_an_arm_that_does_not_finish_is_canceled(impatient: Cell) -> None:
     assert_it_works_again(impatient)
 
 
-def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tmp_path: Path) -> None:
+def test_motion_timeout_follows_simulated_time(ros_domain: int, tmp_path: Path) -> None:
     arguments = ["--ros-args", "-p", "use_sim_time:=true", "-p", "result_timeout_s:=0.5"]
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arguments) as cell:
         clock = cell.node.create_publisher(Clock, "/clock", 10)
@@ -349,7 +351,7 @@ def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tm
         cell.forget(Plan.HOLD)
         pick = cell.pick("B")
         cell.wait_for_goals(1)
-        time.sleep(1.0)  # twice as long, while the clock stands still
+        time.sleep(1.0)  # twice the timeout, while the clock stands still
         assert "error" not in cell.phases()
         wait_until(advance_to_the_end, "the time-out")
         assert "did not finish" in pick.end()[1].message
@@ -357,11 +359,11 @@ def test_on_simulated_time_a_motion_has_as_long_as_that_says(ros_domain: int, tm
 
 
 ANSWERED_S = 1.0
-"""Until the node has the answer to its goal for sure: that may be lost with whoever sends it."""
+"""Wait until the node has received the response to its goal, which may be lost with its sender."""
 
 
 @pytest.mark.parametrize("canceled", [False, True], ids=["in a motion", "behind a cancel"])
-def test_a_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
+def test_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
     ros_domain: int, tmp_path: Path, canceled: bool
 ) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log", ["--ros-args", "-p", "use_sim_time:=true"]) as cell:
@@ -376,10 +378,10 @@ def test_a_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
         status, result = pick.end()
         assert status == (CANCELED if canceled else ABORTED)
         assert "/arm_controller/follow_joint_trajectory is gone" in result.message
-        assert cell.pick("B").end()[0] == ABORTED, "it is not busy with the lost one"
+        assert cell.pick("B").end()[0] == ABORTED, "the node is not busy with the lost job"
 
 
-def test_an_arm_that_will_not_stop(impatient: Cell) -> None:
+def test_arm_that_does_not_stop_is_reported(impatient: Cell) -> None:
     impatient.forget(Plan.REFUSE_CANCEL)
     pick = impatient.pick("B")
     impatient.wait_for_goals(1)
@@ -391,37 +393,37 @@ def test_an_arm_that_will_not_stop(impatient: Cell) -> None:
     assert_it_works_again(impatient)
 
 
-def test_no_arm_at_all(ros_domain: int, tmp_path: Path) -> None:
+def test_missing_arm_is_reported(ros_domain: int, tmp_path: Path) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log", arm=False) as cell:
         status, result = cell.pick("B").end()
         assert status == ABORTED
-        assert "/arm_controller/follow_joint_trajectory is not there" in result.message
+        assert "/arm_controller/follow_joint_trajectory is not available" in result.message
         pick = cell.pick("B")
         pick.cancel()
         assert pick.end()[0] == CANCELED
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_cancels_the_arms_goal_and_ends_the_node(ros_domain: int, tmp_path: Path, number: int) -> None:
+def test_signal_cancels_the_goal_of_the_arm_and_ends_the_node(ros_domain: int, tmp_path: Path, number: int) -> None:
     with Cell(ros_domain % 100 + 1, tmp_path / "log") as cell:
         cell.forget(Plan.HOLD)
         pick = cell.pick("B")
         cell.wait_for_goals(1)
         cell.process.send_signal(number)
         status, result = pick.end()
-        assert (status, result.message) == (ABORTED, "canceled: the node was told to stop")
+        assert (status, result.message) == (ABORTED, "canceled: the node is stopping")
         assert cell.process.wait(30.0) == 0
         assert cell.below().canceled == 1
         assert "Traceback" not in cell.log()
 
 
 @pytest.mark.slow
-def test_wrong_parameters_are_named(ros_domain: int) -> None:
+def test_invalid_parameters_are_named(ros_domain: int) -> None:
     command = [sys.executable, "-m", "nodes.vision_pick_place_controller", "--ros-args"]
     command += ["-p", "grades:=[A, D]", "-p", "poses.pick:=[1.0]"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert "bins.D is missing" in done.stderr
+    assert "'bins.D' is missing" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -431,15 +433,15 @@ GIVEN = [
         "/**:\n  ros__parameters:\n    poses: {ready: [0, -0.35, 0.1, 0.0, 0.0, 0.0]}\n",
         "write each number of the list with",
     ),
-    (f"{NODE_NAME}:\n  ros__parameters: {{move_times_s: 3.0}}\n", "the parameter 'move_times_s' is not used"),
-    ("other_node:\n  ros__parameters: {move_time_s: 3.0}\n", f"given.yaml has no parameters for /{NODE_NAME}"),
+    (f"{NODE_NAME}:\n  ros__parameters: {{move_times_s: 3.0}}\n", "parameter 'move_times_s' is ignored"),
+    ("other_node:\n  ros__parameters: {move_time_s: 3.0}\n", f"given.yaml contains no parameters for /{NODE_NAME}"),
 ]
-"""A parameter file and what the node says of it."""
+"""Parameter file and the expected warning or error."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("text", "words"), GIVEN, ids=["mixed list", "misspelled key", "another node"])
-def test_what_a_parameter_file_does_not_do_is_said(ros_domain: int, tmp_path: Path, text: str, words: str) -> None:
+def test_useless_parameter_file_is_reported(ros_domain: int, tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "given.yaml").write_text(text)
     command = ["--ros-args", "--params-file", str(tmp_path / "given.yaml")]
     node = StackProcess(tmp_path / "node.log", *command, module=f"nodes.{NODE_NAME}")

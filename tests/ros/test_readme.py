@@ -1,4 +1,4 @@
-"""Every command of the README, run."""
+"""Run every command of the README."""
 
 import json
 import os
@@ -30,7 +30,7 @@ SERVERS = {
     "servoloop up --port ./bus": "ready: robot_arm",
     "servoloop emulate ./bus": "ready: 7 servos",
 }
-"""Commands that run until they are ended, and what they say when they are ready."""
+"""Commands that run until they are ended, with their output when they are ready."""
 TOGETHER = (". .venv/bin/activate", NODE, "servoloop pick B")
 MEASURE = "servoloop bench bus --port /dev/ttyACM0 --ids 1-7 --model sts3215"
 ONCE = {
@@ -39,17 +39,17 @@ ONCE = {
     "make demo": "make demo DEMO_ARGS='--out {tmp}'",
     "make test": "make test PYTEST_ARGS='tests/servoloop/test_following.py'",
 }
-"""Commands that end by themselves, with the arguments that keep them short here."""
+"""Commands that end without a signal, with arguments that keep them short here."""
 
 
 @pytest.fixture
 def environment(ros_domain: int) -> dict[str, str]:
-    """A shell in which the environment has been activated."""
+    """Environment variables of a shell with the activated environment."""
     return {**os.environ, "PATH": f"{ROOT / '.venv' / 'bin'}:{os.environ['PATH']}", "ROS_DOMAIN_ID": str(ros_domain)}
 
 
 class Served:
-    """A command that runs until the test ends it."""
+    """Run a command until the end of the test."""
 
     def __init__(self, command: str, log: Path, environment: dict[str, str]) -> None:
         self.log = log
@@ -64,7 +64,7 @@ class Served:
         return self.process.wait(PATIENCE_S)
 
 
-def test_the_table_has_every_command_of_the_readme() -> None:
+def test_tables_contain_every_command_of_the_readme() -> None:
     assert set(commands("README.md")) == {*SERVERS, *ONCE, *TOGETHER}
 
 
@@ -77,8 +77,8 @@ def link(tmp_path: Path) -> Iterator[Path]:
 @pytest.mark.slow
 @pytest.mark.runs(*SERVERS)
 @pytest.mark.parametrize("command", sorted(SERVERS))
-def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
-    """Where a port is named, an emulator's stands in for it: this machine has no arm."""
+def test_server_starts_and_ends_cleanly(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
+    """An emulator replaces the port, because this machine has no arm."""
     here = str(tmp_path / "mine") if "emulate" in command else str(link)
     words = SERVERS[command]
     with ExitStack() as stack:
@@ -95,7 +95,7 @@ def test_a_server_comes_up_and_ends_well(command: str, tmp_path: Path, link: Pat
 
 @pytest.mark.slow
 @pytest.mark.runs(*TOGETHER)
-def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environment: dict[str, str]) -> None:
+def test_stack_node_and_pick_work_together_as_documented(tmp_path: Path, environment: dict[str, str]) -> None:
     stack = Served("servoloop up", tmp_path / "up", environment)
     stack.wait_for("ready: ")
     node = Served(NODE, tmp_path / "node", environment)
@@ -112,9 +112,7 @@ def test_stack_node_and_pick_work_together_as_written(tmp_path: Path, environmen
 @pytest.mark.timeout(240)
 @pytest.mark.runs(*ONCE)
 @pytest.mark.parametrize("command", sorted(ONCE))
-def test_what_ends_by_itself_does_its_work(
-    command: str, tmp_path: Path, link: Path, environment: dict[str, str]
-) -> None:
+def test_commands_that_end_succeed(command: str, tmp_path: Path, link: Path, environment: dict[str, str]) -> None:
     full = ONCE[command].format(tmp=tmp_path / "out", link=link)
     done = subprocess.run(full, shell=True, env=environment, cwd=ROOT, capture_output=True, text=True, timeout=220)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]

@@ -1,4 +1,4 @@
-"""Recordings of the stack as a user starts it, and the messages of a recording as rclpy reads them."""
+"""Recordings of a running stack, and their messages as read by rclpy."""
 
 import importlib
 import json
@@ -27,14 +27,14 @@ pytestmark = pytest.mark.ros
 
 DEMO_S = 110.0
 OWN = "servoloop_msgs"
-"""No ROS package: rclpy cannot know it."""
+"""Message type without a ROS package, which rclpy cannot read."""
 SCENE = "/servoloop/scene"
 EVERY_CYCLE = ("/joint_states", "/servoloop/commands", "/arm_controller/controller_state", "/tf")
 _, DEMO, UP, *_ = commands("recordings.md")
 
 
 def check_cycles(recorded: Messages) -> int:
-    """Every cycle is in the recording, whatever the machine made of its timing; returns how many there are."""
+    """Check that every cycle is in the recording, regardless of its timing, and return the number of cycles."""
     cycles = recorded["/servoloop/cycles"]
     assert [cycle.number for cycle in cycles] == list(range(1, len(cycles) + 1))
     assert {topic: len(recorded[topic]) for topic in EVERY_CYCLE} == dict.fromkeys(EVERY_CYCLE, len(cycles) + 1)
@@ -42,7 +42,7 @@ def check_cycles(recorded: Messages) -> int:
 
 
 class Recorded:
-    """A stack that moved while servo 3 fell silent, and has ended."""
+    """A recording of a stack whose servo 3 became silent during a motion."""
 
     def __init__(self, path: Path, words: str, begun_s: float) -> None:
         self.path, self.words, self.begun_s = path, words, begun_s
@@ -53,7 +53,7 @@ class Recorded:
 @pytest.fixture(scope="module")
 def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recorded]:
     folder, begun_s = tmp_path_factory.mktemp("recorded"), time.time()
-    arguments = shlex.split(UP)[2:]  # behind "servoloop up"
+    arguments = shlex.split(UP)[2:]  # after "servoloop up"
     with pytest.MonkeyPatch.context() as patch, emulating(folder) as link:
         patch.chdir(folder)
         with running(folder, *arguments) as stack:
@@ -68,34 +68,34 @@ def recorded(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 @pytest.mark.slow
 @pytest.mark.runs(UP)
-def test_every_cycle_of_up_is_in_the_file_at_the_time_of_day(recorded: Recorded) -> None:
+def test_every_cycle_is_recorded_in_wall_clock_time(recorded: Recorded) -> None:
     cycles = check_cycles(recorded.messages)
     stamps = [stamp_s(message) for message in recorded.messages["/joint_states"]]
     assert stamps == sorted(stamps) and recorded.begun_s < stamps[0] < stamps[-1] < time.time()
-    assert len({*stamps}) == cycles > 7, "so long a servo is silent before its goal ends"
+    assert len({*stamps}) == cycles > 7, "the servo was silent for this time before its goal ended"
 
 
-def test_the_goal_and_its_end_are_in_it(recorded: Recorded) -> None:
+def test_goal_and_result_are_recorded(recorded: Recorded) -> None:
     (goal,), (result,) = (recorded.messages[f"/arm_controller/{name}"] for name in ("goal", "goal_result"))
     assert list(goal.points[0].positions) == list(PICK)
     assert result.status == "aborted" and "servo 3 does not answer" in result.error_string
 
 
-def test_where_the_cube_is_stands_in_it_with_an_emulated_arm(recorded: Recorded) -> None:
+def test_cube_position_is_recorded_with_an_emulated_arm(recorded: Recorded) -> None:
     places = [one for message in recorded.messages[SCENE] for one in message.transforms if one.child_frame_id == "cube"]
     assert places and places[-1].transform.translation.x == pytest.approx(0.291, abs=0.01)
 
 
-def test_the_bus_traffic_begins_with_the_first_byte(recorded: Recorded) -> None:
-    """Servos are asked who they are before the first cycle."""
+def test_bus_traffic_is_recorded_from_the_first_byte(recorded: Recorded) -> None:
+    """The servos are identified before the first cycle."""
     traffic = recorded.messages["/servoloop/bus_traffic"]
     assert traffic[0].sent and stamp_s(traffic[0]) < stamp_s(recorded.messages["/joint_states"][0])
     assert {message.header.frame_id for message in traffic} == {"./bus"}
     assert sum(not message.sent and len(message.data) > 0 for message in traffic) > 20
 
 
-def test_the_fault_is_in_a_file_of_its_own_that_the_log_names(recorded: Recorded) -> None:
-    """The machine may have held all servos up before: a file more, and this fault in the one after it."""
+def test_fault_is_recorded_in_a_separate_file_named_in_the_log(recorded: Recorded) -> None:
+    """On a slow machine all servos may have been late before. This fault is then in a later file."""
     files = {path: faults(path) for path in recorded.fault_files}
     path = next(path for path in reversed(files) if "joint3: silent" in files[path])
     assert f"{files[path][0]}: the last 30 s are recorded in out/faults/{path.name}" in recorded.words
@@ -104,9 +104,7 @@ def test_the_fault_is_in_a_file_of_its_own_that_the_log_names(recorded: Recorded
 
 
 @pytest.mark.slow
-def test_simulated_time_is_in_the_recording_of_a_stack_that_runs_on_it(
-    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_simulated_time_is_recorded(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with running(tmp_path, "--rtf", "5", "--record", "run.mcap") as stack, arm_client() as client:
         client.wait(client.send(PICK))
@@ -138,7 +136,7 @@ def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.runs(DEMO)
-def test_a_demo_is_recorded_from_its_first_cycle_to_its_last(
+def test_demo_is_recorded_from_first_to_last_cycle(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

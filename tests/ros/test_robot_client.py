@@ -1,4 +1,4 @@
-"""The jogging client believes of a goal under way only what a stack has said that is still there."""
+"""The jogging client considers a goal running only while the stack that reported it exists."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,8 +28,8 @@ EXECUTING, ABORTED = (
 )
 
 
-class Standing:
-    """A robot with one joint, which stands at zero."""
+class RobotAtRest:
+    """A robot with one joint at position zero."""
 
     limits: ClassVar = {"joint1": JointLimits(-2.0, 2.0, 4.0, 12.0, 120.0)}
 
@@ -39,7 +39,7 @@ class Standing:
 
 @contextmanager
 def stack(node: Node) -> Iterator[Publisher]:
-    """What a stack says of its goals; it ends as one that is killed does, without a last word."""
+    """Goal status publisher of a stack that can end without a last message, like a killed process."""
     publisher = node.create_publisher(GoalStatusArray, STATUS, qos_profile_action_status_default)
     try:
         yield publisher
@@ -47,35 +47,35 @@ def stack(node: Node) -> Iterator[Publisher]:
         node.destroy_publisher(publisher)
 
 
-def test_a_goal_that_was_under_way_when_its_stack_was_killed_blocks_nobody(ros_domain: int) -> None:
+def test_goal_of_a_killed_stack_does_not_block_motions(ros_domain: int) -> None:
     with client_node("test_robot_client") as (node, executor):
-        client = RobotClient(node, executor, Standing())
-        made = client._made(
+        client = RobotClient(node, executor, RobotAtRest())
+        controller = client._create(
             ControllerState(name="arm", type=TRAJECTORY, required_command_interfaces=["joint1/position"])
         )
-        assert made is not None
-        client._controllers["arm"] = made
+        assert controller is not None
+        client._controllers["arm"] = controller
 
-        def says(publisher: Publisher, statuses: list[GoalStatus], busy: bool) -> None:
-            def heard() -> bool:
+        def report(publisher: Publisher, statuses: list[GoalStatus], busy: bool) -> None:
+            def arrived() -> bool:
                 publisher.publish(GoalStatusArray(status_list=statuses))
                 executor.spin_once(timeout_sec=0.05)
-                return made.busy is busy
+                return controller.busy is busy
 
-            until(heard)
+            until(arrived)
 
         with stack(node) as killed:
-            says(killed, EXECUTING, busy=True)
+            report(killed, EXECUTING, busy=True)
             with pytest.raises(HandlingError, match="arm has a goal under way: stop it first"):
                 client.jog("joint1", 0.1)
             with stack(node) as newer:
                 until(lambda: node.count_publishers(STATUS) == 2)
-                client.jog("joint1", 0.1)  # what was killed is on the graph for seconds still
-                says(newer, EXECUTING, busy=True)
+                client.jog("joint1", 0.1)  # A killed process remains in the graph for seconds.
+                report(newer, EXECUTING, busy=True)
                 with pytest.raises(HandlingError, match="arm has a goal under way"):
                     client.jog("joint1", 0.1)
-                says(newer, ABORTED, busy=False)
+                report(newer, ABORTED, busy=False)
                 client.jog("joint1", 0.1)
-                says(newer, EXECUTING, busy=True)
+                report(newer, EXECUTING, busy=True)
         until(lambda: node.count_publishers(STATUS) == 0)
         client.jog("joint1", 0.1)

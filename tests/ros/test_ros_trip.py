@@ -1,4 +1,4 @@
-"""Few files on the way: from an action's goal to its controller, and from a cycle to the message on /joint_states."""
+"""Count the files on the path from an action goal to its controller, and from a cycle to /joint_states."""
 
 import threading
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ JOINT_STATES = ["surface", "cycle_executor", "ros_time", "controller_nodes", "br
 
 
 class InProcess:
-    """A stack on simulated time, its ROS surface in this thread, and a client in another one."""
+    """A stack on simulated time with its ROS nodes in this thread and a client in another thread."""
 
     def __init__(self) -> None:
         self.rig = SimulatedStack().up()
@@ -58,7 +58,7 @@ class InProcess:
             self.serve(0.05)
 
     def serve(self, seconds: float, done: threading.Event | None = None) -> None:
-        """The surface's turn, for so long or until it is done."""
+        """Spin the ROS nodes for a time or until a condition is true."""
         over = done or threading.Event()
         timer = threading.Timer(seconds, over.set)
         timer.start()
@@ -67,7 +67,7 @@ class InProcess:
 
     def close(self) -> None:
         self.rig.manager.deactivate()
-        self.cycles(2)  # the goal's client gets its result
+        self.cycles(2)  # The client receives the result of its goal.
         self.executor.shutdown()
         self._client.join()
         self.action.destroy()
@@ -78,25 +78,25 @@ class InProcess:
 @pytest.fixture
 def stack(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[InProcess]:
     for owner, name, function in gil_release.replacements():
-        monkeypatch.setattr(owner, name, function)  # the surface does it for good
+        monkeypatch.setattr(owner, name, function)  # The change is permanent in the process.
     stack = InProcess()
     yield stack
     stack.close()
 
 
 def own(files: list[str]) -> list[str]:
-    """Those of nodes/, by their last names."""
+    """Return the files of nodes/ by base name."""
     return [name.rpartition("/")[2].removesuffix(".py") for name in files if name.startswith("nodes/")]
 
 
-def test_a_goal_from_the_actions_callback_to_its_controller(stack: InProcess) -> None:
+def test_goal_passes_few_files_from_callback_to_controller(stack: InProcess) -> None:
     stack.cycles(2)
     assert stack.action.wait_for_server(PATIENCE_S)
     goal = FollowJointTrajectory.Goal()
     goal.trajectory.joint_names = list(ARM)
     goal.trajectory.points = [JointTrajectoryPoint(positions=list(PICK))]
     goal.trajectory.points[0].time_from_start.sec = 2
-    first = threading.Event()  # with it, what is known of each type of message is looked up once
+    first = threading.Event()  # This also caches the information about each message type.
     stack.action.send_goal_async(goal).add_done_callback(lambda _: first.set())
     stack.serve(PATIENCE_S, first)
     trip = TripRecorder(until=JointTrajectoryController.submit)
@@ -117,7 +117,7 @@ def test_a_goal_from_the_actions_callback_to_its_controller(stack: InProcess) ->
     assert own(trip.files) == GOAL
 
 
-def test_a_cycle_from_the_loops_post_to_the_published_message(stack: InProcess) -> None:
+def test_cycle_passes_few_files_from_post_to_message(stack: InProcess) -> None:
     stack.cycles(2)
     states: list[JointState] = []
     stack.rig.loop.on_cycle = states.append

@@ -1,4 +1,4 @@
-"""Every row that clients count on has a test over DDS, and every mark names a row."""
+"""Every row of the specification has a test over ROS, and every mark names a row."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from tests.ros.rows import ROWS
 
 @pytest.fixture(scope="module")
 def tests_of(request: pytest.FixtureRequest) -> dict[str, list[str]]:
-    """The tests of each row, of those that talk over a real middleware."""
+    """Return the tests of each row that use a real middleware."""
     return marked(request.config, "row", sorted(Path(__file__).parent.glob("test_*.py")))
 
 

@@ -1,4 +1,4 @@
-"""``servoloop up --rtf`` and ``--step``: the stack on simulated time, as other processes see it."""
+"""A stack on simulated time (``servoloop up --rtf`` and ``--step``), as seen from other processes."""
 
 import shlex
 import signal
@@ -34,16 +34,16 @@ NODES = ("controller_manager", "arm_controller", "robot_arm", "robot_state_publi
 PERIOD_S = 0.05
 _, *UP = commands("simulation.md")
 LONGEST_JOB_S = 15.0
-"""9.6 s in real time; and what a busy machine's clients take, as simulated time does not wait for them."""
+"""Time limit of a job in simulated seconds. It includes delays of clients, for which simulated time does not wait."""
 SUCCEEDED = 4  # action_msgs/msg/GoalStatus
 BINS_Y_M = {"A": 0.123, "B": 0.0, "C": -0.123}
 TABLE_M = 0.05
-"""A cube that lies in a bin is lower than this, one on the stand or in the hand is higher."""
+"""Height below which a cube lies in a bin, in m. On the stand or in the hand it is higher."""
 
 
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
-    """Paused from the start; it goes on as fast as it can."""
+    """Run a stack that is paused at the start and then runs as fast as possible."""
     with running(tmp_path_factory.mktemp("stack"), "--rtf", "max", "--step") as stack:
         yield stack
 
@@ -68,15 +68,15 @@ def step(client: ManagerClient, steps: int) -> Any:
 
 @contextmanager
 def stamps(client: ManagerClient) -> Iterator[Callable[[], list[float]]]:
-    """The stamps of the joint states of cycles that run within the block; the first one is there already."""
+    """Record the stamps of the joint states of cycles within the block. The latched first one is skipped."""
     with client.hearing(JointState, "/joint_states") as heard:
-        while not heard:  # the subscription is known to the stack once something comes
+        while not heard:  # After the first message, the stack has discovered the subscription.
             assert step(client, 1).success
             client.executor.spin_once(timeout_sec=0.2)
         yield lambda: [seconds(message.header.stamp) for message in heard]
 
 
-def test_steps_are_cycles_and_nothing_else_moves_time(client: ManagerClient) -> None:
+def test_steps_are_cycles_and_only_they_advance_time(client: ManagerClient) -> None:
     with stamps(client) as heard, client.hearing(Clock, "/clock") as clock:
         first = heard()[-1]
         assert step(client, 7).success
@@ -86,14 +86,14 @@ def test_steps_are_cycles_and_nothing_else_moves_time(client: ManagerClient) -> 
         since = [stamp for stamp in heard() if stamp >= first]
         assert len(since) == 1 + 7 + 1
         periods_s = [after - before for before, after in pairwise(since)]
-        assert periods_s == pytest.approx([PERIOD_S] * 8, abs=0.001)  # the wire is busy for a little longer or shorter
+        assert periods_s == pytest.approx([PERIOD_S] * 8, abs=0.001)  # The time on the bus varies slightly.
         clock.clear()
-        client.spin_until(lambda: len(clock) > 5)  # a paused simulation repeats its time for those who come now
+        client.spin_until(lambda: len(clock) > 5)  # A paused simulation repeats its time for new subscribers.
         assert {seconds(message.clock) for message in clock} == {since[-1]}
         assert heard()[-1] == since[-1]
 
 
-def test_a_paused_stack_answers_and_switches_controllers(client: ManagerClient) -> None:
+def test_paused_stack_responds_and_switches_controllers(client: ManagerClient) -> None:
     with stamps(client) as heard:
         before = heard()[-1]
         assert client.switch((), ["hand_controller"])[0]
@@ -104,7 +104,7 @@ def test_a_paused_stack_answers_and_switches_controllers(client: ManagerClient) 
         assert heard()[-1] == before
 
 
-def test_no_steps_and_steps_of_a_running_simulation_are_refused(client: ManagerClient) -> None:
+def test_zero_steps_and_steps_of_a_running_simulation_are_refused(client: ManagerClient) -> None:
     refused = step(client, 0)
     assert not refused.success and "one at least" in refused.message
     pause(client, False)
@@ -116,7 +116,7 @@ def test_no_steps_and_steps_of_a_running_simulation_are_refused(client: ManagerC
 
 
 @pytest.mark.row("cm-sim-time")
-def test_every_node_is_on_simulated_time(client: ManagerClient) -> None:
+def test_every_node_uses_simulated_time(client: ManagerClient) -> None:
     for node in NODES:
         assert client.get(f"/{node}", "use_sim_time") == [True]
     with client.hearing(DiagnosticArray, "/diagnostics") as reports, client.hearing(Clock, "/clock") as clock:
@@ -130,7 +130,7 @@ def test_every_node_is_on_simulated_time(client: ManagerClient) -> None:
 
 @pytest.fixture
 def picker(client: ManagerClient, tmp_path: Path) -> Iterator[ActionClient]:
-    """The pick-place node as it is, on /clock."""
+    """Run the unchanged pick-and-place node on /clock."""
     module, parameters = "nodes.vision_pick_place_controller", str(CONFIG / "vision_pick_place_controller.yaml")
     arguments = ["--ros-args", "--params-file", parameters, "-p", "use_sim_time:=true"]
     with (tmp_path / "node.log").open("wb") as log:
@@ -145,7 +145,7 @@ def picker(client: ManagerClient, tmp_path: Path) -> Iterator[ActionClient]:
         assert node.wait(30.0) == 0
 
 
-def test_as_fast_as_it_goes_the_three_cubes_come_into_their_bins(client: ManagerClient, picker: ActionClient) -> None:
+def test_three_cubes_are_sorted_at_maximum_speed(client: ManagerClient, picker: ActionClient) -> None:
     cube = [(0.0, 0.0, 1.0)]
 
     def see(message: TFMessage) -> None:
@@ -164,22 +164,22 @@ def test_as_fast_as_it_goes_the_three_cubes_come_into_their_bins(client: Manager
             (response,) = client.wait(goal.get_result_async())
             took_s = seconds(clock[-1].clock) - begun_s
             assert (response.status, response.result.success) == (SUCCEEDED, True), response.result.message
-            assert response.result.message == f"let go over bin {grade}; the arm is back at ready"
+            assert response.result.message == f"gripper opened over bin {grade}; the arm is back at the ready pose"
             assert 8.0 < took_s < LONGEST_JOB_S
             client.spin_until(lambda: cube[-1][2] < TABLE_M)
             assert cube[-1][1] == pytest.approx(BINS_Y_M[grade], abs=0.058)
         pause(client, True)
 
 
-def test_ctrl_c_ends_a_paused_stack(ros_domain: int, tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_paused_stack_cleanly(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", "--step") as stack:
         assert stack.end() == 0
     assert "0.0 s simulated in 0.0 s" in stack.words
 
 
 @pytest.mark.slow
-def test_whoever_waits_for_steps_is_told_of_the_end(client: ManagerClient, stack: StackProcess) -> None:
-    """The last one of this file, as it ends the stack."""
+def test_client_that_waits_for_steps_is_answered_at_the_end(client: ManagerClient, stack: StackProcess) -> None:
+    """This must be the last test of the file, because it ends the stack."""
     steps = client.client(StepSimulation, "/ros2_control_node/step_simulation")
     with stamps(client) as heard:
         left = steps.call_async(StepSimulation.Request(steps=2**32 - 1))
@@ -194,7 +194,7 @@ def test_whoever_waits_for_steps_is_told_of_the_end(client: ManagerClient, stack
 @pytest.mark.slow
 @pytest.mark.runs(*UP)
 @pytest.mark.parametrize("command", UP)
-def test_the_commands_of_the_page_come_up_and_end(command: str, ros_domain: int, tmp_path: Path) -> None:
+def test_commands_of_the_page_start_and_end(command: str, ros_domain: int, tmp_path: Path) -> None:
     stack = StackProcess(tmp_path / "log", *shlex.split(command)[1:])
     until(lambda: "ready: robot_arm" in stack.words, lambda: stack.process.poll() is not None and stack.words)
     assert stack.end() == 0

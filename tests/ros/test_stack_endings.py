@@ -1,4 +1,4 @@
-"""Every way out of ``servoloop up`` ends in a state that was chosen: seen from the servos' side, by the maker's SDK."""
+"""Every ending of ``servoloop up`` leaves the servos in a defined state, as read with the manufacturer's SDK."""
 
 import signal
 import subprocess
@@ -28,13 +28,13 @@ ABORTED = 6  # action_msgs/msg/GoalStatus
 
 
 def read_all(link: Path, address: int, size: int) -> list[int]:
-    """One register of every servo, read as any other program reads it: the port must be free for that."""
+    """Read one register of every servo with another program. The port must be free."""
     port, packets = PortHandler(str(link)), PacketHandler(0)
     assert port.openPort() and port.setBaudRate(1_000_000)
     try:
         values = []
         for servo_id in IDS:
-            for _ in range(20):  # the SDK gives up after 34 ms, which a loaded machine can take
+            for _ in range(20):  # The SDK times out after 34 ms, which a busy machine may exceed.
                 data, result, _ = packets.readTxRx(port, servo_id, address, size)
                 if result == COMM_SUCCESS:
                     break
@@ -50,7 +50,7 @@ def torque(link: Path) -> list[int]:
 
 
 def start_moving(client: ArmClient) -> Future:
-    """Return while the arm is on its way from ready to pick; the future of the goal's result."""
+    """Start a motion from ready to pick, and return the future of the goal's result."""
     result = client.send(PICK)
     moving = client.node.create_subscription(
         FollowJointTrajectory.Impl.FeedbackMessage,
@@ -65,7 +65,7 @@ def start_moving(client: ArmClient) -> Future:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_in_mid_motion_stops_the_arm_and_holds_it(ros_domain: int, tmp_path: Path, number: int) -> None:
+def test_signal_during_a_motion_stops_and_holds_the_arm(ros_domain: int, tmp_path: Path, number: int) -> None:
     with emulating(tmp_path) as link:
         with running(tmp_path, "--port", str(link)) as stack, arm_client() as client:
             result = start_moving(client)
@@ -79,15 +79,15 @@ def test_a_signal_in_mid_motion_stops_the_arm_and_holds_it(ros_domain: int, tmp_
         goals = read_all(link, sts.goal_position.address, 2)
         until(lambda: not any(read_all(link, sts.moving.address, 1)))
         position = read_all(link, sts.present_position.address, 2)
-        assert all(abs(g - p) < 60 for g, p in zip(goals, position, strict=True))  # it sags a little, no more
-        assert goals[5] not in (joint6_counts(READY[5]), joint6_counts(PICK[5]))  # it stopped on the way
+        assert all(abs(g - p) < 60 for g, p in zip(goals, position, strict=True))  # It only sags slightly.
+        assert goals[5] not in (joint6_counts(READY[5]), joint6_counts(PICK[5]))  # It stopped before the goal.
 
 
 def joint6_counts(position_rad: float) -> int:
     return round(position_rad * 4096 / 6.283185307179586) + ZERO_COUNTS
 
 
-def test_on_exit_relax_parks_first_and_then_lets_go(ros_domain: int, tmp_path: Path) -> None:
+def test_on_exit_relax_parks_and_then_releases_torque(ros_domain: int, tmp_path: Path) -> None:
     robot = tmp_path / "relaxing.yaml"
     robot.write_text((CONFIG / "robot_arm.yaml").read_text().replace("virtual: hold", "virtual: relax"))
     with emulating(tmp_path) as link:
@@ -100,11 +100,11 @@ def test_on_exit_relax_parks_first_and_then_lets_go(ros_domain: int, tmp_path: P
         park = parked.file.park
         assert park is not None
         goals = [joint.counts(park.pose[joint.name]) for joint in parked.joints if joint.name in park.pose]
-        # Let go, its fingers come down by a centimetre, onto the table.
+        # Without torque, the fingers sink by 1 cm onto the table.
         assert all(abs(counts - goal) < 80 for counts, goal in zip(arm, goals, strict=True)), arm
 
 
-def test_a_lost_port_ends_the_stack_with_a_failure_and_a_reason(ros_domain: int, tmp_path: Path) -> None:
+def test_lost_port_ends_the_stack_with_a_failure_and_a_reason(ros_domain: int, tmp_path: Path) -> None:
     with emulating(tmp_path) as link, running(tmp_path, "--port", str(link)) as stack:
         subprocess.run(["pkill", "-KILL", "-f", f"servoloop emulate {link}"], check=True)
         until(lambda: stack.process.poll() is not None)
@@ -125,9 +125,7 @@ def silencing_emulator(link: Path) -> Iterator["subprocess.Popen[bytes]"]:
         process.wait()
 
 
-def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_are_read(
-    ros_domain: int, tmp_path: Path
-) -> None:
+def test_silent_servo_is_named_and_the_others_are_read(ros_domain: int, tmp_path: Path) -> None:
     link = tmp_path / "bus"
     with silencing_emulator(link) as emulator, running(tmp_path, "--port", str(link)) as stack, arm_client() as client:
         levels: dict[str, str] = {}
@@ -143,7 +141,7 @@ def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_ar
         answer = client.wait(result)
         assert answer.status == ABORTED
         assert answer.result.error_string == "joint4: servo 4 does not answer"
-        # At first it is still asked in every cycle.
+        # At first, the servo is still read in every cycle.
         four = "servoloop: joint4 (servo 4)"
         client.spin_until(lambda: four in counts and counts[four]["skipped"] != "0")
         assert "servo 4 does not answer" in levels[four]
@@ -156,9 +154,7 @@ def test_a_silent_servo_is_named_in_result_log_and_diagnostics_and_the_others_ar
         assert "joint4: servo 4 does not answer" in stack.words
 
 
-def test_a_rate_that_the_line_cannot_carry_is_refused_before_any_servo_gets_torque(
-    ros_domain: int, tmp_path: Path
-) -> None:
+def test_too_fast_rate_is_refused_before_torque_is_enabled(ros_domain: int, tmp_path: Path) -> None:
     controllers = tmp_path / "fast.yaml"
     controllers.write_text(CONTROLLERS.read_text().replace("update_rate: 20", "update_rate: 600"))
     with emulating(tmp_path) as link:

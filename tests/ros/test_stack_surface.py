@@ -1,4 +1,4 @@
-"""What a client in another process sees of the whole stack: the names and types of pick-place.md, and their content."""
+"""Names, types and contents of the whole stack, as seen from another process and defined in pick-place.md."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -67,7 +67,7 @@ def client(stack: StackProcess) -> Iterator[ArmClient]:
         yield client
 
 
-def test_the_nodes_topics_services_and_actions_have_the_names_and_types_of_the_course(client: ArmClient) -> None:
+def test_names_and_types_are_those_of_the_course(client: ArmClient) -> None:
     def missing() -> list[tuple[str, str]]:
         node = client.node
         seen = {
@@ -83,7 +83,7 @@ def test_the_nodes_topics_services_and_actions_have_the_names_and_types_of_the_c
 
 
 def _first(client: ArmClient, kind: Any, topic: str, qos: Any = 10) -> Any:
-    """The first message on a topic."""
+    """Return the first message on a topic."""
     messages: list[Any] = []
     subscription = client.node.create_subscription(kind, topic, messages.append, qos)
     client.spin_until(lambda: bool(messages))
@@ -98,7 +98,7 @@ def test_joint_states_name_all_joints_in_alphabetical_order(client: ArmClient) -
     assert message.header.frame_id == "base_link"
 
 
-def test_a_late_listener_gets_the_robot_description(client: ArmClient) -> None:
+def test_late_subscriber_receives_the_robot_description(client: ArmClient) -> None:
     assert "<ros2_control" in _first(client, String, "/robot_description", LATCHED).data
 
 
@@ -111,7 +111,7 @@ def test_tf_shows_the_arm_the_cube_and_the_bins(client: ArmClient) -> None:
     assert frames(message) >= {*scene, ("base_link", "link1")}
 
 
-def test_the_listing_services_answer_as_ros2_control_expects(client: ArmClient) -> None:
+def test_list_services_respond_as_ros2_control_expects(client: ArmClient) -> None:
     def ask(kind: Any, name: str) -> Any:
         service = client.node.create_client(kind, f"/controller_manager/{name}")
         assert service.wait_for_service(30.0)
@@ -132,5 +132,5 @@ def test_the_listing_services_answer_as_ros2_control_expects(client: ArmClient) 
     assert len(interfaces.command_interfaces) == 7
 
 
-def test_the_stack_says_when_it_is_ready(stack: StackProcess) -> None:
+def test_stack_reports_when_it_is_ready(stack: StackProcess) -> None:
     until(lambda: "ready: robot_arm at 20 Hz" in stack.words)

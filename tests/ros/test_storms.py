@@ -1,6 +1,7 @@
-"""Clients that are killed, that flood, that talk nonsense: the arm stays where it was and everybody else is served.
+"""Clients are killed, flood the stack or send invalid data. The arm holds and all other clients are served.
 
-Whether cycles come late meanwhile depends on the machine: ``python -m benchmarks.storms`` measures that, at full size.
+Whether cycles are late during a storm depends on the machine. ``python -m benchmarks.storms`` measures that at full
+size.
 """
 
 import threading
@@ -28,7 +29,7 @@ def watch() -> Iterator[Watch]:
         thread = threading.Thread(target=watch.run)
         thread.start()
         try:
-            goals(0.0)  # to where every storm begins
+            goals(0.0)  # start position of every storm
             yield watch
         finally:
             watch.end()
@@ -36,7 +37,7 @@ def watch() -> Iterator[Watch]:
 
 
 @pytest.mark.parametrize("name", [name for name in STORMS if name != "nothing"])
-def test_after_the_storm_the_arm_stands_where_it_stood_and_the_cycles_have_gone_on(watch: Watch, name: str) -> None:
+def test_arm_holds_and_cycles_continue_during_a_storm(watch: Watch, name: str) -> None:
     stamps_s, _, away_rad = run(name, SECONDS, watch)
     assert away_rad < 1e-3
     assert len(stamps_s) > 20

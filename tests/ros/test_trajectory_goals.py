@@ -1,7 +1,7 @@
-"""Which goals are executed and which are refused by the stack as it comes (ruckig), as another process sees it.
+"""Accepted and rejected goals of the default stack (ruckig), as seen from another process.
 
-"Ours" marks where we differ from upstream on purpose. Where the arm is in between: test_trajectory_splines.py and
-test_trajectory_time.py.
+"In contrast" marks deliberate differences from ros2_control. The motion between points is tested in
+test_trajectory_splines.py and test_trajectory_time.py.
 """
 
 import math
@@ -48,10 +48,10 @@ SUCCEEDING = [
     case("one point", T(P(0.1, 0.4)), rows=["golden-one-point"]),
     case("two points", T(P(0.3, 0.4), P(0.0, 0.9)), rows=["golden-two-points"]),
     case("accelerations too", T(P(0.2, 0.4, V, A), P(0.3, 0.8, ZERO, ZERO)), rows=["golden-accelerations"]),
-    case("the first at 0", T(P(-0.3, 0.0), P(0.1, 0.5)), rows=["golden-first-at-zero"]),
-    case("the first before 0", T(P(0.3, -0.5), P(0.0, 0.4)), rows=["golden-negative-first"]),
+    case("first point at 0", T(P(-0.3, 0.0), P(0.1, 0.5)), rows=["golden-first-at-zero"]),
+    case("first point before 0", T(P(0.3, -0.5), P(0.0, 0.4)), rows=["golden-negative-first"]),
     case(
-        "accelerations without velocities: ours: as if not said",
+        "accelerations without velocities: ours: ignored",
         T(P(0.1, 0.4, (), A)),
         rows=["golden-no-velocity", "jtc-21"],
     ),
@@ -60,20 +60,20 @@ SUCCEEDING = [
         T(P((0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 0.7), names=JOINTS[::-1]),
         rows=["jtc-5", "golden-permuted"],
     ),
-    case("a last velocity: allowed: stops there", T(P(0.4, 0.8, V)), rows=["golden-last-velocity"]),
+    case("an allowed final velocity stops at the last point", T(P(0.4, 0.8, V)), rows=["golden-last-velocity"]),
 ]
 
 
 @pytest.mark.row("jtc-26")
 @pytest.mark.parametrize("message", SUCCEEDING)
-def test_succeeds_by_way_of_its_points_and_holds_the_last(ours: TrajectoryClient, message: Any) -> None:
+def test_goal_succeeds_through_its_points_and_holds_the_last(ours: TrajectoryClient, message: Any) -> None:
     states = ours.executed(goal_of(message))
     assert largest_step_rad(states) <= LARGEST_STEP_RAD
     order = [list(message.joint_names).index(name) for name in states[-1].joint_names]
     assert list(states[-1].joint_names) == list(JOINTS)
     for passed in message.points[:-1]:
         nearest = min(abs(state.reference.positions[0] - passed.positions[order[0]]) for state in states)
-        assert (nearest < 0.03) == (seconds(passed.time_from_start) > 0.0)  # what lies before the start is left out
+        assert (nearest < 0.03) == (seconds(passed.time_from_start) > 0.0)  # Points before the start are skipped.
     for held in states[-2:]:
         assert list(held.output.positions) == pytest.approx([message.points[-1].positions[i] for i in order], abs=1e-6)
         assert list(held.reference.velocities) == list(ZERO)
@@ -88,8 +88,8 @@ TOO_SHORT = [
 
 
 @pytest.mark.parametrize("only", TOO_SHORT)
-def test_too_little_time_is_stretched_and_the_result_says_so(ours: TrajectoryClient, only: Any) -> None:
-    """Ours: upstream leaps."""
+def test_short_time_is_stretched_and_reported_in_the_result(ours: TrajectoryClient, only: Any) -> None:
+    """In contrast, ros2_control jumps to the point."""
     before = ours.now()
     status, code, text = ours.outcome(ours.send(goal_of(T(only))))
     assert (status, code) == (SUCCEEDED, 0)
@@ -143,7 +143,7 @@ REFUSED = [
         rows=TIMES,
     ),
     case(
-        "the end has passed",
+        "trajectory has ended",
         T(P(0.1, 1.0), stamp=Time(sec=1000)),
         "Received trajectory with non-zero start time that ends in the past (",
         rows=PAST,
@@ -170,7 +170,7 @@ REFUSED = [
 
 @pytest.mark.row("trouble-reason")
 @pytest.mark.parametrize(("message", "text"), REFUSED)
-def test_refused_in_words_and_nothing_moves(ours: TrajectoryClient, message: Any, text: str) -> None:
+def test_goal_is_rejected_with_a_reason_and_nothing_moves(ours: TrajectoryClient, message: Any, text: str) -> None:
     before = ours.now()
     assert text in ours.refusal(goal_of(message))
     assert text in ours.stack.words
@@ -179,15 +179,15 @@ def test_refused_in_words_and_nothing_moves(ours: TrajectoryClient, message: Any
 
 
 @pytest.mark.row(*PAST)
-def test_a_trajectory_that_ended_a_moment_ago_is_refused_and_told_how_long_ago(ours: TrajectoryClient) -> None:
+def test_recently_ended_trajectory_is_rejected_with_its_age(ours: TrajectoryClient) -> None:
     reason = ours.refusal(goal_of(T(P(0.1, 0.5), P(0.2, 1.0), stamp=ours.stamp(-1.1))))
-    said = re.search(r"with non-zero start time that ends in the past \((\d+\.\d{3}) s ago\)$", reason)
-    assert said is not None, reason
-    assert float(said[1]) >= 0.1
+    matched = re.search(r"with non-zero start time that ends in the past \((\d+\.\d{3}) s ago\)$", reason)
+    assert matched is not None, reason
+    assert float(matched[1]) >= 0.1
 
 
 @pytest.mark.row("trouble-reason")
-def test_a_late_listener_learns_the_last_reason(ours: TrajectoryClient) -> None:
+def test_late_subscriber_receives_the_last_reason(ours: TrajectoryClient) -> None:
     ours.refusal(goal_of(T()))
     heard: list[str] = []
     late = ours.node.create_subscription(
@@ -199,7 +199,7 @@ def test_a_late_listener_learns_the_last_reason(ours: TrajectoryClient) -> None:
 
 
 @pytest.mark.row("jtc-12", "golden-last-velocity")
-def test_a_last_velocity_is_refused_when_the_parameter_is_set_to_false(ours: TrajectoryClient) -> None:
+def test_final_velocity_is_rejected_if_the_parameter_is_false(ours: TrajectoryClient) -> None:
     name = "allow_nonzero_velocity_at_trajectory_end"
     assert ours.set(name, False) == (True, "")
     try:
@@ -210,6 +210,6 @@ def test_a_last_velocity_is_refused_when_the_parameter_is_set_to_false(ours: Tra
 
 
 @pytest.mark.row("golden-read-only")
-def test_a_read_only_parameter(ours: TrajectoryClient) -> None:
+def test_read_only_parameter_is_refused(ours: TrajectoryClient) -> None:
     text = "parameter 'interpolation_method' cannot be set because it is read-only"
     assert ours.set("interpolation_method", "splines") == (False, text)

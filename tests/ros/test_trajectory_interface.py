@@ -1,4 +1,4 @@
-"""The trajectory controller's ROS interface where the ROS thread is behind the loop by several cycles."""
+"""The ROS interface of the trajectory controller when the ROS thread lags several cycles behind the loop."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.ros
 
 
 class Behind:
-    """A trajectory interface whose cycles are published when the test says so, and its client, in one process."""
+    """A trajectory interface with its client in one process. The test decides when cycles are published."""
 
     def __init__(self) -> None:
         self.node = Node("behind")
@@ -52,7 +52,7 @@ class Behind:
         return future.result()
 
     def settle(self) -> None:
-        """What is on its way arrives."""
+        """Spin until pending messages have arrived."""
         for _ in range(50):
             self.executor.spin_once(timeout_sec=0.01)
 
@@ -67,7 +67,7 @@ def behind(ros_domain: int) -> Iterator[Behind]:
     rclpy.try_shutdown()
 
 
-def test_the_result_comes_behind_the_states_of_all_cycles(behind: Behind) -> None:
+def test_result_follows_the_states_of_all_cycles(behind: Behind) -> None:
     behind.bench.cycle(2)
     behind.show()
     behind.settle()
@@ -88,7 +88,7 @@ def test_the_result_comes_behind_the_states_of_all_cycles(behind: Behind) -> Non
     action.destroy()
 
 
-def test_inactive_it_answers_no_query_from_the_last_cycles_that_are_shown_late(behind: Behind) -> None:
+def test_inactive_controller_answers_no_query_from_late_cycles(behind: Behind) -> None:
     query = behind.node.create_client(QueryTrajectoryState, "~/query_state")
     behind.bench.cycle(2)
     behind.show()

@@ -1,6 +1,6 @@
-"""The life of a goal of the stack as it comes, as another process sees it.
+"""Life cycle of a goal in the default stack, as seen from another process.
 
-"Ours" marks where we differ from upstream on purpose.
+"In contrast" marks deliberate differences from ros2_control.
 """
 
 import math
@@ -51,11 +51,11 @@ def speed_rad_s(client: TrajectoryClient) -> float:
 
 
 @pytest.mark.slow
-def test_ended_goals_are_forgotten_as_upstream_does(ours: TrajectoryClient) -> None:
-    """rclpy would name every goal of a quarter of an hour in every status message.
+def test_ended_goals_are_removed_as_in_ros2_control(ours: TrajectoryClient) -> None:
+    """rclpy would list every goal of the last 15 min in every status message.
 
-    The first test of this stack, and the second goal takes longer: rcl looks only now and then whether goals are old
-    enough, and when that is depends on all goals before.
+    This must be the first test of the stack, and its second goal must take longer. rcl removes old goals only at
+    certain times, which depend on all earlier goals.
     """
     statuses: list[GoalStatusArray] = []
     topic = "/arm_controller/follow_joint_trajectory/_action/status"
@@ -71,14 +71,14 @@ def test_ended_goals_are_forgotten_as_upstream_does(ours: TrajectoryClient) -> N
 
 
 @pytest.mark.row("jtc-31", "golden-second-goal", "moveit-status")
-def test_a_second_goal_ends_the_first_at_once_and_goes_its_own_way(ours: TrajectoryClient) -> None:
+def test_second_goal_ends_the_first_immediately_and_is_executed(ours: TrajectoryClient) -> None:
     ours.executed(goal_of(T(P(0.0, 0.4))))
     before = ours.now()
     first = ours.send(goal_of(T(P(0.8, 3.0))))
     ours.until(lambda: speed_rad_s(ours) > 0.1)
     second = ours.send(goal_of(T(P(-0.2, 0.8))))
     assert ours.outcome(first) == (ABORTED, -1, PREEMPTED)
-    assert ours.states[-1].reference.positions[0] > -0.1  # long before the second has arrived
+    assert ours.states[-1].reference.positions[0] > -0.1  # long before the second goal has ended
     assert ours.outcome(second) == (SUCCEEDED, 0, REACHED)
     ours.cycles(2)
     assert ours.states[-1].output.positions[0] == pytest.approx(-0.2, abs=1e-6)
@@ -86,7 +86,7 @@ def test_a_second_goal_ends_the_first_at_once_and_goes_its_own_way(ours: Traject
 
 
 @pytest.mark.row("golden-two-at-once", "jtc-31")
-def test_of_two_goals_in_the_same_instant_the_second_is_executed(ours: TrajectoryClient) -> None:
+def test_second_of_two_simultaneous_goals_is_executed(ours: TrajectoryClient) -> None:
     first, second = ours.send_two(goal_of(T(P(0.8, 3.0))), goal_of(T(P(0.1, 0.6))))
     assert ours.outcome(first) == (ABORTED, -1, PREEMPTED)
     assert ours.outcome(second) == (SUCCEEDED, 0, REACHED)
@@ -94,7 +94,7 @@ def test_of_two_goals_in_the_same_instant_the_second_is_executed(ours: Trajector
 
 
 @pytest.mark.row("golden-second-refused")
-def test_a_second_goal_that_is_refused_leaves_the_first_alone(ours: TrajectoryClient) -> None:
+def test_rejected_second_goal_does_not_affect_the_first(ours: TrajectoryClient) -> None:
     before = ours.now()
     first = ours.send(goal_of(T(P(0.0, 0.6))))
     ours.until(lambda: speed_rad_s(ours) > 0.05)
@@ -106,8 +106,8 @@ def test_a_second_goal_that_is_refused_leaves_the_first_alone(ours: TrajectoryCl
 
 
 @pytest.mark.row("jtc-33", "jtc-34", "golden-cancel", "moveit-cancel", "moveit-status")
-def test_a_cancel_is_answered_at_once_and_comes_to_rest_without_stepping_back(ours: TrajectoryClient) -> None:
-    """Ours: it decelerates unless it is told not to."""
+def test_cancel_is_answered_immediately_and_stops_without_a_step_back(ours: TrajectoryClient) -> None:
+    """In contrast to ros2_control, the arm decelerates by default."""
     sent = ours.send(goal_of(T(P(2.0, 4.0))))
     ours.until(lambda: speed_rad_s(ours) > 0.4)
     before = len(ours.states)
@@ -123,7 +123,7 @@ def test_a_cancel_is_answered_at_once_and_comes_to_rest_without_stepping_back(ou
 
 
 @pytest.mark.row("jtc-7", "jtc-32", "golden-topic")
-def test_a_trajectory_on_the_topic_is_executed_and_what_is_empty_or_partial_is_ignored(ours: TrajectoryClient) -> None:
+def test_trajectory_on_the_topic_is_executed_unless_empty_or_partial(ours: TrajectoryClient) -> None:
     before = ours.now()
     ours.publish(T(P(0.3, 0.4)))
     ours.until(lambda: abs(ours.states[-1].output.positions[0] - 0.3) < 1e-6)
@@ -143,8 +143,8 @@ def test_a_trajectory_on_the_topic_is_executed_and_what_is_empty_or_partial_is_i
 
 
 @pytest.mark.row("jtc-32", "golden-topic-over-goal", "trouble-reason")
-def test_a_trajectory_on_the_topic_over_a_goal_ends_it_in_words(ours: TrajectoryClient) -> None:
-    """Ours: upstream lets the goal succeed with a trajectory that its client never sent."""
+def test_trajectory_on_the_topic_ends_a_goal_with_a_reason(ours: TrajectoryClient) -> None:
+    """In contrast, ros2_control lets the goal succeed with a trajectory that its client never sent."""
     sent = ours.send(goal_of(T(P(0.8, 3.0))))
     ours.publish(T(P(0.2, 0.5)))
     text = "Current goal preempted by a trajectory on the topic joint_trajectory."
@@ -155,7 +155,7 @@ def test_a_trajectory_on_the_topic_over_a_goal_ends_it_in_words(ours: Trajectory
 
 
 @pytest.mark.row("jtc-40")
-def test_cmd_timeout_can_be_set_and_nonsense_cannot(ours: TrajectoryClient) -> None:
+def test_cmd_timeout_can_be_set_to_valid_values_only(ours: TrajectoryClient) -> None:
     assert ours.set("cmd_timeout", 0.2) == (True, "")
     ours.executed(goal_of(T(P(0.1, 0.5))))
     ours.cycles(8)
@@ -165,7 +165,7 @@ def test_cmd_timeout_can_be_set_and_nonsense_cannot(ours: TrajectoryClient) -> N
 
 
 @pytest.mark.row("jtc-35", "jtc-36", "golden-deactivate")
-def test_deactivated_in_mid_goal_and_activated_again(ours: TrajectoryClient) -> None:
+def test_controller_is_deactivated_during_a_goal_and_activated_again(ours: TrajectoryClient) -> None:
     sent = ours.send(goal_of(T(P(0.8, 3.0))))
     ours.until(lambda: speed_rad_s(ours) > 0.1)
     assert ours.switch(on=False)
@@ -179,7 +179,7 @@ def test_deactivated_in_mid_goal_and_activated_again(ours: TrajectoryClient) -> 
     assert ours.switch(on=True)
     ours.until(lambda: len(ours.states) >= before + 4)
     begun = ours.states[before:]
-    for state in begun:  # exactly where the command came to rest, which for this mock is where it stands
+    for state in begun:  # exactly at the last command, which is the position of this mock
         assert list(state.output.positions) == pytest.approx(list(begun[0].feedback.positions), abs=1e-9)
         assert list(state.reference.velocities) == list(ZERO)
     assert 0.0 <= begun[0].output.positions[0] - last.output.positions[0] < 0.2
@@ -187,8 +187,8 @@ def test_deactivated_in_mid_goal_and_activated_again(ours: TrajectoryClient) -> 
 
 
 @pytest.mark.row("jtc-1", "golden-inactive", "golden-query")
-def test_inactive_it_refuses_goals_ignores_the_topic_and_shows_nothing(ours: TrajectoryClient) -> None:
-    """Its action server is there from configure on."""
+def test_inactive_controller_rejects_goals_ignores_the_topic_and_publishes_nothing(ours: TrajectoryClient) -> None:
+    """The action server exists from configure on."""
     assert ours.switch(on=False)
     assert ours.call(CleanupController, f"{MANAGER}/cleanup_controller", CleanupController.Request(name=NAME)).ok
     ours.until(lambda: not ours.action.server_is_ready())

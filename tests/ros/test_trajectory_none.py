@@ -1,4 +1,4 @@
-"""``interpolation_method: none`` as another process sees it."""
+"""The parameter ``interpolation_method: none``, as seen from another process."""
 
 from collections.abc import Iterator
 
@@ -19,8 +19,8 @@ def stepping(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Itera
 
 
 @pytest.mark.row("jtc-22")
-def test_it_waits_for_the_first_points_time_and_then_goes_for_the_next(stepping: TrajectoryClient) -> None:
-    """Ours: each leap becomes a way at the velocity limit."""
+def test_arm_waits_for_the_time_of_the_first_point_and_moves_to_the_next(stepping: TrajectoryClient) -> None:
+    """In contrast to ros2_control, each jump becomes a motion at the velocity limit."""
     sent_s = seconds(stepping.stamp(0.0))
     states = stepping.executed(goal_of(trajectory(point(0.1, 0.3), point(0.5, 0.6), point(0.9, 0.9))))
     wanted = [state.reference.positions[0] for state in states]

@@ -1,4 +1,4 @@
-"""What MoveIt counts on when it executes a plan: the stack as it comes, on virtual servos, from another process."""
+"""Behavior that MoveIt needs for the execution of a plan, with virtual servos and seen from another process."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -24,7 +24,7 @@ from tests.ros.trajectory_stacks import PERIOD_S, case, client_of, largest_step_
 pytestmark = pytest.mark.ros
 
 DEVIATION_RAD = 0.01
-"""MoveIt's allowed_start_tolerance."""
+"""Value of MoveIt's allowed_start_tolerance, in rad."""
 
 
 @pytest.fixture(scope="module")
@@ -34,9 +34,9 @@ def servos(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 def planned(start: list[float], way_rad: float, duration_s: float, count: int) -> Any:
-    """As a planner says it: the start first, at 0, with velocities and accelerations at every point.
+    """Create a plan as a planner does: from the start at time 0, with velocities and accelerations at every point.
 
-    Only the wrist turns, for the arm begins beside the stand: any other joint could drive it against that.
+    Only the wrist turns. The arm starts beside the stand, and any other joint could hit it.
     """
     points = []
     for index in range(count):
@@ -57,10 +57,10 @@ PLANS = [
 
 @pytest.mark.row("moveit-duration", "moveit-status")
 @pytest.mark.parametrize(("way_rad", "duration_s", "count"), PLANS)
-def test_the_result_comes_within_moveits_patience(
+def test_result_arrives_within_the_timeout_of_moveit(
     servos: TrajectoryClient, way_rad: float, duration_s: float, count: int
 ) -> None:
-    """By the stamps of the feedback, whose last cycle is that before the result."""
+    """The time is measured by the stamps of the feedback. The last feedback precedes the result by one cycle."""
     start = measured(servos)
     sent = servos.send(goal_of(planned(start, way_rad, duration_s, count)))
     status, code, text = servos.outcome(sent)
@@ -75,10 +75,8 @@ def test_the_result_comes_within_moveits_patience(
 
 @pytest.mark.row("moveit-start", "jtc-18")
 @pytest.mark.parametrize("deviation_rad", [DEVIATION_RAD, -DEVIATION_RAD])
-def test_a_start_that_is_a_little_off_is_accepted_without_a_step(
-    servos: TrajectoryClient, deviation_rad: float
-) -> None:
-    servos.cycles(10)  # to rest
+def test_slightly_deviating_start_is_accepted_without_a_step(servos: TrajectoryClient, deviation_rad: float) -> None:
+    servos.cycles(10)  # comes to rest
     start = [position + deviation_rad for position in servos.states[-1].output.positions]
     before = servos.now()
     sent = servos.send(goal_of(trajectory(point(start, 0.0, ZERO, ZERO), point(start, 0.6, ZERO, ZERO))))
@@ -90,7 +88,7 @@ def test_a_start_that_is_a_little_off_is_accepted_without_a_step(
 
 @pytest.mark.row("moveit-cancel", "golden-cancel")
 @pytest.mark.slow
-def test_a_cancel_is_accepted_at_once_and_its_result_comes_when_the_arm_rests(servos: TrajectoryClient) -> None:
+def test_cancel_is_accepted_immediately_and_its_result_follows_at_rest(servos: TrajectoryClient) -> None:
     before = servos.now()
     sent = servos.send(goal_of(planned(measured(servos), 1.0, 2.0, 8)))
     servos.until(lambda: servos.states[-1].reference.velocities[5] > 0.5)

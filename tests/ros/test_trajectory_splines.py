@@ -1,7 +1,7 @@
-"""How the arm gets from point to point with upstream's splines: no robot file, a file for upstream, other process.
+"""Motion between points with splines: a ros2_control file without a robot file, as seen from another process.
 
-What is looked at are the values within one state: where it is to be, how fast, and what is commanded a period later.
-So it does not matter how late the machine was.
+The tests compare the values within one state: reference position, velocity, and the command one period later. The
+result therefore does not depend on delays of the machine.
 """
 
 import math
@@ -40,7 +40,7 @@ def at_zero(plain: TrajectoryClient) -> TrajectoryClient:
 
 
 def curve(start: Sequence[float], end: Sequence[float], span_s: float) -> Polynomial:
-    """The polynomial of lowest degree with these positions, velocities (, accelerations) at its ends."""
+    """Return the polynomial of lowest degree with these positions, velocities and accelerations at its ends."""
     terms = [Polynomial.basis(power) for power in range(2 * len(start))]
     order = range(len(start))
     rows = [[(t.deriv(d) if d else t)(at_s) for t in terms] for at_s in (0.0, span_s) for d in order]
@@ -48,7 +48,7 @@ def curve(start: Sequence[float], end: Sequence[float], span_s: float) -> Polyno
 
 
 def on_curve(wanted: Polynomial, span_s: float, states: Sequence[Any]) -> int:
-    """How many states are in the midst of a rising curve; fails where one is not on it in every respect."""
+    """Return the number of states on a rising curve. Fail if a state is not exactly on the curve."""
     low, high = wanted(0.05 * span_s), wanted(0.95 * span_s)
     inside = [state for state in states if low < state.reference.positions[0] < high]
     for state in inside:
@@ -59,7 +59,7 @@ def on_curve(wanted: Polynomial, span_s: float, states: Sequence[Any]) -> int:
         assert list(state.reference.accelerations) == pytest.approx([wanted.deriv(2)(t_s)] * 6, abs=1e-4)
         if t_s + PERIOD_S < span_s:
             ahead = [wanted(t_s + PERIOD_S)] * 6
-            if wanted.deriv()(t_s) > 0.999 * FASTEST_RAD_S:  # what a late cycle has lost cannot be made up for
+            if wanted.deriv()(t_s) > 0.999 * FASTEST_RAD_S:  # A late cycle cannot be caught up.
                 assert list(state.output.positions) <= [one + 1e-6 for one in ahead]
             else:
                 assert list(state.output.positions) == pytest.approx(ahead, abs=1e-6)
@@ -67,7 +67,7 @@ def on_curve(wanted: Polynomial, span_s: float, states: Sequence[Any]) -> int:
 
 
 @pytest.mark.row("jtc-19", "jtc-23", "jtc-26", "golden-two-points")
-def test_positions_only_are_joined_by_straight_lines_and_commanded_a_period_ahead(at_zero: TrajectoryClient) -> None:
+def test_positions_are_joined_by_lines_and_commanded_a_period_ahead(at_zero: TrajectoryClient) -> None:
     states = at_zero.executed(goal_of(T(P(0.4, 0.5), P(1.0, 1.0))))
     assert on_curve(Polynomial((0.0, 0.8)), 0.5, [s for s in states if s.reference.positions[0] < 0.4])
     assert on_curve(Polynomial((0.4, 1.2)), 0.5, [s for s in states if s.reference.positions[0] > 0.4])
@@ -90,7 +90,7 @@ CURVES = [
 
 
 @pytest.mark.parametrize(("points", "derivatives"), CURVES)
-def test_the_degree_is_what_both_ends_of_a_segment_have(
+def test_degree_depends_on_both_ends_of_a_segment(
     at_zero: TrajectoryClient, points: Sequence[Any], derivatives: tuple[float, ...]
 ) -> None:
     states = at_zero.executed(goal_of(T(*points)))
@@ -102,14 +102,14 @@ def test_the_degree_is_what_both_ends_of_a_segment_have(
 
 
 @pytest.mark.row("jtc-21", "golden-no-velocity")
-def test_accelerations_without_velocities_are_as_if_not_said(at_zero: TrajectoryClient) -> None:
-    """Ours: upstream stands still until the end, and then leaps."""
+def test_accelerations_without_velocities_are_ignored(at_zero: TrajectoryClient) -> None:
+    """In contrast, ros2_control holds until the end and then jumps."""
     states = at_zero.executed(goal_of(T(P(0.8, 0.8, (), A))))
     assert on_curve(Polynomial((0.0, 1.0)), 0.8, states)
 
 
 @pytest.mark.row("jtc-12", "trouble-tiny-velocity", "golden-last-velocity")
-def test_a_last_velocity_counts_as_zero_up_to_upstreams_threshold(at_zero: TrajectoryClient) -> None:
+def test_final_velocity_counts_as_zero_up_to_the_threshold(at_zero: TrajectoryClient) -> None:
     states = at_zero.executed(goal_of(T(P(0.1, 0.2, (1.18e-7, -1.18e-7, *ZERO[:4])))))
     assert list(states[-1].output.positions) == pytest.approx([0.1] * 6, abs=1e-9)
     for velocity, said in ((1.2e-7, "0.000000120000000"), (-1.2e-7, "-0.000000120000000"), (0.2, "0.200000000000000")):
@@ -122,10 +122,8 @@ NO_TIME = [case("0", 0.0, rows=["jtc-17"]), case("10 ms", 0.01, rows=[]), case("
 
 @pytest.mark.row("golden-no-time", "golden-limits")
 @pytest.mark.parametrize("after_s", NO_TIME)
-def test_a_single_point_without_time_is_gone_for_as_fast_as_the_limits_allow(
-    at_zero: TrajectoryClient, after_s: float
-) -> None:
-    """Ours: upstream leaps."""
+def test_single_point_without_time_is_reached_within_the_limits(at_zero: TrajectoryClient, after_s: float) -> None:
+    """In contrast, ros2_control jumps to the point."""
     before = at_zero.now()
     status, code, text = at_zero.outcome(at_zero.send(goal_of(T(P(0.5, after_s)))))
     assert (status, code) == (SUCCEEDED, 0)
@@ -138,8 +136,8 @@ def test_a_single_point_without_time_is_gone_for_as_fast_as_the_limits_allow(
 
 
 @pytest.mark.row("jtc-18", "golden-first-at-zero")
-def test_a_first_point_at_0_is_no_leap(at_zero: TrajectoryClient) -> None:
-    """Ours where it is not where the arm stands: it is left out, not leapt to. A planner's begins where it stands."""
+def test_first_point_at_time_0_causes_no_jump(at_zero: TrajectoryClient) -> None:
+    """In contrast to ros2_control, a first point away from the arm is skipped. Planners start at the arm."""
     states = at_zero.executed(goal_of(T(P(0.0, 0.0), P(0.2, 0.3), P(0.5, 0.6))))
     assert on_curve(Polynomial((0.0, 2.0 / 3.0)), 0.3, [s for s in states if s.reference.positions[0] < 0.2])
     states = at_zero.executed(goal_of(T(P(-0.5, 0.0), P(1.0, 0.5))))
@@ -148,14 +146,14 @@ def test_a_first_point_at_0_is_no_leap(at_zero: TrajectoryClient) -> None:
 
 
 @pytest.mark.row("jtc-11", "golden-negative-first")
-def test_a_first_point_before_0_has_passed(at_zero: TrajectoryClient) -> None:
+def test_first_point_before_time_0_is_skipped(at_zero: TrajectoryClient) -> None:
     states = at_zero.executed(goal_of(T(P(-0.5, -0.5), P(0.4, 0.4))))
     assert on_curve(Polynomial((0.0, 1.0)), 0.4, states)
     assert min(state.output.positions[0] for state in states) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.row("jtc-3", "golden-partial")
-def test_partial_goals_are_executed_and_the_others_hold(plain: TrajectoryClient) -> None:
+def test_partial_goals_are_executed_and_other_joints_hold(plain: TrajectoryClient) -> None:
     held = list(plain.cycles(1)[-1].output.positions)
     states = plain.executed(goal_of(T(P((0.7,), 0.4), names=["joint3"])))
     others = [i for i in range(6) if i != 2]
@@ -169,14 +167,14 @@ def test_partial_goals_are_executed_and_the_others_hold(plain: TrajectoryClient)
 
 
 @pytest.mark.row("jtc-9")
-def test_velocities_alone_are_integrated_where_allowed(plain: TrajectoryClient) -> None:
+def test_velocities_alone_are_integrated_if_allowed(plain: TrajectoryClient) -> None:
     begin = plain.cycles(1)[-1].output.positions[0]
     states = plain.executed(goal_of(T(P((), 0.3, (0.2,) * 6), P((), 0.6, ZERO))))
     assert states[-1].output.positions[0] == pytest.approx(begin + 0.06, abs=1e-6)
 
 
 @pytest.mark.row("golden-permuted", "jtc-5")
-def test_permuted_names_are_mapped_all_the_way(at_zero: TrajectoryClient) -> None:
+def test_permuted_names_are_mapped_everywhere(at_zero: TrajectoryClient) -> None:
     states = at_zero.executed(goal_of(T(P((0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 0.6), names=JOINTS[::-1])))
     moving = [state for state in states if state.reference.velocities[0]]
     assert moving
@@ -187,7 +185,7 @@ def test_permuted_names_are_mapped_all_the_way(at_zero: TrajectoryClient) -> Non
 
 
 @pytest.mark.row("jtc-24")
-def test_a_continuous_joint_sets_out_the_shorter_way(plain: TrajectoryClient) -> None:
+def test_continuous_joint_takes_the_shorter_way(plain: TrajectoryClient) -> None:
     plain.executed(goal_of(T(P((*ZERO[:5], 2.0), 0.6))))
     states = plain.executed(goal_of(T(P((*ZERO[:5], -2.3), 0.6))))
     path = [state.output.positions[5] for state in states]
@@ -203,5 +201,5 @@ DEFAULTS: dict[str, Any] = {
 
 
 @pytest.mark.row("jtc-29")
-def test_the_tolerances_that_a_file_without_any_has(plain: TrajectoryClient) -> None:
+def test_file_without_tolerances_has_defaults(plain: TrajectoryClient) -> None:
     assert dict(zip(DEFAULTS, plain.get(*DEFAULTS), strict=True)) == DEFAULTS

@@ -1,6 +1,6 @@
-"""When a trajectory begins, how its time passes and when it ends, as another process sees it: upstream's splines.
+"""Start, progress and end of a trajectory with splines, as seen from another process.
 
-Straight lines tell the trajectory's time: a state that is on one says by its stamp when it began and when it will end.
+A state on a straight line reveals the time of the trajectory: its stamp shows when the line started and when it ends.
 """
 
 import re
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.ros
 
 T, P = trajectory, point
 CLOCK_S = 0.02
-"""How well a stamp says when something was measured and when the next cycle comes; less than half a period."""
+"""Accuracy of a stamp as the time of measurement and of the next cycle, in seconds. It is below half a period."""
 LATE_S = 0.5
 
 
@@ -50,26 +50,26 @@ def at_zero(plain: TrajectoryClient) -> TrajectoryClient:
 
 
 def on_line(states: Sequence[Any], speed_rad_s: float) -> list[Any]:
-    """Those that move at this speed."""
+    """Return the states that move at this speed."""
     found = [state for state in states if abs(state.reference.velocities[0] - speed_rad_s) < 1e-3]
     assert found
     return found
 
 
 def passes_s(states: Sequence[Any], position_rad: float) -> list[float]:
-    """When each of the states, going on as it does, is to be at this position."""
+    """Return the time at which each state, moving uniformly, would be at this position."""
     refs = [state.reference for state in states]
     return [stamp_s(s) + (position_rad - r.positions[0]) / r.velocities[0] for s, r in zip(states, refs, strict=True)]
 
 
 def first_after(client: TrajectoryClient, moment_s: float) -> float:
-    """The stamp of the first cycle after a moment."""
+    """Return the stamp of the first cycle after a moment."""
     client.until(lambda: stamp_s(client.states[-1]) > moment_s)
     return next(stamp_s(state) for state in client.states if stamp_s(state) > moment_s)
 
 
 def finish(client: TrajectoryClient, sent: Sent, before: int) -> list[Any]:
-    """The states from ``before`` to the goal's success."""
+    """Return the states from ``before`` to the success of the goal."""
     assert client.outcome(sent) == (SUCCEEDED, 0, REACHED)
     client.cycles(2)
     return client.states[before:]
@@ -77,8 +77,8 @@ def finish(client: TrajectoryClient, sent: Sent, before: int) -> list[Any]:
 
 @pytest.mark.row("jtc-13", "jtc-16", "golden-one-point")
 @pytest.mark.parametrize("ahead_s", [None, 0.4])
-def test_it_moves_from_the_first_cycle_after_the_goal_on(at_zero: TrajectoryClient, ahead_s: float | None) -> None:
-    """With a stamp in the future too: the way to the first point takes until then."""
+def test_motion_starts_in_the_first_cycle_after_the_goal(at_zero: TrajectoryClient, ahead_s: float | None) -> None:
+    """This also applies to a future stamp: the motion to the first point lasts until then."""
     before, sent_s = at_zero.now(), seconds(at_zero.stamp(0.0))
     sent = at_zero.send(goal_of(T(P(0.6, 0.6), stamp=None if ahead_s is None else at_zero.stamp(ahead_s))))
     accepted_s = seconds(at_zero.stamp(0.0))
@@ -91,21 +91,21 @@ def test_it_moves_from_the_first_cycle_after_the_goal_on(at_zero: TrajectoryClie
 
 
 @pytest.mark.row("jtc-16", "golden-stamp-ahead")
-def test_a_stamp_ahead_is_when_the_points_times_count_from(at_zero: TrajectoryClient) -> None:
-    before, stamp = at_zero.now(), at_zero.stamp(0.5)  # just behind a cycle: the next one is far
+def test_point_times_count_from_a_future_stamp(at_zero: TrajectoryClient) -> None:
+    before, stamp = at_zero.now(), at_zero.stamp(0.5)  # Right after a cycle, the next one is almost a period away.
     states = finish(at_zero, at_zero.send(goal_of(T(P(0.3, 0.5), P(0.7, 0.7), stamp=stamp))), before)
     to_first = [s for s in states if 0.01 < s.reference.positions[0] < 0.29]
     assert to_first
     for state, at_s in zip(to_first, passes_s(to_first, 0.3), strict=True):
         assert at_s == pytest.approx(seconds(stamp) + 0.5, abs=CLOCK_S)
-        assert 0.3 <= state.reference.velocities[0] < 0.35  # spread over all the time until then
+        assert 0.3 <= state.reference.velocities[0] < 0.35  # The motion takes all the time until then.
     last = on_line(states, 2.0)
     assert passes_s(last, 0.7) == pytest.approx([seconds(stamp) + 0.7] * len(last), abs=CLOCK_S)
 
 
 @pytest.mark.row("jtc-15", "golden-stamp-past")
-def test_a_stamp_in_the_past_joins_in_where_the_trajectory_is_by_now(at_zero: TrajectoryClient) -> None:
-    """Points whose time has passed are left out; ours: on the way, not in a leap."""
+def test_past_stamp_joins_the_trajectory_at_its_present_point(at_zero: TrajectoryClient) -> None:
+    """Past points are skipped. In contrast to ros2_control, the arm moves onto the trajectory without a jump."""
     before, stamp = at_zero.now(), at_zero.stamp(-1.0)
     states = finish(at_zero, at_zero.send(goal_of(T(P(0.9, 0.5), P(0.3, 1.5), P(0.5, 2.0), stamp=stamp))), before)
     joining = [s for s in states if 0.01 < s.reference.positions[0] < 0.29]
@@ -117,7 +117,7 @@ def test_a_stamp_in_the_past_joins_in_where_the_trajectory_is_by_now(at_zero: Tr
 
 
 @pytest.mark.row("jtc-43", "golden-scaling")
-def test_half_the_speed_takes_twice_as_long_and_nothing_negative_counts(at_zero: TrajectoryClient) -> None:
+def test_half_speed_takes_twice_as_long_and_negative_speeds_are_ignored(at_zero: TrajectoryClient) -> None:
     at_zero.scale(0.5)
     at_zero.until(lambda: at_zero.states[-1].speed_scaling_factor == 0.5)
     at_zero.scale(-1.0)
@@ -134,7 +134,7 @@ def test_half_the_speed_takes_twice_as_long_and_nothing_negative_counts(at_zero:
 
 
 @pytest.mark.row("jtc-43", "golden-scaling")
-def test_0_freezes_in_mid_way_and_1_resumes(at_zero: TrajectoryClient) -> None:
+def test_speed_0_freezes_a_motion_and_1_resumes_it(at_zero: TrajectoryClient) -> None:
     before = at_zero.now()
     sent = at_zero.send(goal_of(T(P(0.8, 0.8))))
     at_zero.until(lambda: at_zero.states[-1].reference.positions[0] > 0.2)
@@ -148,13 +148,14 @@ def test_0_freezes_in_mid_way_and_1_resumes(at_zero: TrajectoryClient) -> None:
     assert not sent.result.done()
     at_zero.scale(1.0)
     path = [state.output.positions[0] for state in finish(at_zero, sent, before)]
-    assert min(after - before for before, after in pairwise(path)) > -1e-3  # a cycle may come a little early
+    assert min(after - before for before, after in pairwise(path)) > -1e-3  # A cycle may come slightly early.
     assert path[-1] == pytest.approx(0.8, abs=1e-9)
 
 
 @pytest.mark.row("jtc-42", "cm-overruns")
-def test_a_loop_that_was_held_up_skips_cycles_and_the_trajectory_goes_on(plain: TrajectoryClient) -> None:
-    """Ours: by what has passed, but by two periods at most, so that the arm does not leap after a stall."""
+def test_blocked_loop_skips_cycles_and_the_trajectory_continues(plain: TrajectoryClient) -> None:
+    """In contrast to ros2_control, time advances by two periods at most, so that the arm does not jump after a
+    stall."""
     there, speed = 1.6, 2.2
     plain.executed(goal_of(T(P((-there, *ZERO[1:]), 0.7))))
     before = plain.now()
@@ -162,7 +163,7 @@ def test_a_loop_that_was_held_up_skips_cycles_and_the_trajectory_goes_on(plain: 
     plain.until(lambda: plain.states[-1].reference.positions[0] > 0.3 - there)
     plain.stack.process.send_signal(signal.SIGSTOP)
     try:
-        time.sleep(LATE_S)  # nothing comes from a process that stands still
+        time.sleep(LATE_S)  # A stopped process publishes nothing.
     finally:
         plain.stack.process.send_signal(signal.SIGCONT)
     states = finish(plain, sent, before)
@@ -172,13 +173,13 @@ def test_a_loop_that_was_held_up_skips_cycles_and_the_trajectory_goes_on(plain: 
         passed.append((stamp_s(other) - stamp_s(one), way_rad / speed))
     late_s, went_on_s = max(passed)
     assert late_s > LATE_S
-    assert 2.0 * PERIOD_S - CLOCK_S < went_on_s < 3.0 * PERIOD_S + CLOCK_S  # the third where a state was left out
+    assert 2.0 * PERIOD_S - CLOCK_S < went_on_s < 3.0 * PERIOD_S + CLOCK_S  # the third if a state was skipped
     for between_s, on_s in passed:
         if between_s < 2.0 * PERIOD_S:
             assert on_s == pytest.approx(between_s, abs=CLOCK_S)
     for one, other in pairwise(states):
         between_s = stamp_s(other) - stamp_s(one)
-        if between_s < 1.5 * PERIOD_S or between_s > LATE_S:  # else a state was left out
+        if between_s < 1.5 * PERIOD_S or between_s > LATE_S:  # otherwise a state was skipped
             assert abs(other.feedback.positions[0] - one.feedback.positions[0]) <= LARGEST_STEP_RAD
     assert states[-1].output.positions[0] == pytest.approx(there, abs=1e-9)
     missed = re.findall(r"missed (\d+) cycles?: the loop was \d+ ms late", plain.stack.words)

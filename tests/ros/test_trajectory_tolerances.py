@@ -1,6 +1,6 @@
-"""Tolerances, time-outs and what is held afterwards: joints that do not move, as another process sees them.
+"""Tolerances, timeouts and the position held afterwards, with joints that do not move.
 
-The mock's states are frozen. The controllers file gives joint1 tolerances, and no other joint.
+The states of the mock are frozen. The controllers file sets tolerances only for joint1.
 """
 
 import math
@@ -38,7 +38,7 @@ OFF = r"joint\d is off by \d\.\d{4,}, allowed is \d\.\d{4}"
 
 
 def cut(ended: tuple[int, int, str]) -> tuple[int, int, str]:
-    """A result without which joint is off, and by how much."""
+    """Return an outcome whose text has no joint and deviation."""
     status, code, text = ended
     said, _, off = text.partition(": ")
     assert re.fullmatch(OFF, off), text
@@ -46,10 +46,10 @@ def cut(ended: tuple[int, int, str]) -> tuple[int, int, str]:
 
 
 MEASURED = (0.0, 0.0, 0.25, 0.0, 0.0, 0.0)
-"""Where the joints stand, whatever they are told."""
+"""Frozen positions of the joints."""
 ERASED: Mapping[str, float] = {"joint1": -1.0}
 UNKNOWN = ["jtc-30", "golden-unknown-tolerance"]
-SAID = (
+SETTINGS = (
     "allow_partial_joints_goal: true",
     "constraints: {goal_time: 0.15, decelerate_on_cancel: false, joint1: {trajectory: 0.05, goal: 0.02}}",
 )
@@ -58,13 +58,13 @@ SAID = (
 @pytest.fixture(scope="module")
 def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[TrajectoryClient]:
     folder = tmp_path_factory.mktemp("stuck")
-    with plain_client(folder, *SAID, initial_rad={"joint3": 0.25}, disable_commands="true") as client:
+    with plain_client(folder, *SETTINGS, initial_rad={"joint3": 0.25}, disable_commands="true") as client:
         yield client
 
 
 @pytest.fixture
 def stuck(stack: TrajectoryClient) -> Iterator[TrajectoryClient]:
-    """It holds what is measured at the beginning, and has the file's parameters again at the end."""
+    """Provide a client that holds the measured positions, and restore the parameters of the file at the end."""
     if list(stack.states[-1].output.positions) != pytest.approx(MEASURED):
         stack.executed(goal_of(T(P(MEASURED, 0.2)), path=ERASED, goal=ERASED))
     yield stack
@@ -73,17 +73,17 @@ def stuck(stack: TrajectoryClient) -> Iterator[TrajectoryClient]:
 
 
 def joint(number: int, position_rad: float, after_s: float) -> Any:
-    """A goal's trajectory for one joint; the others hold."""
+    """Create a trajectory for one joint. The others hold."""
     return T(P((position_rad,), after_s), names=[f"joint{number}"])
 
 
 def commanded(client: TrajectoryClient, number: int) -> float:
-    """Where the joint is told to be two cycles later."""
+    """Return the command of the joint two cycles later."""
     return float(client.cycles(2)[-1].output.positions[number - 1])
 
 
 def exceeded_s(text: str) -> float:
-    """By how much goal_time was exceeded, as the result says."""
+    """Return the time by which goal_time was exceeded, according to the result."""
     said, _, off = text.partition(": ")
     assert re.fullmatch(OFF, off), text
     said = re.fullmatch(r"Aborted due to goal_time_tolerance exceeding by (\d+\.\d{6}) seconds", said)
@@ -92,7 +92,7 @@ def exceeded_s(text: str) -> float:
 
 
 @pytest.mark.row("jtc-36")
-def test_activated_for_the_first_time_it_holds_what_is_measured(stack: TrajectoryClient) -> None:
+def test_first_activation_holds_the_measured_position(stack: TrajectoryClient) -> None:
     assert list(stack.states[0].output.positions) == pytest.approx(MEASURED, abs=1e-9)
     assert list(stack.states[0].reference.positions) == pytest.approx(MEASURED, abs=1e-9)
 
@@ -125,7 +125,7 @@ TOLERANCES = [
 
 
 @pytest.mark.parametrize(("path", "goal", "goal_time_s", "violated"), TOLERANCES)
-def test_the_tolerance_that_counts(
+def test_tolerance_of_goal_or_file_applies(
     stuck: TrajectoryClient,
     path: Mapping[str, float],
     goal: Mapping[str, float],
@@ -146,20 +146,20 @@ def test_the_tolerance_that_counts(
     else:
         assert ended[:2] == (ABORTED, -5)
         assert limit <= exceeded_s(ended[2]) < limit + 2.0 * PERIOD_S + 0.01
-        assert commanded(stuck, 1) == pytest.approx(0.0, abs=1e-6), "it presses no more"
+        assert commanded(stuck, 1) == pytest.approx(0.0, abs=1e-6), "the joint is relieved"
 
 
 @pytest.mark.row("golden-unknown-tolerance", "jtc-30")
 @pytest.mark.parametrize("kind", ["path", "goal"])
-def test_the_log_says_whose_tolerance_means_nothing(stuck: TrajectoryClient, kind: str) -> None:
+def test_invalid_tolerance_is_named_in_the_log(stuck: TrajectoryClient, kind: str) -> None:
     assert stuck.outcome(stuck.send(goal_of(joint(2, 0.1, 0.1), **{kind: {"foo": 0.1}}))) == (SUCCEEDED, 0, REACHED)
     said = f"joint 'foo' specified in goal.{kind}_tolerance does not exist. Using default tolerances."
     assert said in stuck.stack.words
 
 
 @pytest.mark.row("jtc-25", "golden-stuck-path", "golden-path-tolerance")
-def test_a_violated_path_tolerance_ends_it_on_the_way_and_what_is_measured_is_held(stuck: TrajectoryClient) -> None:
-    """Where it is told not to decelerate, as upstream."""
+def test_violated_path_tolerance_aborts_and_holds_the_measured_position(stuck: TrajectoryClient) -> None:
+    """This applies without deceleration, as in ros2_control."""
     before = stuck.now()
     sent = stuck.send(goal_of(joint(2, 0.8, 1.6), path={"joint2": 0.05}))
     assert cut(stuck.outcome(sent)) == PATH
@@ -170,8 +170,8 @@ def test_a_violated_path_tolerance_ends_it_on_the_way_and_what_is_measured_is_he
 
 
 @pytest.mark.row("jtc-25", "jtc-34", "golden-path-tolerance")
-def test_decelerating_an_abort_brakes_and_then_relieves_the_joint_that_is_held(stuck: TrajectoryClient) -> None:
-    """Ours by default; the goal ends when the joints rest and press no more."""
+def test_decelerating_abort_brakes_and_relieves_a_blocked_joint(stuck: TrajectoryClient) -> None:
+    """This is the default here. The goal ends when the joints are at rest and release their pressure."""
     assert stuck.set("constraints.decelerate_on_cancel", True) == (True, "")
     before = stuck.now()
     assert cut(stuck.outcome(stuck.send(goal_of(joint(2, 1.5, 1.5), path={"joint2": 0.4})))) == PATH
@@ -188,8 +188,8 @@ def test_decelerating_an_abort_brakes_and_then_relieves_the_joint_that_is_held(s
 
 @pytest.mark.row("jtc-28", "jtc-34", "golden-stuck-goal-time")
 @pytest.mark.parametrize("decelerate", [False, True])
-def test_when_goal_time_is_over_a_joint_that_is_held_presses_no_more(stuck: TrajectoryClient, decelerate: bool) -> None:
-    """Ours: the command goes back slowly, without a step to what is measured."""
+def test_blocked_joint_is_relieved_after_goal_time(stuck: TrajectoryClient, decelerate: bool) -> None:
+    """In contrast to ros2_control, the command returns slowly and without a step to the measured position."""
     assert stuck.set("constraints.decelerate_on_cancel", decelerate) == (True, "")
     before = stuck.now()
     ended = stuck.outcome(stuck.send(goal_of(joint(2, 0.5, 0.3), goal_time_s=0.3, goal={"joint2": 0.01})))
@@ -202,7 +202,7 @@ def test_when_goal_time_is_over_a_joint_that_is_held_presses_no_more(stuck: Traj
 
 
 @pytest.mark.row("jtc-27", "jtc-33", "golden-stuck-for-ever")
-def test_without_goal_time_it_goes_on_until_it_is_cancelled_and_holds_what_is_measured(stuck: TrajectoryClient) -> None:
+def test_goal_without_goal_time_runs_until_canceled_and_holds_the_measured_position(stuck: TrajectoryClient) -> None:
     sent = stuck.send(goal_of(joint(2, 0.5, 0.2), goal_time_s=-1.0, goal={"joint2": 0.01}))
     stuck.cycles(10)
     assert not sent.result.done()
@@ -214,7 +214,7 @@ def test_without_goal_time_it_goes_on_until_it_is_cancelled_and_holds_what_is_me
 
 @pytest.mark.row("jtc-34", "jtc-40")
 @pytest.mark.parametrize("decelerate", [False, True])
-def test_cmd_timeout_counts_from_the_last_point_and_then_holds_what_is_measured(
+def test_cmd_timeout_after_the_last_point_holds_the_measured_position(
     stuck: TrajectoryClient, decelerate: bool
 ) -> None:
     assert stuck.set("constraints.decelerate_on_cancel", decelerate) == (True, "")
@@ -226,11 +226,11 @@ def test_cmd_timeout_counts_from_the_last_point_and_then_holds_what_is_measured(
     states = stuck.states[before:]
     there = [state for state in states if state.output.positions[1] > 0.4999]
     assert stamp_s(there[-1]) > sent_s + 0.3 + 0.25 - 2.0 * PERIOD_S
-    assert {state.reference.velocities[1] for state in there[2:]} == {0.0}  # it has come to rest before
+    assert {state.reference.velocities[1] for state in there[2:]} == {0.0}  # It was at rest before.
 
 
 @pytest.mark.row("jtc-36", "jtc-3")
-def test_activated_again_it_holds_the_last_command_not_what_is_measured(stuck: TrajectoryClient) -> None:
+def test_repeated_activation_holds_the_last_command(stuck: TrajectoryClient) -> None:
     stuck.executed(goal_of(joint(2, 0.5, 0.2)))
     assert stuck.switch(on=False)
     assert stuck.switch(on=True)
@@ -239,7 +239,7 @@ def test_activated_again_it_holds_the_last_command_not_what_is_measured(stuck: T
     for state in held[-2:]:
         assert list(state.output.positions) == pytest.approx(told, abs=1e-9)
         assert list(state.feedback.positions) == pytest.approx(MEASURED, abs=1e-9)
-    states = stuck.executed(goal_of(joint(4, 0.2, 0.2)))  # joints that a goal does not name keep the command too
+    states = stuck.executed(goal_of(joint(4, 0.2, 0.2)))  # Joints outside the goal also keep their command.
     told[3] = 0.2
     assert list(states[-1].output.positions) == pytest.approx(told, abs=1e-9)
     assert [state.output.positions[1] for state in states] == pytest.approx([0.5] * len(states), abs=1e-9)
@@ -247,7 +247,7 @@ def test_activated_again_it_holds_the_last_command_not_what_is_measured(stuck: T
 
 @pytest.mark.row("jtc-24")
 @pytest.mark.slow
-def test_the_error_of_a_continuous_joint_is_the_shorter_way(stuck: TrajectoryClient) -> None:
+def test_error_of_a_continuous_joint_takes_the_shorter_way(stuck: TrajectoryClient) -> None:
     names = ["joint6"]
     goal = T(P((2.4,), 0.65), P((3.6,), 1.0), names=names)
     tolerance = {"joint6": math.pi + 0.01}

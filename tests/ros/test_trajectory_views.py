@@ -1,4 +1,4 @@
-"""What can be seen and asked of a trajectory on its way: the stack as it comes, as another process sees it."""
+"""Feedback, states and queries of a running trajectory, as seen from another process."""
 
 from collections.abc import Collection, Iterator
 from itertools import pairwise
@@ -35,14 +35,17 @@ def ours(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         yield client
 
 
-def untold(cycles_s: list[float], told_s: Collection[float]) -> list[float]:
-    """Those without feedback; two that are close together, the first of them late, are too fast for one each."""
+def without_feedback(cycles_s: list[float], with_feedback_s: Collection[float]) -> list[float]:
+    """Return the cycles without feedback.
+
+    A cycle that follows a late one closely is excluded, because it may have no separate feedback.
+    """
     close = {after for before, after in pairwise(cycles_s) if after - before < 0.6 * PERIOD_S}
-    return [cycle_s for cycle_s in cycles_s if cycle_s not in told_s and cycle_s not in close]
+    return [cycle_s for cycle_s in cycles_s if cycle_s not in with_feedback_s and cycle_s not in close]
 
 
 @pytest.mark.row("golden-qos")
-def test_any_publisher_is_heard_and_any_listener_served(ours: TrajectoryClient) -> None:
+def test_any_publisher_and_subscriber_is_served(ours: TrajectoryClient) -> None:
     for name in ("joint_trajectory", "speed_scaling_input"):
         (listener,) = ours.node.get_subscriptions_info_by_topic(f"{ARM}/{name}")
         assert listener.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
@@ -52,7 +55,7 @@ def test_any_publisher_is_heard_and_any_listener_served(ours: TrajectoryClient) 
 
 
 @pytest.mark.row("jtc-37", "golden-feedback")
-def test_feedback_has_upstreams_shape_and_comes_with_every_cycle_at_20_hz(ours: TrajectoryClient) -> None:
+def test_feedback_has_the_ros2_control_form_and_comes_at_20_hz(ours: TrajectoryClient) -> None:
     before = ours.now()
     sent = ours.send(goal_of(T(P(-0.4, 0.8))))
     ours.outcome(sent)
@@ -68,13 +71,13 @@ def test_feedback_has_upstreams_shape_and_comes_with_every_cycle_at_20_hz(ours: 
     told = {stamp_s(message): message for message in sent.feedback}
     meanwhile = [state for state in ours.states[before:] if min(told) <= stamp_s(state) <= max(told)]
     assert len(meanwhile) > 8
-    assert untold([stamp_s(state) for state in meanwhile], told) == []
+    assert without_feedback([stamp_s(state) for state in meanwhile], told) == []
     for state in meanwhile:
         assert stamp_s(state) not in told or told[stamp_s(state)].desired == state.reference
 
 
 @pytest.mark.row("jtc-38", "golden-state")
-def test_controller_state_comes_every_cycle_with_the_command_as_output(ours: TrajectoryClient) -> None:
+def test_controller_state_is_published_every_cycle_with_the_command(ours: TrajectoryClient) -> None:
     cycles: list[float] = []
     listener = ours.node.create_subscription(JointState, "/joint_states", lambda m: cycles.append(stamp_s(m)), 100)
     ours.until(lambda: bool(cycles))
@@ -86,10 +89,11 @@ def test_controller_state_comes_every_cycle_with_the_command_as_output(ours: Tra
     stamps = [stamp_s(state) for state in ours.states]
     assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
     between = sorted(after - before for before, after in pairwise(map(stamp_s, states)))
-    assert between[len(between) // 2] == pytest.approx(PERIOD_S, abs=0.01)  # half of them: machines can be late
+    # Half of them suffice, because machines can be late.
+    assert between[len(between) // 2] == pytest.approx(PERIOD_S, abs=0.01)
     for before, after in pairwise(states):
         assert list(after.joint_names) == list(JOINTS)
-        # The mock is where it was told to be: what is measured now is what was put out last.
+        # The mock is at its command, so the measured position equals the last output.
         assert list(after.feedback.positions) == pytest.approx(list(before.output.positions), abs=1e-9)
         difference = [r - f for r, f in zip(after.reference.positions, after.feedback.positions, strict=True)]
         assert list(after.error.positions) == pytest.approx(difference, abs=1e-9)
@@ -98,7 +102,7 @@ def test_controller_state_comes_every_cycle_with_the_command_as_output(ours: Tra
 
 
 @pytest.mark.row("jtc-38", "jtc-37")
-def test_every_cycle_has_its_state_and_feedback_also_where_the_ros_side_was_held_up(ours: TrajectoryClient) -> None:
+def test_every_cycle_has_state_and_feedback_even_if_the_ros_thread_was_blocked(ours: TrajectoryClient) -> None:
     cycles: list[float] = []
     listener = ours.node.create_subscription(JointState, "/joint_states", lambda m: cycles.append(stamp_s(m)), EVERY)
     ours.until(lambda: bool(cycles))
@@ -113,7 +117,7 @@ def test_every_cycle_has_its_state_and_feedback_also_where_the_ros_side_was_held
     stamps = [stamp_s(state) for state in ours.states]
     told = [stamp_s(message) for message in sent.feedback]
     assert [cycle for cycle in cycles if cycle < stamps[-1] and cycle not in stamps] == []
-    assert untold([cycle for cycle in cycles if told[0] < cycle < told[-1]], told) == []
+    assert without_feedback([cycle for cycle in cycles if told[0] < cycle < told[-1]], told) == []
     shown = {stamp_s(state): state for state in ours.states}
     for message in sent.feedback:
         assert message.desired == shown[stamp_s(message)].reference
@@ -122,7 +126,7 @@ def test_every_cycle_has_its_state_and_feedback_also_where_the_ros_side_was_held
 
 
 @pytest.mark.row("jtc-39", "golden-query")
-def test_query_state(ours: TrajectoryClient) -> None:
+def test_query_state_returns_the_trajectory(ours: TrajectoryClient) -> None:
     held = ours.cycles(1)[-1].reference.positions
     holding = ours.query(ours.stamp(0.0))
     assert (holding.success, list(holding.name)) == (False, list(JOINTS))

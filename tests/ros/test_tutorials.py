@@ -1,4 +1,4 @@
-"""The tutorials that end in a package, as a user follows them: in an empty folder, with the page's own commands."""
+"""Follow the tutorials that create a package in an empty folder, with the commands of the page."""
 
 import subprocess
 from pathlib import Path
@@ -30,7 +30,7 @@ def wait_until_ready(process: subprocess.Popen[str]) -> None:
 
 
 @pytest.mark.runs(*commands(CONTROLLER))
-def test_the_controller_of_the_page_moves_its_joint(ros_domain: int, tmp_path: Path) -> None:
+def test_controller_of_the_page_moves_its_joint(ros_domain: int, tmp_path: Path) -> None:
     user = UsersFolder(tmp_path)
     python, toml, yaml = (code(CONTROLLER, language) for language in ("python", "toml", "yaml"))
     user.write(joint_wave_py=python, pyproject_toml=toml, controllers_yaml=yaml)
@@ -43,7 +43,7 @@ def test_the_controller_of_the_page_moves_its_joint(ros_domain: int, tmp_path: P
 
 
 @pytest.mark.runs(INSTALL)
-def test_the_hardware_of_the_page_comes_up(ros_domain: int, tmp_path: Path) -> None:
+def test_hardware_of_the_page_starts(ros_domain: int, tmp_path: Path) -> None:
     user = UsersFolder(tmp_path)
     user.write(belt_py=code(HARDWARE, "python"), pyproject_toml=code(HARDWARE, "toml"))
     user.write(belt_urdf=URDF, controllers_yaml=NO_CONTROLLERS)

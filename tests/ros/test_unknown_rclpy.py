@@ -1,4 +1,4 @@
-"""The stack on an rclpy of a version that nobody knows: none of our patches, one warning, and everything else works."""
+"""With an unknown version of rclpy the stack uses no patch, logs one warning and works otherwise."""
 
 import signal
 from collections.abc import Iterator
@@ -31,10 +31,10 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         yield stack
 
 
-def test_one_warning_names_what_is_lost(stack: StackProcess) -> None:
+def test_one_warning_lists_the_limitations(stack: StackProcess) -> None:
     (warning,) = [line for line in stack.words.splitlines() if "plain rclpy" in line]
-    assert warning.startswith("WARNING servoloop.nodes: rclpy 7.1.99 is not known here (known: 7.1.5)")
-    for loss in ("hold up the control loop for 0.1 s", "1 to 1.5 ms", "get_type_description"):
+    assert warning.startswith("WARNING servoloop.nodes: rclpy 7.1.99 is not supported (supported: 7.1.5)")
+    for loss in ("block the control loop for 0.1 s", "1 to 1.5 ms", "get_type_description"):
         assert loss in warning
 
 
@@ -49,19 +49,20 @@ def test_goals_are_reached_and_canceled(stack: StackProcess) -> None:
         assert client.wait(far).status == 5  # type: ignore[attr-defined]  # STATUS_CANCELED
 
 
-def test_every_cycle_is_published_and_the_hand_obeys(stack: StackProcess) -> None:
+def test_every_cycle_is_published_and_the_hand_follows(stack: StackProcess) -> None:
     with manager_client() as client, client.hearing(JointState, "/joint_states") as states:
         hand = client.node.create_publisher(Float64MultiArray, "/hand_controller/commands", 10)
 
         def obeyed() -> bool:
-            hand.publish(Float64MultiArray(data=[0.04]))  # the first may come before the stack has found its publisher
+            # The first message may arrive before the stack has discovered its publisher.
+            hand.publish(Float64MultiArray(data=[0.04]))
             return bool(states) and position(states[-1], HAND) > 0.03
 
         client.spin_until(obeyed)
         client.spin_until(lambda: len(states) > 40)
         stamps_s = [s.header.stamp.sec + s.header.stamp.nanosec * 1e-9 for s in states]
         steps_s = [after - before for before, after in pairwise(stamps_s)]
-        assert max(steps_s) < 0.09 and min(steps_s) > 0.01  # 20 Hz, none left out
+        assert max(steps_s) < 0.09 and min(steps_s) > 0.01  # 20 Hz without skipped cycles
         hand.publish(Float64MultiArray(data=[0.0]))
 
 
@@ -69,7 +70,7 @@ def position(message: JointState, joint: str) -> float:
     return float(message.position[list(message.name).index(joint)])
 
 
-def test_services_change_what_is_loaded(stack: StackProcess) -> None:
+def test_services_change_the_loaded_controllers(stack: StackProcess) -> None:
     with manager_client() as client:
         before = client.states()
         assert set(before.values()) == {"active"}
@@ -88,20 +89,20 @@ def test_services_change_what_is_loaded(stack: StackProcess) -> None:
 
 
 def refused(client: ManagerClient) -> None:
-    """Parameters: read-only ones stay, others are checked."""
+    """Read-only parameters are kept and others are checked."""
     assert "read-only" in client.put("/arm_controller", "joints", ["a"])
     assert "not declared" in client.put("/arm_controller", "joint", "a")
     assert client.get(MANAGER, "update_rate") == [20]
 
 
-def test_the_report_comes_once_a_second(stack: StackProcess) -> None:
+def test_diagnostics_are_published_once_per_second(stack: StackProcess) -> None:
     with manager_client() as client, client.hearing(DiagnosticArray, "/diagnostics") as reports:
         client.spin_until(lambda: len(reports) > 1)
         assert reports[-1].status[0].name == "servoloop: control loop"
 
 
 @pytest.mark.slow
-def test_a_signal_ends_it_calmly(ros_domain: int, tmp_path: Path) -> None:
+def test_signal_ends_the_stack_cleanly(ros_domain: int, tmp_path: Path) -> None:
     with running(tmp_path, "--hardware", "mock", module="tests.ros.unknown_rclpy") as stack:
         assert stack.end(signal.SIGTERM) == 0
         assert "Traceback" not in stack.words

@@ -1,4 +1,4 @@
-"""One component on two serial lines, Feetech servos on the one and a Dynamixel on the other: all in real processes."""
+"""One component on two serial buses with Feetech and Dynamixel servos, in real processes."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,15 +19,15 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROBOT = ("--robot", str(CONFIG / "robot_arm_two_buses.yaml"))
 HAND = "hand_right_joint"
-HALF_CLOSED_M = 0.015  # further in is the cube
+HALF_CLOSED_M = 0.015  # The cube is closer to the arm.
 SERVOS = {f"{joint} (servo arm/{i})" for i, joint in enumerate(JOINTS, start=1)} | {f"{HAND} (servo hand/1)"}
 HARDWARE_IDS = {f"robot_arm/arm/{i}" for i in range(1, 7)} | {"robot_arm/hand/1"}
-ERROR_RAD = 0.08  # servos sag where the arm leans
+ERROR_RAD = 0.08  # Servos sag when the arm leans.
 ERROR_M = 0.002
 
 
 def _controllers(folder: Path) -> Path:
-    """The arm's controller moves the hand too, and has no other to wait for."""
+    """The controller of the arm also moves the hand and has no other controller to wait for."""
     text = CONTROLLERS.read_text()
     arm = "joints: [joint1, joint2, joint3, joint4, joint5, joint6]"
     assert text.count(arm) == 1
@@ -37,7 +37,7 @@ def _controllers(folder: Path) -> Path:
 
 
 def _servos(report: DiagnosticArray) -> dict[str, DiagnosticStatus]:
-    """What a report says of each servo."""
+    """Return the status of each servo in a report."""
     statuses = {status.name.removeprefix("servoloop: "): status for status in report.status}
     return {name: status for name, status in statuses.items() if "(servo " in name}
 
@@ -69,7 +69,7 @@ def _every_servo_goes_on_answering(first: Mapping[str, DiagnosticStatus], last: 
     assert [name for name in SERVOS if _replies(last[name]) <= _replies(first[name])] == []
 
 
-def test_a_goal_over_two_lines_is_executed_and_every_servo_named(ros_domain: int, tmp_path: Path) -> None:
+def test_goal_over_two_buses_is_executed_and_every_servo_named(ros_domain: int, tmp_path: Path) -> None:
     link = tmp_path / "bus"
     ports = [word for name in ("arm", "hand") for word in ("--port", f"{name}={link}.{name}")]
     emulator = StackProcess(tmp_path / "emulate.log", "emulate", str(link), *ROBOT)

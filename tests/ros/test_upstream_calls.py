@@ -1,7 +1,4 @@
-"""What upstream's command-line tools ask for, found by running them.
-
-Each test makes the same calls with our own client.
-"""
+"""Calls of the ros2_control command-line tools, recorded by running them and repeated with our client."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -68,7 +65,7 @@ def client(stack: StackProcess) -> Iterator[ManagerClient]:
 
 
 def spawn(client: ManagerClient, name: str, files: list[Path], arguments: list[str] | None = None) -> None:
-    """As ``spawner NAME --param-file … --controller-ros-args … --inactive``."""
+    """Spawn a controller like ``spawner NAME --param-file … --controller-ros-args … --inactive``."""
     kind = TRAJECTORY if name == "arm" else "forward_command_controller/ForwardCommandController"
     settings = {"node_options_args": arguments, "params_file": [str(path) for path in files], "type": kind}
     for key, value in settings.items():
@@ -78,7 +75,7 @@ def spawn(client: ManagerClient, name: str, files: list[Path], arguments: list[s
 
 
 def serve(client: ManagerClient, duration: Duration) -> None:
-    """Let time pass, and messages come."""
+    """Spin for some time."""
     clock = client.node.get_clock()
     end = clock.now() + duration
     client.spin_until(lambda: clock.now() > end)
@@ -99,7 +96,7 @@ def test_node_arguments_rename_topics_and_set_parameters(
     assert "deprecated" not in stack.words
 
 
-def test_a_node_argument_that_is_no_yaml_is_refused_in_words(
+def test_invalid_yaml_in_a_node_argument_is_refused_with_a_reason(
     client: ManagerClient, stack: StackProcess, files: Path
 ) -> None:
     for key, value in (("node_options_args", ["-p", "joints:=[joint1"]), ("params_file", [str(files / "arm.yaml")])):
@@ -109,7 +106,7 @@ def test_a_node_argument_that_is_no_yaml_is_refused_in_words(
     assert "arm gets the argument '-p joints:=[joint1', whose value is no YAML" in stack.words
 
 
-def test_node_arguments_take_a_whole_number_for_any_number(client: ManagerClient, files: Path) -> None:
+def test_node_arguments_accept_integers_for_numbers(client: ManagerClient, files: Path) -> None:
     spawn(client, "arm", [files / "arm.yaml"], ["-p", "constraints.goal_time:=2"])
     try:
         assert client.get("/arm", "constraints.goal_time", "constraints.joint1.goal") == [2.0, 0.1]
@@ -117,7 +114,7 @@ def test_node_arguments_take_a_whole_number_for_any_number(client: ManagerClient
         assert client.unload("arm")
 
 
-def test_a_second_parameter_file_changes_what_it_names(client: ManagerClient, files: Path) -> None:
+def test_second_parameter_file_changes_only_its_parameters(client: ManagerClient, files: Path) -> None:
     spawn(client, "arm", [files / "arm.yaml", files / "finer.yaml"], ["--ros-args"])
     names = ("goal_time", "stopped_velocity_tolerance", "joint1.goal", "joint1.trajectory")
     try:
@@ -126,7 +123,7 @@ def test_a_second_parameter_file_changes_what_it_names(client: ManagerClient, fi
         assert client.unload("arm")
 
 
-def test_nothing_is_left_of_an_unloaded_controller(client: ManagerClient, files: Path) -> None:
+def test_unloaded_controller_leaves_nothing_behind(client: ManagerClient, files: Path) -> None:
     def left() -> list[str]:
         graph = (*client.node.get_service_names_and_types(), *client.node.get_topic_names_and_types())
         return [name for name, _ in graph if name.startswith("/brief/")]
@@ -144,8 +141,8 @@ def test_nothing_is_left_of_an_unloaded_controller(client: ManagerClient, files:
         (JointTrajectoryControllerState, "/arm_controller/controller_state"),
     ],
 )
-def test_a_late_listener_gets_no_old_state(client: ManagerClient, kind: type, topic: str) -> None:
-    """These are published to listeners only, so that the latest there is may be one for a listener of long ago."""
+def test_late_subscriber_receives_no_old_state(client: ManagerClient, kind: type, topic: str) -> None:
+    """These topics are published only to subscribers, so the latest message may be old."""
     clock = client.node.get_clock()
     with client.hearing(kind, topic, LATCHED) as messages:
         client.spin_until(lambda: messages)
@@ -156,13 +153,13 @@ def test_a_late_listener_gets_no_old_state(client: ManagerClient, kind: type, to
     assert began - Time.from_msg(messages[0].header.stamp) < Duration(seconds=1)
 
 
-def test_no_transform_is_told_where_nothing_is_measured(client: ManagerClient) -> None:
-    """As upstream's robot_state_publisher, which hears of no joint states then."""
+def test_no_transform_is_published_without_a_measurement(client: ManagerClient) -> None:
+    """ROS 2's robot_state_publisher behaves in the same way, because it receives no joint states."""
     with client.hearing(TFMessage, "/tf") as messages:
         client.spin_until(lambda: messages)
         for label in ("inactive", "unconfigured", "inactive", "active"):
             client.set_hardware(label)
-            told = len(messages)
+            received = len(messages)
             serve(client, Duration(seconds=0.5))
-            assert (len(messages) > told + 2) == (label != "unconfigured")
+            assert (len(messages) > received + 2) == (label != "unconfigured")
         assert all(message.transforms for message in messages)

@@ -1,4 +1,4 @@
-"""Every command comes to an end when the process that it waits for is killed or stopped, and at two signals at once."""
+"""Every command ends if a process that it waits for is killed or stopped, and after a second signal."""
 
 import os
 import signal
@@ -20,12 +20,12 @@ from tests.ros.two_components import add_states, write_urdf
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
-"""Of two signals that are sent together, either may come first."""
+"""Exit statuses after two simultaneous signals, either of which may be handled first."""
 
 
 @pytest.fixture
 def cell(ros_domain: int, tmp_path: Path) -> Iterator[Cell]:
-    """A node whose arm moves until it is canceled."""
+    """Run a node whose arm moves until the goal is canceled."""
     with Cell(ros_domain, tmp_path / "node.log") as cell:
         cell.clear(Plan.HOLD)
         yield cell
@@ -33,7 +33,7 @@ def cell(ros_domain: int, tmp_path: Path) -> Iterator[Cell]:
 
 @pytest.fixture
 def pick(cell: Cell, tmp_path: Path) -> Iterator[StackProcess]:
-    """``servoloop pick`` in the middle of its job."""
+    """Run ``servoloop pick`` until the middle of its job."""
     pick = StackProcess(tmp_path / "pick.log", "pick", "A")
     until(lambda: "ready: " in pick.words, lambda: pick.process.poll() is not None and pick.words)
     yield pick
@@ -42,36 +42,36 @@ def pick(cell: Cell, tmp_path: Path) -> Iterator[StackProcess]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_pick_ends_when_its_node_is_gone(cell: Cell, pick: StackProcess, number: int) -> None:
-    """The middleware holds a participant for alive that has been silent for less than 20 s."""
+def test_pick_ends_when_its_node_is_killed(cell: Cell, pick: StackProcess, number: int) -> None:
+    """The middleware considers a silent participant alive for up to 20 s."""
     cell.process.send_signal(number)
     assert pick.process.wait(60.0) == 1
-    assert "failed: /sorting/arm/pick_place is gone: the node has ended, its log may say why. The arm fi" in pick.words
+    assert "failed: /sorting/arm/pick_place is gone: the node has ended; check its log. The arm finishes" in pick.words
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_cancels_the_job_of_pick(cell: Cell, pick: StackProcess, number: int) -> None:
+def test_signal_cancels_the_job_of_pick(cell: Cell, pick: StackProcess, number: int) -> None:
     assert pick.end(number) == 1
     assert "failed: canceled" in pick.words
     assert cell.below().canceled == 1
 
 
-def test_pick_waits_for_the_confirmation_of_its_cancel_no_longer_than_it_says(cell: Cell, pick: StackProcess) -> None:
+def test_pick_waits_a_limited_time_for_the_confirmation_of_a_cancel(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGSTOP)
     assert pick.end(signal.SIGINT) == 1
-    assert "failed: canceled, and /sorting/arm/pick_place did not confirm it within 10 s." in pick.words
+    assert "failed: canceled, but /sorting/arm/pick_place did not confirm it within 10 s." in pick.words
 
 
-def test_a_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
+def test_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGSTOP)
     pick.process.send_signal(signal.SIGINT)
     pick.process.send_signal(signal.SIGTERM)
-    assert pick.process.wait(8.0) in AT_ONCE  # of the ten seconds for the confirmation
+    assert pick.process.wait(8.0) in AT_ONCE  # less than the 10 s for the confirmation
     assert "ended at once: the node may go on with the job" in pick.words
 
 
-def test_a_signal_before_the_job_of_pick_begins_none(ros_domain: int, tmp_path: Path) -> None:
-    """Nobody serves the action: pick looks for a server."""
+def test_signal_before_the_job_of_pick_prevents_it(ros_domain: int, tmp_path: Path) -> None:
+    """No node serves the action, so the command waits for a server."""
     pick = StackProcess(tmp_path / "pick.log", "pick", "A")
     until(lambda: handles(pick.process.pid, signal.SIGTERM), lambda: pick.process.poll() is not None and pick.words)
     assert pick.end(signal.SIGTERM) == 130
@@ -79,20 +79,20 @@ def test_a_signal_before_the_job_of_pick_begins_none(ros_domain: int, tmp_path: 
 
 
 def handles(process_id: int, number: int) -> bool:
-    """Whether the process has a handler of its own for the signal."""
+    """Return whether the process handles the signal."""
     status = Path(f"/proc/{process_id}/status").read_text()
     caught = next(line for line in status.splitlines() if line.startswith("SigCgt:"))
     return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
 
 
 def emulator_of(stack: StackProcess) -> int:
-    """The process ID of the emulator that a stack on virtual servos has started."""
+    """Return the process ID of the emulator of a stack on virtual servos."""
     (emulator,) = [c for c in psutil.Process(stack.process.pid).children() if "emulate" in c.cmdline()]
     return int(emulator.pid)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_stack_ends_when_its_servos_are_gone(ros_domain: int, tmp_path: Path, number: int) -> None:
+def test_stack_ends_when_its_servos_are_gone(ros_domain: int, tmp_path: Path, number: int) -> None:
     with running(tmp_path) as stack:
         emulator = emulator_of(stack)
         os.kill(emulator, number)
@@ -104,7 +104,7 @@ def test_the_stack_ends_when_its_servos_are_gone(ros_domain: int, tmp_path: Path
 
 @pytest.fixture
 def hanging(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StackProcess]:
-    """A stack whose arm is a user's plug-in that does not come back from reading."""
+    """Run a stack whose arm is a user plug-in that hangs in ``read``."""
     monkeypatch.setenv("PYTHONPATH", install(tmp_path))
     orders = Orders(tmp_path / "orders")
     urdf = add_states(write_urdf(tmp_path, arm=orders.hardware), "joint1", "reads", "writes")
@@ -114,14 +114,14 @@ def hanging(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         yield stack
 
 
-def test_a_second_signal_ends_a_stack_whose_hardware_hangs(hanging: StackProcess) -> None:
+def test_second_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:
     hanging.process.send_signal(signal.SIGINT)
     hanging.process.send_signal(signal.SIGTERM)
     assert hanging.process.wait(20.0) in AT_ONCE
     assert "a second signal: ended at once: servos under torque hold their last goal" in hanging.words
 
 
-def test_a_stack_whose_hardware_hangs_ends_at_one_signal(hanging: StackProcess) -> None:
+def test_one_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:
     assert hanging.end(signal.SIGINT) == 1
     assert "the control loop hangs in its hardware and is left behind: servos under torque hold" in hanging.words
 
@@ -147,9 +147,7 @@ WORDS = {"servoloop emulate": "emulator", "servoloop up": "stack", "vision_pick_
 
 
 @pytest.mark.parametrize("word", WORDS)
-def test_the_demo_ends_when_one_of_its_processes_is_killed_and_says_which(
-    ros_domain: int, tmp_path: Path, word: str
-) -> None:
+def test_demo_ends_and_names_a_killed_process(ros_domain: int, tmp_path: Path, word: str) -> None:
     with demo(tmp_path) as process:
         until(lambda: "grade A: ready" in process.words, lambda: process.process.poll() is not None and process.words)
         others = psutil.Process(process.process.pid).children()
@@ -161,7 +159,7 @@ def test_the_demo_ends_when_one_of_its_processes_is_killed_and_says_which(
 
 
 @pytest.mark.parametrize("when", ["the stack", "the pick-place node", "grade A: ready"])
-def test_the_demo_ends_at_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when: str) -> None:
+def test_demo_ends_on_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when: str) -> None:
     with demo(tmp_path) as process:
         until(lambda: when in process.words, lambda: process.process.poll() is not None and process.words)
         others = psutil.Process(process.process.pid).children()
@@ -170,7 +168,7 @@ def test_the_demo_ends_at_a_signal_at_any_time(ros_domain: int, tmp_path: Path, 
         assert not any(other.is_running() for other in others)
 
 
-def test_a_second_signal_ends_the_demo_and_its_processes(ros_domain: int, tmp_path: Path) -> None:
+def test_second_signal_ends_the_demo_and_its_processes(ros_domain: int, tmp_path: Path) -> None:
     with demo(tmp_path) as process:
         until(lambda: "the pick-place node" in process.words)
         others = psutil.Process(process.process.pid).children()
@@ -183,11 +181,11 @@ def test_a_second_signal_ends_the_demo_and_its_processes(ros_domain: int, tmp_pa
         assert not any(other.is_running() for other in others)
 
 
-def test_a_second_signal_ends_the_node_whose_arm_does_not_stop(cell: Cell) -> None:
+def test_second_signal_ends_a_node_whose_arm_does_not_stop(cell: Cell) -> None:
     cell.clear(Plan.REFUSE_CANCEL)
     cell.pick("A")
     cell.wait_for_goals(1)
     for number in (signal.SIGINT, signal.SIGTERM):
         cell.process.send_signal(number)
     assert cell.process.wait(20.0) in AT_ONCE
-    assert "a second signal: ended at once. The arm finishes the motion under way and holds there" in cell.log()
+    assert "second signal: ended at once. The arm finishes its current motion and holds its position" in cell.log()

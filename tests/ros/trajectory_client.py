@@ -1,4 +1,4 @@
-"""A client of one trajectory controller, in a process other than the stack's."""
+"""A client of one trajectory controller in a process separate from the stack."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +32,7 @@ NONE: Mapping[str, float] = MappingProxyType({})
 
 
 def duration(seconds: float) -> Duration:
-    """Also a negative one."""
+    """Convert seconds to a duration, which may be negative."""
     nanoseconds = round(seconds * 1e9)
     return Duration(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
@@ -42,7 +42,7 @@ def seconds(stamp: Time | Duration) -> float:
 
 
 def stamp_s(message: Any) -> float:
-    """Of its header."""
+    """Return the stamp of a message, in seconds."""
     return seconds(message.header.stamp)
 
 
@@ -53,7 +53,7 @@ def point(
     accelerations: Sequence[float] = (),
     effort: Sequence[float] = (),
 ) -> JointTrajectoryPoint:
-    """One number stands for all six joints."""
+    """Create a point. One number applies to all six joints."""
     positions = [position] * 6 if isinstance(position, float) else list(position)
     return JointTrajectoryPoint(
         positions=positions,
@@ -77,7 +77,7 @@ def goal_of(
     path: Mapping[str, float] = NONE,
     goal: Mapping[str, float] = NONE,
 ) -> Any:
-    """``path`` and ``goal``: joints and their tolerances."""
+    """Create a goal. ``path`` and ``goal`` map joints to their tolerances."""
     made = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=duration(goal_time_s))
     made.path_tolerance = [JointTolerance(name=name, position=value) for name, value in path.items()]
     made.goal_tolerance = [JointTolerance(name=name, position=value) for name, value in goal.items()]
@@ -86,7 +86,7 @@ def goal_of(
 
 @dataclass(slots=True)
 class Sent:
-    """A goal on its way; ``handle`` is None if it was refused."""
+    """A running goal. ``handle`` is None if the goal was rejected."""
 
     handle: Any
     result: Any = None
@@ -94,7 +94,7 @@ class Sent:
 
 
 class TrajectoryClient:
-    """Sends, listens and waits; everything by its own executor, nothing by time."""
+    """Client that sends goals and receives states. All waits end on events and not after fixed times."""
 
     def __init__(self, stack: StackProcess) -> None:
         self.stack = stack
@@ -117,7 +117,7 @@ class TrajectoryClient:
         self.until(self.topic_is_heard)
 
     def topic_is_heard(self) -> bool:
-        """Whether the controller listens to what is published here."""
+        """Return whether the controller has discovered this publisher."""
         return bool(self._scaling.get_subscription_count() and self._topic.get_subscription_count())
 
     def until(self, ready: Callable[[], bool]) -> None:
@@ -131,7 +131,7 @@ class TrajectoryClient:
         return future.result()
 
     def send(self, goal: Any) -> Sent:
-        """Returns when the stack has answered."""
+        """Send a goal and wait for the response."""
         sent = Sent(None)
         handle = self.wait(self.action.send_goal_async(goal, lambda message: sent.feedback.append(message.feedback)))
         if handle.accepted:
@@ -139,20 +139,20 @@ class TrajectoryClient:
         return sent
 
     def send_two(self, first: Any, second: Any) -> tuple[Sent, Sent]:
-        """In one instant."""
+        """Send two goals at the same moment."""
         futures = [self.action.send_goal_async(goal) for goal in (first, second)]
         handles = [self.wait(future) for future in futures]
         one, two = (Sent(handle, handle.get_result_async()) for handle in handles)
         return one, two
 
     def outcome(self, sent: Sent) -> tuple[int, int, str]:
-        """Status, error code and text, when the goal has ended."""
+        """Wait for the end of a goal and return status, error code and text."""
         assert sent.handle is not None, self.reasons
         answer = self.wait(sent.result)
         return answer.status, answer.result.error_code, answer.result.error_string
 
     def executed(self, goal: Any) -> list[JointTrajectoryControllerState]:
-        """The states from the last one before the goal to two after its success."""
+        """Return the states from the last one before the goal to the second one after its success."""
         before = len(self.states)
         ended = self.outcome(self.send(goal))
         assert ended == (SUCCEEDED, 0, REACHED), ended
@@ -160,24 +160,24 @@ class TrajectoryClient:
         return self.states[before - 1 :]
 
     def cancel(self, sent: Sent) -> int:
-        """How many goals are being canceled."""
+        """Return the number of goals in the result of the cancel request."""
         return len(self.wait(sent.handle.cancel_goal_async()).goals_canceling)
 
     def refusal(self, goal: Any) -> str:
-        """The reason, as the status topic gives it."""
+        """Send a goal that is rejected, and return the reason from the topic."""
         before = len(self.reasons)
         assert self.send(goal).handle is None
         self.until(lambda: len(self.reasons) > before)
         return self.reasons[-1]
 
     def cycles(self, count: int) -> list[JointTrajectoryControllerState]:
-        """The next states, of so many cycles or more. What was measured before now may still be on its way."""
+        """Return the states of at least the next ``count`` cycles. Older states may still arrive."""
         first = self.now()
         self.until(lambda: len(self.states) >= first + count)
         return self.states[first:]
 
     def now(self) -> int:
-        """Which of ``states`` is the first that was measured after now."""
+        """Return the index of the first state that was measured after this call."""
         now_s = seconds(self.stamp(0.0))
         self.until(lambda: stamp_s(self.states[-1]) > now_s)
         return next(i for i, state in enumerate(self.states) if stamp_s(state) > now_s)
@@ -199,19 +199,19 @@ class TrajectoryClient:
         return self.call(QueryTrajectoryState, f"{ARM}/query_state", QueryTrajectoryState.Request(time=stamp))
 
     def switch(self, on: bool) -> bool:
-        """The arm's controller. Whether the manager has done it."""
+        """Switch the arm's controller and return whether the manager has succeeded."""
         names = {"activate_controllers" if on else "deactivate_controllers": ["arm_controller"]}
         request = SwitchController.Request(strictness=2, **names)
         return bool(self.call(SwitchController, "/controller_manager/switch_controller", request).ok)
 
     def set(self, name: str, value: Any) -> tuple[bool, str]:
-        """A parameter of the controller."""
+        """Set a parameter of the controller, and return success and reason."""
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         (result,) = self.call(SetParameters, f"{ARM}/set_parameters", request).results
         return result.successful, result.reason
 
     def get(self, *names: str) -> list[Any]:
-        """Parameters of the controller."""
+        """Return parameters of the controller."""
         request = GetParameters.Request(names=list(names))
         return list(map(parameter_value_to_python, self.call(GetParameters, f"{ARM}/get_parameters", request).values))
 
@@ -221,15 +221,15 @@ class TrajectoryClient:
 
     def close(self) -> None:
         self.executor.shutdown()
-        self.action.destroy()  # a node that is destroyed leaves its action clients standing
+        self.action.destroy()  # ``destroy_node`` leaves action clients behind.
         self.node.destroy_node()
 
 
 def measured(client: TrajectoryClient) -> list[float]:
-    """Where the arm stands, as MoveIt reads it."""
-    heard: list[JointState] = []
-    listener = client.node.create_subscription(JointState, "/joint_states", heard.append, 10)
-    client.until(lambda: bool(heard))
+    """Return the positions of the arm from /joint_states, as MoveIt does."""
+    received: list[JointState] = []
+    listener = client.node.create_subscription(JointState, "/joint_states", received.append, 10)
+    client.until(lambda: bool(received))
     client.node.destroy_subscription(listener)
-    position = dict(zip(heard[-1].name, heard[-1].position, strict=True))
+    position = dict(zip(received[-1].name, received[-1].position, strict=True))
     return [position[joint] for joint in JOINTS]

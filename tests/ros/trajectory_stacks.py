@@ -1,4 +1,4 @@
-"""Stacks for the tests of the trajectory controller, each with a client in the test's process."""
+"""Stacks for the tests of the trajectory controller, with a client in the process of the test."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -18,14 +18,14 @@ from tests.ros.trajectory_client import NONE, TrajectoryClient
 
 MOCK = ("--hardware", "mock")
 PERIOD_S = 0.05
-"""Of the arm's controllers file."""
+"""Constraints of the arm in the default controllers file."""
 FASTEST_RAD_S = max(joint.velocity for joint in parse_urdf(URDF.read_text()).joints.values())
 LARGEST_STEP_RAD = 1.001 * FASTEST_RAD_S * PERIOD_S
 
 
 @contextmanager
 def client_of(folder: Path, *arguments: str) -> Iterator[TrajectoryClient]:
-    """``servoloop up`` with these arguments, and its client."""
+    """Run ``servoloop up`` with these arguments and yield its client."""
     with running(folder, *arguments) as stack:
         rclpy.init()
         client = TrajectoryClient(stack)
@@ -38,27 +38,29 @@ def client_of(folder: Path, *arguments: str) -> Iterator[TrajectoryClient]:
 
 @contextmanager
 def plain_client(
-    folder: Path, *said: str, initial_rad: Mapping[str, float] = NONE, **hardware: str
+    folder: Path, *extra_lines: str, initial_rad: Mapping[str, float] = NONE, **hardware: str
 ) -> Iterator[TrajectoryClient]:
-    """No robot file, and a controllers file for upstream with these lines about the arm: splines."""
+    """Run a stack with a ros2_control controllers file and no robot file. It uses splines."""
     urdf = mock_urdf(folder, initial_rad, **hardware)
-    with client_of(folder, *MOCK, "--urdf", urdf, "--controllers", controllers_file(folder, *said)) as client:
+    with client_of(folder, *MOCK, "--urdf", urdf, "--controllers", controllers_file(folder, *extra_lines)) as client:
         yield client
 
 
-def controllers_file(folder: Path, *said: str) -> str:
-    """The arm's own without its tolerances, with more said of the arm's controller."""
+def controllers_file(folder: Path, *extra_lines: str) -> str:
+    """Write the arm's controllers file without tolerances and with extra lines for its controller."""
     text = CONTROLLERS.read_text()
     ours = r" +allow_nonzero_velocity_at_trajectory_end: true\n|    # rad(?s:.*?)(?=\nhand_controller)"
     text = re.sub(ours, "", text)
     mark = "    state_interfaces: [position, velocity]\n"
     assert mark in text
-    (folder / "controllers.yaml").write_text(text.replace(mark, mark + "".join(f"    {line}\n" for line in said)))
+    (folder / "controllers.yaml").write_text(
+        text.replace(mark, mark + "".join(f"    {line}\n" for line in extra_lines))
+    )
     return str(folder / "controllers.yaml")
 
 
 def mock_urdf(folder: Path, initial_rad: Mapping[str, float], **parameters: str) -> str:
-    """The arm on GenericSystem with no robot file, as a user of upstream has it; joint6 turns without end."""
+    """Write a URDF of the arm on GenericSystem, as in ros2_control. joint6 is continuous."""
     robot = ElementTree.parse(URDF)
     hardware = robot.find("ros2_control/hardware")
     assert hardware is not None
@@ -77,15 +79,15 @@ def mock_urdf(folder: Path, initial_rad: Mapping[str, float], **parameters: str)
 
 
 def case(name: str, *values: Any, rows: Sequence[str]) -> Any:
-    """One row of a table, and the rows of the specification that it proves."""
+    """A table row with the rows of the specification that it tests."""
     return pytest.param(*values, id=name, marks=pytest.mark.row(*rows))
 
 
 def largest_step_rad(states: Sequence[Any], of: str = "feedback") -> float:
-    """Of any joint from cycle to cycle.
+    """Return the largest step of any joint between two cycles.
 
-    ``feedback`` is where the mock was sent, within the limits; ``output`` is what was wanted, which is a little more
-    where a cycle came a little late.
+    ``feedback`` is the limited position of the mock. ``output`` is the desired position, which deviates slightly if a
+    cycle was late.
     """
     path = [getattr(state, of).positions for state in states]
     return max(abs(b - a) for one, other in pairwise(path) for a, b in zip(one, other, strict=True))

@@ -1,4 +1,4 @@
-"""The arm's URDF with the arm and the hand as two hardware components."""
+"""The URDF of the arm with arm and hand as two hardware components."""
 
 import re
 from pathlib import Path
@@ -25,14 +25,14 @@ FOLLOWER = """
 
 
 def block(name: str, hardware: str, joints: str, attributes: str = "") -> str:
-    """One ``<ros2_control>``."""
+    """Return the XML of one ``<ros2_control>`` block."""
     return (
         f'<ros2_control name="{name}" type="system"{attributes}><hardware>{hardware}</hardware>{joints}</ros2_control>'
     )
 
 
 def write_urdf(folder: Path, arm: str = MOCK, hand: str = MOCK) -> Path:
-    """The URDF with ``arm`` and ``hand`` in the two blocks' ``<hardware>``; the hand at half the rate."""
+    """Write a URDF with ``arm`` and ``hand`` as the ``<hardware>`` of two blocks. The hand runs at half the rate."""
     blocks = block("arm", arm, "".join(map(JOINT.format, ARM)))
     blocks += block("hand", hand, JOINT.format(HAND) + FOLLOWER, ' rw_rate="10"')
     text, count = re.subn(r"<ros2_control.*</ros2_control>", blocks, URDF.read_text(), flags=re.DOTALL)
@@ -43,30 +43,30 @@ def write_urdf(folder: Path, arm: str = MOCK, hand: str = MOCK) -> Path:
 
 
 def write_robot_file(folder: Path, name: str, *joints: str) -> Path:
-    """The part of our robot file that is about these joints."""
+    """Write the part of the robot file that concerns these joints."""
     content = yaml.safe_load((CONFIG / "robot_arm.yaml").read_text())
     content["joints"] = {joint: content["joints"][joint] for joint in joints}
     content["park"] = {"pose": dict.fromkeys(joints, 0.0)}
     if not set(ARM) <= set(joints):
-        del content["controller_defaults"]  # they are the arm's
+        del content["controller_defaults"]  # These belong to the arm.
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
 
 
 def servos(path: Path) -> str:
-    """``<hardware>`` of servos with this robot file."""
+    """Return the ``<hardware>`` of servos with this robot file."""
     return f'{SERVOS}<param name="robot">{path}</param>'
 
 
 def write_servos(folder: Path) -> Path:
-    """The URDF with servos in both, each with a robot file, and so a line, of its own."""
+    """Write the URDF with servos in both components. Each has its own robot file and bus."""
     arm, hand = write_robot_file(folder, "arm", *ARM), write_robot_file(folder, "hand", HAND)
     return write_urdf(folder, servos(arm), servos(hand))
 
 
 def add_states(urdf: Path, joint: str, *names: str) -> Path:
-    """More state interfaces of a joint."""
+    """Additional state interfaces of a joint."""
     text, begin = urdf.read_text(), f'<joint name="{joint}">'
     assert text.count(begin) == 1
     urdf.write_text(text.replace(begin, begin + "".join(f'<state_interface name="{name}"/>' for name in names)))

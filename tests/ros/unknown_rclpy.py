@@ -1,4 +1,4 @@
-"""``python -m tests.ros.unknown_rclpy ...``: servoloop on an rclpy that says it is of a version nobody knows."""
+"""Run servoloop with an rclpy that reports an unknown version: ``python -m tests.ros.unknown_rclpy ...``."""
 
 from nodes.rclpy_patches import guard
 from servoloop.cli import main

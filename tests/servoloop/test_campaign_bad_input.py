@@ -4,11 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from hal.errors import ArmFileError
+from servoloop.campaign import shrinking
 from servoloop.campaign.campaign import Scenario, ScenarioError, read_scenario, schedule_of
 from servoloop.campaign.shrink import shrink
+from servoloop.campaign.shrinking import violated
+from servoloop.simulation.clients import Cancel, Move
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from sim_backend.faults.text import parse
-from tests.complaint import complaint
+from tests.complaint import complaint as refusal
 
 
 def written(folder: Path, text: str) -> Path:
@@ -63,7 +67,7 @@ def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
     assert f"{path}:6: koch cannot have 'dead_encoder': servo " in str(refused.value)
     assert "which says nothing of its encoder" in str(refused.value)
     assert read_scenario(path, "so101").kinds == ("silent", "dead_encoder")
-    said = complaint(capsys, monkeypatch, "campaign", "--scenario", str(path), "--arm", "robot_arm_dynamixel")
+    said = refusal(capsys, monkeypatch, "campaign", "--scenario", str(path), "--arm", "robot_arm_dynamixel")
     assert "robot_arm_dynamixel cannot have 'dead_encoder'" in said
 
 
@@ -71,5 +75,99 @@ def test_a_fault_that_the_arm_cannot_have_is_refused_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nfaults:\n- {kind: echo}\n- {kind: dead_encoder, servo_id: 3}\n")
-    said = complaint(capsys, monkeypatch, "campaign", "--schedule", str(path))
+    said = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
     assert f"{path}:5: dead_encoder at 0 s: servo 3 is a " in said
+
+
+CHANGE = ": change the scenario, or leave out the promise"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("faults: 2\nspeed: 3\n", "2: speed: Extra inputs are not permitted"),
+        ("faults: 2\narm: [koch,\n  coch]\n", "3: there is no arm coch: name one of "),
+        ("arm: []\n", "1: arm: the list is empty: name at least one, or leave out the key"),
+        ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: name at least one, or leave out the key"),
+        (
+            "clients: [jobs]\n",
+            "1: clients.0: Input should be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs' or 'guides'",
+        ),
+        ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': known are A, B, C"),
+        (
+            "clients: [moves]\njob: [A]\n",
+            "2: job: no client does these jobs: add `job` to `clients`, or leave out the jobs",
+        ),
+    ],
+)
+def test_a_scenario_is_refused_with_one_sentence_and_its_line(tmp_path: Path, text: str, complaint: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises((ScenarioError, ArmFileError)) as refused:
+        read_scenario(path)
+    assert str(refused.value).startswith(f"{path}:{complaint}") and str(refused.value).count("\n") == 0
+
+
+@pytest.mark.parametrize(
+    ("scenario", "visit", "reason"),
+    [
+        ("faults: 0", "phase: idle", "no run has a fault, and each visit is one of a fault"),
+        ("kinds: [noise]", "fault: silent", "no run has the fault 'silent', which is not among `kinds`"),
+        ("arm: koch", "fault: dead_encoder", "no arm of the scenario can have 'dead_encoder' (servo "),
+        ("faults: 3", "make: dynamixel", "a fault cannot touch 'dynamixel', as the makes are feetech, none"),
+        (
+            "arm: [robot_arm, koch]",
+            "{fault: dead_encoder, make: dynamixel}",
+            "'dead_encoder' cannot touch 'dynamixel', as the makes are feetech",
+        ),
+        ("arm: koch", "{fault: stall, make: dynamixel}", "'stall' cannot touch 'dynamixel', as the makes are none"),
+        ("clients: [plans]", "client: switch", "no client of the scenario does 'switch': they do cancel, job, plan"),
+    ],
+)
+def test_a_promise_that_no_run_can_keep_is_refused(tmp_path: Path, scenario: str, visit: str, reason: str) -> None:
+    path = written(tmp_path, f"{scenario}\npromises:\n  visits:\n  -\n    {visit}\n")
+    with pytest.raises(ScenarioError) as refused:
+        read_scenario(path)
+    text = str(refused.value)
+    assert text.startswith(f"{path}:5: {reason}") and text.endswith(CHANGE) and text.count("\n") == 0
+
+
+def test_a_promise_that_some_run_can_keep_is_taken(tmp_path: Path) -> None:
+    visits = "[{fault: dead_encoder, make: feetech}, {make: none}, {fault: silent, make: dynamixel, client: hand}]"
+    path = written(tmp_path, f"arm: [robot_arm, koch]\nclients: [job, streams]\npromises: {{visits: {visits}}}\n")
+    assert len(read_scenario(path).promises.visits) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        (
+            "seconds: 2\nclients:\n- kind: cancel\n  at_s: 2.5\n",
+            "4: cancel begins at 2.5 s, and the run ends after 2 s: let it begin earlier, or make `seconds` longer",
+        ),
+        (
+            "seconds: 2\nclients:\n- kind: jog\n  share: 0.5\n  joint: joint9\n",
+            "5: the arm has no joint 'joint9': known are joint1, joint2, joint3, joint4, joint5, joint6",
+        ),
+        (
+            "seconds: 2\nclients:\n- kind: move\n  positions: {joint1: 0.1,\n    joint9: 0.1}\n",
+            "5: the arm has no joint 'joint9': known are joint1, joint2, joint3, joint4, joint5, joint6",
+        ),
+        ("seconds: 2\njob:\n- F\n", "3: robot_arm has no bin for the grade 'F': known are A, B, C"),
+        ("seconds: 2\nspeed: 2\n", "2: speed: Extra inputs are not permitted"),
+        ("seconds: 2\nclients: [{kind: moves}]\n", "2: clients.0: Input tag 'moves' found using 'kind' does not match"),
+    ],
+)
+def test_a_schedule_is_refused_with_one_sentence_and_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, text: str, complaint: str
+) -> None:
+    path = written(tmp_path, text)
+    told = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
+    assert told.startswith(f"servoloop: {path}:{complaint}") and told.count("\n") == 1
+
+
+def test_shrinking_tries_no_arm_that_cannot_do_the_acts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shrinking, "run_schedule_of", None)
+    move = Move(positions={"shoulder_pan": 0.1})
+    assert violated(Schedule(arm="robot_arm", seconds=2.0, clients=(move,))) == set()
+    late = Schedule(seconds=4.0, clients=(Cancel(at_s=3.5),))
+    assert shrink(late, lambda one: bool(one.clients)).seconds == 4.0

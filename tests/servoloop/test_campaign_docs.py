@@ -8,7 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from servoloop.campaign.campaign import files_of, read_scenario
-from servoloop.campaign.fallen import recorded
+from servoloop.campaign.invariants.watch import ALL
+from servoloop.campaign.kept_violation import recorded
+from servoloop.campaign.visits import PHASES
 from servoloop.cli import app
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.trace_file import trace_text
@@ -45,6 +47,28 @@ def test_the_table_has_every_column_of_a_trace() -> None:
     for name in header:
         shown = re.sub(r"(hand_right_)?joint\d?", "joint1", name)
         assert f"`{shown}`" in TEXT, f"docs/campaigns.md says nothing of the column {name}"
+
+
+def section(heading: str) -> str:
+    return TEXT.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+
+
+def rows(heading: str) -> list[list[str]]:
+    """The cells of all tables of a section."""
+    found = re.findall(r"^\| (.*) \|$", section(heading), re.MULTILINE)
+    return [row.split(" | ") for row in found]
+
+
+def test_the_page_explains_every_invariant_and_what_it_counts() -> None:
+    names = [kind.name for kind in ALL]
+    explained = [row[0] for row in rows("Invariants")]
+    assert explained[1 : len(ALL) + 1] == names
+    counted = [name for row in rows("Marks") for name in row[1].split("; ") if name in names]
+    assert sorted(counted) == sorted(names)
+
+
+def test_the_page_explains_every_phase_of_a_visit() -> None:
+    assert [row[0] for row in rows("Marks") if row[0].startswith("`")] == [f"`{phase}`" for phase in PHASES]
 
 
 @pytest.mark.runs(f"{PAGE} yaml 1")

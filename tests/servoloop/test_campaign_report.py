@@ -17,7 +17,7 @@ from hal.types import FloatArray, JointState
 from servoloop import cli
 from servoloop.campaign import report as reports
 from servoloop.campaign.campaign import Scenario, campaign, run_schedule_of
-from servoloop.campaign.fallen import BEFORE_S, CYCLES_BEHIND
+from servoloop.campaign.kept_violation import BEFORE_S, CYCLES_BEHIND
 from servoloop.campaign.tally import INVARIANTS, Tally
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
@@ -157,7 +157,7 @@ def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyP
     (tmp_path / "scenario.yaml").write_text(
         "{seconds: 1.5, faults: 6, within_s: 1.2, kinds: [controller_jumps, noise, silent, hot]}"
     )
-    words = ("--scenario", "scenario.yaml", "--seeds", "3", "--jobs", "1")
+    words = ("--scenario", "scenario.yaml", "--seeds", "3", "--jobs", "0")
     first = run(*words)
     assert first.exit_code == 1, first.output
     written = Path("out/campaign/report.html")
@@ -182,7 +182,7 @@ def test_the_command_on_the_page_shows_it_again_until_it_is_mended(
     open_gate: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "scenario.yaml").write_text("{seconds: 1.5, faults: 2, within_s: 1.2, kinds: [controller_jumps]}")
-    run("--scenario", "scenario.yaml", "--seeds", "1", "--jobs", "1")
+    run("--scenario", "scenario.yaml", "--seeds", "1", "--jobs", "0")
     (command,) = Page(Path("out/campaign/report.html").read_text()).texts["command"]
     again = run(*shlex.split(command)[2:])
     assert again.exit_code == 1 and "safe commands: at" in again.output
@@ -227,7 +227,7 @@ def test_interrupted_it_reports_what_was_done_and_ends_with_130(
 
     signals = asked_signals(monkeypatch)
     monkeypatch.setattr(Tally, "add", add_and_ask)
-    ran = run("--scenario", "scenario.yaml", "--seeds", "50", "--jobs", "1", "--json")
+    ran = run("--scenario", "scenario.yaml", "--seeds", "50", "--jobs", "0", "--json")
     assert isinstance(ran.exception, Interrupted)  # which ends the program with 130
     assert "interrupted: 2 of 50 runs were done" in str(ran.exception)
     assert json.loads(ran.stdout)["interrupted"] and json.loads(ran.stdout)["runs"] == 2
@@ -254,7 +254,7 @@ def test_a_campaign_that_was_ended_at_once_has_a_page_too() -> None:
     page = reports.page(Tally(scenario, 10), [])
     assert "Interrupted: 0 of 10 runs were done." in page
     Page(page)
-    assert list(campaign(scenario, range(10), 1, lambda: True)) == []
+    assert list(campaign(scenario, range(10), 0, lambda: True)) == []
 
 
 def test_what_a_fault_says_is_no_markup(tmp_path: Path) -> None:
@@ -280,7 +280,7 @@ def test_one_of_scenario_and_schedule_is_needed(
 
 def test_every_fault_is_counted_by_its_kind_and_its_time() -> None:
     scenario = Scenario(seconds=3.0, faults=5, within_s=3.0)
-    tally, seen = Tally(scenario, 4), list(campaign(scenario, range(4), 1))
+    tally, seen = Tally(scenario, 4), list(campaign(scenario, range(4), 0))
     for report in seen:
         tally.add(report)
     assert tally.drawn.total() == 4 * 5

@@ -5,10 +5,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Event
 from types import ModuleType
 from typing import Any
 
@@ -17,11 +18,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servoloop.campaign import workers
-from servoloop.campaign.campaign import Scenario, campaign, run_seed
+from servoloop.campaign import hangs, supervised, workers
+from servoloop.campaign.campaign import Scenario, campaign, run_seed, schedule_of
+from servoloop.campaign.hangs import SHOWN
+from servoloop.campaign.invariants.watch import Violation
 from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
 from servoloop.campaign.run import RunReport
-from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, WorkerError, in_order, in_processes
+from servoloop.campaign.supervised import Loss, Supervisor, WorkerError
+from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, in_order, in_processes, run_all
+from servoloop.simulation.schedule import Schedule
 from tests.complaint import complaint
 
 ROOT = Path(__file__).parents[2]
@@ -101,10 +106,146 @@ def kill_at_7(seed: int) -> int:
     return seed
 
 
+def lost(seed: int, loss: Loss) -> int:
+    assert not loss.hung and loss.text == "its process was ended by SIGKILL"
+    return -seed
+
+
+class Replies:
+    """A supervisor that gives the results of this list, one after the other."""
+
+    def __init__(self, *results: int | Loss) -> None:
+        self._results = list(results)
+        self.seeds: list[int] = []
+
+    def run(self, run: object, seed: int) -> int | Loss:
+        self.seeds.append(seed)
+        return self._results.pop(0)
+
+
+DIED = Loss(False, 0.5, "its process was ended by SIGKILL")
+HUNG = Loss(True, 0.5, "its simulated time stood still")
+
+
+@pytest.mark.parametrize(
+    ("results", "reported", "seeds"),
+    [
+        ((3, 4), [3, 4], [3, 4]),
+        ((DIED, 3, 4), [3, 4], [3, 3, 4]),
+        ((DIED, DIED, 4), ["its process was ended by SIGKILL", 4], [3, 3, 4]),
+        ((HUNG, 4), ["its simulated time stood still", 4], [3, 4]),
+        ((DIED, HUNG, 4), ["its simulated time stood still", 4], [3, 3, 4]),
+    ],
+)
+def test_a_run_whose_process_dies_is_run_once_more_and_one_that_hangs_is_not(
+    results: tuple[int | Loss, ...], reported: list[Any], seeds: list[int]
+) -> None:
+    replies: Any = Replies(*results)
+    assert run_all(replies, abs, lambda seed, loss: loss.text, range(3, 5)) == reported
+    assert replies.seeds == seeds
+
+
 @pytest.mark.slow
-def test_a_process_that_is_killed_is_told_of_in_words() -> None:
-    with pytest.raises(WorkerError, match="was killed, perhaps for want of memory: take fewer, with --jobs"):
-        list(in_processes(kill_at_7, range(20), 1, never))
+def test_a_run_that_is_killed_is_lost_alone_and_in_its_place() -> None:
+    assert list(in_processes(kill_at_7, lost, range(20), 2, never)) == [*range(7), -7, *range(8, 20)]
+
+
+def test_at_the_end_no_task_begins_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk whose runs hang would otherwise last for minutes after Ctrl-C."""
+    begun, goes_on, ran = Event(), Event(), list[int]()
+
+    class Waits(Supervisor):
+        def run(self, run: Any, item: Any) -> Any:
+            ran.append(item)
+            begun.set()
+            goes_on.wait()
+            return item
+
+    def stop() -> bool:
+        return begun.is_set()
+
+    class Ending(ThreadPoolExecutor):
+        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+            goes_on.set()
+            super().shutdown(wait, cancel_futures=cancel_futures)
+
+    monkeypatch.setattr(workers, "Supervisor", Waits)
+    monkeypatch.setattr(workers, "ThreadPoolExecutor", Ending)
+    assert list(in_processes(abs, lost, range(20), 1, stop)) == []
+    assert ran == [0]
+
+
+def killed_at(*seeds: int) -> Any:
+    """The runs of ten seeds in place of those of processes; those of ``seeds`` are killed."""
+
+    def runs(run: object, lost: Callable[[int, Loss], RunReport], asked: range, *_: object) -> Iterator[RunReport]:
+        for seed in asked:
+            yield lost(seed, DIED) if seed in seeds else RunReport(Schedule(seed=seed), (), 0, "", 1.0, None)
+
+    return runs
+
+
+def test_a_campaign_goes_on_after_runs_that_were_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("servoloop.campaign.campaign.in_processes", killed_at(0, 1, 3, 4, 9))
+    reports = list(campaign(SCENARIO, range(10), 2))
+    assert [report.seed for report in reports] == [*range(10)]
+    killed = [report for report in reports if report.violations]
+    assert [report.seed for report in killed] == [0, 1, 3, 4, 9]
+    assert killed[2].violations == (Violation("not killed", 0.5, "its process was ended by SIGKILL"),)
+    assert killed[2].schedule == schedule_of(SCENARIO, 3)
+
+
+def test_a_campaign_ends_when_the_processes_of_three_seeds_in_a_row_are_killed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("servoloop.campaign.campaign.in_processes", killed_at(2, 4, 5, 6, 7))
+    seen: list[int] = []
+    with pytest.raises(WorkerError) as ended:
+        seen.extend(report.seed for report in campaign(SCENARIO, range(10), 2))
+    assert str(ended.value) == (
+        "the processes of 3 seeds in a row were killed, the last one that of seed 6 "
+        "(its process was ended by SIGKILL), perhaps for want of memory: take fewer processes, with --jobs"
+    )
+    (tmp_path / "scenario.yaml").write_text("{seconds: 1.0, faults: 2, within_s: 0.8}")
+    words = ("--scenario", str(tmp_path / "scenario.yaml"), "--seeds", "10", "--out", str(tmp_path))
+    assert "3 seeds in a row were killed" in complaint(capsys, monkeypatch, "campaign", *words)
+    assert (tmp_path / "not-killed-seed-2.yaml").exists()
+    assert "Interrupted: 7 of 10 runs were done." in (tmp_path / "report.html").read_text()
+
+
+def loops_at_7(seed: int) -> int:
+    if seed == 7:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {hangs.SIGNAL})  # as an endless loop in C
+        SHOWN.get()(1.25)  # type: ignore[misc]
+        while True:
+            pass
+    if seed == 8:
+        raise WorkerError("seed 8")
+    if seed == 9:
+        sys.exit(3)
+    return seed
+
+
+@pytest.mark.slow
+def test_a_supervisor_ends_a_process_that_hangs_and_goes_on_with_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    supervisor = Supervisor()
+    assert supervisor.run(loops_at_7, 6) == 6
+    with monkeypatch.context() as patch:
+        patch.setattr(hangs, "LOOK_S", 0.01)
+        patch.setattr(hangs, "STANDS_S", 0.3)
+        patch.setattr(supervised, "GRACE_S", 0.2)
+        hung = supervisor.run(loops_at_7, 7)
+    assert hung == Loss(True, 1.25, "its simulated time stood still for 0.3 s of the machine's time")
+    with pytest.raises(WorkerError, match="seed 8"):
+        supervisor.run(loops_at_7, 8)
+    assert supervisor.run(loops_at_7, 9) == Loss(False, 0.0, "its process ended with status 3")
+    assert supervisor.run(loops_at_7, 10) == 10
+    supervisor.close()
+    supervisor.close()
+
+
+def no_loss(seed: int, loss: Loss) -> RunReport:
+    raise AssertionError(f"seed {seed} is lost: {loss.text}")
 
 
 def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> RunReport:
@@ -119,14 +260,24 @@ def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> Run
 def test_a_local_ray_gives_the_same_reports_though_a_worker_is_killed(tmp_path: Path) -> None:
     marker, seeds = tmp_path / "killed", range(3, 18)
     run = partial(killed_once, marker, 9, SCENARIO)
-    assert list(on_ray(run, seeds, LOCAL, 2, never)) == list(campaign(SCENARIO, seeds, 1))
+    assert list(on_ray(run, no_loss, seeds, LOCAL, 2, never)) == list(campaign(SCENARIO, seeds, 0))
     assert marker.exists(), "nobody was killed"
 
 
 @with_ray
-def test_a_task_whose_worker_is_always_killed_ends_the_campaign() -> None:
+def test_a_run_that_is_killed_on_ray_is_lost_alone_and_in_its_place() -> None:
+    assert list(on_ray(kill_at_7, lost, range(6, 9), LOCAL, 1, never)) == [6, -7, 8]
+
+
+def kill_parent(seed: int) -> int:
+    os.kill(os.getppid(), signal.SIGKILL)
+    return seed
+
+
+@with_ray
+def test_a_task_whose_worker_of_ray_is_always_killed_ends_the_campaign() -> None:
     with pytest.raises(WorkerError, match="killed again and again"):
-        list(on_ray(kill_at_7, range(6, 9), LOCAL, 1, never))
+        list(on_ray(kill_parent, lost, range(6, 9), LOCAL, 1, never))
 
 
 def test_without_ray_the_option_says_what_to_install(
@@ -149,7 +300,7 @@ def test_without_ray_the_option_says_what_to_install(
 def test_an_address_where_no_cluster_is_is_named(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
     monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # is not asked for a cluster before somebody answers
     with pytest.raises(RayError, match=words):
-        list(on_ray(kill_at_7, range(3), address, 1, never))
+        list(on_ray(kill_at_7, lost, range(3), address, 1, never))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.emulator import emulate
+from servoloop.stack.emulator import EmulatorOptions, emulate
 from servoloop.stack.processes import PRIORITY, realtime_priority
 from sim_backend.buses.build import Build
 from sim_backend.scene.picture import Recorder
@@ -43,10 +43,7 @@ def test_it_has_priority_while_it_serves_and_not_while_it_draws(
     emulate(
         read_arm_files(find_arm()),
         tmp_path / "bus",
-        tmp_path,
-        Build(0.0),
-        None,
-        (),
+        EmulatorOptions(Build(0.0), tmp_path),
         stop=lambda: True,
         on_ready=lambda: seen.update(served=scheduler.policy),
     )

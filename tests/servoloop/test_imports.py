@@ -86,8 +86,8 @@ def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
         (["bench", "bus", "--help"], 0, "--ids"),
         (["ports", "--json"], 0, '"udev_rule"'),
         (["scan", "/dev/ttyACM77"], 1, "there is no /dev/ttyACM77"),
-        (["up", "--hardware", "mock"], 1, "this needs ROS 2 Jazzy, and Python finds no rclpy"),
-        (["pick", "A"], 1, "this needs ROS 2 Jazzy, and Python finds no rclpy"),
+        (["up", "--hardware", "mock"], 1, "ROS 2 Jazzy is required, but Python cannot find rclpy"),
+        (["pick", "A"], 1, "ROS 2 Jazzy is required, but Python cannot find rclpy"),
     ],
     ids=["help", "bench", "ports", "scan", "up", "pick"],
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from servoloop.campaign.campaign import read_scenario, run_schedule_of, run_seed
-from servoloop.campaign.fallen import violates
+from servoloop.campaign.kept_violation import violates
 from servoloop.campaign.run import RunReport
 from servoloop.campaign.shrink import shrink
 from tests.servoloop.planted_bugs import BUGS

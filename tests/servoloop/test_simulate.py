@@ -73,7 +73,7 @@ def test_a_job_brings_its_cube_home_and_says_how_well_it_went() -> None:
     result = json.loads(ran.output)
     (job,) = result["jobs"]
     assert (job["grade"], job["bin"], job["success"]) == ("B", "B", True)
-    assert job["message"] == "let go over bin B; the arm is back at ready"
+    assert job["message"] == "gripper opened over bin B; the arm is back at the ready pose"
     assert job["following_error"]["at_rest_rad"] <= 0.01
     assert result["faulty_cycles"] == {}
 

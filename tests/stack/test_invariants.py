@@ -12,9 +12,9 @@ from hal.lifecycle import LifecycleState
 from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.end_invariants import EndsAsChosen
-from servoloop.campaign.goal_invariants import GoalsEnd
-from servoloop.campaign.invariants import Watch
+from servoloop.campaign.invariants.end import EndsAsChosen
+from servoloop.campaign.invariants.goals import GoalsEnd
+from servoloop.campaign.invariants.watch import Watch
 from servoloop.campaign.run import RunReport, run_schedule
 from servoloop.simulation.acts import Act, Cancel, Move
 from servoloop.simulation.faulty_stack import FaultyStack

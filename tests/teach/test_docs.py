@@ -93,7 +93,7 @@ def test_the_commands_show_the_virtual_arm_a_way_and_let_it_go_there_again(folde
             record.hears("have a hand at it")
             record.type("y\n")
             record.hears("recording: move the arm")
-            with LiveRobot("mine") as looking:
+            with LiveRobot.find("mine") as looking:
                 looking.wait()
                 assert looking.snapshot.joints[0] == "shoulder_pan"
             for command in (BEND, TURN):

@@ -14,12 +14,16 @@ PAGE = "test-your-robot.md"
 TEXT = (DOCS / PAGE).read_text()
 PACKAGE = DOCS / "examples" / "level_hand"
 FILES = dict(re.findall(r"^`([\w/.]+)`:\n\n```\w+\n(.*?)```", TEXT, re.DOTALL | re.MULTILINE))
-*SOURCES, BUS, NODE = codes(PAGE, "python")
+*SOURCES, REACH, BUS, NODE = codes(PAGE, "python")
 
 
 def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def mend(folder: Path, diff: str) -> None:
+    subprocess.run(["patch", "-p1", "--fuzz=0"], cwd=folder, input=diff, text=True, check=True, capture_output=True)
 
 
 @pytest.fixture
@@ -45,15 +49,50 @@ def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> Non
     assert words in ran.stdout
     (again,) = re.findall(r"pytest '(.*)'\n$", words)
     assert pytest_in(package, again).returncode == 1
-    diff = code(PAGE, "diff")
-    subprocess.run(["patch", "-p1", "--fuzz=0"], cwd=package, input=diff, text=True, check=True, capture_output=True)
+    mend(package, code(PAGE, "diff"))
     found = re.findall(r"^FAILED (\S+)", ran.stdout, re.MULTILINE)
     ran = pytest_in(package, *found)
     assert ran.returncode == 0 and "1 passed" in ran.stdout, ran.stdout
 
 
+@pytest.fixture
+def reach(tmp_path: Path) -> Path:
+    """The file with a controller that takes goals and its test."""
+    path = tmp_path / "test_reach.py"
+    path.write_text(REACH)
+    return path
+
+
 @pytest.mark.slow
-@pytest.mark.runs(f"{PAGE} python 3", f"{PAGE} python 4")
+@pytest.mark.runs(f"{PAGE} python 3", f"{PAGE} diff 2")
+def test_invariants_name_the_controller_whose_success_is_not_true(reach: Path) -> None:
+    ran = pytest_in(reach.parent)
+    (words,) = re.findall(r"```\n(success is true.*?)```", TEXT, re.DOTALL)
+    assert ran.returncode == 1 and words in ran.stdout, ran.stdout
+    mend(reach.parent, code(PAGE, "diff", 2))
+    ran = pytest_in(reach.parent)
+    assert ran.returncode == 0 and "1 passed" in ran.stdout, ran.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "report"),
+    [
+        (("        self.canceled = handle\n", "        pass\n"), "cancels are followed: a goal canceled at "),
+        (("    arm.cancel(goal)\n", ""), "cancels are followed: this invariant examined nothing"),
+    ],
+    ids=["cancels are ignored", "nothing is canceled"],
+)
+def test_the_second_invariant_of_the_page_is_needed_too(reach: Path, change: tuple[str, str], report: str) -> None:
+    mend(reach.parent, code(PAGE, "diff", 2))
+    assert change[0] in reach.read_text()
+    reach.write_text(reach.read_text().replace(*change))
+    ran = pytest_in(reach.parent)
+    assert ran.returncode == 1 and report in ran.stdout, ran.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.runs(f"{PAGE} python 4", f"{PAGE} python 5")
 @pytest.mark.parametrize("program", [BUS, NODE], ids=["bus", "ROS"])
 def test_a_client_and_a_node(program: str, tmp_path: Path) -> None:
     if "rclpy" in program:

@@ -1,13 +1,19 @@
 """The fixtures and markers of servoloop.testing, as tests of users see them."""
 
 from pathlib import Path
+from typing import Any, Self
 
+import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
+from controller.interface import ControllerContext
 from controller.manager.switch import SwitchError
-from hal.types import JointState
-from servoloop.campaign.invariants import Invariant
+from controller.parameters import Parameters
+from controller.trajectory.goal import GoalHandle, TrajectoryGoal
+from controller.trajectory.tolerances import Tolerances
+from hal.types import FloatArray, JointState
+from servoloop.campaign.invariants.watch import Invariant
 from servoloop.testing.arm import ArmTestError, VirtualArm
 from sim_backend.faults.errors import FaultError
 
@@ -17,6 +23,64 @@ class Never(Invariant):
 
     def on_state(self, state: JointState) -> None:
         self.say("it moved")
+
+
+class DriftParameters(Parameters):
+    joint: str
+
+    def claims(self) -> tuple[str, ...]:
+        return (f"{self.joint}/position",)
+
+    def tolerances(self) -> Tolerances:
+        return Tolerances(goal={self.joint: 0.01})
+
+
+class Drift:
+    """Takes goals of one joint, does not move, and says after ten cycles that it is there."""
+
+    kind = "tests/Drift"
+    parameters_type = DriftParameters
+
+    def __init__(self, name: str, parameters: DriftParameters) -> None:
+        self.name, self.parameters, self.joints = name, parameters, (parameters.joint,)
+        self.command_interfaces = self.state_interfaces = parameters.claims()
+        self.command: FloatArray = np.full(1, np.nan)
+        self.goal: GoalHandle | None = None
+        self.cycles = 0
+
+    @classmethod
+    def build(cls, name: str, parameters: Any, context: ControllerContext) -> Self:
+        return cls(name, parameters)
+
+    def check(self, goal: TrajectoryGoal) -> str | None:
+        return None if goal.points[0].positions[0] >= 0.0 else "it goes up only"
+
+    def submit(self, goal: TrajectoryGoal) -> GoalHandle:
+        self.goal, self.cycles = GoalHandle(goal), 0
+        return self.goal
+
+    def cancel(self, handle: GoalHandle) -> None: ...
+
+    def activate(self, state: JointState, command: FloatArray) -> None:
+        self.command = command
+
+    def deactivate(self, reason: str = "") -> None: ...
+
+    def update(self, state: JointState, now_s: float, period_s: float) -> None:
+        self.cycles += 1
+        if self.goal is not None and self.cycles > 10:
+            self.goal.decide(GoalStatus.SUCCEEDED, 0, "")
+
+    def settled(self) -> bool:
+        return True
+
+
+def drifting(arm: VirtualArm) -> VirtualArm:
+    """The hand's controller is replaced by ``Drift``."""
+    arm.up()
+    arm.load_controller("drift", Drift, joint="hand_right_joint")
+    arm.switch_controllers(activate=["drift"], deactivate=["hand_controller"])
+    return arm
 
 
 def test_a_goal_is_reached_on_the_arm_of_the_house(virtual_arm: VirtualArm) -> None:
@@ -41,6 +105,14 @@ def test_what_goes_wrong_when_is_said_by_markers_and_later_by_hand(virtual_arm: 
     assert set(virtual_arm.state.faults) == {"shoulder_lift"}
 
 
+@pytest.mark.invariants(also=[Never])
+def test_a_fault_by_hand_is_reported_with_its_time_since_the_arm_is_up(virtual_arm: VirtualArm) -> None:
+    virtual_arm.up().run(0.45)
+    virtual_arm.fault("noise at=0.1s for=0.2s")
+    assert "kind: noise\n  at_s: 0.6" in virtual_arm.end()
+    virtual_arm._watch.violations.clear()
+
+
 @pytest.mark.seeds(2, first=5)
 @pytest.mark.random_faults(3, within_s=1.0)
 def test_each_seed_has_its_own_arm_and_faults(virtual_arm: VirtualArm, seed: int) -> None:
@@ -58,11 +130,53 @@ def test_what_falls_is_named_with_its_time_and_the_faults(virtual_arm: VirtualAr
     assert virtual_arm.end() == ""
 
 
+def test_invariants_look_at_the_goals_of_a_controller_of_ones_own(virtual_arm: VirtualArm) -> None:
+    arm = drifting(virtual_arm)
+    goal = arm.send_goal({"hand_right_joint": 0.05}, controller="drift")
+    arm.cancel(goal)
+    assert arm.examined["cancels are followed"] == arm.examined["success is true"] == 0
+    arm.run(1.0, until=lambda: goal.done)
+    report = arm.end()
+    assert goal.status is GoalStatus.SUCCEEDED
+    assert "success is true: a goal succeeded with hand_right_joint at " in report and " s)" in report
+    assert "cancels are followed: a goal canceled at " in report
+    assert min(arm.examined["cancels are followed"], arm.examined["success is true"]) > 0
+    arm._watch.violations.clear()
+
+
+def test_only_controllers_with_goals_take_goals_and_only_their_own_are_canceled(virtual_arm: VirtualArm) -> None:
+    arm = drifting(virtual_arm)
+    with pytest.raises(ArmTestError, match="there is no controller 'drifts': joint_state_broadcaster, arm_controller"):
+        arm.send_goal({"joint1": 0.0}, controller="drifts")
+    with pytest.raises(ArmTestError, match=r"hand_controller takes no goals: .* joints, check, .* and parameters\.tol"):
+        arm.send_goal({"joint1": 0.0}, controller="hand_controller")
+    with pytest.raises(ArmTestError, match="drift has no joint 'joint1': hand_right_joint"):
+        arm.send_goal({"joint1": 0.0}, controller="drift")
+    with pytest.raises(ArmTestError, match="drift refuses the goal: it goes up only"):
+        arm.send_goal({"hand_right_joint": -0.1}, controller="drift")
+    with pytest.raises(ArmTestError, match=r"was not sent by virtual_arm\.send_goal"):
+        arm.cancel(GoalHandle(TrajectoryGoal((), ())))
+
+
+def test_an_invariant_that_examined_nothing_is_named_with_what_it_looks_at() -> None:
+    arm = VirtualArm({}, also=(Never,), examined=("cancels are followed", "safe commands", "never"))
+    arm.up()
+    assert arm.end().splitlines()[-2:] == [
+        "cancels are followed: this invariant examined nothing: let the test bring its condition about, or remove the "
+        "name from `examined`. The invariant: A goal that its client cancels ends as canceled, unless it had ended; "
+        "soon, and having only braked.",
+        "never: this invariant examined nothing: let the test bring its condition about, or remove the name from "
+        "`examined`. An invariant of your own counts in `self.examined`.",
+    ]
+
+
 def test_mistakes_say_what_to_mend(virtual_arm: VirtualArm) -> None:
     with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
         virtual_arm.run(1.0)
     with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
         virtual_arm.send_goal({"joint1": 0.0})
+    with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
+        virtual_arm.fault("silent id=3")
     virtual_arm.up()
     with pytest.raises(ArmTestError, match="arm_controller has no joint 'elbow': joint1"):
         virtual_arm.send_goal({"elbow": 0.0})
@@ -74,6 +188,10 @@ def test_mistakes_say_what_to_mend(virtual_arm: VirtualArm) -> None:
         virtual_arm.fault("silence id=3")
     with pytest.raises(ArmTestError, match="there is no invariant 'safe wires': known are safe wire"):
         VirtualArm({}, without=("safe wires",))
+    with pytest.raises(ArmTestError, match="there is no invariant 'never': known are safe wire"):
+        VirtualArm({}, examined=("never",))
+    with pytest.raises(ArmTestError, match="'safe wire' is in both `without` and `examined`: take it out of one"):
+        VirtualArm({}, without=("safe wire",), examined=("safe wire",))
 
 
 @pytest.mark.slow
@@ -87,14 +205,26 @@ def test_a_test_fails_with_its_invariants_and_an_unknown_option_is_named(tmp_pat
         "def test_falls(virtual_arm):\n    virtual_arm.up()\n\n"
         "@pytest.mark.invariants(also=[Never])\n"
         "def test_fails_by_itself(virtual_arm):\n    virtual_arm.up()\n    assert 1 == 2\n\n"
+        "@pytest.mark.invariants(examined=['success is true'])\n"
+        "def test_examines_nothing(virtual_arm):\n    virtual_arm.up()\n\n"
         "@pytest.mark.virtual_arm(arms='so101')\n"
-        "def test_option(virtual_arm): ...\n"
+        "def test_option(virtual_arm): ...\n\n"
+        "@pytest.mark.invariants(examine=['success is true'])\n"
+        "def test_misspelled(virtual_arm): ...\n\n"
+        "@pytest.mark.invariants(without='safe wire')\n"
+        "def test_no_list(virtual_arm): ...\n\n"
+        "@pytest.mark.invariants('safe wire')\n"
+        "def test_without_a_key(virtual_arm): ...\n"
     )
     (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {Path(__file__).resolve().parents[2]}\n")
     said = pytest_in(tmp_path).stdout
     assert "never: it moved" in said and "to see it again: pytest 'test_it.py::test_falls'" in said
     assert "assert 1 == 2" in said and "virtual_arm takes the arm and" in said and "not arms" in said
-    assert "2 failed" in said and "1 error" in said
+    assert "success is true: this invariant examined nothing" in said
+    assert "invariants takes the lists also, without and examined, not examine" in said
+    assert "invariants(without='safe wire'): write a list, ['safe wire']" in said
+    assert "invariants takes the lists also, without and examined, not 'safe wire'" in said
+    assert "3 failed" in said and "4 errors" in said
 
 
 def test_the_plugin_brings_nothing_along(tmp_path: Path) -> None:

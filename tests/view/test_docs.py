@@ -14,7 +14,7 @@ from tests.pages import DOCS, commands
 from tests.recorder.rig import Rig
 from tests.view.view_process import viewing
 
-TEXT = (DOCS / "view.md").read_text()
+TEXT = " ".join((DOCS / "view.md").read_text().split())
 _, PLAYED, _, OTHERS, _ = commands("view.md")
 
 

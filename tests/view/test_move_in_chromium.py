@@ -46,7 +46,7 @@ def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
 
 def test_the_arm_moves_while_a_button_is_held(link: Path, tmp_path: Path) -> None:
     stack = running(tmp_path, "--port", str(link), "--arm", "mine")
-    with stack, LiveRobot() as robot, viewing() as address, arm_client() as arm:
+    with stack, LiveRobot.find() as robot, viewing() as address, arm_client() as arm:
         robot.wait()
         arm.wait(arm.send(READY))
         with open_page(address) as shown:

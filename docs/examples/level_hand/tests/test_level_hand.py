@@ -3,7 +3,7 @@
 import pytest
 from level_hand.controller import LevelHand
 
-from servoloop.campaign.invariants import Invariant
+from servoloop.campaign.invariants.watch import Invariant
 
 PITCH = ("shoulder_lift", "elbow_flex", "wrist_flex")
 CONTROLLERS = "controllers.yaml"

@@ -8,7 +8,7 @@ from typing import Final
 
 from hal.joint import Joint
 from hal.types import JointState
-from servoloop.campaign.invariant import Invariant
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 OVER_STEPS: Final = 100

@@ -5,10 +5,10 @@ from functools import partial
 from typing import Any, Final
 
 from hal.types import FloatArray, JointState
-from servoloop.campaign.activation_invariants import ActivatedAsConfigured
-from servoloop.campaign.command_invariants import SafeCommands, SafeWire
-from servoloop.campaign.end_invariants import EndsAsChosen
-from servoloop.campaign.goal_invariants import (
+from servoloop.campaign.invariants.activation import ActivatedAsConfigured
+from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
+from servoloop.campaign.invariants.end import EndsAsChosen
+from servoloop.campaign.invariants.goals import (
     AbortsAreTrue,
     CancelsAreFollowed,
     DeviationEnds,
@@ -16,12 +16,12 @@ from servoloop.campaign.goal_invariants import (
     GoalsAreJudged,
     GoalsEnd,
 )
-from servoloop.campaign.invariant import Invariant, Violation
-from servoloop.campaign.motion_invariants import NoFasterThanAllowed
-from servoloop.campaign.report_invariants import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
-from servoloop.campaign.rest_invariants import NothingPresses, NothingTravels
-from servoloop.campaign.smoothness_invariants import NanHolds, SmoothEnd, SmoothReference
-from servoloop.campaign.truth_invariants import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
+from servoloop.campaign.invariants.invariant import Invariant, Violation
+from servoloop.campaign.invariants.motion import NoFasterThanAllowed
+from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
+from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
+from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
+from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
 from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack
 

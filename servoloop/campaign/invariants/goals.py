@@ -14,8 +14,8 @@ from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointLimits, JointState
-from servoloop.campaign.invariant import Invariant
-from servoloop.campaign.reference import read_reference
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 

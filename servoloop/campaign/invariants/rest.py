@@ -9,7 +9,7 @@ import numpy as np
 
 from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariant import Invariant
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariant import Invariant
+from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 LATE: Final = 1.5

@@ -11,7 +11,7 @@ from drivers.printable import counted
 from drivers.servos import sts
 from hal.joint import Joint
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariant import Invariant, complains
+from servoloop.campaign.invariants.invariant import Invariant, complains
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 from sim_backend.faults.event import Event

@@ -7,7 +7,7 @@ import numpy as np
 
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
-from servoloop.campaign.invariant import Invariant, complains
+from servoloop.campaign.invariants.invariant import Invariant, complains
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 

@@ -8,9 +8,9 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariant import Invariant
-from servoloop.campaign.reference import ReferenceJoint, read_reference
-from servoloop.campaign.wire_monitor import GoalReader
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
+from servoloop.campaign.invariants.wire_monitor import GoalReader
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from drivers.servos.catalog import series_of
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariant import Invariant
-from servoloop.campaign.wire_monitor import WireMonitor
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.wire_monitor import WireMonitor
 from servoloop.simulation.faulty_stack import FaultyStack
 
 ROUNDING: Final = 1e-9

@@ -6,8 +6,8 @@ from typing import Final
 from drivers.servos.catalog import series_of
 from hal.joint import Joint
 from hal.types import JointState
-from servoloop.campaign.invariant import Invariant
-from servoloop.campaign.reference import ReferenceJoint, read_reference
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import ReferenceJoint, read_reference
 from servoloop.simulation.faulty_stack import FaultyStack
 
 CHANGES: Final = frozenset(

@@ -1,0 +1,122 @@
+"""What a scenario or a schedule asks for and cannot happen: its place in the file, and a sentence."""
+
+from collections.abc import Iterator, Mapping
+from random import Random
+from typing import TYPE_CHECKING
+
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.trajectory.parameters import TrajectoryParameters
+from drivers.servos.catalog import series_of
+from hal.errors import HalError
+from hal.types import JointLimits
+from nodes.pick_place.settings import normal_grade
+from servoloop.campaign.draw_clients import draw_client
+from servoloop.campaign.promises import PromisedVisit
+from servoloop.campaign.visits import JOB, NO_SERVO, makes_of
+from servoloop.simulation.job import require_cell
+from servoloop.simulation.schedule import Schedule
+from servoloop.simulation.stack_faults import inventory_of
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.robot_files import Files
+from sim_backend.faults.draw import TRIES, impossible
+from sim_backend.faults.errors import FaultError
+from sim_backend.faults.events import KINDS
+
+if TYPE_CHECKING:
+    from servoloop.campaign.campaign import Scenario
+
+Mistake = tuple[tuple[str | int, ...], str]
+"""The place of a mistake within its file, and a sentence."""
+SEEDS, SEEDS_S = 20, 30.0
+"""Number of clients of each kind that are drawn to see what they do, and time for which they are."""
+
+
+def in_scenario(scenario: "Scenario", arms: Mapping[str, Files]) -> Iterator[Mistake]:
+    """What the scenario asks for and its arms, clients and faults cannot do."""
+    for n, (arm, files) in enumerate(arms.items()):
+        yield from _in_jobs(scenario.job, arm, files, ("arm", n))
+        there = inventory_of(files)
+        for k, kind in enumerate(scenario.kinds or ()):
+            if why := impossible(kind, there):
+                yield ("kinds", k), f"{arm} cannot have {kind!r}: {why}"
+    for n, visit in enumerate(scenario.promises.visits):
+        if never := _never(visit, scenario, list(arms.values())):
+            yield ("promises", "visits", n, never[0]), f"{never[1]}: change the scenario, or leave out the promise"
+
+
+def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
+    """What the schedule asks for and its arm cannot do, without its faults."""
+    yield from _in_jobs(schedule.job, schedule.arm, files, ("arm",))
+    joints, hand = joints_and_hand(files)
+    for n, act in enumerate(schedule.clients):
+        known = ", ".join(joints)
+        if unknown := [name for name in getattr(act, "positions", ()) if name not in joints]:
+            yield ("clients", n, "positions", unknown[0]), f"the arm has no joint {unknown[0]!r}: known are {known}"
+        if (joint := getattr(act, "joint", None)) is not None and joint not in joints:
+            yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: known are {known}"
+        if act.kind == "hand" and not hand:
+            yield ("clients", n), "the arm has no hand to move: leave out this act"
+
+
+def joints_and_hand(files: Files) -> tuple[dict[str, JointLimits], bool]:
+    """The joints of the arm's trajectory controller with their limits, and whether there is a hand."""
+    parameters = (spec.parameters for spec in files.controllers.controllers)
+    arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
+    joints = arms[0].joints if arms else ()
+    hand = any(spec.kind == ForwardCommandController.kind for spec in files.controllers.controllers)
+    return {joint: files.limits[joint] for joint in joints}, hand
+
+
+def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | int, ...]) -> Iterator[Mistake]:
+    """Jobs that the arm cannot do."""
+    if not job:
+        return
+    try:
+        require_cell(files, job)
+        known = load_pick_place(find_arm(arm).pick_place).grades
+    except HalError as error:
+        yield place, f"{arm} cannot do jobs: {error}"
+        return
+    for n, grade in enumerate(job):
+        if normal_grade(grade) not in known:
+            yield ("job", n), f"{arm} has no bin for the grade {grade!r}: known are {', '.join(known)}"
+
+
+def _never(visit: PromisedVisit, scenario: "Scenario", arms: list[Files]) -> tuple[str, str] | None:
+    """Why no run of the scenario can make this visit: the key of the promise, and the reason; None if one can."""
+    kinds = KINDS if scenario.kinds is None else scenario.kinds
+    if scenario.faults == 0:
+        return "fault", "no run has a fault, and each visit is one of a fault"
+    if visit.fault is not None and visit.fault not in kinds:
+        return "fault", f"no run has the fault {visit.fault!r}, which is not among `kinds`"
+    makes = {make for files in arms for make in _makes(visit.fault, files)}
+    if not makes:
+        why = impossible(visit.fault or "", inventory_of(arms[-1]))
+        return "fault", f"no arm of the scenario can have {visit.fault!r} ({why})"
+    if visit.make not in {None, *makes}:
+        fault = "a fault" if visit.fault is None else repr(visit.fault)
+        return "make", f"{fault} cannot touch {visit.make!r}, as the makes are {', '.join(sorted(makes))}"
+    acts = {act for kind in scenario.clients for files in arms for act in _acts(kind, files)}
+    if visit.client not in {None, *acts}:
+        return "client", f"no client of the scenario does {visit.client!r}: they do {', '.join(sorted(acts))}"
+    return None
+
+
+def _makes(kind: str | None, files: Files) -> set[str]:
+    """The makes of the servos that faults of one kind, or of any kind, can touch."""
+    if kind is None:
+        return {series_of(joint.model).make for joint in files.robot.joints} | {NO_SERVO}
+    there, makes = inventory_of(files), set[str]()
+    for number in range(TRIES):
+        try:
+            makes |= makes_of(KINDS[kind].drawn(Random(f"{kind}/{number}"), there, 0.0), files.robot.joints)
+        except FaultError:
+            continue
+    return makes
+
+
+def _acts(kind: str, files: Files) -> set[str]:
+    """What a client of this kind does."""
+    arm = joints_and_hand(files)
+    return {JOB, *(act.kind for seed in range(SEEDS) for act in draw_client(kind, seed, *arm, SEEDS_S))}

@@ -1,0 +1,1 @@
+"""Invariants: conditions that must hold in every run, whatever faults happen."""
