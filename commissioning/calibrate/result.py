@@ -143,7 +143,7 @@ def _off_the_seam(joint: Joint, needed: Travel, counting: Counting) -> tuple[Tra
 def cannot_move_seam(joint: Joint) -> str:
     """Return the cause and the remedy for a fixed encoder seam within the range of a joint."""
     return (
-        f"the count of its servo ({joint.servo_id}) jumps from the last to the first within the joint's range, and a "
+        f"the count of its servo ({joint.servo_id}) jumps from the last to the first within the joint's range, and an "
         f"{joint.model.name} cannot move this position. Take the horn off, turn the servo to the middle of its range, "
         "and mount the horn again"
     )

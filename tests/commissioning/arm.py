@@ -196,7 +196,7 @@ class Onlooker(Person):
 
     def say(self, text: str) -> None:
         super().say(text)
-        if text.startswith("Let the arm go"):
+        if text.startswith("Take your hands off"):
             self.arm.hand.release()
         self.arm.mark()
 

@@ -37,9 +37,9 @@ def do(link: Path, text: str) -> str:
     if "then press Enter" in text:
         _connect(link, text)
         return "\n"
-    if "let it go" in text:
+    if "take your hands off" in text:
         tell(link, "release")
-    if "goes limp" in text:
+    if "Torque will be released" in text:
         tell(link, "hold")
     if "Enter when it is done" not in text:
         return ""

@@ -68,7 +68,7 @@ def test_an_id_that_is_taken_on_a_bad_line_is_refused_too() -> None:
 
 def test_the_id_of_two_is_not_changed() -> None:
     line = ToolLine.twins(sts.STS3215)
-    with pytest.raises(CommissioningError, match="two servos probably have ID 2"):
+    with pytest.raises(CommissioningError, match="probably two servos have ID 2"):
         told(line, set_id, 2, 5)
     assert sorted(one.servo_id for one in line.servos.servos) == [1, 2, 2]
 
@@ -78,14 +78,14 @@ def test_of_two_that_looked_like_one_the_one_that_missed_the_write_is_told(monke
     memory = line.servos.servos[2].memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.servo_id.address else write(at, data))
-    with pytest.raises(CommissioningError, match="servo 2: has become 5, and another answers to 2: there were two"):
+    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another one still answers with ID 2"):
         told(line, set_id, 2, 5)
 
 
 @pytest.mark.parametrize(("model", "new_id"), [(sts.STS3215, 254), (x.XL430_W250, 253), (sts.STS3215, -1)])
 def test_an_id_that_calls_everybody_is_refused(model: ServoModel, new_id: int) -> None:
     line = line_of(model)
-    with pytest.raises(CommissioningError, match=f"its ID can be 0 to .*, not {new_id}"):
+    with pytest.raises(CommissioningError, match=f"the new ID must be 0 to .*, not {new_id}"):
         told(line, set_id, 3, new_id)
 
 
@@ -121,7 +121,9 @@ def test_a_rate_is_changed_verified_kept_and_changed_back(model: ServoModel) -> 
 
 def test_a_rate_that_the_servo_does_not_know_is_refused_with_those_that_it_does() -> None:
     line = line_of(sts.STS3215)
-    with pytest.raises(CommissioningError, match=r"sts3215 knows 38400, .* 1000000 baud, not 2000000"):
+    with pytest.raises(
+        CommissioningError, match=r"sts3215 does not support 2000000 baud. Use one of 38400, .* 1000000"
+    ):
         told(line, set_baud, 3, 2_000_000)
     assert set(rates_of(sts.STS3215).values()) == set(sts.BAUD_RATES)
 
@@ -130,7 +132,7 @@ def test_a_rate_at_which_somebody_has_this_id_is_refused() -> None:
     line = ToolLine({1: sts.STS3215, 3: sts.STS3215, 4: sts.STS3215})
     line.put(4, sts.baud_rate, 4)
     line.put(4, sts.servo_id, 3)
-    with pytest.raises(CommissioningError, match="another servo with this ID answers at 115200 baud"):
+    with pytest.raises(CommissioningError, match="another servo with this ID already answers at 115200 baud"):
         told(line, set_baud, 3, 115_200)
     assert sorted(one.baud for one in line.servos.servos) == [115_200, 1_000_000, 1_000_000]
 
@@ -156,7 +158,7 @@ def test_a_servo_that_does_not_take_the_rate_is_said_to_stay(monkeypatch: pytest
     memory = line.servos.servo(3).memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.baud_rate.address else write(at, data))
-    with pytest.raises(EepromError, match="stays at 1000000 baud: the servo does not take 500000"):
+    with pytest.raises(EepromError, match="is still at 1000000 baud: the servo does not accept 500000"):
         told(line, set_baud, 3, 500_000)
     assert line.held(3, sts.lock) == 1
 
@@ -189,7 +191,7 @@ def test_a_factory_reset_names_what_was_lost_and_finds_the_servo(model: ServoMod
 
 def test_a_reset_that_would_make_twins_is_refused() -> None:
     line = line_of(ax_mx.AX_12A)
-    with pytest.raises(CommissioningError, match="servo 3: gets ID 1 by a reset, and another servo has that"):
+    with pytest.raises(CommissioningError, match="servo 3: a reset would give it ID 1, but another servo"):
         told(line, factory_reset, 3)
     assert sorted(one.servo_id for one in line.servos.servos) == [1, 3]
 
@@ -199,7 +201,7 @@ def test_under_torque_nothing_is_reset_or_rebooted(model: ServoModel) -> None:
     line = line_of(model)
     switched_on(line, 3)
     for function in (factory_reset, reboot):
-        with pytest.raises(CommissioningError, match="while it holds torque: it would release"):
+        with pytest.raises(CommissioningError, match="while its torque is on, because the torque would be released"):
             told(line, function, 3)
     assert line.held(3, series_of(model).torque_enable) == 1
 

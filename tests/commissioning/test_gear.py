@@ -39,7 +39,7 @@ def test_each_gear_is_told_in_each_place_and_the_horn_turns_little_and_slowly(
     for place in GEARS:
         gear = in_place_of(place, motion)
         assert gear.verdict == ("fits" if place == model else "other"), (place.name, gear)
-        assert place == model or f"seems to be a {called(model)}" in gear.text
+        assert place == model or f"probably an {called(model)}" in gear.text
     assert loose.left == LEFT_AS_IT_WAS
     assert 0.2 < loose.plant.fastest < 0.25 * min(one.no_load_speed_rad_s for one in rivals(model))
     assert loose.plant.ends[0] > 0.0 and loose.plant.ends[1] < tau, "over the seam"
@@ -59,7 +59,7 @@ def test_servos_of_12_v_among_those_of_7_v(model: ServoModel, place: ServoModel,
     loose = Loose(model, 2, supply_v)
     gear = judge_gear(loose.turn(place))
     assert gear.verdict == verdict
-    assert verdict == "fits" or f"seems to be a {called(model)}" in gear.text
+    assert verdict == "fits" or f"probably an {called(model)}" in gear.text
     assert loose.left == LEFT_AS_IT_WAS
     assert loose.plant.fastest < 0.25 * min(model.no_load_speed_rad_s, place.no_load_speed_rad_s)
 
@@ -87,7 +87,7 @@ def test_lost_packets_change_nothing(seed: int) -> None:
 @pytest.mark.parametrize(
     ("hinder", "text"),
     [
-        (lambda plant: plant.fit([Gears(0.0154, 0.0, 50.0, 0.0)]), "its horn did not follow"),
+        (lambda plant: plant.fit([Gears(0.0154, 0.0, 50.0, 0.0)]), "its horn did not move far enough"),
         (lambda plant: plant.load_nm.__setitem__(0, 0.3), "something pulls at its horn"),
     ],
 )
@@ -146,7 +146,7 @@ def test_a_lost_port_says_that_torque_may_be_on(at: int) -> None:
     loose.port.before_write = Cut(at, loose.port.unplug)
     with pytest.raises(PortLost) as lost:
         loose.turn()
-    assert "servo 1 may hold torque: unplug it, or switch its supply off" in lost.value.__notes__
+    assert "the torque of servo 1 may still be on: unplug the servo or switch its supply off" in lost.value.__notes__
 
 
 def test_a_servo_with_a_number_of_its_own_has_no_rivals() -> None:

@@ -288,7 +288,7 @@ def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) 
     with pytest.raises(CalibrationError, match=r"the names of .* joints begin with arm_: .* with --prefix arm_$"):
         import_text(robot, text)
     path = robot.with_name("theirs.json")
-    with pytest.raises(CalibrationError, match="no joint in LeRobot's file begins with leg_: it has arm_shoulder_pan"):
+    with pytest.raises(CalibrationError, match=r"no joint name in LeRobot's file begins with leg_.*: arm_shoulder_pan"):
         import_calibration(path, robot, JOINTS, PLANS, "leg_")
     made, _ = import_calibration(path, robot, JOINTS, PLANS, "arm_")
     assert [one.joint.name for one in made] == list(RANGES)

@@ -218,12 +218,12 @@ def test_on_this_very_machine_another_program_is_found_by_name(tmp_path: Path) -
 
 def test_the_only_adapter_is_taken_and_of_several_one_must_be_named(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
-    with pytest.raises(CommissioningError, match=r"no USB adapter is plugged in: plug it in, or name the port$"):
+    with pytest.raises(CommissioningError, match=r"no USB adapter was found: plug one in, or name the port$"):
         only_port(small.machine)
     small.plug(ACM)
     assert only_port(small.machine) == ACM
     small.plug(USB)
-    with pytest.raises(CommissioningError, match="there are 2 adapters: say which: /dev/ttyACM0, /dev/ttyUSB0"):
+    with pytest.raises(CommissioningError, match="there are 2 USB adapters: choose one of /dev/ttyACM0, /dev/ttyUSB0"):
         only_port(small.machine)
 
 

@@ -167,7 +167,7 @@ def test_a_servo_at_another_rate_is_found_there_and_told_from_an_absent_one() ->
 def test_servos_with_one_id_are_told_from_one(model: ServoModel, seed: int, count: int) -> None:
     report = ToolLine.twins(model, count=count, seed=seed).scan(bauds=[1_000_000])
     assert kinds(report) == {1: [], 2: ["collision"]}
-    assert "two servos probably have ID 2" in report.servos[1].problems[0].text
+    assert "probably two servos have ID 2" in report.servos[1].problems[0].text
 
 
 def test_two_with_one_id_at_different_rates_are_both_found() -> None:
@@ -185,7 +185,7 @@ def test_an_alarmed_servo_is_told_with_its_voltage_and_its_limits() -> None:
     report = line.scan()
     assert kinds(report) == {1: [], 2: ["alarmed"]}
     (problem,) = report.servos[1].problems
-    assert "reports voltage: it has 12.0 V and its limits are 4.0 to 8.0 V" in problem.text
+    assert "it reports voltage: its supply voltage is 12.0 V, and its limits are 4.0 to 8.0 V" in problem.text
     assert report.servos[1].alarms == ("voltage",)
 
 
@@ -310,7 +310,7 @@ def test_a_servo_of_another_model_than_the_arm_has_is_told_and_strangers_are_not
     report = line.scan(models=wanted, bauds=[1_000_000])
     assert (kinds(report), report.absent) == ({1: [], 2: ["wrong_model"]}, (3,))
     (problem,) = report.servos[1].problems
-    assert "is a sts3250 (model number 2825), and the arm has a sts3215 (777) with ID 2" in problem.text
+    assert "its model is sts3250 (number 2825), but servo 2 of the arm must be an sts3215 (777)" in problem.text
 
 
 def test_a_rate_that_the_adapter_cannot_make_is_named_and_the_scan_goes_on() -> None:

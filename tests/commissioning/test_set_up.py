@@ -110,7 +110,7 @@ def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
     ("instead", "text"),
     [
         (once("wrist_roll"), "no servo answers on virtual at any baud rate"),
-        (once("wrist_roll", 4, 3), "never answers in one piece: several servos have ID 1"),
+        (once("wrist_roll", 4, 3), "all replies of servo 1 are corrupted: either several servos have ID 1"),
         (once("wrist_roll", 4, 5), r"several servos answer \(IDs 1, 6\): connect only one"),
         (once("wrist_roll", 5), "has ID 6, which is that of gripper: it belongs there already"),
         (once("shoulder_pan", 0, 1, 2, 3, 4, 5), "several servos answer"),
@@ -132,7 +132,8 @@ def test_a_chain_that_is_not_whole_is_told() -> None:
     hands = Hands(bench, instead=lambda task: (0, 1, 3) if task.kind == "chain" and not task.problem else None)
     bench.set_up(hands).run()
     assert hands.problems == [
-        "elbow_flex (servo 3) does not answer\nwrist_roll (servo 5) does not answer\ngripper (servo 6) does not answer"
+        "elbow_flex (servo 3) does not answer: check its cable\nwrist_roll (servo 5) does not answer: check its cable\n"
+        "gripper (servo 6) does not answer: check its cable"
     ]
 
 
@@ -175,16 +176,19 @@ def test_another_model_is_told() -> None:
 
     hands.instead = swap
     bench.set_up(hands).run()
-    assert hands.problems == ["servo 1 is model 2825 (sts3250), and gripper has a sts3215 (777) in the robot file"]
+    assert hands.problems == [
+        "servo 1 has model number 2825 (sts3250), but gripper needs an sts3215 (777) according to the "
+        "robot file. Connect the right servo, or correct the robot file"
+    ]
     assert_set_up(bench)
 
 
 @pytest.mark.parametrize(
     ("model", "supply_v", "text"),
     [
-        (sts.STS3215_C001, 12.0, "12.0 V is too much for a servo of 7.4 V"),
-        (sts.STS3215, 5.0, "5.0 V is too little for a servo of 12.0 V"),
-        (sts.STS3215, 16.0, "16.0 V is too much for a servo of 12.0 V"),
+        (sts.STS3215_C001, 12.0, "12.0 V is too high for an sts3215_c001, which is rated for 7.4 V"),
+        (sts.STS3215, 5.0, "5.0 V is too low for an sts3215, which is rated for 12.0 V"),
+        (sts.STS3215, 16.0, "16.0 V is too high for an sts3215, which is rated for 12.0 V"),
     ],
 )
 def test_a_wrong_supply_stops_it_before_anything_is_written(model: ServoModel, supply_v: float, text: str) -> None:
@@ -199,7 +203,7 @@ def test_a_wrong_supply_stops_it_before_anything_is_written(model: ServoModel, s
 def test_a_small_servo_in_the_place_of_a_large_one_is_known_by_its_own_limit() -> None:
     """Their model numbers are the same; what it allows is not."""
     bench = Bench(model=sts.STS3215_C001, supply_v=12.0)
-    with pytest.raises(SetUpError, match=r"measures 12.0 V, and allows 4.0 to 8.0 V by its own limits"):
+    with pytest.raises(SetUpError, match=r"measures 12.0 V, but its own limits are 4.0 to 8.0 V"):
         SetUp(bench.bus, bench.clock, places(sts.STS3215), Hands(bench)).run()
 
 
@@ -226,7 +230,7 @@ def test_a_servo_under_torque_is_left_alone() -> None:
     hands.instead = stay
     with pytest.raises(KeyboardInterrupt):
         bench.set_up(hands).run()
-    assert "holds torque" in hands.problems[0]
+    assert "the torque of servo 1 is on" in hands.problems[0]
 
 
 @pytest.mark.parametrize("seed", range(4))

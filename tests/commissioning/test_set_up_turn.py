@@ -72,9 +72,12 @@ def test_a_wrong_gear_is_named_and_the_set_up_goes_on_with_the_right_one() -> No
     table.instead = look
     audit = table.set_up().run()
     (problem,) = (task.problem for task in table.asked if task.problem)
-    assert "servo 1 has another gear than jaw is to have" in problem
-    assert "in a sts3215_c046 (7.4 V, gear 1:147): it seems to be a sts3215_c001 (7.4 V, gear 1:345)" in problem
-    assert "this one can still become any other joint's" in problem
+    assert "servo 1 has the wrong gear for jaw" in problem
+    assert (
+        "an sts3215_c046 (7.4 V, gear 1:147) needs 0.58 V, so it is probably an sts3215_c001 (7.4 V, gear 1:345)"
+        in problem
+    )
+    assert "You can still use this one for another joint" in problem
     assert held == [(1, 32, 1000)], "as it was delivered"
     assert [(one.joint, one.gear and one.gear.verdict) for one in audit] == [("lift", "fits"), ("jaw", "fits")]
     assert table.box.ids() == [2, 3]
@@ -97,7 +100,7 @@ def test_one_that_was_set_up_without_a_look_at_its_gear_is_told_how_to_become_ne
     table.instead = end
     with pytest.raises(KeyboardInterrupt):
         table.set_up().run()
-    assert "'servoloop factory-reset 3' and 'servoloop set-id 3 1' make this one new" in table.asked[-1].problem
+    assert "reset it with 'servoloop factory-reset 3' and 'servoloop set-id 3 1'" in table.asked[-1].problem
 
 
 def test_a_horn_that_something_pulls_at_is_said_and_set_up_all_the_same() -> None:
@@ -105,8 +108,8 @@ def test_a_horn_that_something_pulls_at_is_said_and_set_up_all_the_same() -> Non
     table.box.line.rig.plant.load_nm[JAW] = 0.3
     audit = table.set_up().run()
     assert [one.gear and one.gear.verdict for one in audit] == ["fits", "not sure"]
-    assert "jaw: its gear cannot be told: something pulls at its horn" in table.said
-    assert table.said[-1].startswith("the gears of jaw are not known")
+    assert "jaw: its gear could not be determined (something pulls at its horn)" in table.said
+    assert table.said[-1].startswith("the gears of jaw are unknown")
     assert table.box.ids() == [2, 3]
 
 
@@ -115,7 +118,7 @@ def test_without_turning_no_torque_is_switched_and_the_end_says_that_gears_were_
     table.instead = lambda task: None
     audit = table.set_up(turn=False).run()
     assert [one.gear for one in audit] == [None, None]
-    assert table.said[-1].startswith("the gears of lift, jaw are not known")
+    assert table.said[-1].startswith("the gears of lift, jaw are unknown")
     assert not any("horn" in task.text for task in table.asked)
     assert [table.servo(number).memory.get(sts.goal_position) for number in (LIFT, JAW)] == [0, 0], "never had a goal"
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from commissioning.tune.figures import SHAKES_COUNTS, Trace, figures, following, response, rest_error
 from commissioning.tune.gains import TuneError, gains_of, parse_gains, with_gains
-from commissioning.tune.trial import LIFT_RAD, STEP_RAD, Plan, plan_for, said
+from commissioning.tune.trial import LIFT_RAD, STEP_RAD, Plan, plan_for, plan_question
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from hal.joint import Joint
@@ -103,17 +103,17 @@ def test_a_plan_stays_within_the_limits_and_a_quarter_of_the_speed(
 def test_the_amplitude_shrinks_where_room_is_short_and_none_is_refused() -> None:
     narrow = replace(SHOULDER, limits=replace(SHOULDER.limits, lower=-0.15, upper=0.15))
     assert abs(plan_for(narrow, 0.0).step) == pytest.approx(0.06)
-    with pytest.raises(TuneError, match="shoulder has no room"):
+    with pytest.raises(TuneError, match="shoulder has not enough room"):
         plan_for(replace(SHOULDER, limits=replace(SHOULDER.limits, lower=-0.05, upper=0.05)), 0.0)
-    with pytest.raises(TuneError, match=r"cannot go to 3\.000: its limits are -2\.000 to 2\.000"):
+    with pytest.raises(TuneError, match=r"cannot move to 3\.000: its limits are -2\.000 to 2\.000"):
         plan_for(SHOULDER, 0.0, 3.0)
 
 
 def test_whoever_is_asked_is_told_how_far_and_how_fast() -> None:
-    text = said(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
-    assert "from 0.000 to 0.350 rad" in text and "0.500 (98 counts)" in text
-    assert "no faster than 1 rad/s (its limit is 4)" in text and "elbow will be held" in text
-    assert " m/s" in said(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
+    text = plan_question(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
+    assert "from 0.000 to 0.350 rad" in text and "0.350 and 0.500 rad (98 counts)" in text
+    assert "at most at 1 rad/s (its limit is 4)" in text and "elbow will hold" in text
+    assert " m/s" in plan_question(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
 
 
 def test_gains_have_the_names_that_people_use() -> None:
@@ -130,13 +130,13 @@ def test_gains_have_the_names_that_people_use() -> None:
 @pytest.mark.parametrize(
     ("model", "words", "says"),
     [
-        (sts.STS3215, ["P=0"], "P takes 1 to 255, not 0"),
-        (sts.STS3215, ["P=256", "D=300"], "P takes 1 to 255, not 256; D takes 0 to 255, not 300"),
-        (sts.STS3215, ["Q=1"], "Q=1: a gain is one of P, I, D, cw_dead_zone, ccw_dead_zone"),
-        (sts.STS3215, ["P"], "P: a gain is one of"),
-        (sts.STS3215, [""], "nothing: a gain is one of"),
+        (sts.STS3215, ["P=0"], "P must be 1 to 255, not 0"),
+        (sts.STS3215, ["P=256", "D=300"], "P must be 1 to 255, not 256; D must be 0 to 255, not 300"),
+        (sts.STS3215, ["Q=1"], "'Q=1' is not a gain: write one of P, I, D, cw_dead_zone, ccw_dead_zone"),
+        (sts.STS3215, ["P"], "'P' is not a gain: write one of"),
+        (sts.STS3215, [""], "'' is not a gain: write one of"),
         (ax_mx.AX_12A, ["P=1"], "ax-12a has no gains"),
-        (scs.SCS15, ["homing_offset=1"], "a gain is one of P, I, D"),
+        (scs.SCS15, ["homing_offset=1"], "is not a gain: write one of P, I, D"),
     ],
 )
 def test_gains_that_a_servo_cannot_have_are_named(model: ServoModel, words: list[str], says: str) -> None:

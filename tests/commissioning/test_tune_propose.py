@@ -51,16 +51,26 @@ def shaking(measured: Figures) -> Figures:
 @pytest.mark.parametrize(
     ("changes", "measured", "values", "says"),
     [
-        ({}, WELL, {}, "as it should"),
-        ({}, shaking(WELL), {"P": 24}, "swings by 20 counts at rest (6.0 Hz): P is too high"),
-        ({"I": 5}, shaking(WELL), {"P": 24, "I": 0}, "I 5 adds up what friction holds"),
-        ({"P": 8}, shaking(WELL), {}, "look for play"),
-        ({"cw_dead_zone": 6}, WELL, {"cw_dead_zone": 1}, "cw_dead_zone 6 leaves errors of 6 counts alone"),
-        ({}, replace(WELL, sag=24.0 * COUNT, rest_error=25.0 * COUNT), {}, "the stack's gravity compensation"),
-        ({"P": 16}, replace(WELL, rest_error=25.0 * COUNT), {"P": 24}, "rests 25 counts off, and that goes as 1/P"),
+        ({}, WELL, {}, "are good"),
+        ({}, shaking(WELL), {"P": 24}, "swings by 20 counts at rest (6.0 Hz), because P is too high"),
+        ({"I": 5}, shaking(WELL), {"P": 24, "I": 0}, "I 5 integrates the error from friction"),
+        ({"P": 8}, shaking(WELL), {}, "for play"),
+        (
+            {"cw_dead_zone": 6},
+            WELL,
+            {"cw_dead_zone": 1},
+            "with cw_dead_zone 6, errors of up to 6 counts are not corrected",
+        ),
+        ({}, replace(WELL, sag=24.0 * COUNT, rest_error=25.0 * COUNT), {}, "the gravity compensation of the stack"),
+        (
+            {"P": 16},
+            replace(WELL, rest_error=25.0 * COUNT),
+            {"P": 24},
+            "error at rest is 25 counts, which is proportional to 1/P",
+        ),
         ({"P": 28}, replace(WELL, rest_error=25.0 * COUNT), {"P": FACTORY_P}, "1/P"),
         ({"P": 16}, replace(WELL, rest_error=9.0 * COUNT), {"P": 19}, "1/P"),
-        ({"P": 16}, replace(WELL, rest_error=8.0 * COUNT), {}, "as it should"),
+        ({"P": 16}, replace(WELL, rest_error=8.0 * COUNT), {}, "are good"),
     ],
 )
 def test_what_is_proposed_and_why(

@@ -128,14 +128,14 @@ def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_wri
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist, but shoulder_pan"),
+        ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist: choose one of shoulder_pan"),
         (
             "tune shoulder_lift P=24 --arm so101 --port ./bus --yes",
             "gains are written where --write says so: --write P=24",
         ),
         ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "give one of them"),
-        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P takes 1 to 255, not 999"),
-        ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot go to 3.000"),
+        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 255, not 999"),
+        ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot move to 3.000"),
         ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: name a file"),
     ],
 )

@@ -98,10 +98,10 @@ def test_what_is_printed_can_be_written_raw_or_as_a_quantity(model: ServoModel, 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("65V", "max_temperature is in °C, not in V"),
-        ("65.5", "takes a whole number .as the servo counts., or a quantity with its unit °C"),
-        ("warm", "takes a number"),
-        ("", "takes a number"),
+        ("65V", "max_temperature has the unit °C, not V"),
+        ("65.5", "must be a whole number .the raw value. or a quantity with the unit °C"),
+        ("warm", "must be a number"),
+        ("", "must be a number"),
         ("300", "max_temperature takes 0 to 255, not 300"),
         ("-1", "max_temperature takes 0 to 255, not -1"),
     ],
@@ -112,7 +112,7 @@ def test_a_value_that_is_none_is_said(text: str, says: str) -> None:
 
 
 def test_a_register_without_a_unit_takes_none() -> None:
-    with pytest.raises(CommissioningError, match="position_p has no unit, not in V"):
+    with pytest.raises(CommissioningError, match="position_p has no unit, so it cannot be set in V"):
         parse(sts.STS3215, sts.position_p, "3V")
 
 

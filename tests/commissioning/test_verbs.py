@@ -176,7 +176,7 @@ def test_the_torque_switch_asks_for_what_it_does(
     assert f"servo 3 {asks}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("value", "says"), [("2", "takes 0 (off) and 1 (on)"), ("on", "takes a number")])
+@pytest.mark.parametrize(("value", "says"), [("2", "must be 0 (off) or 1 (on)"), ("on", "must be a number")])
 def test_the_torque_switch_takes_nothing_else_and_does_not_ask(
     value: str,
     says: str,
@@ -260,10 +260,16 @@ def test_a_mistake_is_said_with_the_servo_and_what_to_do(
 ) -> None:
     port = ("--port", str(link))
     for arguments, says in (
-        (("register", "write", *port, "--id", "3", "goal_position", "0"), "servo 3: goal_position is an order to move"),
+        (
+            ("register", "write", *port, "--id", "3", "goal_position", "0"),
+            "servo 3: goal_position cannot be written here",
+        ),
         (("register", "read", *port, "--id", "3", "volts"), "sts3215 has no register volts"),
         (("set-id", "3", "4", *port), "servo 3: id (register 5) must not become 4: another servo answers to that"),
-        (("register", "read", *port, "--baud", "500000", "--id", "3", "id"), "servo 3: nobody answers at 500000 baud"),
+        (
+            ("register", "read", *port, "--baud", "500000", "--id", "3", "id"),
+            "no servo with ID 3 answers at 500000 baud",
+        ),
         (("reboot", "3", "--port", "/dev/ttyACM77"), "there is no /dev/ttyACM77"),
     ):
         assert run(monkeypatch, *arguments) == 1

@@ -35,7 +35,7 @@ def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
 def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
     if ratio := gear_ratio(motion):
         cause = (
-            f"At the same drive, it turns {ratio:.1f} times faster than a {motion.joint.model.name}. So it probably "
+            f"At the same drive, it turns {ratio:.1f} times faster than an {motion.joint.model.name}. So it probably "
             "has another gear: 1:147 and 1:191 are faster than 1:345, but weaker. Check the label of the servo and "
             "replace it"
         )

@@ -116,14 +116,14 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
             servo = silent[0]
             wanted = servo.joint.servo_id
             cause = (
-                f"No servo has ID {wanted}, but a {stranger.model} with ID {stranger.servo_id}, which belongs to no "
+                f"No servo has ID {wanted}, but an {stranger.model} with ID {stranger.servo_id}, which belongs to no "
                 f"joint, is on the bus. It is probably the servo of {servo.joint.name}: set its ID to {wanted}"
             )
             command = on(bus.port, "set-id", stranger.servo_id, wanted)
             yield finding("id_not_set", Place(bus.name), f"missing motor ID {wanted}", cause, command)
         cause = (
-            f"A {stranger.model or 'servo of an unknown model'} answers with an ID that is not in the robot file. "
-            "Remove it from the bus, or add it to the robot file"
+            f"A servo (model {stranger.model or 'unknown'}) answers with an ID that is not in the robot file. Remove "
+            "it from the bus, or add it to the robot file"
         )
         yield finding("extra_servo", place, f"an unexpected servo with ID {stranger.servo_id}", cause)
 

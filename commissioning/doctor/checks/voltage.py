@@ -43,19 +43,19 @@ def _level(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     limits, allowed = voltage_limits(servo.registers), voltage_range(model)
     if highest > allowed[1]:
         cause = (
-            f"Its supply voltage is {highest:.1f} V, but a {name} is rated for {rated:g} V. Switch the supply off now. "
-            "Then check whether the supply is the wrong one or overshoots, or the model in the robot file is wrong"
+            f"Its supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch it off now, "
+            "then check whether the supply is the wrong one or overshoots, or the model in the robot file is wrong"
         )
         yield finding("overvoltage", place, "'input voltage error', and servos may be destroyed", cause)
     elif lowest < allowed[0]:
         cause = (
-            f"Its supply voltage is {lowest:.1f} V, but a {name} is rated for {rated:g} V. The supply is the wrong "
+            f"Its supply voltage is {lowest:.1f} V, but an {name} is rated for {rated:g} V. The supply is the wrong "
             "one, too weak, or switched off (then the servo is powered from USB)"
         )
         yield finding("undervoltage", place, "'input voltage error', weak or twitching servos", cause)
     elif limits and not limits[0] <= lowest <= highest <= limits[1]:
         cause = (
-            f"Its supply voltage of {lowest:.1f} to {highest:.1f} V is right for a {name} ({rated:g} V), but the "
+            f"Its supply voltage of {lowest:.1f} to {highest:.1f} V is right for an {name} ({rated:g} V), but the "
             f"limits in the servo are {limits[0]:.1f} to {limits[1]:.1f} V. Correct the limit"
         )
         wrong = next(low if lowest < limits[0] else high for low, high in LIMITS if low in servo.registers)
