@@ -160,8 +160,8 @@ def _require_model(bus: Bus, servo_id: int, place: Place) -> None:
     number = retry(partial(bus.read, servo_id, place.series.model_number))
     if number != place.model.number:
         raise NotYet(
-            f"servo {servo_id} has model number {number} ({known_as(number, place.series)}), but {place.joint} needs an "
-            f"{place.model.name} ({place.model.number}) according to the robot file. Connect the right servo, or "
+            f"servo {servo_id} has model number {number} ({known_as(number, place.series)}), but {place.joint} needs "
+            f"an {place.model.name} ({place.model.number}) according to the robot file. Connect the right servo, or "
             "correct the robot file"
         )
 

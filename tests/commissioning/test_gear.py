@@ -70,7 +70,7 @@ def test_between_two_gears_it_says_so_and_never_names_the_wrong_one() -> None:
     between = 1.02 * sqrt(v_s_rad(sts.STS3215_C044) * v_s_rad(sts.STS3215_C046))
     motion = replace(motion, drive=motion.speed * between / motion.joint.model.rated_voltage_v)
     assert [in_place_of(place, motion).verdict for place in GEARS] == ["other", "not sure", "not sure"]
-    either = f"{called(sts.STS3215_C046)} or a {called(sts.STS3215_C044)}"
+    either = f"{called(sts.STS3215_C046)} or an {called(sts.STS3215_C044)}"
     assert all(either in in_place_of(place, motion).text for place in GEARS)
 
 
