@@ -33,7 +33,7 @@ FURTHER = [(seed, gap) for seed in SEEDS[1:] for gap in (0.0, 1.0) if (seed, gap
         *(pytest.param(*one, marks=pytest.mark.soak) for one in FURTHER),
     ],
 )
-def test_zeros_and_directions_are_found_slowly(seed: int, backlash_deg: float) -> None:
+def test_auto_calibration_finds_zeros_and_directions_slowly(seed: int, backlash_deg: float) -> None:
     arm = UnalignedArm(seed, backlash_deg)
     fastest = 0.0
 
@@ -67,7 +67,7 @@ def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
     return not any(s.memory.get(sts.torque_enable) for s in arm.line.servos) and kept == [(0, 4095)] * len(kept)
 
 
-def test_somebody_who_stops_it_has_a_limp_arm_that_was_let_down() -> None:
+def test_stopping_lets_the_arm_sink_and_releases_it() -> None:
     arm = UnalignedArm(1)
     stop_s = arm.clock.now() + 12.0
     with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
@@ -77,7 +77,7 @@ def test_somebody_who_stops_it_has_a_limp_arm_that_was_let_down() -> None:
 
 
 @pytest.mark.slow
-def test_a_joint_without_a_stop_ends_it_by_name() -> None:
+def test_a_joint_without_a_stop_is_named() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint2").range = (-20.0, 20.0)
     with pytest.raises(CalibrationError, match=r"joint2 \(servo 2\) turned .* and found no stop"):
@@ -86,14 +86,14 @@ def test_a_joint_without_a_stop_ends_it_by_name() -> None:
 
 
 @pytest.mark.slow
-def test_something_in_the_way_is_taken_for_a_stop_and_the_travel_says_so() -> None:
+def test_an_obstacle_shows_in_the_travel() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint3").range = (-1.2, 2.0)
     found = by_itself(arm).run()
     assert [bool(doubts(joint, found[joint.name])) for joint in JOINTS] == [j.name == "joint3" for j in JOINTS]
 
 
-def test_a_servo_that_falls_silent_ends_it_by_name() -> None:
+def test_a_servo_that_stops_answering_is_named() -> None:
     arm = UnalignedArm(1)
 
     def break_one() -> bool:
@@ -107,7 +107,7 @@ def test_a_servo_that_falls_silent_ends_it_by_name() -> None:
     assert not any(others), "one that does not hear keeps its torque, and nobody else does"
 
 
-def test_an_adapter_that_is_pulled_ends_it_and_says_that_torque_may_be_on() -> None:
+def test_an_unplugged_adapter_is_reported_with_a_torque_warning() -> None:
     arm = UnalignedArm(1)
     open_bus, pulled = arm.open_bus, list[bool]()
 
@@ -130,7 +130,7 @@ def test_an_adapter_that_is_pulled_ends_it_and_says_that_torque_may_be_on() -> N
     )
 
 
-def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
+def test_unsupported_servos_are_named_before_any_motion() -> None:
     arm = UnalignedArm(1)
     joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]
     with pytest.raises(CalibrationError, match="joint1: automatic calibration works only with STS servos"):
@@ -161,7 +161,7 @@ class Mistaken(Onlooker):
 
 
 @pytest.mark.slow
-def test_a_wrong_answer_that_the_arm_contradicts_is_asked_for_again() -> None:
+def test_a_wrong_direction_is_asked_for_again_if_the_joint_is_blocked() -> None:
     arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
     plan = find_arm("so101").file.calibration
     laid_down(arm)
@@ -173,7 +173,7 @@ def test_a_wrong_answer_that_the_arm_contradicts_is_asked_for_again() -> None:
 
 
 @pytest.mark.slow
-def test_a_joint_that_is_in_the_way_of_both_answers_ends_it_by_name() -> None:
+def test_a_joint_that_is_blocked_in_both_directions_is_named() -> None:
     arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
     plan = find_arm("so101").file.calibration
     laid_down(arm)
@@ -191,9 +191,7 @@ GAPS_DEG = (0.0, 1.0) if CYCLES > 1000 else (1.0,)
 @pytest.mark.parametrize(
     ("name", "seed", "backlash_deg"), [(name, seed, gap) for name in FOLDED for seed in SEEDS for gap in GAPS_DEG]
 )
-def test_an_arm_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(
-    name: str, seed: int, backlash_deg: float
-) -> None:
+def test_a_folded_arm_is_calibrated_automatically_and_folds_again(name: str, seed: int, backlash_deg: float) -> None:
     plan = find_arm(name).file.calibration
     arm = UnalignedArm(seed, backlash_deg, name, FOLDED[name])
     lay = laid_down(arm)

@@ -69,7 +69,7 @@ def clumsy(name: str, **mistakes: object) -> tuple[HeldArm, Clumsy]:
 
 
 @pytest.mark.parametrize("share", [0.975, 0.85])
-def test_a_sweep_that_is_too_short_is_asked_for_again_with_what_was_seen(share: float) -> None:
+def test_a_short_sweep_is_requested_again_with_the_measured_share(share: float) -> None:
     arm, hands = clumsy("so101", share={"elbow_flex": share})
     joints, found = calibrated(arm, hands, "elbow_flex")
     sweeps = hands.asked("sweep", "elbow_flex")
@@ -81,7 +81,7 @@ def test_a_sweep_that_is_too_short_is_asked_for_again_with_what_was_seen(share: 
     assert uncertainty(joint, made, "middle") > off_rad(arm, joint, made) > 0.02
 
 
-def test_a_sweep_that_is_repeated_to_both_stops_is_believed() -> None:
+def test_a_short_travel_is_accepted_after_a_second_sweep() -> None:
     class Learning(Clumsy):
         def until_done(self, task: Task, look: object) -> None:
             super().until_done(task, look)
@@ -95,7 +95,7 @@ def test_a_sweep_that_is_repeated_to_both_stops_is_believed() -> None:
     assert off_rad(arm, joints["elbow_flex"], found["elbow_flex"]) < 0.01
 
 
-def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_where_one_was_wrong() -> None:
+def test_unconfirmed_directions_are_asked_about_and_measured_again() -> None:
     arm, hands = clumsy("so100", wrong_ways={"shoulder_pan": 1})
     joints, found = calibrated(arm, hands, "shoulder_pan", "elbow_flex", "wrist_roll")
     assert found["shoulder_pan"].sign != arm.coupling("shoulder_pan").sign
@@ -120,7 +120,7 @@ def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_wh
 
 
 @pytest.mark.parametrize(("times", "asked"), [(1, 2), (9, 3)])
-def test_a_direction_that_the_stops_contradict_is_asked_for_again(times: int, asked: int) -> None:
+def test_a_direction_that_contradicts_the_stops_is_requested_again(times: int, asked: int) -> None:
     arm, hands = clumsy("so100", wrong_ways={"elbow_flex": times})
     joints, found = calibrated(arm, hands, "elbow_flex")
     joint, made = joints["elbow_flex"], found["elbow_flex"]
@@ -132,7 +132,7 @@ def test_a_direction_that_the_stops_contradict_is_asked_for_again(times: int, as
 
 
 @pytest.mark.parametrize("off", [0.1745, -0.45])
-def test_a_pose_that_the_stops_contradict_is_asked_for_again(off: float) -> None:
+def test_a_pose_that_contradicts_the_stops_is_requested_again(off: float) -> None:
     arm, hands = clumsy("so101", wrong_poses={"wrist_roll": [off]})
     joints, found = calibrated(arm, hands, "wrist_roll")
     assert len(hands.asked("pose", "wrist_roll")) == 2
@@ -142,9 +142,7 @@ def test_a_pose_that_the_stops_contradict_is_asked_for_again(off: float) -> None
 
 
 @pytest.mark.parametrize(("name", "joint_name", "off"), [("so101", "wrist_roll", 0.1745), ("koch", "wrist_flex", 0.2)])
-def test_a_pose_that_stays_wrong_is_doubtful_and_its_uncertainty_says_so(
-    name: str, joint_name: str, off: float
-) -> None:
+def test_a_wrong_pose_is_flagged_and_increases_the_uncertainty(name: str, joint_name: str, off: float) -> None:
     arm, hands = clumsy(name, wrong_poses={joint_name: [off] * 9})
     joints, found = calibrated(arm, hands, joint_name)
     joint, made = joints[joint_name], found[joint_name]
@@ -152,7 +150,7 @@ def test_a_pose_that_stays_wrong_is_doubtful_and_its_uncertainty_says_so(
     assert uncertainty(joint, made, "pose") == pytest.approx(off, abs=0.03)
 
 
-def test_a_joint_that_turns_freely_is_not_swept_and_its_pose_is_shown_twice() -> None:
+def test_a_freely_turning_joint_needs_two_poses_and_no_sweep() -> None:
     arm, hands = clumsy("so100", wrong_poses={"wrist_roll": [0.5]})
     joints, found = calibrated(arm, hands, "wrist_roll")
     joint, made = joints["wrist_roll"], found["wrist_roll"]
@@ -163,7 +161,7 @@ def test_a_joint_that_turns_freely_is_not_swept_and_its_pose_is_shown_twice() ->
     assert uncertainty(joint, made, "pose") == 0.05
 
 
-def test_servos_that_have_exchanged_their_ids_are_named() -> None:
+def test_exchanged_ids_are_reported() -> None:
     arm, hands = clumsy("so101", instead={"shoulder_pan": "elbow_flex", "elbow_flex": "shoulder_pan"})
     exchanged = r"shoulder_pan: servo 1 did not move, but servo 3 \(elbow_flex\) moved twice"
     with pytest.raises(CalibrationError, match=exchanged):
@@ -177,7 +175,7 @@ def test_servos_that_have_exchanged_their_ids_are_named() -> None:
     st.integers(0, 40),
     st.sampled_from((-1500, -300, 300, 1500)),
 )
-def test_one_false_reading_does_not_lengthen_a_sweep(steps: list[int], at: int, false: int) -> None:
+def test_one_wrong_reading_does_not_lengthen_a_sweep(steps: list[int], at: int, false: int) -> None:
     true = [2000 + sum(steps[:n]) for n in range(len(steps) + 1)]
     readings = list(true)
     readings[at % len(true)] += false

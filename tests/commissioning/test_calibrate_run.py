@@ -76,7 +76,7 @@ def torque(arm: UnalignedArm) -> list[int]:
 
 
 @pytest.mark.slow
-def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_difference(robot: Path) -> None:
+def test_a_calibrated_arm_starts_and_a_second_calibration_agrees(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
@@ -91,7 +91,7 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
 
 
 @pytest.mark.slow
-def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
+def test_declining_stores_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     before = [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos]
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
@@ -99,7 +99,7 @@ def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
     assert [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos] == before
 
 
-def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) -> None:
+def test_torque_is_released_only_after_confirmation(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     arm.line.servo(2).memory.put(sts.torque_enable, 1)
     owner = Owner(arm, no=(release_question(["joint2 (servo 2)"]),))
@@ -109,7 +109,7 @@ def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) 
 
 
 @pytest.mark.slow
-def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path) -> None:
+def test_an_unswept_joint_is_requested_again_by_name_and_flagged(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, no=(STORE,))
     owner.skipped = {"joint3"}
@@ -118,7 +118,7 @@ def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path)
     assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
 
 
-def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibration(robot: Path) -> None:
+def test_stopping_the_motion_test_keeps_the_calibration_and_releases_torque(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
 
@@ -141,7 +141,7 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
 
 
 @pytest.mark.slow
-def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
+def test_an_unknown_direction_ends_the_calibration_without_changes(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)
     with pytest.raises(CalibrationError, match="joint2 was not moved in its positive direction"):
@@ -149,7 +149,7 @@ def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> 
     assert not calibration_path(robot).exists()
 
 
-def test_an_adapter_that_is_pulled_during_the_sweep_ends_it_and_nothing_is_stored(robot: Path) -> None:
+def test_unplugging_the_adapter_during_the_sweep_stores_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
 
     class Clumsy(Owner):
@@ -162,7 +162,7 @@ def test_an_adapter_that_is_pulled_during_the_sweep_ends_it_and_nothing_is_store
     assert not calibration_path(robot).exists() and torque(arm) == []
 
 
-def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked(robot: Path) -> None:
+def test_a_missing_or_wrong_servo_is_named_before_any_question(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
     arm.line.faults.silence(4)
@@ -177,7 +177,7 @@ def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked
 
 @pytest.mark.slow
 @pytest.mark.parametrize("former", [True, False])
-def test_a_direction_that_the_trial_shows_to_be_wrong_is_taken_out_of_use(robot: Path, former: bool) -> None:
+def test_a_calibration_with_a_wrong_direction_is_set_aside(robot: Path, former: bool) -> None:
     arm, path = UnalignedArm(SEED), calibration_path(robot)
     if former:
         path.write_text("joints: {}\n")
@@ -197,7 +197,7 @@ def test_a_direction_that_the_trial_shows_to_be_wrong_is_taken_out_of_use(robot:
     assert (path.read_text() == "joints: {}\n") if former else not path.exists()
 
 
-def test_joints_that_are_doubtful_are_measured_once_more_if_their_owner_wants_that(robot: Path) -> None:
+def test_implausible_joints_are_measured_again_on_request(robot: Path) -> None:
     arm = HeldArm(SEED, "so101")
     hands = Owner(cast(Any, arm), arm.plan.joints, no=(STORE,))
     hands.skipped = {"elbow_flex"}

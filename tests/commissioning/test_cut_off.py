@@ -77,7 +77,7 @@ def interrupt(port: CutPort) -> None:
 
 @every_tool
 @pytest.mark.parametrize("behind", [False, True])
-def test_ctrl_c_at_any_packet_leaves_the_lock_closed_and_the_port_at_its_rate(tool: str, behind: bool) -> None:
+def test_ctrl_c_at_any_packet_leaves_the_eeprom_locked_and_restores_the_baud_rate(tool: str, behind: bool) -> None:
     for number in packets(tool):
         line, port = run_cut(tool, number, interrupt, behind)
         servo = line.servos.servos[1]
@@ -90,7 +90,7 @@ def test_ctrl_c_at_any_packet_leaves_the_lock_closed_and_the_port_at_its_rate(to
 
 
 @pytest.mark.parametrize("tool", ["write", "set-id", "set-baud", "settings"])
-def test_after_a_line_that_was_pulled_at_any_packet_the_next_write_closes_the_lock(tool: str) -> None:
+def test_after_a_lost_port_the_next_write_locks_the_eeprom(tool: str) -> None:
     for number in packets(tool):
         line, _ = run_cut(tool, number, CutPort.unplug)
         servo = line.servos.servos[1]
@@ -101,7 +101,7 @@ def test_after_a_line_that_was_pulled_at_any_packet_the_next_write_closes_the_lo
 
 
 @pytest.mark.parametrize("behind", [False, True])
-def test_torque_that_was_cut_off_holds_where_the_servo_stands_or_is_off(behind: bool) -> None:
+def test_an_interrupted_torque_switch_leaves_torque_off_or_the_servo_in_place(behind: bool) -> None:
     for number in packets("torque on"):
         line, _ = run_cut("torque on", number, interrupt, behind)
         memory = line.servos.servos[1].memory

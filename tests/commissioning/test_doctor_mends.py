@@ -43,7 +43,7 @@ def run(patient: Patient, command: str) -> None:
 
 
 @pytest.mark.parametrize(("spoil", "kind"), MENDED, ids=[case[0].__name__ for case in MENDED])
-def test_the_command_mends_it(spoil: Callable[[Patient], None], kind: str) -> None:
+def test_the_recommended_command_fixes_the_problem(spoil: Callable[[Patient], None], kind: str) -> None:
     patient = Patient()
     spoil(patient)
     first = patient.examine().findings[0]
@@ -55,7 +55,7 @@ def test_the_command_mends_it(spoil: Callable[[Patient], None], kind: str) -> No
     assert {one.id for one in found.values() if one.severity == "fault"} <= {"torque_lost"}, found
 
 
-def test_servos_that_were_fed_again_are_well() -> None:
+def test_servos_are_healthy_after_their_power_returns() -> None:
     patient = Patient()
     ailments.unpowered(patient)
     assert list(patient.findings()) == ["no_power"]

@@ -33,7 +33,7 @@ def found(report: Report) -> list[tuple[str, int | None]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ["robot_arm", "so101"])
-def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
+def test_healthy_arms_have_no_motion_findings_and_are_released(arm: str) -> None:
     for seed in range(4):
         patient = Patient(arm, Build(1.0, seed))
         before = [servo.memory.read(4, 36) for servo in patient.line.servos]
@@ -45,7 +45,7 @@ def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
 @pytest.mark.parametrize(
     ("gear", "servo_id", "seed"), [("1:191", 5, None), ("1:191", 7, 1), ("1:147", 5, 1), ("1:147", 7, None)]
 )
-def test_another_gear_in_a_joint_is_named(gear: str, servo_id: int, seed: int | None) -> None:
+def test_a_wrong_gear_in_a_joint_is_found(gear: str, servo_id: int, seed: int | None) -> None:
     """In the wrist and the hand: where a joint swings the whole arm, that decides what drive it needs."""
     patient = Patient(build=Build(seed=seed))
     states = patient.line.servo(servo_id).firmware._states
@@ -54,7 +54,7 @@ def test_another_gear_in_a_joint_is_named(gear: str, servo_id: int, seed: int | 
     assert found(examine(patient)) == [("wrong_gear", servo_id)]
 
 
-def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
+def test_a_joint_that_sags_too_much_is_found() -> None:
     patient = Patient()
     patient.put(LIFT, sts.position_p, 5)
     report = examine(patient)
@@ -62,7 +62,7 @@ def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
     assert report.healthy
 
 
-def test_a_joint_that_shakes() -> None:
+def test_a_joint_that_shakes_is_found() -> None:
     """One that gravity does not hold at one end of its backlash."""
     patient = Patient(build=Build(backlash_deg=3.0))
     patient.put(PAN, sts.position_p, 254)
@@ -71,7 +71,7 @@ def test_a_joint_that_shakes() -> None:
     assert shakes.command == "servoloop register write --port /dev/ttyACM0 --id 1 position_p 16"
 
 
-def test_a_joint_that_something_holds() -> None:
+def test_a_blocked_joint_is_found() -> None:
     patient = Patient()
     ailments.block(patient, ailments.ELBOW)
     report = examine(patient)
@@ -79,7 +79,7 @@ def test_a_joint_that_something_holds() -> None:
     assert not report.healthy
 
 
-def test_a_supply_that_breaks_down_while_joints_move() -> None:
+def test_a_supply_that_sags_during_motion_is_found() -> None:
     patient = Patient()
     joints = patient.plant.joints
 
@@ -106,7 +106,7 @@ def test_an_arm_under_torque_or_with_faults_is_not_moved() -> None:
     assert all(servo.memory.get(sts.torque_enable) for servo in held.line.servos)
 
 
-def test_somebody_who_stops_it_has_a_limp_arm() -> None:
+def test_stopping_the_motion_test_releases_the_arm() -> None:
     patient = Patient()
     start_s = patient.clock.now()
     report = examine(patient, lambda: patient.clock.now() > start_s + 8.0)
@@ -114,7 +114,7 @@ def test_somebody_who_stops_it_has_a_limp_arm() -> None:
     assert not any(servo.memory.get(sts.torque_enable) for servo in patient.line.servos)
 
 
-def test_a_lost_port_in_the_middle_is_said() -> None:
+def test_a_port_lost_during_the_motion_test_is_reported() -> None:
     patient = Patient()
     opened: list[Any] = []
     open_port = patient.open

@@ -30,9 +30,7 @@ def in_place_of(model: ServoModel, motion: JointMotion | None) -> GearLook:
 
 @pytest.mark.parametrize("seed", STARTS)
 @pytest.mark.parametrize("model", GEARS, ids=lambda model: model.name)
-def test_each_gear_is_told_in_each_place_and_the_horn_turns_little_and_slowly(
-    model: ServoModel, seed: int | None
-) -> None:
+def test_every_gear_is_identified_with_a_small_slow_motion(model: ServoModel, seed: int | None) -> None:
     loose = Loose(model, seed, counts=STARTS[seed])
     start_rad = loose.plant.ends[0]
     motion = loose.turn()
@@ -55,7 +53,9 @@ def test_each_gear_is_told_in_each_place_and_the_horn_turns_little_and_slowly(
         (sts.STS3215, sts.STS3215_C046, 7.4, "other"),
     ],
 )
-def test_servos_of_12_v_among_those_of_7_v(model: ServoModel, place: ServoModel, supply_v: float, verdict: str) -> None:
+def test_gears_of_12_v_servos_are_distinguished_from_7_v_servos(
+    model: ServoModel, place: ServoModel, supply_v: float, verdict: str
+) -> None:
     loose = Loose(model, 2, supply_v)
     gear = judge_gear(loose.turn(place))
     assert gear.verdict == verdict
@@ -64,7 +64,7 @@ def test_servos_of_12_v_among_those_of_7_v(model: ServoModel, place: ServoModel,
     assert loose.plant.fastest < 0.25 * min(model.no_load_speed_rad_s, place.no_load_speed_rad_s)
 
 
-def test_between_two_gears_it_says_so_and_never_names_the_wrong_one() -> None:
+def test_an_ambiguous_gear_is_not_guessed() -> None:
     motion = Loose(sts.STS3215_C044).turn()
     assert motion is not None
     between = 1.02 * sqrt(v_s_rad(sts.STS3215_C044) * v_s_rad(sts.STS3215_C046))
@@ -75,7 +75,7 @@ def test_between_two_gears_it_says_so_and_never_names_the_wrong_one() -> None:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_lost_packets_change_nothing(seed: int) -> None:
+def test_lost_packets_do_not_change_the_gear_result(seed: int) -> None:
     loose = Loose(sts.STS3215_C046, seed)
     loose.line.faults.disturbance = Disturbance(seed, drop=0.05, flip=0.02, miss=0.02)
     motion = loose.turn()
@@ -91,7 +91,7 @@ def test_lost_packets_change_nothing(seed: int) -> None:
         (lambda plant: plant.load_nm.__setitem__(0, 0.3), "something pulls at its horn"),
     ],
 )
-def test_a_horn_that_is_not_free_says_nothing(hinder: Callable[[Plant], None], text: str) -> None:
+def test_a_blocked_horn_gives_no_gear_result(hinder: Callable[[Plant], None], text: str) -> None:
     loose = Loose(sts.STS3215_C046)
     hinder(loose.plant)
     gear = judge_gear(loose.turn())
@@ -99,7 +99,7 @@ def test_a_horn_that_is_not_free_says_nothing(hinder: Callable[[Plant], None], t
     assert loose.left == LEFT_AS_IT_WAS
 
 
-def test_a_servo_stays_within_its_own_limits_or_does_not_turn() -> None:
+def test_the_horn_stays_within_the_servo_limits() -> None:
     loose = Loose(sts.STS3215_C046, counts=1050)
     loose.servo.memory.save(sts.min_position, 900)
     loose.servo.memory.save(sts.max_position, 1100)
@@ -114,7 +114,7 @@ def fail() -> None:
 
 
 @pytest.mark.parametrize("at", [*range(5, 50, 3), 80, 150])
-def test_an_interrupt_at_any_packet_leaves_it_limp(at: int) -> None:
+def test_an_interrupt_at_any_packet_releases_the_servo(at: int) -> None:
     loose = Loose(sts.STS3215_C046)
     loose.port.before_write = Cut(at, interrupt if at % 2 else fail)
     with pytest.raises((KeyboardInterrupt, RuntimeError)):
@@ -125,7 +125,7 @@ def test_an_interrupt_at_any_packet_leaves_it_limp(at: int) -> None:
     assert abs(float(loose.plant.joints.velocity[0])) < 0.01
 
 
-def test_whoever_stops_it_has_a_limp_servo_at_once() -> None:
+def test_stopping_releases_the_servo_at_once() -> None:
     loose = Loose(sts.STS3215_C046)
     stopped_s: list[float] = []
 
@@ -141,7 +141,7 @@ def test_whoever_stops_it_has_a_limp_servo_at_once() -> None:
 
 
 @pytest.mark.parametrize("at", [12, 30, 80])
-def test_a_lost_port_says_that_torque_may_be_on(at: int) -> None:
+def test_a_lost_port_is_reported_with_a_torque_warning(at: int) -> None:
     loose = Loose(sts.STS3215_C046)
     loose.port.before_write = Cut(at, loose.port.unplug)
     with pytest.raises(PortLost) as lost:
@@ -149,6 +149,6 @@ def test_a_lost_port_says_that_torque_may_be_on(at: int) -> None:
     assert "the torque of servo 1 may still be on: unplug the servo or switch its supply off" in lost.value.__notes__
 
 
-def test_a_servo_with_a_number_of_its_own_has_no_rivals() -> None:
+def test_a_model_with_a_unique_number_has_no_rivals() -> None:
     assert rivals(sts.STS3250) == ()
     assert rivals(sts.STS3215_C046) == (sts.STS3215, sts.STS3215_C001, sts.STS3215_C044)

@@ -46,7 +46,7 @@ class Hands:
 
 
 @pytest.mark.slow
-def test_the_makers_sdk_and_rustypot_read_what_was_written(tmp_path: Path) -> None:
+def test_the_feetech_sdk_and_rustypot_read_the_values(tmp_path: Path) -> None:
     rustypot: Any = pytest.importorskip("rustypot")
     box, clock = VirtualBox([sts.STS3215] * 2), MonotonicClock()
     hands = Hands(box)

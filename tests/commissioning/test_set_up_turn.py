@@ -59,7 +59,7 @@ def the_wrong_one_first(task: Task) -> int | None:
     return LIFT if task.joint == "jaw" and not task.problem else None
 
 
-def test_a_wrong_gear_is_named_and_the_set_up_goes_on_with_the_right_one() -> None:
+def test_a_servo_with_a_wrong_gear_is_rejected() -> None:
     table = Table(the_wrong_one_first)
     held: list[tuple[int, ...]] = []
 
@@ -84,11 +84,11 @@ def test_a_wrong_gear_is_named_and_the_set_up_goes_on_with_the_right_one() -> No
     for number, place in enumerate(PLACES):
         table.servo(number).power_cycle()
         assert {r: table.servo(number).memory.get(r) for r in place.wanted()} == place.wanted()
-    assert [("its horn will turn" in task.text) for task in table.asked] == [True, True, True, False]
-    assert not any("not known" in text for text in table.said)
+    assert [("Its horn will turn" in task.text) for task in table.asked] == [True, True, True, False]
+    assert not any("unknown" in text for text in table.said)
 
 
-def test_one_that_was_set_up_without_a_look_at_its_gear_is_told_how_to_become_new() -> None:
+def test_a_set_up_servo_with_a_wrong_gear_can_be_reset() -> None:
     table = Table(the_wrong_one_first)
     table.servo(LIFT).memory.save(sts.servo_id, 3)
 
@@ -103,7 +103,7 @@ def test_one_that_was_set_up_without_a_look_at_its_gear_is_told_how_to_become_ne
     assert "reset it with 'servoloop factory-reset 3' and 'servoloop set-id 3 1'" in table.asked[-1].problem
 
 
-def test_a_horn_that_something_pulls_at_is_said_and_set_up_all_the_same() -> None:
+def test_a_loaded_horn_is_reported_and_the_servo_is_set_up() -> None:
     table = Table()
     table.box.line.rig.plant.load_nm[JAW] = 0.3
     audit = table.set_up().run()
@@ -113,7 +113,7 @@ def test_a_horn_that_something_pulls_at_is_said_and_set_up_all_the_same() -> Non
     assert table.box.ids() == [2, 3]
 
 
-def test_without_turning_no_torque_is_switched_and_the_end_says_that_gears_were_not_looked_at() -> None:
+def test_without_the_gear_test_torque_stays_off_and_unknown_gears_are_reported() -> None:
     table = Table(the_wrong_one_first)
     table.instead = lambda task: None
     audit = table.set_up(turn=False).run()
@@ -123,7 +123,7 @@ def test_without_turning_no_torque_is_switched_and_the_end_says_that_gears_were_
     assert [table.servo(number).memory.get(sts.goal_position) for number in (LIFT, JAW)] == [0, 0], "never had a goal"
 
 
-def test_a_signal_while_a_horn_turns_is_an_interruption_and_the_servo_is_limp() -> None:
+def test_a_signal_during_the_gear_test_releases_the_servo() -> None:
     table = Table()
 
     def stopped() -> bool:

@@ -13,7 +13,7 @@ ENTERED = 60
 """More packets than it takes."""
 
 
-def test_an_interrupt_at_any_packet_of_its_beginning_leaves_it_limp() -> None:
+def test_an_interrupt_during_activation_releases_the_arm() -> None:
     for at in range(1, ENTERED):
         loose = Loose(sts.STS3215)
         loose.port.before_write = Cut(at, interrupt)

@@ -48,7 +48,7 @@ def functions(path: str) -> frozenset[str]:
     return frozenset(node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
 
 
-def test_the_thirty_nine_are_all_there_and_enough_of_them_are_provoked() -> None:
+def test_all_thirty_nine_problems_are_listed() -> None:
     assert [row.number for row in ROWS] == list(range(1, 40))
     assert sum(bool(row.tests) for row in ROWS) >= PROVOKED
 
@@ -67,7 +67,7 @@ def test_a_row_names_tests_that_exist(row: Row) -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))
-def test_a_row_names_findings_that_there_are_and_its_ailments_make_them(row: Row) -> None:
+def test_a_row_names_findings_that_its_tests_produce(row: Row) -> None:
     others = {*ScanKind.__args__, "permission", "reboot", "activate"}  # type: ignore[attr-defined]
     assert row.ids <= KINDS.keys() | others, row.ids - KINDS.keys()
     for test in row.tests:
@@ -75,7 +75,7 @@ def test_a_row_names_findings_that_there_are_and_its_ailments_make_them(row: Row
             assert AILMENTS[test][1] in row.ids, (test, AILMENTS[test][1])
 
 
-def test_no_ailment_of_the_doctor_lacks_a_test() -> None:
+def test_every_simulated_problem_has_a_test() -> None:
     """A kind of finding that nothing provokes may never come out at all."""
     provoked = {case[1] for case in FIRST}
     sources = "".join(

@@ -15,7 +15,7 @@ from tests.commissioning.test_tune_verb import VIRTUAL
 @pytest.mark.slow
 @pytest.mark.runs(*VIRTUAL[:2])
 @pytest.mark.timeout(180)
-def test_a_tuning_that_is_ended_in_mid_motion_leaves_the_arm_held(tmp_path: Path) -> None:
+def test_stopping_a_tuning_in_motion_leaves_the_arm_held(tmp_path: Path) -> None:
     """A virtual arm: its robot file has ``on_exit: hold`` for it."""
     emulate, tune = (line.split() for line in VIRTUAL[:2])
     python = [sys.executable, "-m"]

@@ -72,7 +72,7 @@ def test_the_first_command_asks_measures_and_writes_nothing(
 
 @pytest.mark.slow
 @pytest.mark.runs(REAL[1])
-def test_gains_are_written_and_both_measurements_stand_side_by_side(
+def test_written_gains_are_shown_with_both_measurements(
     arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert typed(monkeypatch, REAL[1], answer="y\n") == 0
@@ -90,7 +90,7 @@ def test_gains_are_written_and_both_measurements_stand_side_by_side(
 @pytest.mark.slow
 @pytest.mark.runs(REAL[2], VIRTUAL[2])
 @pytest.mark.parametrize("command", [f"{REAL[2]} --json", VIRTUAL[2]], ids=["real", "virtual"])
-def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
+def test_json_output_and_applying_a_proposal(
     command: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last of the commands; a wide dead zone is something to propose whatever the joint carries."""
@@ -107,7 +107,7 @@ def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("json_", [True, False])
-def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_written(
+def test_a_failed_plot_does_not_hide_the_figures(
     json_: bool, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def no_room(fd: int) -> None:
@@ -139,7 +139,7 @@ def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_wri
         ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: name a file"),
     ],
 )
-def test_what_cannot_be_done_is_said_before_anything_moves(
+def test_mistakes_are_reported_before_any_motion(
     words: str, says: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(monkeypatch, *shlex.split(words)) == 1
