@@ -1,4 +1,4 @@
-"""ID, rate, factory reset and reboot on virtual servos: nobody is lost, nobody gets a twin."""
+"""ID, baud rate, factory reset and reboot on virtual servos never lose a servo or duplicate an ID."""
 
 from typing import Any
 

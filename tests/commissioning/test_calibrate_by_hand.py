@@ -1,4 +1,4 @@
-"""Calibration by hand of arms that nobody aligned: zeros and directions are found, wherever the seam lies."""
+"""Calibration by hand finds zeros and directions of randomly mounted servos, wherever the seam lies."""
 
 from typing import Any, cast
 
@@ -26,7 +26,7 @@ FIRST = (
     (0, "koch", 1.0),
 )
 SEEDS = range(CYCLES // 1000) if CYCLES > 1000 else ()
-"""In make soak ten for every arm, with and without backlash (degrees)."""
+"""Seeds and backlash (degrees) of the arms; ``make soak`` runs ten per arm."""
 HELD_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, CYCLES // 100))]
 FURTHER = [(seed, arm.name, gap) for arm in arms() for gap in (0.0, 1.0) for seed in SEEDS]
 

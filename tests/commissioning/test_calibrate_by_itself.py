@@ -1,4 +1,4 @@
-"""Arms that calibrate themselves: stops are found by standing still, softly and slowly, wherever the seam lies."""
+"""Automatic calibration finds the stops gently and slowly, wherever the seam lies."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,10 +20,10 @@ from tests.drivers.fault_lines import CYCLES
 
 ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.02, 0.025
 FIRST = (0, 1.0), (15, 0.0)
-"""Seed and backlash (degrees); the hand of arm 15 begins 30 counts beside its encoder's seam."""
+"""Seed and backlash (degrees). The hand of arm 15 begins 30 counts from its encoder seam."""
 SEEDS = range(CYCLES // 1000)
 FURTHER = [(seed, gap) for seed in SEEDS[1:] for gap in (0.0, 1.0) if (seed, gap) not in FIRST]
-"""In make soak ten arms in all, with and without backlash."""
+"""Arms for ``make soak``: ten in total, with and without backlash."""
 
 
 @pytest.mark.parametrize(
@@ -138,11 +138,11 @@ def test_unsupported_servos_are_named_before_any_motion() -> None:
 
 
 FOLDED = {"so101": (0.0, -1.7, 1.65, 0.9, 0.0, -0.1), "so100": (0.0, -1.55, 1.35, 1.25, 0.7, -0.1)}
-"""Where the joints are at the beginning; the wrist of an SO-100 turns freely, and is brought into its pose by hand."""
+"""Joint positions at the start. The wrist of an SO-100 turns freely and is moved to its pose by hand."""
 
 
 def laid_down(arm: UnalignedArm) -> FloatArray:
-    """Where the joints of an arm are that has been let go."""
+    """Return the joint positions after the torque was released."""
     arm.hand.release()
     arm.clock.sleep_until(2.0)
     arm.line.advance(arm.clock.now())
@@ -151,7 +151,7 @@ def laid_down(arm: UnalignedArm) -> FloatArray:
 
 @dataclass
 class Mistaken(Onlooker):
-    """Somebody who answers the opposite of what can be seen, so often for each joint."""
+    """A person who gives wrong answers a given number of times per joint."""
 
     mistakes: int = 1
 

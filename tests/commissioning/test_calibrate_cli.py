@@ -1,4 +1,4 @@
-"""``servoloop calibrate`` as it is typed, interrupted; tests/ros/test_getting_started.py has it to its end."""
+"""Interrupted runs of ``servoloop calibrate``; tests/ros/test_getting_started.py has complete runs."""
 
 import errno
 import shlex
@@ -31,7 +31,7 @@ SEED = 7
 
 @pytest.fixture(params=["so101", "so101_leader"])
 def arm(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    """A copy of the arm beside the one that it is like."""
+    """A copy of an arm folder beside the folder that it refers to."""
     for name in {"so101", request.param}:
         shutil.copytree(ARMS / name, tmp_path / name)
     return Path(tmp_path / request.param)
@@ -39,7 +39,7 @@ def arm(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
 
 @pytest.fixture
 def bus(arm: Path) -> Iterator[Path]:
-    """An arm to practise with, in somebody's hands."""
+    """A virtual arm that is held by a hand."""
     link = arm.parent / "bus"
     command = [sys.executable, "-m", "servoloop", "emulate", str(link), "--arm", str(arm), "--practice", str(SEED)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -64,7 +64,7 @@ def test_an_interrupted_calibration_stores_nothing(arm: Path, bus: Path) -> None
 
 
 def servos(bus: Path, robot: Path) -> list[tuple[int, int, int]]:
-    """Of each servo its torque switch, and its own limits."""
+    """Return torque enable and position limits of each servo."""
     clock = MonotonicClock()
     with closing(servo_bus(load_robot_file(robot), SerialPort(str(bus), 1_000_000, clock), clock)) as line:
         registers = (sts.torque_enable, sts.min_position, sts.max_position)

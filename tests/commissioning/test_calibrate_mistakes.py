@@ -1,4 +1,4 @@
-"""Mistakes of hands during a calibration: each is noticed before anything is stored, and what was seen is named."""
+"""Every mistake of the user during calibration is reported before anything is stored."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,16 +21,16 @@ SEED = 3
 
 @dataclass
 class Clumsy(Person):
-    """Somebody who makes mistakes with some joints, always or the first time only."""
+    """A person who makes mistakes with some joints."""
 
     share: Mapping[str, float] = field(default_factory=dict)
-    """Share of the travel through which a joint is swept, from its lower stop on."""
+    """Share of the travel through which a joint is swept, from its lower stop."""
     wrong_ways: dict[str, int] = field(default_factory=dict)
-    """Number of times that a joint's direction is shown the wrong way round."""
+    """Number of times that a joint is moved in the wrong direction."""
     wrong_poses: dict[str, list[float]] = field(default_factory=dict)
-    """How far a joint is held from its marked pose, one time after the other."""
+    """Distances from the marked pose, one for each time that it is shown."""
     instead: Mapping[str, str] = field(default_factory=dict)
-    """The joint that is moved in the place of another one."""
+    """Joint that is moved instead of another one."""
     tasks: list[Task] = field(default_factory=list)
 
     def until_done(self, task: Task, look: object) -> None:
@@ -57,7 +57,7 @@ class Clumsy(Person):
 
 
 def calibrated(arm: HeldArm, hands: Clumsy, *names: str) -> tuple[dict[str, Joint], Mapping[str, JointCalibration]]:
-    """Calibrate these joints, each held still by the others' hands."""
+    """Calibrate these joints and return them with their calibrations."""
     joints = [joint for joint in arm.joints if joint.name in names]
     found = ByHand(cast(Any, arm.bus), joints, hands.plans, hands).run()
     return {joint.name: joint for joint in joints}, found

@@ -1,4 +1,4 @@
-"""The whole calibration, as the command line and scripts call it."""
+"""The complete calibration, as called by the command line and scripts."""
 
 import re
 from collections.abc import Callable
@@ -38,7 +38,7 @@ SEED = 5
 
 @dataclass
 class Owner(Person):
-    """A person who also decides."""
+    """A person who also answers questions."""
 
     no: tuple[str, ...] = ()
     asked: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Storing and verifying a calibration: file before servos, offsets behind their lock, and a slow move."""
+"""A calibration is stored in the file, then in the servos, and verified with a slow motion."""
 
 import errno
 import shutil
@@ -20,7 +20,7 @@ from servoloop.stack.robot_files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
 
 TURNED_SEED = 3
-"""An arm that has the seam of some of its servos within their travel."""
+"""Seed of an arm with some encoder seams within the travel."""
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The script of docs/calibration-scripts.md, run on a virtual arm."""
+"""The script in docs/calibration-scripts.md runs on a virtual arm."""
 
 import shutil
 from collections.abc import Callable, Sequence

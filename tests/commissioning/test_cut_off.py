@@ -1,4 +1,4 @@
-"""A tool that is cut off at any packet leaves the EEPROM locked, the port at its rate and the servo findable."""
+"""A tool that is interrupted at any packet locks the EEPROM and restores the port's baud rate."""
 
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +30,7 @@ every_tool = pytest.mark.parametrize("tool", TOOLS)
 
 
 class CutPort(VirtualPort):
-    """Something happens before the packet number ``at`` is sent, or with ``behind`` when its answer has come."""
+    """A port that fails before packet number ``at``, or with ``behind`` after the reply to it."""
 
     happens: Callable[[], None] = staticmethod(lambda: None)
     at, behind, sent = 0, False, 0
@@ -52,7 +52,7 @@ class CutPort(VirtualPort):
 
 
 def run_cut(tool: str, at: int, what: Callable[[CutPort], None], behind: bool = False) -> tuple[ToolLine, CutPort]:
-    """The line and its port afterwards."""
+    """Run a tool, and return the bus and its port afterwards."""
     line = ToolLine(dict.fromkeys((1, 3), sts.STS3215))
     port = CutPort(line.servos, line.clock)
     try:
@@ -65,7 +65,7 @@ def run_cut(tool: str, at: int, what: Callable[[CutPort], None], behind: bool = 
 
 
 def packets(tool: str) -> range:
-    """The numbers of all packets that the tool sends."""
+    """Return the numbers of all packets that the tool sends."""
     _, port = run_cut(tool, 0, interrupt)
     assert port.sent > 5
     return range(1, port.sent + 1)

@@ -1,4 +1,4 @@
-"""The doctor recognises what ails an arm: each ailment is provoked on the virtual bus, and must come out first."""
+"""Each simulated problem must be the first finding of the doctor."""
 
 from collections.abc import Callable
 

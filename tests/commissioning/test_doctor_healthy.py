@@ -1,4 +1,4 @@
-"""A healthy arm gets no complaint: fifty arms of differing parts, limp and under torque, with and without backlash."""
+"""Healthy arms with different tolerances and backlash have no findings, with torque on and off."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.commissioning.patient import Patient
 from tests.drivers.fault_lines import CYCLES
 
 SEEDS = range(50 if CYCLES > 1000 else 10)
-"""Fifty in make soak."""
+"""Seeds of the arms; ``make soak`` runs fifty."""
 FIFTY = ("robot_arm", "so101")
 OTHERS = [arm.name for arm in arms() if arm.name not in FIFTY]
 

@@ -1,4 +1,4 @@
-"""Judgements over snapshots that no virtual servo lasts long enough for, or has at all."""
+"""Findings from snapshots that virtual servos cannot produce."""
 
 from dataclasses import replace
 

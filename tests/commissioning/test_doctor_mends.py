@@ -1,4 +1,4 @@
-"""The command that the doctor names mends what it found: afterwards it finds that no more."""
+"""The command that the doctor recommends removes the finding."""
 
 import shlex
 from collections.abc import Callable
@@ -28,7 +28,7 @@ MENDED: list[tuple[Callable[[Patient], None], str]] = [
 
 
 def run(patient: Patient, command: str) -> None:
-    """What the verb does, on simulated time."""
+    """Apply the effect of a command in simulated time."""
     verb, *words = shlex.split(command)[1:]
     of_id: dict[str, Callable[..., Any]] = {"set-id": set_id, "set-baud": set_baud, "reboot": reboot}
     if verb in of_id:

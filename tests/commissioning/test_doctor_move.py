@@ -1,5 +1,4 @@
-"""What the doctor learns by moving joints a little: gears, gravity hold, shaking, the supply; and how it leaves "
-"the arm."""
+"""The motion test of the doctor finds gears, sag, oscillation and weak supplies, and releases the arm."""
 
 from collections.abc import Callable
 from typing import Any
@@ -46,7 +45,7 @@ def test_healthy_arms_have_no_motion_findings_and_are_released(arm: str) -> None
     ("gear", "servo_id", "seed"), [("1:191", 5, None), ("1:191", 7, 1), ("1:147", 5, 1), ("1:147", 7, None)]
 )
 def test_a_wrong_gear_in_a_joint_is_found(gear: str, servo_id: int, seed: int | None) -> None:
-    """In the wrist and the hand: where a joint swings the whole arm, that decides what drive it needs."""
+    """Gears can be identified only in the wrist and the hand. Other joints move too much of the arm."""
     patient = Patient(build=Build(seed=seed))
     states = patient.line.servo(servo_id).firmware._states
     for constant in ("torque_constant_nm_a", "back_emf_v_s"):
@@ -63,7 +62,7 @@ def test_a_joint_that_sags_too_much_is_found() -> None:
 
 
 def test_a_joint_that_shakes_is_found() -> None:
-    """One that gravity does not hold at one end of its backlash."""
+    """The joint must not be held at one end of its backlash by gravity."""
     patient = Patient(build=Build(backlash_deg=3.0))
     patient.put(PAN, sts.position_p, 254)
     patient.put(PAN, sts.position_d, 0)

@@ -1,4 +1,4 @@
-"""What keeps the doctor from the port is said with the command that mends it, on small machines of a test's own."""
+"""Port problems on simulated machines are reported with the command that fixes them."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ ACM, USB = "/dev/ttyACM0", "/dev/ttyUSB0"
 
 
 def patient_on(small: SmallMachine, device: str = ACM, **options: object) -> Patient:
-    """A patient whose port is this machine's, and who is asked for at ``device``."""
+    """Return a patient on this machine whose port is ``device``."""
     patient = Patient(machine=small.machine, **options)  # type: ignore[arg-type]
     patient.device = device
     return patient

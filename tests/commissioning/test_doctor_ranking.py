@@ -1,4 +1,4 @@
-"""The ranking of findings: the root comes first, hides what it explains, and nothing else is lost."""
+"""Findings are ranked by their most likely cause, which hides only its consequences."""
 
 from dataclasses import replace
 
@@ -92,7 +92,7 @@ def test_any_snapshot_is_judged_without_an_exception(snapshot: Snapshot) -> None
 
 @pytest.mark.parametrize("count", range(1, len(JOINTS)))
 def test_silent_servos_are_named_or_explained_by_one_cause(count: int) -> None:
-    """Whoever is silent is not forgotten: by its own finding, or in the words of the one that explains it."""
+    """Every silent servo is named by its own finding or by the finding that explains it."""
     servos = tuple(
         ServoSnapshot(joint, "silent" if at < count else "well", {}, () if at < count else (STATE,))
         for at, joint in enumerate(JOINTS)

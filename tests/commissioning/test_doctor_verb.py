@@ -1,4 +1,4 @@
-"""``servoloop doctor`` as users type it, on a pseudo-terminal; and whether the commands that it names can be typed."""
+"""``servoloop doctor`` on a pseudo-terminal, and the commands that it recommends."""
 
 import errno
 import json
@@ -69,7 +69,7 @@ def test_a_report_that_cannot_be_written_hides_no_findings(
 def test_a_command_of_the_page_reports_a_healthy_arm(
     command: str, link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``--move`` is told not to; test_doctor_move.py moves an arm."""
+    """``--move`` is declined here; test_doctor_move.py moves an arm."""
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     monkeypatch.chdir(tmp_path)
     robot = read_arm_files(find_arm("so101" if "so101" in command else "robot_arm")).robot
@@ -127,7 +127,7 @@ def verbs() -> dict[str, Any]:
 
 @pytest.mark.parametrize("spoil", [case[0] for case in FIRST], ids=[case[0].__name__ for case in FIRST])
 def test_every_recommended_command_is_valid(spoil: Any) -> None:
-    """All that begin with servoloop are taken by the command line, NEW being a number."""
+    """The command line accepts every recommended command, with NEW replaced by a number."""
     patient = Patient()
     spoil(patient)
     for one in patient.examine().findings:
@@ -140,7 +140,7 @@ def test_every_recommended_command_is_valid(spoil: Any) -> None:
 
 
 def test_recommended_settings_are_valid_yaml() -> None:
-    """What is to be pasted into the robot file can be read there."""
+    """Settings recommended for the robot file can be parsed."""
     patient = Patient()
     patient.put(3, sts.position_p, 16)
     cause = patient.findings()["gains_differ"].cause

@@ -1,4 +1,4 @@
-"""A loose servo's turn: which gear it tells, how far and how fast the horn goes, and how it is left."""
+"""The gear test of a loose servo identifies gears with small slow motions and releases the torque."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,12 +18,12 @@ from tests.commissioning.loose import Cut, Loose, Plant, interrupt
 
 GEARS = (sts.STS3215_C001, sts.STS3215_C044, sts.STS3215_C046)
 STARTS = {None: 2048, 0: 3, 1: 4090}
-"""Where the horn stands, by seed: in the middle, and on both sides of the encoder's seam."""
+"""Position of the horn, by seed: in the middle, and on both sides of the encoder seam."""
 LEFT_AS_IT_WAS = (0, 1000)
 
 
 def in_place_of(model: ServoModel, motion: JointMotion | None) -> GearLook:
-    """What is said of the motion in a place that has this model; their rated voltages are the same."""
+    """Judge the motion for a joint that needs another model with the same rated voltage."""
     assert motion is not None
     return judge_gear(replace(motion, joint=replace(motion.joint, model=model)))
 

@@ -1,4 +1,4 @@
-"""LeRobot's calibration JSON goes through import and export without loss, and its zero does not become the URDF's."""
+"""LeRobot's calibration file is imported and exported without loss, but its zero is not used for the URDF."""
 
 import json
 from math import tau
@@ -174,7 +174,7 @@ def test_import_then_export_gives_the_same_or_is_refused(
 
 @given(st.integers(-2047, 2047), st.integers(-400, 200), st.integers(-200, 200), st.sampled_from((1, -1)))
 def test_every_homing_offset_of_an_arm_that_works_is_imported(offset: int, low: int, high: int, sign: int) -> None:
-    """Whatever the offset, a travel about as long as the URDF's gives a zero in its middle."""
+    """A travel about as long as the URDF's range gives a zero in its middle, with any offset."""
     ends = 2047 - 1252 + low, 2047 + 1252 + high
     entries = {"shoulder_pan": (1, 0 if sign > 0 else 1, offset, *ends)}
     (one,) = from_lerobot(theirs(entries), JOINTS[:1], BUILT, PLANS)
@@ -191,7 +191,7 @@ calibrated = st.builds(
 
 @given(st.lists(calibrated, min_size=6, max_size=6))
 def test_export_then_import_gives_the_same_calibration(values: list[tuple[int, int, int, int, int]]) -> None:
-    """Also where a zero was found by a pose, which LeRobot's file cannot say: nothing new is said, so it stays."""
+    """A zero from a pose, which LeRobot's file cannot contain, is kept if the file is unchanged."""
     calibration = CalibrationFile(
         joints={
             joint.name: CalibratedJoint(
@@ -282,7 +282,7 @@ def test_a_servo_without_a_homing_offset_cannot_be_exported() -> None:
 
 
 def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) -> None:
-    """As LeKiwi's, which has wheels too."""
+    """The file of LeKiwi has such a prefix, and wheels."""
     wheels = {"base_left_wheel": (7, 0, 0, 0, 4095), "base_right_wheel": (9, 0, 0, 0, 4095)}
     text = json.dumps(content({f"arm_{name}": entry for name, entry in PUBLISHED.items()} | wheels))
     with pytest.raises(CalibrationError, match=r"the names of .* joints begin with arm_: .* with --prefix arm_$"):
@@ -295,7 +295,7 @@ def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) 
 
 
 def test_an_unsupported_arm_is_refused_before_the_file_is_read(robot: Path) -> None:
-    """As Koch's, whose offsets are beyond a Feetech servo's register."""
+    """The Koch arm has offsets that do not fit the register of a Feetech servo."""
     joints = [Joint(one.name, one.servo_id, X_MODELS["xl330-m288"], one.limits) for one in JOINTS]
     path = robot.with_name("theirs.json")
     path.write_text(json.dumps(content(PUBLISHED | {"gripper": (6, 0, 2050, 0, 900)})))

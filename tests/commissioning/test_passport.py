@@ -1,4 +1,4 @@
-"""The passport on the virtual line: read whole, compared, written back; with lost packets, power cuts and torque."""
+"""Passports are read, compared and restored on a virtual bus, also with faults and torque on."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +30,7 @@ OWN = {sts.position_p: 16, sts.homing_offset: -1386, sts.protection_current: 250
 
 
 class Port(VirtualPort):
-    """``before_write`` may meddle before each packet."""
+    """A port that calls ``before_write`` before each packet."""
 
     def __init__(self, line: VirtualBus, clock: SimulatedClock) -> None:
         super().__init__(line, clock)
@@ -44,12 +44,12 @@ class Port(VirtualPort):
 
     @property
     def writes(self) -> list[int]:
-        """The addresses of all write instructions."""
+        """Addresses of all write instructions."""
         return [packet[5] for packet in self.packets if packet[4] == 3]
 
 
 class Line:
-    """A few virtual servos with settings of their own, or factory-new ones."""
+    """Virtual servos with their own settings, or factory-new ones."""
 
     def __init__(self, ids: tuple[int, ...] = IDS, model: ServoModel = sts.STS3215, own: bool = True) -> None:
         self.clock = SimulatedClock(10.0)
@@ -183,7 +183,7 @@ def test_a_single_servo_can_be_restored() -> None:
 @pytest.mark.parametrize("others", [(), (1, 2), (1, 2, 8)])
 @pytest.mark.parametrize("new_id", [1, 3, 8, 9])
 def test_a_new_servo_replaces_an_old_one(new_id: int, others: tuple[int, ...]) -> None:
-    """Alone on the line whatever its ID, or among those of the passport with an ID that is none of theirs."""
+    """The new servo may be alone with any ID, or among the others with an unknown ID."""
     taken = passport_of(Line())
     line = Line((*others, new_id), own=False)
     taken_or_unclear = (new_id in (1, 3) and others) or 8 in others
@@ -382,7 +382,7 @@ def test_the_former_file_is_kept(tmp_path: Path) -> None:
 
 
 def test_only_writable_registers_are_in_a_plan() -> None:
-    """Of a servo that differs in everything."""
+    """The servo differs in every register."""
     line = Line()
     taken = passport_of(line).model_dump()
     for name, register in persistent_registers(sts.STS3215).items():

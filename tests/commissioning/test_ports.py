@@ -1,4 +1,4 @@
-"""Each thing that keeps people from their adapter is recognised on a small machine; a healthy one gets no complaint."""
+"""Each problem with adapters is recognized on a simulated machine, and a healthy machine has none."""
 
 import json
 import os
@@ -228,7 +228,7 @@ def test_only_port_requires_exactly_one_adapter(tmp_path: Path) -> None:
 
 
 class Later(SimulatedClock):
-    """A clock at whose times things happen to the machine."""
+    """A clock that changes the machine at given times."""
 
     def __init__(self, happens: dict[float, Callable[[], Any]]) -> None:
         super().__init__(0.0)

@@ -1,4 +1,4 @@
-"""Registers by name on virtual servos: what is read, what is written and how, and what is refused."""
+"""Reading and writing registers by name on virtual servos, and refused writes."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def write(line: ToolLine, name: str, value: str | int, **options: Any) -> Any:
 
 
 def writes(line: ToolLine) -> int:
-    """How many write instructions were sent, to single servos or groups."""
+    """Number of write instructions sent to single servos or groups."""
     return sum(packet[7 if packet[3] == 0 else 4] in (3, 4, 0x83) for packet in line.sent)
 
 

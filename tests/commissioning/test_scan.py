@@ -1,4 +1,4 @@
-"""A scan finds every servo at every rate, tells what is wrong with each, and changes nothing."""
+"""A scan finds every servo at every baud rate, reports its problems, and changes nothing."""
 
 import random
 from functools import reduce
@@ -31,7 +31,7 @@ READS_AND_PINGS = {1, 2, 0x82, 0x92, 0x8A}
 OFF_THE_FORMULA = {
     model: {115_200, 57_600, 19_200, 9_600} if series_of(model).name.endswith("1.0") else set() for model in ONE_OF_EACH
 }
-"""Virtual servos of protocol 1.0 are at the exact rate, which is up to 2 % from the usual name."""
+"""Exact baud rates of virtual servos of protocol 1.0, up to 2 % off the nominal rates."""
 
 
 def series_baud(model: ServoModel) -> Any:
@@ -294,7 +294,7 @@ def test_an_echoed_ping_is_not_a_reply(packets: Any) -> None:
 
 
 def test_a_voltage_alarm_is_distinguished_from_an_echo() -> None:
-    """Both are FF FF id 02 01 checksum."""
+    """The echo and the reply are both FF FF id 02 01 checksum."""
     line = ToolLine({1: sts.STS3215, 2: sts.STS3215}, EchoingPort)
     line.put(2, sts.max_voltage, 80)
     line.clock.sleep_until(line.clock.now() + 1.0)
@@ -340,7 +340,7 @@ def test_a_lost_port_ends_the_scan() -> None:
 
 
 class AllAtOncePort(VirtualPort):
-    """To a ping of protocol 1.0 that calls everybody all servos answer at the same moment."""
+    """A port on which all servos answer a broadcast ping of protocol 1.0 at the same time."""
 
     def write(self, data: bytes) -> None:
         before = len(self._coming)

@@ -1,4 +1,4 @@
-"""Set-up from a box of factory-new servos: six of ID 1 become an arm's, whatever is connected wrongly meanwhile."""
+"""Six new servos with ID 1 are set up as an arm, in spite of wrong connections."""
 
 import re
 from collections.abc import Callable
@@ -19,7 +19,7 @@ WRITE = 0x03
 
 
 def assert_set_up(bench: Bench) -> None:
-    """Every servo is what its place wants, in flash, and locked."""
+    """Check that every servo has its values in flash and is locked."""
     assert bench.box.ids() == [1, 2, 3, 4, 5, 6]
     assert bench.locked()
     for number, place in enumerate(places()):
@@ -102,7 +102,7 @@ def test_an_interrupted_set_up_continues_where_it_stopped(after: int) -> None:
 
 
 def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
-    """Connect these instead when the joint is asked for the first time."""
+    """Connect other servos when the joint is requested the first time."""
     return lambda task: numbers if task.joint == joint and not task.problem else None
 
 
@@ -201,7 +201,7 @@ def test_a_wrong_supply_ends_the_set_up_without_writes(model: ServoModel, supply
 
 
 def test_a_servo_with_lower_voltage_limits_is_refused() -> None:
-    """Their model numbers are the same; what it allows is not."""
+    """Both have the same model number, but different voltage limits."""
     bench = Bench(model=sts.STS3215_C001, supply_v=12.0)
     with pytest.raises(SetUpError, match=r"measures 12.0 V, but its own limits are 4.0 to 8.0 V"):
         SetUp(bench.bus, bench.clock, places(sts.STS3215), Hands(bench)).run()
@@ -248,7 +248,7 @@ def test_a_lossy_bus_only_takes_longer(seed: int) -> None:
 
 
 class Cut:
-    """Does something in the n-th write instruction of a run."""
+    """Call a function in the n-th write instruction of a run."""
 
     def __init__(self, at: int, what: Callable[[], None]) -> None:
         self.left, self.what = at, what

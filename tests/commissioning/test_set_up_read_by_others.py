@@ -1,4 +1,4 @@
-"""What set-up wrote is read by the servo maker's SDK and by rustypot, over a serial device, with their own calls."""
+"""The Feetech SDK and rustypot read the values written by the set-up over a serial device."""
 
 import importlib
 import queue
@@ -25,7 +25,7 @@ PLACES = [
 
 
 class Hands:
-    """Connects what is asked for, in the thread that serves the line."""
+    """Hands that connect the requested servo in the thread that serves the bus."""
 
     def __init__(self, box: VirtualBox) -> None:
         self.box = box

@@ -1,4 +1,4 @@
-"""Set-up that has loose servos turn: a servo of the wrong gear is named before it becomes a joint's."""
+"""The set-up with gear tests rejects servos with a wrong gear."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ NAMES = [place.joint for place in PLACES]
 
 @dataclass
 class Table:
-    """Two loose servos of a leader, and hands that connect the one that is asked for, or what ``instead`` says."""
+    """Two loose servos of a leader, and hands that connect the requested one or what ``instead`` returns."""
 
     instead: Callable[[Task], int | None] = lambda task: None
     asked: list[Task] = field(default_factory=list)

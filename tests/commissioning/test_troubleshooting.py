@@ -1,4 +1,4 @@
-"""docs/troubleshooting.md: every row names findings that there are and tests that exist; its script runs."""
+"""Every row of docs/troubleshooting.md names existing findings and tests, and its script runs."""
 
 import ast
 import re
@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
     @property
     def ids(self) -> set[str]:
-        """The findings' ids that it names."""
+        """Ids of the findings that the row names."""
         return set(re.findall(r"`([a-z_]+)`", self.says))
 
 
@@ -76,7 +76,7 @@ def test_a_row_names_findings_that_its_tests_produce(row: Row) -> None:
 
 
 def test_every_simulated_problem_has_a_test() -> None:
-    """A kind of finding that nothing provokes may never come out at all."""
+    """A kind of finding without a test may never be reported."""
     provoked = {case[1] for case in FIRST}
     sources = "".join(
         (HOME / "tests/commissioning" / f"test_doctor_{one}.py").read_text() for one in ("ports", "move", "judge")

@@ -1,4 +1,4 @@
-"""How ``tune`` leaves the arm, whatever ends it: its own end, somebody, a servo or a port that is lost, an obstacle."""
+"""``tune`` leaves the arm as configured after success, a stop, a lost servo or port, or an obstacle."""
 
 from collections.abc import Sequence
 
@@ -14,10 +14,10 @@ from drivers.servos import sts, x
 from hal.joint import Joint
 from servoloop.stack.hardware import servo_bus
 from tests.commissioning.patient import Patient
-from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
+from tests.commissioning.tuned import HELD, PARK, RELEASED, TuneBench
 
 
-@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
+@pytest.mark.parametrize("ending", [RELEASED, HELD], ids=["released", "held"])
 def test_the_arm_is_left_as_the_robot_file_requires(ending: Ending) -> None:
     bench = TuneBench()
     report = tune(bench.tuner(ending=ending))
@@ -60,7 +60,7 @@ def test_stopping_before_the_write_writes_nothing() -> None:
     assert bench.saved == before
 
 
-@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
+@pytest.mark.parametrize("ending", [RELEASED, HELD], ids=["released", "held"])
 def test_a_failed_servo_is_named_and_the_others_end_as_configured(ending: Ending) -> None:
     bench = TuneBench()
     end_s = bench.clock.now() + 5.0

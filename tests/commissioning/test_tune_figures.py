@@ -1,4 +1,4 @@
-"""The figures of a tuning, from curves whose figures are known; the plan of its motions; the words for gains."""
+"""The figures of known curves, the plan of the motions, and the parsing of gains."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,7 @@ def times(seconds: float) -> FloatArray:
 
 
 def step(over: float, off: float, decay_s: float = 0.05, swing: float = 0.0, way: float = 0.15) -> Trace:
-    """A ramp of 0.2 s, then the joint rests ``off`` its command, after an overshoot that dies away."""
+    """Return a ramp of 0.2 s with a decaying overshoot and an error ``off`` at rest."""
     time_s = times(1.7)
     command = np.clip(way * time_s / 0.2, min(way, 0.0), max(way, 0.0))
     since = np.maximum(time_s - 0.2, 0.0)

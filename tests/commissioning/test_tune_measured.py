@@ -1,5 +1,4 @@
-"""``tune`` on virtual servos: gains have the effects that are known of them, the laws foresee those, and the arm is
-left as it is to be left, whatever ends the measurement."""
+"""``tune`` on virtual servos: gains have their known effects, and the predictions match the measurements."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -47,7 +46,7 @@ def undamped() -> Measurement:
 
 
 def test_half_the_p_sags_twice_as_far(factory: Measurement, soft: Measurement) -> None:
-    """Behind the dead zone of one count, and the offset of 16 u, which both have."""
+    """The dead zone of one count and the minimum drive of 16 units are the same in both."""
     assert factory.gains["P"] == 32 and soft.gains["P"] == 16
     assert soft.figures.sag / factory.figures.sag == pytest.approx(2.0, abs=0.15)
     assert factory.figures.sag > 15 * COUNT
@@ -65,7 +64,7 @@ def test_half_the_p_increases_the_delay(factory: Measurement, soft: Measurement)
 
 
 def test_predictions_match_measurements(factory: Measurement, soft: Measurement) -> None:
-    """From either to the other."""
+    """Each measurement predicts the other."""
     for before, after in ((factory, soft), (soft, factory)):
         bench = TuneBench({sts.position_p: before.gains["P"]})
         law = Law(bench.tuner().joint, before.plan, before.figures)
@@ -113,7 +112,7 @@ def test_a_prismatic_joint_is_measured_too() -> None:
 
 
 def test_only_goals_are_written_by_default() -> None:
-    """Not even what the robot file names, and the servo has otherwise."""
+    """Not even settings that differ from the robot file are written."""
     bench = TuneBench({sts.position_p: 16}, joints=(replace(JOINTS[0], settings=(("position_p", 32),)), *JOINTS[1:]))
     before = bench.saved
     report = tune(bench.tuner())

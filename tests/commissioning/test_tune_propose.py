@@ -1,4 +1,4 @@
-"""What is proposed for which figures, and what the laws say of other gains: tables and properties, nothing moves."""
+"""Proposals for given figures, and predictions for other gains, without motion."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -36,7 +36,7 @@ PLAN = plan_for(JOINTS[0], 0.0)
 
 
 def held(changes: Mapping[str, int]) -> Joint:
-    """The joint as ``as_held`` makes it."""
+    """Return the joint with these settings, as from ``as_held``."""
     return with_gains(JOINTS[0], {**FACTORY, **changes})
 
 
@@ -111,7 +111,7 @@ def test_error_at_rest_and_delay_are_predicted_for_a_dynamixel() -> None:
 def test_predictions_are_consistent_and_more_p_means_less_sag(
     position_p: int, sag_counts: float, delay_s: float
 ) -> None:
-    """With I, of which no overshoot is computed: that takes its time."""
+    """I is set, because it disables the slow computation of the overshoot."""
     sag = sag_counts * COUNT
     law = Law(held({"P": position_p, "I": 1}), PLAN, replace(WELL, sag=sag, rest_error=abs(sag), delay_s=delay_s))
     same, stiffer = law.predict({}), law.predict({"P": position_p + 1})

@@ -1,4 +1,4 @@
-"""``servoloop tune`` as users type it, on an arm on simulated time: the commands and the figures of docs/tune.md."""
+"""The commands and figures of docs/tune.md on an arm in simulated time."""
 
 import errno
 import json
@@ -27,12 +27,12 @@ PAGE = "tune.md"
 TEXT = " ".join((DOCS / PAGE).read_text().split())
 REAL, VIRTUAL, _ = (block.commands for block in blocks(PAGE) if block.language == "sh")
 LIFT = 2
-"""The servo of shoulder_lift."""
+"""ID of the servo of shoulder_lift."""
 
 
 @pytest.fixture
 def arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Patient:
-    """An SO-101 on simulated time behind every port; the working folder is a new one."""
+    """An SO-101 in simulated time at every port, in a new working folder."""
     patient = Patient("so101")
 
     def opened(file: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, Bus]:
@@ -93,7 +93,7 @@ def test_written_gains_are_shown_with_both_measurements(
 def test_json_output_and_applying_a_proposal(
     command: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The last of the commands; a wide dead zone is something to propose whatever the joint carries."""
+    """Run the last command of the page; a wide dead zone always gives a proposal."""
     arm.put(LIFT, sts.cw_dead_zone, 6)
     assert typed(monkeypatch, command, answer="y\n") == 0
     told = json.loads(capsys.readouterr().out)

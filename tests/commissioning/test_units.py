@@ -1,4 +1,4 @@
-"""Units agree with what the tables' own comments say, and what is printed can be written."""
+"""Units match the comments in the control tables, and printed values can be parsed."""
 
 import re
 from pathlib import Path
@@ -46,7 +46,7 @@ COMMENTS = {
     "XL330, XC330": None,
     "MX-28": Unit("rev/min²", 214.577),
 }
-"""What the comments say in front of any further words."""
+"""Units at the beginning of the comments."""
 _LINE = re.compile(r'^\w+ = Register\("(\w+)".*\)(?:  # (.*))?$', re.MULTILINE)
 TABLES = {sts: "sts", scs: "scs", x: "Dynamixel X", xl320: "Dynamixel XL-320", ax_mx: "Dynamixel protocol 1.0"}
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)

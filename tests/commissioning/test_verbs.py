@@ -1,4 +1,4 @@
-"""The verbs on a pseudo-terminal, as users type them, by the machine's clock; and every command of docs/tools.md."""
+"""The commands of docs/tools.md on a pseudo-terminal in real time."""
 
 import json
 import os
@@ -37,7 +37,7 @@ WHOLE_ARM = (
     "servoloop passport restore arm.passport.yaml --id 6 --to-new --port /dev/ttyACM0",
     "servoloop calibration import my_arm.json --arm so101",
 )
-"""Commands of the page that are for the servos of one arm, not for any."""
+"""Commands of the page that need the servos of a certain arm."""
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_the_commands_of_the_page_for_a_whole_arm_work(
 
 
 def as_lerobot_has_it(joint: Joint) -> dict[str, int]:
-    """The entry of a joint that was moved through its whole range."""
+    """Return LeRobot's entry of a joint that was moved through its whole range."""
     half = round(0.5 * (joint.limits.upper - joint.limits.lower) / abs(joint.units_per_count))
     return {
         "id": joint.servo_id,
@@ -115,7 +115,7 @@ def as_lerobot_has_it(joint: Joint) -> dict[str, int]:
 
 
 def hold_settings(bus: ServoLine[Any], joints: Sequence[Joint]) -> None:
-    """The servos have the settings of the robot file."""
+    """Give the servos the settings of the robot file."""
     for joint in joints:
         for name, value in joint.settings:
             bus.servo(joint.servo_id).memory.save(settings_of(joint.model)[name], value)
@@ -218,7 +218,7 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Also where more of them come while it is being closed."""
+    """The EEPROM is locked even if more signals arrive meanwhile."""
     put, close, former = Eeprom._put, Eeprom.close, signal.getsignal(number)
     left = [times - 1]
 
