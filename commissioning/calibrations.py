@@ -7,7 +7,7 @@ from pathlib import Path
 
 from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
+from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings
 from commissioning.calibrate.store import save
 from commissioning.lerobot import lerobot_text, places, read_lerobot, to_lerobot, without_prefix
 from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
@@ -44,7 +44,7 @@ def import_calibration(
         robot: Robot file of the arm.
         joints: Joints of the arm.
         plans: Calibration plan of each joint, by name.
-        prefix: Prefix of this arm's joint names in LeRobot's file. Entries without it are ignored.
+        prefix: Prefix of this arm's joint names in LeRobot's file. Entries without this prefix are ignored.
 
     Raises:
         CalibrationError: The file has mistakes, all of which are listed. Nothing is written.
@@ -100,7 +100,7 @@ def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[Row]:
         made = said and JointCalibration(
             said.sign, said.zero_counts, said.homing_offset, said.lower_counts, said.upper_counts
         )
-        travel, doubt = (made.travel(joint), doubts(joint, made)) if made else (None, "not calibrated yet")
+        travel, doubt = (made.travel(joint), travel_warnings(joint, made)) if made else (None, "not calibrated yet")
         range_ = joint.limits.upper - joint.limits.lower
         rows.append(
             Row(joint.name, joint.servo_id, joint.sign, joint.zero_counts, joint.homing_offset, travel, range_, doubt)

@@ -15,7 +15,7 @@ from commissioning.calibrate.result import (
     SWEPT_SHARE,
     CalibrationError,
     JointCalibration,
-    doubts,
+    travel_warnings,
     unit,
 )
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, can_move_seam
@@ -143,7 +143,7 @@ class _Import:
         zero, source = self._zero(sign)
         theirs = self.theirs
         made = JointCalibration(sign, zero, theirs.homing_offset, theirs.range_min, theirs.range_max)
-        return Imported(self.joint, made, source, self._doubt(made, source))
+        return Imported(self.joint, made, source, self._warning(made, source))
 
     def _zero(self, sign: int) -> tuple[int, Source]:
         if self.former is not None and entry_of(self.former, self.built) == self.theirs:
@@ -165,7 +165,7 @@ class _Import:
         span = self.theirs.range_max - self.theirs.range_min
         return span >= self.joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 
-    def _doubt(self, made: JointCalibration, source: Source) -> str:
+    def _warning(self, made: JointCalibration, source: Source) -> str:
         if source == "lerobot":
             why = (
                 "its travel was not swept"
@@ -178,4 +178,4 @@ class _Import:
             )
         if self._is_whole_turn():
             return ""  # The zero is known, and the file does not contain the travel.
-        return doubts(self.joint, made)
+        return travel_warnings(self.joint, made)

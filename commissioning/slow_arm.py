@@ -145,14 +145,14 @@ class SlowArm:
             if abs(self.measured(index) - before) <= stands:
                 return
 
-    def go_all(self, targets: FloatArray, look: Callable[[], None] = lambda: None) -> None:
+    def go_all(self, targets: FloatArray, after_cycle: Callable[[], None] = lambda: None) -> None:
         """Move all joints smoothly at the same time, at most at ``FASTEST_RAD_S`` of each servo's shaft.
 
         The joints arrive together; the method does not wait until they are at rest. Raises StoppedError.
 
         Args:
             targets: Goals of the joints, shape (n,).
-            look: Called after each cycle.
+            after_cycle: Called after each cycle.
         """
         start = self.command.copy()
         fastest = [min(one.limits.velocity, FASTEST_RAD_S * one.transmission) for one in self.joints]
@@ -160,7 +160,7 @@ class SlowArm:
         cycles = round(seconds / self.period_s) + 1
         for cycle in range(1, cycles + 1):
             self._cycle(start + (targets - start) * 0.5 * (1.0 - cos(pi * cycle / cycles)))
-            look()
+            after_cycle()
 
     def rest(self, seconds: float) -> None:
         """Hold all joints at their current goals. Raises StoppedError."""

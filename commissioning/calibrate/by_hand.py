@@ -21,7 +21,7 @@ from commissioning.calibrate.result import (
     cannot_move_seam,
     fills_the_turn,
     is_mirrored,
-    place_doubt,
+    position_warning,
     pressed_counts,
     turns_freely,
 )
@@ -46,8 +46,8 @@ SEEN_TWICE: Final = 2
 class Guide(Protocol):
     """Interface to the person who moves the arm by hand, or to a simulated hand in a test."""
 
-    def until_done(self, task: "Task", look: Callable[[], None]) -> None:
-        """Return when the task is done. Until then, call ``look`` at least ten times a second."""
+    def until_done(self, task: "Task", update: Callable[[], None]) -> None:
+        """Return when the task is done. Until then, call ``update`` at least ten times a second."""
         ...
 
     def say(self, text: str) -> None:
@@ -92,13 +92,13 @@ class ByHand:
         return {joint.name: self._measured(joint) for joint in self._joints}
 
     def poses(self) -> dict[str, float]:
-        """Have joints that turn freely moved to their marked poses; return the counts there, by joint."""
+        """Ask the user to move freely turning joints to their marked poses; return the counts there, by joint."""
         return {joint.name: self._pose_twice(joint, self._plans[joint.name]) for joint in self._joints}
 
     # The sweep.
 
     def _sweep_all(self) -> None:
-        """Have every joint moved from stop to stop; ask again, by name, for joints that missed a stop."""
+        """Ask the user to move every joint from stop to stop, and ask again for joints that missed a stop."""
         free = [joint.name for joint in self._joints if turns_freely(joint)]
         if free:
             self._guide.say(f"{', '.join(free)}: turns freely and is not swept. You will show its zero with a pose")
@@ -109,7 +109,7 @@ class ByHand:
             if not left:
                 break
             stops.begin()
-            self._have_done("sweep", text, left, stops.look)
+            self._have_done("sweep", text, left, stops.update)
             left = tuple(joint for joint in left if stops.missing(joint))
             names = ", ".join(joint.name for joint in left)
             seen = "; ".join(stops.seen(joint) for joint in left)
@@ -160,7 +160,7 @@ class ByHand:
         if self._plans[joint.name].zero != "pose":
             return made
         for _ in range(REPEATS):
-            doubt = place_doubt(joint, made)
+            doubt = position_warning(joint, made)
             if not doubt:
                 break
             self._guide.say(f"{joint.name}: {doubt}")
@@ -185,13 +185,13 @@ class ByHand:
     # The direction.
 
     def _direction(self, joint: Joint) -> int:
-        """Have the joint moved in its positive direction; return the sign of the change in counts."""
+        """Ask the user to move the joint in its positive direction; return the sign of the change in counts."""
         positive = self._plans[joint.name].positive
         text, others = f"{joint.name}: {positive}", list[str]()
         per_rad = joint.model.counts_per_turn / tau
         for _ in range(TRIES):
             hands = Hands(self._sweep)
-            self._have_done("direction", text, (joint,), hands.look)
+            self._have_done("direction", text, (joint,), hands.update)
             way = last_way(hands.counts(joint), round(TREMBLE_RAD * per_rad))
             if abs(way) >= SHOWN_RAD * per_rad:
                 return 1 if way > 0 else -1
@@ -209,10 +209,10 @@ class ByHand:
     # The pose.
 
     def _pose(self, joint: Joint, plan: JointPlan, before: str = "") -> float:
-        """Have the joint moved to its marked pose; return the counts there."""
+        """Ask the user to move the joint to its marked pose; return the counts there."""
         hands = Hands(self._sweep)
         text = f"{joint.name}: {before}{plan.pose}, and keep it there"
-        self._have_done("pose", text, (joint,), hands.look)
+        self._have_done("pose", text, (joint,), hands.update)
         if other := hands.moved_instead(joint, SHOWN_RAD):
             self._guide.say(f"{joint.name} hardly moved, but servo {other.servo_id} ({other.name}) turned")
         return self._sweep.of(joint).counts
@@ -231,15 +231,15 @@ class ByHand:
         return first + median(apart)
 
     def _have_done(
-        self, kind: str, text: str, joints: Sequence[Joint], after_look: Callable[[], object] = lambda: None
+        self, kind: str, text: str, joints: Sequence[Joint], after_update: Callable[[], object] = lambda: None
     ) -> None:
-        def look() -> None:
-            self._sweep.look()
-            after_look()
+        def update() -> None:
+            self._sweep.update()
+            after_update()
 
-        look()
-        self._guide.until_done(Task(kind, text, tuple(joint.name for joint in joints), self._sweep), look)
-        look()
+        update()
+        self._guide.until_done(Task(kind, text, tuple(joint.name for joint in joints), self._sweep), update)
+        update()
 
 
 def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> None:
@@ -255,7 +255,7 @@ def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> No
 def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration) -> bool:
     """Whether the travel would not match the URDF's limits if the joint's direction was reversed."""
     limits = joint.limits
-    if plan.zero != "pose" or turns_freely(joint) or place_doubt(joint, made):
+    if plan.zero != "pose" or turns_freely(joint) or position_warning(joint, made):
         return False
     from_middle = plan.anchor(limits.lower, limits.upper) - 0.5 * (limits.lower + limits.upper)
     return abs(from_middle) > PLACE_RAD * joint.transmission

@@ -13,7 +13,7 @@ class Hands:
         self._sweep = sweep
         self._counts: dict[str, list[int]] = {joint.name: [] for joint in sweep.joints}
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Add the current counts of every joint whose servo has answered."""
         for name, swept in self._sweep.swept.items():
             self._counts[name].append(swept.counts)

@@ -149,7 +149,7 @@ def cannot_move_seam(joint: Joint) -> str:
     )
 
 
-def doubts(joint: Joint, calibration: JointCalibration) -> str:
+def travel_warnings(joint: Joint, calibration: JointCalibration) -> str:
     """Return sentences about a suspicious length or position of the travel; an empty string if both are plausible."""
     travel, range_ = calibration.travel(joint), joint.limits.upper - joint.limits.lower
     if turns_freely(joint):
@@ -162,7 +162,7 @@ def doubts(joint: Joint, calibration: JointCalibration) -> str:
             f"its travel is {travel:.3f}, but {range_:.3f} in the URDF ({travel / range_ - 1.0:+.1%}). "
             "Was a stop missed, or does a part differ from the URDF?"
         )
-    if place := place_doubt(joint, calibration):
+    if place := position_warning(joint, calibration):
         sentences.append(place)
     return " ".join(sentences)
 
@@ -186,7 +186,7 @@ def pressed_counts(joint: Joint, travel: Travel) -> float:
     return 0.5 * longer / unit(joint) if 0.0 < longer <= PRESSED_RAD * joint.transmission else 0.0
 
 
-def place_doubt(joint: Joint, calibration: JointCalibration) -> str:
+def position_warning(joint: Joint, calibration: JointCalibration) -> str:
     """Return a sentence about a travel that does not match the URDF's limits; an empty string if it matches."""
     if turns_freely(joint) or abs(off := misplaced(joint, calibration)) <= PLACE_RAD * joint.transmission:
         return ""

@@ -9,7 +9,7 @@ from typing import Final, Protocol
 from calibration.eeprom import Change
 from commissioning.calibrate.by_hand import ByHand, Guide, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.seam import joint_counting
 from commissioning.calibrate.store import set_aside, store
 from commissioning.provision import drives
@@ -184,15 +184,15 @@ def calibrate(
 
 
 def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> Difference:
-    doubt, off = doubts(joint, made), uncertainty(joint, made, plan.zero)
+    doubt, off = travel_warnings(joint, made), uncertainty(joint, made, plan.zero)
     return Difference(joint.name, joint.servo_id, joint, made, doubt, off)
 
 
 def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], asker: Asker) -> list[Joint]:
     """Return the joints with implausible calibrations if the user wants to measure them again."""
-    doubtful = [joint for joint in joints if doubts(joint, made[joint.name])]
+    doubtful = [joint for joint in joints if travel_warnings(joint, made[joint.name])]
     for joint in doubtful:
-        asker.say(f"{joint.name}: {doubts(joint, made[joint.name])}")
+        asker.say(f"{joint.name}: {travel_warnings(joint, made[joint.name])}")
     if doubtful and asker.confirm(REPEAT.format(joints=", ".join(joint.name for joint in doubtful))):
         return doubtful
     return []

@@ -38,7 +38,7 @@ class Stops:
         self._before = {name: _Visit(one.lower, one.upper) for name, one in self._sweep.swept.items()}
         self._visits = {}
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Add the current positions of the joints to their ranges in this task."""
         for joint in self._joints:
             swept = self._sweep.swept.get(joint.name)

@@ -53,7 +53,7 @@ class Sweep:
         """Joints whose servos did not answer the last read, with the reason."""
         self._bus = bus
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Read all servos once. A servo that does not answer is added to ``missing``, and its sweep is kept."""
         readings = self._bus.read_states([joint.servo_id for joint in self.joints])
         self.missing = {}
@@ -65,7 +65,7 @@ class Sweep:
         swept = self.swept.get(joint.name)
         if swept is None:
             raise CalibrationError(
-                f"{joint.name}: servo {joint.servo_id} has not answered once ({self.missing.get(joint.name, '')}). "
+                f"{joint.name}: servo {joint.servo_id} has never answered ({self.missing.get(joint.name, '')}). "
                 "Run servoloop doctor to find the cause"
             )
         return swept

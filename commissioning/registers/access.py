@@ -14,14 +14,14 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.tables import register_named, registers_of
 from commissioning.registers.values import RegisterValue, parse, value_of
 from commissioning.scan.find import FoundServo
-from commissioning.scan.identify import surely
+from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
 from drivers.errors import ServoRefused
 from drivers.servos.register import Access, Register
 
 
-def hold_where_it_stands(servo: FoundServo) -> None:
+def enable_torque_in_place(servo: FoundServo) -> None:
     """Set the servo's goal to its measured position, then enable its torque, so that the servo does not move.
 
     Raises CommissioningError if the servo cannot hold this position: in another mode, or outside its own limits.
@@ -38,7 +38,7 @@ def hold_where_it_stands(servo: FoundServo) -> None:
             f"servo {servo_id}: its position {state.position_counts} is outside its limits {limits[0]} to "
             f"{limits[1]}, so it would jump to the nearer limit. Turn it into this range by hand first"
         )
-    surely(partial(bus.write, servo_id, series.goal_position, state.position_counts))
+    retry_often(partial(bus.write, servo_id, series.goal_position, state.position_counts))
     bus.torque_on(servo_id)
     if not servo.holds_torque():
         raise CommissioningError(
@@ -153,7 +153,7 @@ def _switch(servo: FoundServo, raw: int, torque: bool) -> None:
     if not torque:
         raise CommissioningError(f"servo {servo.servo_id}: its torque is switched only if you confirm it (--yes)")
     if raw:
-        hold_where_it_stands(servo)
+        enable_torque_in_place(servo)
     else:
         release(servo)
 
@@ -167,7 +167,7 @@ def _write(servo: FoundServo, register: Register, raw: int) -> None:
             raise CommissioningError(f"servo {servo_id}: {error}") from error
         return
     bus = servo.bus
-    surely(partial(bus.write, servo_id, register, raw))
+    retry_often(partial(bus.write, servo_id, register, raw))
     servo.clock.sleep_until(servo.clock.now() + CORRECTS_S)
     if (held := servo.read(register)) != raw:
         raise CommissioningError(

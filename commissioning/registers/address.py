@@ -13,7 +13,7 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.tables import rates_of, register_named, registers_of
 from commissioning.registers.values import RegisterValue, value_of
 from commissioning.scan.find import FoundServo, answers, locate
-from commissioning.scan.identify import surely
+from commissioning.scan.identify import retry_often
 from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.protocol import v2
 from drivers.servos.dynamixel1 import PROTOCOL_1
@@ -107,7 +107,7 @@ def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[
         servo.port.set_baud(rate)
         memory.bus = servo.bus
         with suppress(ServoError):
-            surely(partial(memory.bus.read, servo.servo_id, register))
+            retry_often(partial(memory.bus.read, servo.servo_id, register))
             return rate
     return None
 

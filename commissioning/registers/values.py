@@ -150,7 +150,7 @@ def value_of(model: ServoModel, register: Register, raw: int | None) -> Register
 
 
 def parse(model: ServoModel, register: Register, text: str) -> int:
-    """Return the raw value of a text: a whole number is raw, a quantity such as ``12.1V`` has a unit.
+    """Convert a text to a raw register value. The text is a whole number or a quantity with its unit, such as 12.1V.
 
     Raises CommissioningError.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from commissioning.scan.identify import Identity, identify, surely
+from commissioning.scan.identify import Identity, identify, retry_often
 from commissioning.scan.problems import Problem, line_trouble, own_troubles
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
@@ -56,12 +56,12 @@ def mode_text(series: Series, read: Callable[[Register], int]) -> str:
 
 
 GOOD: Final = 3
-"""Number of valid states that prove a single servo. Replies of two servos with the same ID are mixed and invalid."""
+"""Number of valid states that prove that an ID is unique. Mixed replies of two servos with the same ID are invalid."""
 TRIES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
-class ServoLook:
+class ScannedServo:
     """One servo that the scan found. Values that could not be read are None."""
 
     servo_id: int
@@ -81,7 +81,7 @@ class ServoLook:
     problems: tuple[Problem, ...] = ()
 
 
-def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | None:
+def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> ScannedServo | None:
     """Examine the servo with this ID at the current baud rate of the port. Return None if it does not answer."""
     identity: Identity | None = None
     corrupt = False
@@ -101,7 +101,7 @@ def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | Non
     if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
         return None
     if identity is None or state is None:
-        return ServoLook(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
+        return ScannedServo(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
     return _looked(bus, servo_id, step, identity, state, trouble)
 
 
@@ -118,7 +118,7 @@ def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKi
 
 def _pings(bus: Bus, servo_id: int) -> bool:
     try:
-        surely(partial(bus.ping, servo_id))
+        retry_often(partial(bus.ping, servo_id))
     except PortLost:
         raise
     except ServoError:
@@ -128,13 +128,13 @@ def _pings(bus: Bus, servo_id: int) -> bool:
 
 def _looked(
     bus: Bus, servo_id: int, step: Step, identity: Identity, state: ServoState, trouble: Problem | None
-) -> ServoLook:
+) -> ScannedServo:
     series, problems = identity.series, [trouble] if trouble else []
     torque: int | None = None
     mode: str | None = None
 
     def read(register: Register) -> int:
-        return surely(partial(bus.read, servo_id, register))
+        return retry_often(partial(bus.read, servo_id, register))
 
     try:
         torque, mode = read(series.torque_enable), mode_text(series, read)
@@ -143,7 +143,7 @@ def _looked(
         raise
     except ServoError as error:  # The bus is so bad that many attempts have failed.
         problems.append(Problem("bad_line", error.text))
-    return ServoLook(
+    return ScannedServo(
         servo_id, step.baud, series.protocol.name, series.make,
         identity.model.name if identity.model else None, identity.number, identity.firmware,
         round(state.voltage_v, 1), state.temperature_c, state.position_counts,

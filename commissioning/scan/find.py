@@ -12,8 +12,8 @@ from types import ModuleType
 from typing import Final
 
 from commissioning.errors import CommissioningError
-from commissioning.scan.examine import look
-from commissioning.scan.identify import Identity, identify, surely
+from commissioning.scan.examine import examine_servo
+from commissioning.scan.identify import Identity, identify, retry_often
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Wire
 from drivers.bus.bus import Bus
@@ -58,7 +58,7 @@ class FoundServo:
 
     def read(self, register: Register) -> int:
         """Read a register, with many attempts."""
-        return surely(partial(self.bus.read, self.servo_id, register))
+        return retry_often(partial(self.bus.read, self.servo_id, register))
 
     def holds_torque(self) -> bool:
         """Whether the torque is on."""
@@ -107,7 +107,7 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
 
 def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
     """Return the servo with this ID. Raises CommissioningError if there are two, or if it cannot be read."""
-    seen = look(port, clock, step, servo_id)
+    seen = examine_servo(port, clock, step, servo_id)
     for problem in seen.problems if seen else ():
         if problem.kind in ("collision", "no_reads", "late"):
             raise CommissioningError(f"servo {servo_id}: {problem.text}")

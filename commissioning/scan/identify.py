@@ -43,7 +43,7 @@ class Identity:
         return self.model or self.series.models[0]
 
 
-def surely(question: Callable[[], Result]) -> Result:
+def retry_often(question: Callable[[], Result]) -> Result:
     """Retry a request more often than ``retry`` does, for a bus of unknown quality."""
     return retry(partial(retry, question))
 
@@ -52,12 +52,12 @@ def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Id
     """Read the identity of a servo. Raises ServoError if it does not send valid replies."""
     if packets is v1:
         bus = Bus(port, clock)
-        head = surely(partial(bus.read, servo_id, HEAD))
+        head = retry_often(partial(bus.read, servo_id, HEAD))
         return identity_of(head.to_bytes(HEAD.size, "little"), servo_id)
     bus = Bus(port, clock, {servo_id: X.models[0]})
-    number = surely(partial(bus.read, servo_id, x.model_number))
+    number = retry_often(partial(bus.read, servo_id, x.model_number))
     series, version = (XL, xl320.firmware_version) if number == xl320.XL320.number else (X, x.firmware_version)
-    return Identity(series, _model(series, number), number, str(surely(partial(bus.read, servo_id, version))))
+    return Identity(series, _model(series, number), number, str(retry_often(partial(bus.read, servo_id, version))))
 
 
 def identity_of(head: bytes, servo_id: int) -> Identity:

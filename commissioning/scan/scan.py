@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from commissioning.scan.examine import ServoLook, look
+from commissioning.scan.examine import ScannedServo, examine_servo
 from commissioning.scan.problems import Problem
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Heard, Wire
@@ -31,7 +31,7 @@ MORE_BROADCASTS: Final = {v1: 3, v2: 1}
 MORE_TRIES: Final = 3
 """Number of further pings per ID after a reply, because a bad bus may lose one packet in five."""
 
-Progress = Callable[[int, int, str, Sequence[ServoLook]], None]
+Progress = Callable[[int, int, str, Sequence[ScannedServo]], None]
 """Progress callback. Its arguments are the step number, the number of steps, the step's text, and the servos so far."""
 
 
@@ -40,7 +40,7 @@ class ScanReport:
     """Result of a scan."""
 
     port: str
-    servos: tuple[ServoLook, ...]
+    servos: tuple[ScannedServo, ...]
     absent: tuple[int, ...]
     """Requested IDs that do not answer."""
     noise: dict[int, int]
@@ -97,7 +97,7 @@ class _Search:
 
     def __init__(self, port: Port, clock: Clock, servo_ids: Sequence[int], all_makes: bool) -> None:
         self._port, self._clock, self._ids, self._all_makes = port, clock, servo_ids, all_makes
-        self.found: list[ServoLook] = []
+        self.found: list[ScannedServo] = []
         self._packets: set[object] = set()
         self._noise: Counter[int] = Counter()
         self._refused: dict[int, None] = {}
@@ -116,7 +116,7 @@ class _Search:
             self._refused[step.baud] = None
             return
         heard = self._listen(Wire(self._port, self._clock, step.packets))
-        here = [look(self._port, self._clock, step, i) for i in sorted(heard.whole | heard.broken)]
+        here = [examine_servo(self._port, self._clock, step, i) for i in sorted(heard.whole | heard.broken)]
         servos = [one for one in here if one is not None]
         self.found += servos
         if servos:
@@ -161,7 +161,7 @@ def _ping_each(wire: Wire, servo_ids: Iterable[int], heard: Heard) -> Heard:
     return heard
 
 
-def _compared(servo: ServoLook, servos: Sequence[ServoLook]) -> ServoLook:
+def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedServo:
     """Add a problem to a servo whose baud rate differs from that of most servos."""
     rates = Counter(one.baud for one in servos)
     usual = max(rates, key=lambda baud: (rates[baud], baud))
@@ -180,7 +180,7 @@ def _compared(servo: ServoLook, servos: Sequence[ServoLook]) -> ServoLook:
     return replace(servo, problems=(*servo.problems, Problem("other_rate", text)))
 
 
-def _of_the_arm(servo: ServoLook, wanted: Mapping[int, ServoModel]) -> ServoLook:
+def _of_the_arm(servo: ScannedServo, wanted: Mapping[int, ServoModel]) -> ScannedServo:
     """Add a problem to a servo whose model differs from that in the robot file."""
     model = wanted.get(servo.servo_id)
     if model is None or servo.model_number in (None, model.number):

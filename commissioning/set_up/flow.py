@@ -20,7 +20,7 @@ from commissioning.set_up.only_one import (
     require_fit,
     voltage,
 )
-from commissioning.set_up.turn import WAY_RAD, GearLook, judge_gear, rivals, turn_loose
+from commissioning.set_up.turn import WAY_RAD, GearResult, judge_gear, rivals, turn_loose
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import ServoError
@@ -69,7 +69,7 @@ class Audit:
     """ID before the set-up; None if the servo was already set up."""
     from_baud: int | None
     """Baud rate before the set-up; None if it was not changed."""
-    gear: GearLook | None = None
+    gear: GearResult | None = None
     """Result of the gear test; None if the servo was not turned in this run."""
 
 
@@ -80,7 +80,7 @@ class _Made:
     changes: tuple[Change, ...] = ()
     from_id: int | None = None
     from_baud: int | None = None
-    gear: GearLook | None = None
+    gear: GearResult | None = None
 
 
 class SetUp:
@@ -152,7 +152,7 @@ class SetUp:
             return False
 
     def _one(self, place: Place) -> None:
-        """Have the user connect one servo, and set it up for this joint."""
+        """Ask the user to connect one servo, and set it up for this joint."""
         text, problem = f"Connect only the servo for {place.joint}. It gets ID {place.servo_id}", ""
         if self._turns(place):
             text += (
@@ -177,7 +177,7 @@ class SetUp:
                 require_fit(other, answer.servo_id, place, self._places)
             bring_to_rate(self._bus, self._clock, answer.servo_id, place.model, answer.baud)
         changes: tuple[Change, ...] = ()
-        gear: GearLook | None = None
+        gear: GearResult | None = None
         if self._turns(place):
             changes = provision(self._bus, self._clock, answer.servo_id, place.model, place.basics())
             gear = self._gear(place, answer.servo_id)
@@ -189,7 +189,7 @@ class SetUp:
     def _turns(self, place: Place) -> bool:
         return self.turn and bool(rivals(place.model))
 
-    def _gear(self, place: Place, servo_id: int) -> GearLook:
+    def _gear(self, place: Place, servo_id: int) -> GearResult:
         """Turn the horn of the servo to test its gear. Raises NotYet if the servo has another gear."""
         self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns now")
         gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
@@ -219,7 +219,7 @@ class SetUp:
             )
 
     def _chain(self) -> list[Audit]:
-        """Have the user connect all servos, and check that each of them answers with the right values."""
+        """Ask the user to connect all servos, and check that each of them answers with the right values."""
         text, problem = f"Connect all {len(self._places)} servos in a chain", ""
         problems = self._complaints()
         for _ in range(TRIES):

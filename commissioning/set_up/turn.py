@@ -34,7 +34,7 @@ Verdict = Literal["fits", "other", "not sure"]
 
 
 @dataclass(frozen=True, slots=True)
-class GearLook:
+class GearResult:
     """Result of the gear test of a loose servo."""
 
     verdict: Verdict
@@ -60,31 +60,31 @@ def called(model: ServoModel) -> str:
     return f"{model.name} ({model.rated_voltage_v:g} V{gear})"
 
 
-def judge_gear(motion: JointMotion | None) -> GearLook:
+def judge_gear(motion: JointMotion | None) -> GearResult:
     """Compare the drive of a servo that turned its free horn with the models that it may be.
 
     ``motion`` is None if the servo had no room to turn.
     """
     if motion is None:
-        return GearLook("not sure", "it is too close to its position limits to turn")
+        return GearResult("not sure", "it is too close to its position limits to turn")
     model, faster = motion.joint.model, motion.faster
     if motion.moved / motion.asked < STUCK_SHARE or faster is None:
-        return GearLook("not sure", "its horn did not move far enough: it is not free, or the servo has no force")
+        return GearResult("not sure", "its horn did not move far enough: it is not free, or the servo has no force")
     measured = round(v_s_rad(model) / faster, 3)
     if abs(motion.pull) > PULLS:
-        return GearLook("not sure", "something pulls at its horn", measured)
+        return GearResult("not sure", "something pulls at its horn", measured)
     off = {one: abs(log(measured / v_s_rad(one))) for one in (model, *rivals(model))}
     nearest = min(off.values())
     needs = f"it needs {measured:.2f} V per rad/s; an {called(model)} needs {v_s_rad(model):.2f} V"
     if nearest > FITS:
-        return GearLook("not sure", f"{needs}, and the value fits no known model", measured)
+        return GearResult("not sure", f"{needs}, and the value fits no known model", measured)
     candidates = sorted((one for one in off if off[one] - nearest < CLEARLY), key=v_s_rad)
     names = " or an ".join(called(one) for one in candidates)
     if model not in candidates:
-        return GearLook("other", f"{needs}, so it is probably an {names}", measured)
+        return GearResult("other", f"{needs}, so it is probably an {names}", measured)
     if candidates == [model]:
-        return GearLook("fits", needs, measured)
-    return GearLook("not sure", f"{needs}, so it may be an {names}", measured)
+        return GearResult("fits", needs, measured)
+    return GearResult("not sure", f"{needs}, so it may be an {names}", measured)
 
 
 WAY_RAD: Final = 0.8

@@ -98,11 +98,11 @@ SHORT_REST_S: Final = 0.8
 PERIODS: Final = 3
 """Number of periods of the sine. The first one is not evaluated."""
 BEHIND_RAD: Final = 0.35
-"""Maximum following error, rad of the servo's shaft. An STS with half of the factory P then drives almost fully."""
+"""Maximum following error, rad of the servo's shaft. At this error, half of the factory P gives almost full drive."""
 HEARD_SHARE: Final = 0.8
 """Minimum share of the cycles of a motion in which the joint must be measured."""
 MOVED_SHARE: Final = 0.5
-"""Minimum motion in the slow pass, as a share of the step. With less, the joint is blocked; sag alone costs less."""
+"""Minimum motion in the slow pass, as a share of the step. A joint that moves less is blocked."""
 
 
 class Trial:
@@ -137,7 +137,7 @@ class Trial:
         """Move slowly to the target, rest, and return command minus position."""
         targets = self._arm.command.copy()
         targets[self._index] = target
-        self._arm.go_all(targets, self._look)
+        self._arm.go_all(targets, self._check)
         return rest_error(self._for(SHORT_REST_S, lambda time_s: target))
 
     def step(self, target: float) -> Trace:
@@ -158,7 +158,7 @@ class Trial:
         rows, cycles, begin_s = [self._row()], 1, self._arm.asked_s
         while (elapsed_s := self._arm.asked_s - begin_s) < seconds:
             self._arm.cycle(self._index, position(elapsed_s + self._arm.period_s))
-            self._look()
+            self._check()
             cycles += 1
             if self._joint.name not in self._arm.state.faults:  # Otherwise the position is an old one.
                 rows.append(self._row())
@@ -172,7 +172,7 @@ class Trial:
     def _row(self) -> tuple[float, float, float]:
         return self._arm.asked_s, float(self._arm.command[self._index]), self._arm.measured(self._index)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         behind = float(self._arm.command[self._index]) - self._arm.measured(self._index)
         alarms = self._arm.state.health[self._joint.name].alarms
         if alarms:

@@ -152,19 +152,19 @@ class Person:
     def say(self, text: str) -> None:
         self.heard.append(text)
 
-    def until_done(self, task: Task, look: Callable[[], None]) -> None:
+    def until_done(self, task: Task, update: Callable[[], None]) -> None:
         self.heard.append(task.text)
         if self.lazy(task):
             return
         left = [name for name in task.joints if name not in self.skipped or task.kind != "sweep"]
-        self.move(task.kind, left, look)
+        self.move(task.kind, left, update)
 
-    def move(self, kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
+    def move(self, kind: str, joints: Sequence[str], update: Callable[[], None]) -> None:
         """Do one kind of task with these joints, one after the other."""
         for name in joints:
             joint = next(joint for joint in self.arm.joints if joint.name == name)
             for position in self._ways(kind, joint):
-                self._take(name, position, look)
+                self._take(name, position, update)
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:
         lower, upper, here = joint.limits.lower, joint.limits.upper, self.arm.hand.position(joint.name)
@@ -176,15 +176,15 @@ class Person:
             return [back, back + 0.6 * joint.transmission]
         return [self.plans[joint.name].at or 0.0]
 
-    def _take(self, joint: str, position: float, look: Callable[[], None]) -> None:
+    def _take(self, joint: str, position: float, update: Callable[[], None]) -> None:
         hand = self.arm.hand
         hand.move(joint, position)
         while not hand.arrived(joint):
             self.arm.wait()
-            look()
+            update()
         for _ in range(6):  # until the joint has come to rest behind it
             self.arm.wait()
-            look()
+            update()
 
 
 @dataclass

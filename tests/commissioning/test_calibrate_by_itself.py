@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from commissioning.calibrate.by_itself import ByItself
-from commissioning.calibrate.result import CalibrationError, doubts, turns_freely
+from commissioning.calibrate.result import CalibrationError, travel_warnings, turns_freely
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.bus.bus import Bus
 from drivers.errors import DriverError, PortMissing
@@ -49,7 +49,7 @@ def test_auto_calibration_finds_zeros_and_directions_slowly(seed: int, backlash_
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name
         assert off_rad(arm, joint, made) <= allowed_rad, joint.name
-        assert doubts(joint, made) == ""
+        assert travel_warnings(joint, made) == ""
     for servo in arm.line.servos:
         limits = servo.memory.get(sts.min_position), servo.memory.get(sts.max_position)
         assert (servo.memory.get(sts.torque_enable), limits) == (0, (0, 4095))
@@ -90,7 +90,7 @@ def test_an_obstacle_shows_in_the_travel() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint3").range = (-1.2, 2.0)
     found = by_itself(arm).run()
-    assert [bool(doubts(joint, found[joint.name])) for joint in JOINTS] == [j.name == "joint3" for j in JOINTS]
+    assert [bool(travel_warnings(joint, found[joint.name])) for joint in JOINTS] == [j.name == "joint3" for j in JOINTS]
 
 
 def test_a_servo_that_stops_answering_is_named() -> None:
@@ -202,7 +202,7 @@ def test_a_folded_arm_is_calibrated_automatically_and_folds_again(name: str, see
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name
         assert off_rad(arm, joint, made) <= ZERO_RAD, joint.name
-        assert doubts(joint, made) == ""
+        assert travel_warnings(joint, made) == ""
     arm.clock.sleep_until(arm.clock.now() + 1.0)
     arm.line.advance(arm.clock.now())
     fixed = [not turns_freely(joint) for joint in arm.joints]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commissioning.calibrate.by_hand import ByHand, Task
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.run import DIRECTIONS, by_hand, to_turn_round
 from commissioning.calibrate.sweep import Swept
 from hal.joint import Joint
@@ -33,12 +33,12 @@ class Clumsy(Person):
     """Joint that is moved instead of another one."""
     tasks: list[Task] = field(default_factory=list)
 
-    def until_done(self, task: Task, look: object) -> None:
+    def until_done(self, task: Task, update: object) -> None:
         self.tasks.append(task)
-        super().until_done(task, look)  # type: ignore[arg-type]
+        super().until_done(task, update)  # type: ignore[arg-type]
 
-    def move(self, kind: str, joints: Sequence[str], look: object) -> None:
-        super().move(kind, [self.instead.get(name, name) for name in joints], look)  # type: ignore[arg-type]
+    def move(self, kind: str, joints: Sequence[str], update: object) -> None:
+        super().move(kind, [self.instead.get(name, name) for name in joints], update)  # type: ignore[arg-type]
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:
         ways = super()._ways(kind, joint)
@@ -77,21 +77,21 @@ def test_a_short_sweep_is_requested_again_with_the_measured_share(share: float) 
     assert sweeps[1].startswith("Not yet from stop to stop: elbow_flex. Move it to both stops (elbow_flex: ")
     assert "of 3.380 in the URDF" in sweeps[1]
     joint, made = joints["elbow_flex"], found["elbow_flex"]
-    assert "Was a stop missed" in doubts(joint, made)
+    assert "Was a stop missed" in travel_warnings(joint, made)
     assert uncertainty(joint, made, "middle") > off_rad(arm, joint, made) > 0.02
 
 
 def test_a_short_travel_is_accepted_after_a_second_sweep() -> None:
     class Learning(Clumsy):
-        def until_done(self, task: Task, look: object) -> None:
-            super().until_done(task, look)
+        def until_done(self, task: Task, update: object) -> None:
+            super().until_done(task, update)
             self.share = {}
 
     arm, hands = clumsy("so101")
     learning = Learning(cast(Any, arm), hands.plans, share={"elbow_flex": 0.9})
     joints, found = calibrated(arm, learning, "elbow_flex")
     assert len(learning.asked("sweep", "elbow_flex")) == 2
-    assert doubts(joints["elbow_flex"], found["elbow_flex"]) == ""
+    assert travel_warnings(joints["elbow_flex"], found["elbow_flex"]) == ""
     assert off_rad(arm, joints["elbow_flex"], found["elbow_flex"]) < 0.01
 
 
@@ -128,7 +128,7 @@ def test_a_direction_that_contradicts_the_stops_is_requested_again(times: int, a
     assert "was it moved in the wrong direction" in first
     assert len(hands.asked("direction", "elbow_flex")) >= asked
     right = made.sign == arm.coupling("elbow_flex").sign
-    assert right == (times == 1) == (doubts(joint, made) == "")
+    assert right == (times == 1) == (travel_warnings(joint, made) == "")
 
 
 @pytest.mark.parametrize("off", [0.1745, -0.45])
@@ -146,7 +146,7 @@ def test_a_wrong_pose_is_flagged_and_increases_the_uncertainty(name: str, joint_
     arm, hands = clumsy(name, wrong_poses={joint_name: [off] * 9})
     joints, found = calibrated(arm, hands, joint_name)
     joint, made = joints[joint_name], found[joint_name]
-    assert "its stops are at" in doubts(joint, made)
+    assert "its stops are at" in travel_warnings(joint, made)
     assert uncertainty(joint, made, "pose") == pytest.approx(off, abs=0.03)
 
 

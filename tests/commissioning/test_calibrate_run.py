@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 
 from commissioning.calibrate.by_hand import ByHand, Task
-from commissioning.calibrate.result import CalibrationError, doubts
+from commissioning.calibrate.result import CalibrationError, travel_warnings
 from commissioning.calibrate.run import (
     DIRECTIONS,
     HANDS_OFF,
@@ -153,9 +153,9 @@ def test_unplugging_the_adapter_during_the_sweep_stores_nothing(robot: Path) -> 
     arm = UnalignedArm(SEED)
 
     class Clumsy(Owner):
-        def until_done(self, task: Task, look: Callable[[], None]) -> None:
+        def until_done(self, task: Task, update: Callable[[], None]) -> None:
             self.arm.port.unplug()
-            look()
+            update()
 
     with pytest.raises(PortLost, match="was unplugged"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Clumsy(arm), arm.clock)
@@ -207,5 +207,5 @@ def test_implausible_joints_are_measured_again_on_request(robot: Path) -> None:
     again = made | by_hand(hands)(cast(Any, arm), [elbow], arm.plan.joints)
     assert hands.asked == [REPEAT.format(joints="elbow_flex")]
     assert any(re.match("elbow_flex: it was moved through .* of 3.380", text) for text in hands.heard)
-    assert doubts(arm.joints[2], again["elbow_flex"]) == "" and again["gripper"] is made["gripper"]
+    assert travel_warnings(arm.joints[2], again["elbow_flex"]) == "" and again["gripper"] is made["gripper"]
     assert to_repeat(arm.joints, again, hands) == [] and len(hands.asked) == 1

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from commissioning.registers.tables import rates_of
-from commissioning.scan.examine import ServoLook
+from commissioning.scan.examine import ScannedServo
 from commissioning.scan.identify import identity_of
 from commissioning.scan.scan import ScanReport, scan
 from commissioning.scan.steps import steps
@@ -42,7 +42,7 @@ def kinds(report: ScanReport) -> dict[int, list[str]]:
     return {one.servo_id: [problem.kind for problem in one.problems] for one in report.servos}
 
 
-def only(report: ScanReport) -> ServoLook:
+def only(report: ScanReport) -> ScannedServo:
     (servo,) = report.servos
     return servo
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from commissioning.calibrate.result import JointCalibration, doubts
+from commissioning.calibrate.result import JointCalibration, travel_warnings
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, Place, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, write
@@ -111,6 +111,6 @@ def _calibrated(
         yield finding("seam_in_range", place, "the joint jumps, or its range is 0 to 4095", cause, calibrate)
         return
     made = JointCalibration(found.sign, found.zero_counts, found.homing_offset, found.lower_counts, found.upper_counts)
-    if doubt := doubts(servo.joint.between_stops(), made):
+    if doubt := travel_warnings(servo.joint.between_stops(), made):
         cause = f"Calibrate this joint again, because {doubt}"
         yield finding("travel_differs", place, "wrong limits: a stop is hit early or never reached", cause, calibrate)

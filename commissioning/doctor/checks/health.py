@@ -36,8 +36,8 @@ CAUSES: Final = {
     ),
     "alarm_voltage": (
         "'input voltage error'",
-        "Its supply voltage was just outside the limits that are set in the servo. Measure the supply under load, and "
-        "compare it with these limits",
+        "A moment ago, its supply voltage was outside the limits that are set in the servo. Measure the supply under "
+        "load, and compare it with these limits",
     ),
 }
 

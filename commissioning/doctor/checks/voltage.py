@@ -43,8 +43,8 @@ def _level(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     limits, allowed = voltage_limits(servo.registers), voltage_range(model)
     if highest > allowed[1]:
         cause = (
-            f"Its supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch it off now, "
-            "then check whether the supply is the wrong one or overshoots, or the model in the robot file is wrong"
+            f"Its supply voltage is {highest:.1f} V, but an {name} is rated for {rated:g} V. Switch the supply off "
+            "now. Then check whether it is the wrong supply, it overshoots, or the model in the robot file is wrong"
         )
         yield finding("overvoltage", place, "'input voltage error', and servos may be destroyed", cause)
     elif lowest < allowed[0]:
