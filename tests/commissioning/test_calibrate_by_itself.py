@@ -80,7 +80,7 @@ def test_stopping_lets_the_arm_sink_and_releases_it() -> None:
 def test_a_joint_without_a_stop_is_named() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint2").range = (-20.0, 20.0)
-    with pytest.raises(CalibrationError, match=r"joint2 \(servo 2\) turned .* and found no stop"):
+    with pytest.raises(CalibrationError, match=r"joint2 \(servo 2\) moved by .* without finding a stop"):
         by_itself(arm).run()
     assert is_limp_with_its_limits(arm)
 

@@ -112,7 +112,7 @@ def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
         (once("wrist_roll"), "no servo answers on virtual at any baud rate"),
         (once("wrist_roll", 4, 3), "all replies of servo 1 are corrupted: either several servos have ID 1"),
         (once("wrist_roll", 4, 5), r"several servos answer \(IDs 1, 6\): connect only one"),
-        (once("wrist_roll", 5), "has ID 6, which is that of gripper: it belongs there already"),
+        (once("wrist_roll", 5), "has ID 6, so it already belongs to gripper"),
         (once("shoulder_pan", 0, 1, 2, 3, 4, 5), "several servos answer"),
     ],
 )
