@@ -1,1 +1,1 @@
-"""From new servos to a calibrated arm: what the command line's tools do, as functions for scripts. No ROS."""
+"""Set up, calibrate, tune and diagnose an arm. The command-line tools use these functions; they do not need ROS."""

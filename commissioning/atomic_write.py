@@ -1,14 +1,14 @@
-"""Files that are whole at every moment: written beside and renamed, the former one kept."""
+"""Write files atomically: write a partial file, rename it, and keep the previous version."""
 
 import os
 from pathlib import Path
 
 
 def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
-    """Make ``content`` the content of ``path``; what was there before stands in ``path``.1 then. Raises OSError.
+    """Write a file atomically, and keep its previous content in ``path``.1. Raises OSError.
 
-    Whenever it is cut off, ``path`` has all of the former content or all of the new one. ``keep``: without it
-    ``path``.1 stays as it is.
+    If the program is interrupted at any time, ``path`` has either the complete previous or the complete new content.
+    With ``keep`` False, ``path``.1 is not changed.
     """
     if keep and path.exists():
         _put(path.with_name(path.name + ".1"), path.read_bytes())
@@ -16,8 +16,8 @@ def write_whole(path: Path, content: str | bytes, keep: bool = True) -> None:
 
 
 def cannot_write(path: Path, error: OSError) -> str:
-    """The failure of ``write_whole`` in words."""
-    kept = ": the former one is there still" if path.is_file() else ""
+    """Return the message for a failed ``write_whole``."""
+    kept = ". The previous file is unchanged" if path.is_file() else ""
     return f"cannot write {path}: {error.strerror or error}{kept}"
 
 

@@ -1,4 +1,4 @@
-"""What scripts do with an arm's calibration: import and export LeRobot's file, and show what there is."""
+"""Import, export and list the calibration of an arm, for scripts. The other format is LeRobot's calibration file."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from commissioning.atomic_write import write_whole
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts
+from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings
 from commissioning.calibrate.store import save
 from commissioning.lerobot import lerobot_text, places, read_lerobot, to_lerobot, without_prefix
 from commissioning.lerobot_import import Imported, from_lerobot, require_offsets
@@ -20,7 +20,7 @@ from hal.yaml_file import load
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One joint's calibration as it is shown. Positions in rad (m for a prismatic joint)."""
+    """Calibration of one joint in the table for the user. Positions in rad (m for a prismatic joint)."""
 
     joint: str
     servo_id: int
@@ -28,18 +28,26 @@ class Row:
     zero_counts: int
     homing_offset: int | None
     travel: float | None
-    """From stop to stop; None where it was never measured."""
+    """Distance from stop to stop; None if it was never measured."""
     urdf_range: float
     doubt: str
+    """Sentences about implausible values; empty if all values are plausible."""
 
 
 def import_calibration(
     lerobot: Path, robot: Path, joints: Sequence[Joint], plans: Mapping[str, JointPlan], prefix: str = ""
 ) -> tuple[list[Imported], Path]:
-    """Make LeRobot's calibration that of this robot file; what became of each joint, and the file written.
+    """Import LeRobot's calibration for this robot file; return the imported joints and the path of the new file.
 
-    ``prefix``: of the names in LeRobot's file; entries without it are left out. Raises CalibrationError with every
-    mistake: nothing is written then.
+    Args:
+        lerobot: LeRobot's calibration file.
+        robot: Robot file of the arm.
+        joints: Joints of the arm.
+        plans: Calibration plan of each joint, by name.
+        prefix: Prefix of this arm's joint names in LeRobot's file. Entries without this prefix are ignored.
+
+    Raises:
+        CalibrationError: The file has mistakes, all of which are listed. Nothing is written.
     """
     require_offsets(joints)
     file = without_prefix(read_lerobot(lerobot), prefix)
@@ -49,10 +57,13 @@ def import_calibration(
 
 
 def export_calibration(lerobot: Path, robot: Path) -> None:
-    """Write the calibration of this robot file as LeRobot's; a former file is kept. Raises CalibrationError."""
+    """Write the calibration of this robot file in LeRobot's format, and keep a previous file.
+
+    Raises CalibrationError.
+    """
     calibration = load_calibration(robot)
     if calibration is None:
-        raise CalibrationError(f"there is no {calibration_path(robot)}: servoloop calibrate makes it")
+        raise CalibrationError(f"{calibration_path(robot)} does not exist: calibrate first with servoloop calibrate")
     with _placed(places(calibration_path(robot)), {name: ("joints", name) for name in calibration.joints}):
         text = lerobot_text(to_lerobot(calibration, built_signs(robot)))
     try:
@@ -63,7 +74,7 @@ def export_calibration(lerobot: Path, robot: Path) -> None:
 
 @contextmanager
 def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[str]]) -> Iterator[None]:
-    """Name file and line in mistakes that begin with a joint's name; ``known``: where the file has each joint."""
+    """Add file and line to mistakes that begin with a joint name; ``known`` is the location of each joint."""
     try:
         yield
     except CalibrationError as error:
@@ -73,12 +84,15 @@ def _placed(place: Callable[[Sequence[str]], str], known: Mapping[str, Sequence[
 
 
 def built_signs(robot: Path) -> dict[str, int]:
-    """The signs in the robot file itself, by joint: how such arms are built, whatever calibration has found."""
+    """Return the sign of each joint in the robot file itself, without the calibration.
+
+    These are the signs of all arms that are built alike.
+    """
     return {name: joint.sign for name, joint in load(robot, RobotFile, RobotFileError).joints.items()}
 
 
 def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[Row]:
-    """What is known of each joint's calibration; its travel only where the calibration file has it."""
+    """Return the calibration of each joint for display. The travel is known only from a calibration file."""
     calibration = load_calibration(robot)
     rows: list[Row] = []
     for joint in joints:
@@ -86,7 +100,7 @@ def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[Row]:
         made = said and JointCalibration(
             said.sign, said.zero_counts, said.homing_offset, said.lower_counts, said.upper_counts
         )
-        travel, doubt = (made.travel(joint), doubts(joint, made)) if made else (None, "was never calibrated")
+        travel, doubt = (made.travel(joint), travel_warnings(joint, made)) if made else (None, "not calibrated yet")
         range_ = joint.limits.upper - joint.limits.lower
         rows.append(
             Row(joint.name, joint.servo_id, joint.sign, joint.zero_counts, joint.homing_offset, travel, range_, doubt)

@@ -1,6 +1,6 @@
-"""The drive trial of one joint: it goes there and back, slowly, at two speeds, and the drive that they need is noted.
+"""Measure the drive that a joint needs: move it forth and back at two low speeds.
 
-The difference of two speeds' drives is that of the motor and its gear, without friction and without gravity.
+The difference between the two drives depends only on motor and gear: friction and gravity cancel out.
 """
 
 from dataclasses import dataclass
@@ -11,71 +11,76 @@ from commissioning.slow_arm import SlowArm
 from hal.joint import Joint
 
 STUCK_SHARE: Final = 0.3
-"""Of the way: a joint that moved by less is held by something, or has no force."""
+"""Minimum motion of a joint that is neither blocked nor without force, as a share of the commanded motion."""
 BEHIND_RAD: Final = 0.25
-"""Of a servo's shaft: with the factory's gains it drives with all it has from 0.19 on."""
+"""Following error at which a motion is aborted, rad of the servo's shaft. With the factory gains, a servo drives with
+full force from 0.19 rad on.
+"""
 LEAST_DRIVE: Final = 0.04
-"""Of full drive: what is less is lost in the steps in which goals are sent."""
+"""Minimum drive that can be evaluated, as a share of full drive. The steps between goals hide a smaller one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """The pace of a trial: a joint of an arm has less room, and takes longer to come to rest, than a loose servo."""
+    """Speeds and times of a trial. In an arm, a joint has less room and settles more slowly than a loose servo."""
 
     slow: float = 0.4
-    """The lower speed as a share of the joint's slow limit, which is the higher one."""
+    """Lower speed, as a share of the higher one. The higher speed is the joint's slow velocity limit."""
     ramp_s: float = 0.1
-    """At each end of a way its drive is that of acceleration."""
+    """Time at each end of a motion that is ignored because the joint accelerates, in seconds."""
     rest_s: float = 0.8
-    """In the first half of it the joint comes to rest, or swings."""
+    """Time at rest after each motion, in seconds. The joint settles in the first half; only the second is evaluated."""
 
     @property
     def speeds(self) -> tuple[float, float]:
-        """Both speeds as shares of the slow limit."""
+        """Both speeds, as shares of the slow velocity limit."""
         return self.slow, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class JointMotion:
-    """What one joint did when it was moved a little, slowly. Positions in rad or m, speeds in rad/s or m/s."""
+    """Result of the drive trial of one joint. Positions in rad or m, speeds in rad/s or m/s."""
 
     joint: Joint
     asked: float
-    """The way that it was to go, with its direction."""
+    """Commanded motion, with its sign."""
     moved: float
+    """Measured motion."""
     speed: float
-    """The difference of two speeds at which it went there and back,"""
+    """Difference between the two speeds of the trial."""
     drive: float
-    """and of the mean drives, as shares of full drive at the rated voltage: friction and gravity are in both, and drop
-    out."""
+    """Difference between the mean drives at the two speeds, as a share of full drive at the rated voltage.
+
+    Friction and gravity are the same at both speeds and cancel out.
+    """
     pull: float
-    """The drive that was the same on both ways: gravity's, or that of whatever pulls at the joint."""
+    """Drive that is the same in both directions, from gravity or another force on the joint."""
     error: float
-    """The largest distance from where it was sent, at rest."""
+    """Largest position error at rest."""
     swing: float
-    """The distance between the outermost positions at rest."""
+    """Distance between the outermost positions at rest."""
     lowest_v: float
-    """The lowest voltage meanwhile."""
+    """Lowest voltage during the trial."""
     expected_sag: float = 0.0
-    """How far gravity's torque pulls it off by its servo's stiffness; 0 where one of them is unknown."""
+    """Position error expected from gravity and the stiffness of the servo; 0 if one of them is unknown."""
 
     @property
     def faster(self) -> float | None:
-        """How many times faster the servo turns for its drive than its model; None where that cannot be told."""
+        """Speed per drive, as a multiple of the model's; None if the drive is too small to tell."""
         expected = self.speed / (self.joint.model.no_load_speed_rad_s * self.joint.transmission)
         return expected / self.drive if expected >= LEAST_DRIVE and self.drive > 0.0 else None
 
 
 class _Pass(NamedTuple):
-    """The mean of one way."""
+    """Mean values of one motion in one direction."""
 
     drive: float
-    """As a share of full drive at the rated voltage."""
+    """Mean drive, as a share of full drive at the rated voltage."""
     speed: float
 
 
 class _Sample(NamedTuple):
-    """One cycle's measurement."""
+    """Measurement of one cycle."""
 
     time_s: float
     drive: float
@@ -83,10 +88,10 @@ class _Sample(NamedTuple):
 
 
 class DriveTrial:
-    """One joint goes there and back at two speeds."""
+    """Trial in which one joint moves forth and back at two speeds."""
 
     def __init__(self, arm: SlowArm, index: int, way: float, pace: Pace = Pace()) -> None:
-        """``way``: how far it goes from where it was sent, rad or m, with its direction."""
+        """Prepare the trial; ``way`` is the signed distance from the current goal, in rad or m."""
         self.way = way
         self._pace = pace
         self._arm, self._index = arm, index
@@ -96,7 +101,7 @@ class DriveTrial:
         self._error = self._swing = self._moved = self._pull = 0.0
 
     def run(self) -> None:
-        """Both speeds; at rest it is looked at on both ends. A joint that does not follow is taken back at once."""
+        """Run the trial at both speeds. A joint that does not follow returns to its start at once."""
         start = float(self._arm.command[self._index])
         self._rest()
         for share in self._pace.speeds:
@@ -114,7 +119,7 @@ class DriveTrial:
             self._pull = max(self._pull, 0.5 * (there.drive + back.drive), key=abs)
 
     def _pass(self, target: float, share: float) -> "_Pass | None":
-        """One way at a constant speed, without its beginning and its end; None where the joint stays behind."""
+        """Move at a constant speed and return the means without both ends; None if the joint does not follow."""
         start, period_s = float(self._arm.command[self._index]), self._arm.period_s
         ramp = round(self._pace.ramp_s / period_s)
         cycles = max(round(abs(target - start) / (share * self._joint.limits.velocity) / period_s), 2 * ramp + 2)
@@ -123,8 +128,8 @@ class DriveTrial:
             self._cycle(start + (target - start) * cycle / cycles)
             place = self._arm.measured(self._index)
             if abs(place - float(self._arm.command[self._index])) > BEHIND_RAD * self._joint.transmission:
-                return None  # pushed any longer, the servo would let go to protect itself
-            # The same places on both ways: gravity drops out. A servo that gave no answer has its old values.
+                return None  # Driven any longer, the servo would release its torque to protect itself.
+            # Both directions cover the same positions, so gravity cancels out. A silent servo only has old values.
             if ramp < cycle <= cycles - ramp and self._joint.name not in self._arm.state.faults:
                 samples.append(_Sample(cycle * period_s, self._drive(), place))
         return _mean(samples)
@@ -149,7 +154,7 @@ class DriveTrial:
         self._lowest_v = min(self._lowest_v, self._arm.state.health[self._joint.name].voltage_v)
 
     def motion(self, expected_sag: float = 0.0) -> JointMotion:
-        """What it did."""
+        """Return the result of the trial."""
         still = _Pass(0.0, 0.0)
         slow, fast = (self._passes.get(share, still) for share in self._pace.speeds)
         return JointMotion(
@@ -167,7 +172,7 @@ class DriveTrial:
 
 
 def _mean(samples: list[_Sample]) -> _Pass | None:
-    """The mean of a way; None where hardly anything of it was seen."""
+    """Return the mean values of a motion; None if there are fewer than two samples."""
     if len(samples) < 2:
         return None
     first, last = samples[0], samples[-1]

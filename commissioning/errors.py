@@ -1,4 +1,4 @@
-"""What the tools refuse or cannot do, in words for whoever called them."""
+"""The error of the commissioning tools, and the accepted baud rates."""
 
 from typing import Final
 
@@ -6,10 +6,10 @@ from drivers.errors import DriverError
 
 
 class CommissioningError(DriverError):
-    """The text says what to do."""
+    """A tool cannot do what it was asked to do; the message says what to do instead."""
 
 
 SMALLEST_BAUD: Final = 1_200
-"""Below the smallest that any servo knows."""
+"""Smallest accepted baud rate, below the smallest rate of any servo."""
 LARGEST_BAUD: Final = 12_000_000
-"""Of the fastest USB adapters."""
+"""Largest accepted baud rate, that of the fastest USB adapters."""

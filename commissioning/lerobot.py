@@ -1,10 +1,11 @@
-"""LeRobot's calibration file (JSON) becomes ours, and ours becomes LeRobot's, without loss.
+"""Convert LeRobot's calibration file (JSON) to servoloop's and back, without loss.
 
-Both name a servo's ID, its homing offset and the ends of its travel in counts. Two things differ:
+Both files contain the ID, the homing offset and the ends of the travel of each servo, in counts. They differ in two
+ways:
 
-- LeRobot knows no direction of the URDF's. The robot file's ``sign`` says how such arms are built; ``drive_mode`` 1
-  says that this servo turns the other way.
-- LeRobot's zero is the pose that was held when Enter was pressed, at count 2047. It is not the URDF's: see
+- LeRobot's file does not contain the positive direction of the URDF. The robot file has the ``sign`` of all arms that
+  are built alike; ``drive_mode`` 1 means that this servo turns the other way.
+- LeRobot's zero is the pose in which the user pressed Enter, at count 2047. It is not the zero of the URDF: see
   ``commissioning.lerobot_import``.
 """
 
@@ -25,17 +26,17 @@ from hal.yaml_file import error_text
 from hal.yaml_nodes import compose, listed
 
 LEROBOT_ZERO_COUNTS: Final = 2047
-"""LeRobot's middle of a turn: what a servo says in the pose that was held when Enter was pressed."""
+"""Count of every servo in the pose in which the user of LeRobot pressed Enter: the middle of the turn."""
 ITS_ZERO: Final = (
-    "LeRobot's zero is not the URDF's: it is the pose in which the arm was held when Enter was pressed (count "
+    "LeRobot's zero differs from the zero of the URDF: it is the pose in which the user pressed Enter (count "
     f"{LEROBOT_ZERO_COUNTS})"
 )
 OLD_KEYS: Final = {"motor_names", "start_pos", "end_pos", "calib_mode"}
-"""Of LeRobot's files before each joint had an entry of its own."""
+"""Keys of LeRobot's former file format, which has no entry for each joint."""
 
 
 class LerobotJoint(BaseModel):
-    """One joint of LeRobot's file, in LeRobot's order."""
+    """Entry of one joint in LeRobot's file, with the keys in LeRobot's order."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -51,13 +52,16 @@ _FILE: Final = TypeAdapter(LerobotFile)
 
 
 def read_lerobot(path: Path) -> LerobotFile:
-    """Read LeRobot's file. Raises CalibrationError with every mistake."""
+    """Read LeRobot's file. Raises CalibrationError listing all mistakes."""
     try:
         content = json.loads(read_text(path, CalibrationError), object_pairs_hook=_once)
-    except (ValueError, RecursionError) as error:  # JSON's errors too, and brackets without end
-        raise CalibrationError(f"{path} is no JSON file of LeRobot's: {error}") from error
+    except (ValueError, RecursionError) as error:  # Brackets that are nested too deeply cause a RecursionError.
+        raise CalibrationError(f"{path} is not a JSON file from LeRobot: {error}") from error
     if isinstance(content, dict) and OLD_KEYS & content.keys():
-        raise CalibrationError(f"{path} is of an older LeRobot, whose offsets are none of the servos': calibrate anew")
+        raise CalibrationError(
+            f"{path} is from an older version of LeRobot. Its offsets are not those in the servos, so it cannot be "
+            "used: calibrate again"
+        )
     try:
         return _FILE.validate_python(content)
     except ValidationError as error:
@@ -69,7 +73,10 @@ def read_lerobot(path: Path) -> LerobotFile:
 
 
 def places(path: Path) -> Callable[[Sequence[int | str]], str]:
-    """Where values of a JSON file are: file and line, as far as it is YAML too, which most JSON is."""
+    """Return a function that maps a location in a JSON file to the file and line, for messages.
+
+    It reads the JSON as YAML. If that fails, it returns the file name only.
+    """
     try:
         return compose(path, CalibrationError).place
     except CalibrationError:
@@ -77,26 +84,28 @@ def places(path: Path) -> Callable[[Sequence[int | str]], str]:
 
 
 def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
-    """The entries whose names begin with this prefix, without it. Raises CalibrationError if there are none."""
+    """Return the entries whose names begin with a prefix, and remove it. Raises CalibrationError if there are none."""
     found = {name.removeprefix(prefix): one for name, one in file.items() if name.startswith(prefix)}
     if not found:
-        raise CalibrationError(f"no joint in LeRobot's file begins with {prefix}: it has {', '.join(file) or 'none'}")
+        raise CalibrationError(
+            f"no joint name in LeRobot's file begins with {prefix}. The joints in the file: {', '.join(file) or 'none'}"
+        )
     return found
 
 
 def prefix_of(file: LerobotFile, joints: Sequence[str]) -> str:
-    """The prefix with which the file names all of these joints; empty if there is none."""
+    """Return the prefix that all of these joints have in the file; an empty string if there is none."""
     prefixes = (name.removesuffix(joints[0]) for name in file if name.endswith(joints[0])) if joints else ()
     return next((prefix for prefix in prefixes if all(prefix + joint in file for joint in joints)), "")
 
 
 def lerobot_text(file: LerobotFile) -> str:
-    """The file as LeRobot writes it."""
+    """Return the text of the file in LeRobot's layout."""
     return json.dumps({name: joint.model_dump() for name, joint in file.items()}, indent=4)
 
 
 def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> LerobotFile:
-    """LeRobot's file of our calibration. Raises CalibrationError with all that LeRobot has no place for."""
+    """Convert a calibration to LeRobot's format. Raises CalibrationError listing all that the format cannot hold."""
     file: LerobotFile = {}
     problems: list[str] = []
     for name, ours in calibration.joints.items():
@@ -112,8 +121,9 @@ def to_lerobot(calibration: CalibrationFile, built: Mapping[str, int]) -> Lerobo
 
 
 def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
-    """LeRobot's entry of one joint, which such arms have with the sign ``built``; None without a homing offset that
-    servos take.
+    """Return LeRobot's entry of one joint; None if it has no homing offset that servos accept.
+
+    ``built`` is the sign of this joint in all arms that are built alike.
     """
     if ours.homing_offset is None or abs(ours.homing_offset) > LARGEST_OFFSET:
         return None
@@ -128,37 +138,37 @@ def entry_of(ours: CalibratedJoint, built: int) -> LerobotJoint | None:
 
 def _no_place(ours: CalibratedJoint) -> str:
     if ours.homing_offset is None:
-        return f"its servo ({ours.servo_id}) has no homing offset: LeRobot's file has no place for it"
+        return f"its servo ({ours.servo_id}) has no homing offset, which LeRobot's file requires"
     return (
-        f"the homing offset {ours.homing_offset} is none that its servo ({ours.servo_id}) takes, {-LARGEST_OFFSET} to "
-        f"{LARGEST_OFFSET}: calibrate anew"
+        f"its homing offset {ours.homing_offset} is outside the range of its servo ({ours.servo_id}), "
+        f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate again"
     )
 
 
 def entry_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
-    """What cannot be right about the offset and the travel of a servo with the counts 0 to ``last``."""
+    """Return the mistakes in the offset and the travel of a servo with the counts 0 to ``last``."""
     low, high = theirs.range_min, theirs.range_max
     if abs(theirs.homing_offset) > LARGEST_OFFSET:
         return [
-            f"its homing offset {theirs.homing_offset} is none that its servo ({theirs.id}) takes, "
-            f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate anew"
+            f"its homing offset {theirs.homing_offset} is outside the range of its servo ({theirs.id}), "
+            f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate again"
         ]
     if not (0 <= low <= last and 0 <= high <= last):
-        return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate anew"]
+        return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate again"]
     if low == high:
-        return [f"its range begins and ends at {low}: the joint was not moved. Calibrate anew, from stop to stop"]
+        return [f"its range begins and ends at {low}: the joint was not moved. Calibrate again, from stop to stop"]
     if low > high:
         return [
-            f"its range begins at {low} and ends at {high}: it goes over the seam, where the counts begin anew. "
-            "servoloop calibrate puts the seam outside the travel"
+            f"its range begins at {low} and ends at {high}, so it crosses the seam, where the count jumps from {last} "
+            "to 0. Calibrate with servoloop calibrate, which moves the seam out of the travel"
         ]
     return []
 
 
 def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of JSON whose keys are all different."""
+    """Return a JSON object as a dictionary. Raises ValueError if a key occurs more than once."""
     found = dict(pairs)
     if len(found) < len(pairs):
         counts = Counter(name for name, _ in pairs)
-        raise ValueError(f"{', '.join(sorted(n for n, count in counts.items() if count > 1))} stands there twice")
+        raise ValueError(f"duplicate key: {', '.join(sorted(n for n, count in counts.items() if count > 1))}")
     return found

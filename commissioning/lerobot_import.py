@@ -1,7 +1,8 @@
-"""LeRobot's calibration becomes ours: direction by the robot file, the zero found anew in the travel.
+"""Convert LeRobot's calibration to servoloop's.
 
-LeRobot's zero is no pose that the URDF knows. What it knows is where the stops are: so the zero is where the joint's
-plan says, in the middle of the travel or at a stop. LeRobot's is taken, and flagged, only where that cannot be.
+The direction of each joint comes from the robot file. LeRobot's zero is not the zero of the URDF, but LeRobot's file
+contains the stops. So the zero is computed from the travel, at the place that the joint's plan names: the middle or a
+stop. LeRobot's zero is used, with a warning, only if this is not possible.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ from commissioning.calibrate.result import (
     SWEPT_SHARE,
     CalibrationError,
     JointCalibration,
-    doubts,
+    travel_warnings,
     unit,
 )
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, can_move_seam
@@ -24,22 +25,22 @@ from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 
 Source = Zero | Literal["lerobot", "kept"]
-"""Where a zero comes from: the plan's place, LeRobot's pose, or the calibration that was there and says the same."""
+"""Source of a zero: the place in the plan, LeRobot's pose, or a previous calibration equal to LeRobot's."""
 
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """One joint of LeRobot's as ours."""
+    """Calibration of one joint, imported from LeRobot's file."""
 
     joint: Joint
     made: JointCalibration
     source: Source
     doubt: str
-    """What is doubtful; empty where nothing is."""
+    """Sentences about implausible values; empty if all values are plausible."""
 
     @property
     def at_lerobot_zero(self) -> float:
-        """The joint's position, as the URDF counts it, in the pose that LeRobot calls zero: rad or m."""
+        """Joint position of the URDF in LeRobot's zero pose, in rad or m."""
         return as_joint(self.joint, self.made).position(LEROBOT_ZERO_COUNTS)
 
 
@@ -50,19 +51,26 @@ def from_lerobot(
     plans: Mapping[str, JointPlan],
     former: CalibrationFile | None = None,
 ) -> list[Imported]:
-    """The calibration of these joints, in the file's order. Raises CalibrationError with all that cannot be right.
+    """Return the calibration of these joints, in the order of the file.
 
-    ``built``: the sign by joint with which such arms are built. ``former``: the calibration that is there; where
-    LeRobot's file says the same of a joint, its zero stays.
+    Args:
+        file: LeRobot's file.
+        joints: Joints of the arm.
+        built: Sign of each joint in all arms that are built alike, by name.
+        plans: Calibration plan of each joint, by name.
+        former: Previous calibration. Its zero is kept for each joint whose entry in LeRobot's file is equal to it.
+
+    Raises:
+        CalibrationError: The file has mistakes, all of which are listed.
     """
     require_offsets(joints)
     if prefix := prefix_of(file, [joint.name for joint in joints]):
         raise CalibrationError(
-            f"LeRobot's file names this arm's joints with {prefix} before them: import it with --prefix {prefix}"
+            f"in LeRobot's file, the names of this arm's joints begin with {prefix}: import it with --prefix {prefix}"
         )
     by_name = {joint.name: joint for joint in joints}
-    problems = [f"LeRobot's file has {name}, which the robot file has not" for name in file if name not in by_name]
-    problems += [f"LeRobot's file has no {joint.name}, which the robot file has" for joint in joints
+    problems = [f"LeRobot's file has joint {name}, but the robot file does not" for name in file if name not in by_name]
+    problems += [f"the robot file has joint {joint.name}, but LeRobot's file does not" for joint in joints
                  if joint.name not in file]  # fmt: skip
     made: list[Imported] = []
     for name, theirs in file.items():
@@ -80,7 +88,7 @@ def require_offsets(joints: Sequence[Joint]) -> None:
     """Check that the servos of these joints have homing offsets like those in LeRobot's file.
 
     Raises:
-        CalibrationError: Some of them have not, so that no such file fits this arm.
+        CalibrationError: Some servos have no such offset, so LeRobot's files cannot be imported for this arm.
     """
     other = [one for one in joints if series_of(one.model).make != "feetech" or not can_move_seam(one.model)]
     if other:
@@ -93,7 +101,7 @@ def require_offsets(joints: Sequence[Joint]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Import:
-    """One joint's way from LeRobot's file into ours."""
+    """Import of one joint."""
 
     joint: Joint
     built: int
@@ -102,32 +110,32 @@ class _Import:
     former: CalibratedJoint | None
 
     def mistakes(self) -> list[str]:
-        """What cannot be right."""
+        """Return the mistakes in the entry of this joint."""
         joint, theirs = self.joint, self.theirs
         found = entry_mistakes(theirs, joint.model.last_count)
         if theirs.id != joint.servo_id:
-            found.append(f"it has servo {theirs.id} in LeRobot's file and {joint.servo_id} in the robot file")
+            found.append(f"its servo has ID {theirs.id} in LeRobot's file, but {joint.servo_id} in the robot file")
         return found or self._not_swept()
 
     def _not_swept(self) -> list[str]:
-        """Whether the joint was moved too little for its stops to be known."""
+        """Return a mistake if the joint was moved too little to show its stops."""
         joint, made = self.joint, self.result()
         travel, range_ = made.made.travel(joint), joint.limits.upper - joint.limits.lower
         if made.source == "kept" or travel >= SWEPT_SHARE * range_:
             return []
         return [
-            f"it was moved through {travel:.3f} of {range_:.3f} in the URDF (counts {self.theirs.range_min} to "
-            f"{self.theirs.range_max}), so its stops are not known: calibrate anew, from stop to stop"
+            f"it was moved through only {travel:.3f} of {range_:.3f} in the URDF (counts {self.theirs.range_min} to "
+            f"{self.theirs.range_max}), so its stops are unknown: calibrate again, from stop to stop"
         ]
 
     def out_of_reach(self) -> list[str]:
-        """Whether the joint's limits lie beyond the servo's counts with this zero: the robot file would be refused."""
+        """Return a mistake if the joint's limits lie outside the servo's counts. The robot file would be refused."""
         lowest, highest = as_joint(self.joint, self.result().made).counts_range()
         if lowest >= 0 and highest <= self.joint.model.last_count:
             return []
         return [
-            f"{self.joint.name}: with the zero found, its limits in the URDF are the counts {lowest} to {highest}, "
-            "over the seam: servoloop calibrate puts the seam outside"
+            f"{self.joint.name}: with this zero, its limits in the URDF are at counts {lowest} to {highest}, so its "
+            "range crosses the seam. Calibrate with servoloop calibrate, which moves the seam out of the range"
         ]
 
     def result(self) -> Imported:
@@ -135,7 +143,7 @@ class _Import:
         zero, source = self._zero(sign)
         theirs = self.theirs
         made = JointCalibration(sign, zero, theirs.homing_offset, theirs.range_min, theirs.range_max)
-        return Imported(self.joint, made, source, self._doubt(made, source))
+        return Imported(self.joint, made, source, self._warning(made, source))
 
     def _zero(self, sign: int) -> tuple[int, Source]:
         if self.former is not None and entry_of(self.former, self.built) == self.theirs:
@@ -153,16 +161,21 @@ class _Import:
         return low if (zero == "lower_stop") == (sign > 0) else high
 
     def _is_whole_turn(self) -> bool:
-        """LeRobot does not sweep a wrist: it writes the whole turn, which has no stops and no middle."""
+        """Whether the travel is a whole turn. LeRobot writes this for a wrist without sweeping it."""
         span = self.theirs.range_max - self.theirs.range_min
         return span >= self.joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 
-    def _doubt(self, made: JointCalibration, source: Source) -> str:
+    def _warning(self, made: JointCalibration, source: Source) -> str:
         if source == "lerobot":
             why = (
-                "its travel was not swept" if self._is_whole_turn() else "its zero is a pose that the file does not say"
+                "its travel was not swept"
+                if self._is_whole_turn()
+                else "its zero is a pose, which the file does not contain"
             )
-            return f"{why}, so LeRobot's zero stands for the URDF's and may be off: servoloop calibrate finds it"
+            return (
+                f"{why}, so LeRobot's zero is used instead and may be wrong. Find the zero of the URDF with servoloop "
+                "calibrate"
+            )
         if self._is_whole_turn():
-            return ""  # its zero was known, and of its travel LeRobot says nothing
-        return doubts(self.joint, made)
+            return ""  # The zero is known, and the file does not contain the travel.
+        return travel_warnings(self.joint, made)

@@ -1,4 +1,4 @@
-"""Provisioning: one servo's EEPROM is made what it is to be, and checked again behind a restart."""
+"""Write the EEPROM settings of one servo and check them again after a restart."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -14,22 +14,22 @@ from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
 
 RESTART_S: Final = 1.5
-"""A servo needs 0.8 s to come up again."""
+"""Time that a servo gets to restart, in seconds. It needs 0.8 s."""
 
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:
-    """The registers in this model's EEPROM by name, by address."""
+    """Return the EEPROM registers of this model by name, in the order of their addresses."""
     return {register.name: register for register in registers_of(model) if register.persistent}
 
 
 def provision(
     bus: Bus, clock: Clock, servo_id: int, model: ServoModel, values: Mapping[Register, int]
 ) -> tuple[Change, ...]:
-    """Make the servo hold ``values``; what had to be changed. The ID comes last.
+    """Write register values to the servo's EEPROM and return the changes. The ID is written last.
 
-    Only what differs is written, behind the lock, and not under torque. A servo to which anything was written is
-    restarted, for some registers count only from then on, and asked whether it holds all still. Raises ServoError,
-    CommissioningError, PortLost; what had been changed is in the exception's notes.
+    Only registers with another value are written; the torque must be off. After a change the servo is restarted,
+    because some registers take effect only then, and all values are read back. Raises ServoError, CommissioningError,
+    PortLost, with the changes made so far in the notes of the exception.
     """
     changes = update(bus, servo_id, series_of(model).lock, values)
     if changes:
@@ -44,7 +44,7 @@ def provision(
 
 
 def restart(bus: Bus, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Restart a limp servo, where its protocol can, and wait until it answers again."""
+    """Restart a servo whose torque is off, and wait until it answers. Does nothing if its protocol has no restart."""
     if series_of(model).protocol.reboot == "none":
         return
     bus.reboot(servo_id)
@@ -57,9 +57,12 @@ def _check(bus: Bus, servo_id: int, values: Mapping[Register, int]) -> None:
     lost = [f"{register.name} is {held[register]}, not {value}" for register, value in values.items()
             if held[register] != value]  # fmt: skip
     if lost:
-        raise CommissioningError(f"servo {servo_id} has not kept what was written: {'; '.join(lost)} after its restart")
+        raise CommissioningError(
+            f"servo {servo_id} did not keep the values that were written: {'; '.join(lost)} after its restart. Write "
+            "them again; if that does not help, replace the servo"
+        )
 
 
 def drives(bus: Bus, servo_id: int, model: ServoModel) -> bool:
-    """Whether the servo does anything with its motor, damping too."""
+    """Whether the servo drives its motor in any way, including damping."""
     return retry(partial(bus.read, servo_id, series_of(model).torque_enable)) != 0

@@ -1,4 +1,4 @@
-"""An arm under torque that moves slowly, one joint at a time: for tools, beside no other program."""
+"""Move an arm slowly, for tools that use the bus alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,29 +19,31 @@ from hal.types import FloatArray, JointCommand, JointLimits, JointState
 
 PERIOD_S: Final = 0.05
 SPEED_SHARE: Final = 0.25
-"""Of the joint's velocity limit; tools never move faster."""
+"""Maximum speed of a joint in tools, as a share of its velocity limit."""
 FASTEST_RAD_S: Final = 0.4
-"""Of a servo's shaft."""
+"""Default maximum speed of a servo's shaft."""
 SETTLE_S: Final = 0.3
-"""So long a joint that stands has stood."""
+"""Time a joint must be at rest before it counts as settled, in seconds."""
 STANDS_RAD: Final = 0.003
-"""A servo's shaft that turns by less within ``SETTLE_S`` stands: two counts of an STS."""
+"""Maximum angle that a servo's shaft at rest turns within ``SETTLE_S``: two counts of an STS."""
 LONGEST_SETTLE_S: Final = 2.0
 PATIENCE_S: Final = 0.2
-"""A packet that is lost is no reason to let the arm go, nor a machine that is held up for a moment."""
-LETTING_DOWN: Final = (0.3, 0.2, 0.12, 0.06)
-"""Shares of full drive on the way to none: an arm in the air sinks, and does not fall."""
-LETTING_DOWN_S: Final = 0.4
-"""The time at each share."""
+"""Time for which faults are tolerated, so that a lost packet or a short delay does not stop the arm."""
+SINK_SHARES: Final = (0.3, 0.2, 0.12, 0.06)
+"""Torque limits before the torque is released, as shares of full drive. They make a raised arm sink instead of fall."""
+SINK_STEP_S: Final = 0.4
+"""Time at each of these torque limits."""
 
 
 class StoppedError(DriverError):
-    """Somebody stopped the arm, or one of its servos failed."""
+    """The user stopped the arm, or one of its servos failed."""
 
 
 class SlowArm:
-    """A context manager: the arm is limp behind it, unless ``relax`` is taken back. Positions in rad or m, in the order
-    of the joints.
+    """Context manager that enables the torque of an arm and moves it slowly.
+
+    At exit the arm sinks and its torque is released, unless ``relax`` is set to False. Positions are in rad or m, in
+    the order of the joints.
     """
 
     def __init__(
@@ -53,18 +55,23 @@ class SlowArm:
         fastest_rad_s: float = FASTEST_RAD_S,
         period_s: float = PERIOD_S,
     ) -> None:
-        """``stopped`` is asked in each cycle; once it says yes, the arm is let down, and StoppedError raised.
+        """Prepare the arm without opening its buses.
 
-        ``open_bus``: the joints' bus, or all of them by name. ``fastest_rad_s``: of a servo's shaft, within
-        ``SPEED_SHARE`` of the joint's limit.
+        Args:
+            open_bus: Opens the bus of the joints, or all of their buses by name.
+            joints: Joints of the arm.
+            clock: Clock of the cycles.
+            stopped: Called in each cycle. When it returns True, StoppedError is raised and the arm sinks.
+            fastest_rad_s: Maximum speed of a servo's shaft, reduced to ``SPEED_SHARE`` of the joint's limit.
+            period_s: Length of a cycle, in seconds.
         """
         self.joints = tuple(replace(joint, limits=_slow(joint, fastest_rad_s)) for joint in joints)
         self.period_s = period_s
         self.stopped = stopped
         self.relax = True
-        """Whether the arm is let down at the end; else its servos hold their last goals."""
+        """Whether the torque is released at exit. Otherwise the servos hold their last goals."""
         self.asked_s = 0.0
-        """When the servos were asked for the newest measurement, on the clock."""
+        """Clock time at which the newest measurement was requested."""
         self._open_bus = open_bus
         self._buses: Mapping[str, Bus] = {}
         self._clock = clock
@@ -73,7 +80,7 @@ class SlowArm:
         self._state: JointState | None = None
         self._faulty_cycles = 0
         self.command: FloatArray = np.zeros(len(joints))
-        """Where the joints are sent, (n,)."""
+        """Current goals of the joints, shape (n,)."""
 
     def _opened(self) -> Mapping[str, Bus]:
         opened = self._open_bus()
@@ -81,7 +88,7 @@ class SlowArm:
         return self._buses
 
     def __enter__(self) -> Self:
-        """Torque on, every goal at its measured position. Raises DriverError, HalError."""
+        """Enable torque with every goal at the measured position. Raises DriverError, HalError."""
         self._hardware.configure()
         try:
             self._hardware.activate()
@@ -98,10 +105,10 @@ class SlowArm:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let the arm down and go. Raises StoppedError where torque may still be on."""
+        """Let the arm sink and release its torque. Raises StoppedError if torque may still be on."""
         try:
             if self.relax:
-                self._let_down()
+                self._sink()
             if problems := self._hardware.deactivate(self.relax):
                 raise StoppedError("torque may still be on: " + "; ".join(problems))
         finally:
@@ -114,16 +121,19 @@ class SlowArm:
         return self._state
 
     def measured(self, index: int) -> float:
-        """The newest measured position of one joint."""
+        """Return the newest measured position of one joint."""
         return float(self.state.position[index])
 
     def measured_near(self, index: int, near: float) -> float:
-        """The newest position with turns, of a servo that reports its place in the turn: the nearest to ``near``."""
+        """Return the newest position of one joint plus the number of whole turns that brings it closest to ``near``.
+
+        A servo reports only its position within the turn.
+        """
         measured, turn = self.measured(index), tau * self.joints[index].transmission
         return measured + round((near - measured) / turn) * turn
 
     def go(self, index: int, target: float) -> None:
-        """Move one joint there on a smooth way at its slow speed, and wait until it stands, 2 s at most."""
+        """Move one joint smoothly to the target at its slow speed, and wait at most 2 s until it is at rest."""
         start, limits = float(self.command[index]), self.joints[index].limits
         cycles = round(0.5 * pi * abs(target - start) / limits.velocity / self.period_s) + 1
         for cycle in range(1, cycles + 1):
@@ -135,11 +145,14 @@ class SlowArm:
             if abs(self.measured(index) - before) <= stands:
                 return
 
-    def go_all(self, targets: FloatArray, look: Callable[[], None] = lambda: None) -> None:
-        """Move all joints there at once on a smooth way, none faster than ``FASTEST_RAD_S`` of its servo's shaft.
+    def go_all(self, targets: FloatArray, after_cycle: Callable[[], None] = lambda: None) -> None:
+        """Move all joints smoothly at the same time, at most at ``FASTEST_RAD_S`` of each servo's shaft.
 
-        ``targets``: (n,). They arrive together, and nobody waits until they stand. ``look`` is called behind each
-        cycle. Raises StoppedError.
+        The joints arrive together; the method does not wait until they are at rest. Raises StoppedError.
+
+        Args:
+            targets: Goals of the joints, shape (n,).
+            after_cycle: Called after each cycle.
         """
         start = self.command.copy()
         fastest = [min(one.limits.velocity, FASTEST_RAD_S * one.transmission) for one in self.joints]
@@ -147,10 +160,10 @@ class SlowArm:
         cycles = round(seconds / self.period_s) + 1
         for cycle in range(1, cycles + 1):
             self._cycle(start + (targets - start) * 0.5 * (1.0 - cos(pi * cycle / cycles)))
-            look()
+            after_cycle()
 
     def rest(self, seconds: float) -> None:
-        """Hold all joints where they were sent. Raises StoppedError."""
+        """Hold all joints at their current goals. Raises StoppedError."""
         self._keep(0, float(self.command[0]), seconds)
 
     def _keep(self, index: int, position: float, seconds: float) -> None:
@@ -158,14 +171,16 @@ class SlowArm:
             self.cycle(index, position)
 
     def cycle(self, index: int, position: float) -> None:
-        """One cycle in which one joint is sent to a position, and the others stay. Raises StoppedError."""
+        """Run one cycle with a new goal for one joint; the others keep theirs. Raises StoppedError."""
         wanted = self.command.copy()
         wanted[index] = position
         self._cycle(wanted)
 
     def _cycle(self, wanted: FloatArray) -> None:
         if self.stopped():
-            raise StoppedError("stopped: the arm is limp" if self.relax else "stopped: the arm holds")
+            raise StoppedError(
+                "stopped: the torque of the arm is released" if self.relax else "stopped: the arm holds its position"
+            )
         self.command = self._gate.limit(wanted, self.command, self.period_s).values
         self._hardware.write(JointCommand(self.command, self.period_s))
         self._clock.sleep_until(self._clock.now() + self.period_s)
@@ -175,15 +190,15 @@ class SlowArm:
         if self._faulty_cycles > round(PATIENCE_S / self.period_s):
             raise StoppedError("; ".join(fault.text for fault in self._state.faults.values()))
 
-    def _let_down(self) -> None:
-        """Take the torque back step by step; a servo that does not take it is let go with the others in the end."""
-        for share in LETTING_DOWN:
+    def _sink(self) -> None:
+        """Reduce the torque limits step by step. A servo that does not accept them is released with the others."""
+        for share in SINK_SHARES:
             for joint in self.joints:
                 try:
                     self._buses[joint.bus].limit_torque(joint.servo_id, min(share, joint.torque_limit))
                 except DriverError:
                     continue
-            self._clock.sleep_until(self._clock.now() + LETTING_DOWN_S)
+            self._clock.sleep_until(self._clock.now() + SINK_STEP_S)
 
 
 def _slow(joint: Joint, fastest_rad_s: float) -> JointLimits:

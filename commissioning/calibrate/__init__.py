@@ -1,1 +1,1 @@
-"""Calibration: how the servos' counts become joint positions of the URDF."""
+"""Calibrate an arm: find the sign, the zero and the homing offset of each joint."""

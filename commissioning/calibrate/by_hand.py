@@ -1,4 +1,7 @@
-"""The calibration by hand: sweep, direction, anchor. Torque is off all the while; nothing is written here."""
+"""Calibrate joints that the user moves by hand: sweep, direction and anchor.
+
+Torque is off the whole time, and this module writes nothing to the servos or to disk.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +21,7 @@ from commissioning.calibrate.result import (
     cannot_move_seam,
     fills_the_turn,
     is_mirrored,
-    place_doubt,
+    position_warning,
     pressed_counts,
     turns_freely,
 )
@@ -29,42 +32,45 @@ from drivers.bus.bus import Bus
 from hal.joint import Joint
 
 SHOWN_RAD: Final = 0.15
-"""Angle that the servo must turn to show a direction."""
+"""Angle that the servo must turn to show a direction, rad."""
 TREMBLE_RAD: Final = 0.05
-"""A hand that turns round by less has not turned round."""
+"""A reversal of the motion by a smaller angle is ignored as trembling of the hand, rad."""
 TRIES: Final = 5
-"""Number of times that the user is asked for the same thing."""
+"""Maximum number of times that the user is asked to do one task."""
 REPEATS: Final = 2
-"""Number of times that a joint whose travel contradicts what was shown is asked for again."""
+"""Maximum number of times that a joint is measured again because its travel contradicts its direction or pose."""
 SEEN_TWICE: Final = 2
-"""Number of times that another servo must turn in the place of the joint's for their IDs to be exchanged."""
+"""Number of times that another servo must turn instead before the two IDs count as exchanged."""
 
 
 class Guide(Protocol):
-    """Whoever moves the arm by hand: a person at a terminal, or a test's hand in the simulation."""
+    """Interface to the person who moves the arm by hand, or to a simulated hand in a test."""
 
-    def until_done(self, task: "Task", look: Callable[[], None]) -> None:
-        """Have the task done; ``look`` is to be called all the while, at least ten times a second."""
+    def until_done(self, task: "Task", update: Callable[[], None]) -> None:
+        """Return when the task is done. Until then, call ``update`` at least ten times a second."""
         ...
 
     def say(self, text: str) -> None:
-        """Tell something that needs no answer."""
+        """Show a message that needs no answer."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A task for somebody's hands: ``kind`` for programs, ``text`` for people, ``joints`` in question."""
+    """A task for the person who moves the arm."""
 
     kind: str
+    """Kind of task, for programs: ``sweep``, ``direction`` or ``pose``."""
     text: str
+    """Instruction for the user."""
     joints: tuple[str, ...]
+    """Names of the joints to move."""
     sweep: Sweep
-    """What is known of all joints so far."""
+    """Measurements of all joints so far."""
 
 
 class ByHand:
-    """One calibration by hand of the joints on one bus."""
+    """Calibration by hand of the joints on one bus."""
 
     def __init__(self, bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan], guide: Guide) -> None:
         self._bus = bus
@@ -75,7 +81,10 @@ class ByHand:
         self._counting: dict[str, Counting] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Have everything done. Raises CalibrationError where the arm was not moved as asked."""
+        """Guide the user through all tasks; return the calibration of each joint, by name.
+
+        Raises CalibrationError if the arm was not moved as requested.
+        """
         require_poses(self._joints, self._plans)
         self._counting = {joint.name: counting_of(self._bus, joint) for joint in self._joints}
         self._tell_fixed_seams()
@@ -83,16 +92,16 @@ class ByHand:
         return {joint.name: self._measured(joint) for joint in self._joints}
 
     def poses(self) -> dict[str, float]:
-        """Have joints that turn freely brought into their marked poses; the counts there, by joint."""
+        """Ask the user to move freely turning joints to their marked poses; return the counts there, by joint."""
         return {joint.name: self._pose_twice(joint, self._plans[joint.name]) for joint in self._joints}
 
     # The sweep.
 
     def _sweep_all(self) -> None:
-        """Have every joint moved from stop to stop; those that were not are asked for again, by name."""
+        """Ask the user to move every joint from stop to stop, and ask again for joints that missed a stop."""
         free = [joint.name for joint in self._joints if turns_freely(joint)]
         if free:
-            self._guide.say(f"{', '.join(free)}: turns freely, so it needs no sweep: a pose will show its zero")
+            self._guide.say(f"{', '.join(free)}: turns freely and is not swept. You will show its zero with a pose")
         left = tuple(joint for joint in self._joints if not turns_freely(joint))
         text = "Move every joint slowly from stop to stop, in any order"
         stops = Stops(self._sweep, left)
@@ -100,33 +109,33 @@ class ByHand:
             if not left:
                 break
             stops.begin()
-            self._have_done("sweep", text, left, stops.look)
+            self._have_done("sweep", text, left, stops.update)
             left = tuple(joint for joint in left if stops.missing(joint))
             names = ", ".join(joint.name for joint in left)
             seen = "; ".join(stops.seen(joint) for joint in left)
             text = (
                 f"Not yet from stop to stop: {names}. Move {'it' if len(left) == 1 else 'them'} to both stops ({seen})"
             )
-        # What remains is said with the result: an arm may have other stops than its URDF.
+        # A short travel is reported with the result: the stops of an arm may differ from its URDF.
         self._require_seams_outside()
 
     def _tell_fixed_seams(self) -> None:
-        """Tell before any work which joints' servos must be mounted with their seams outside the travel."""
+        """Warn before any work about servos that must be mounted with their encoder seams outside the travel."""
         for joint in self._joints:
             if self._counting[joint.name].homing_offset is None:
                 self._guide.say(
-                    f"{joint.name}: a {joint.model.name} cannot move the place where it passes from its last count to "
-                    "its first. If the sweep crosses it, the horn has to be put on another way"
+                    f"{joint.name}: its {joint.model.name} has a fixed position where its count jumps from the last to "
+                    "the first. If the joint crosses this position, you must mount the servo's horn at another angle"
                 )
 
     def _require_seams_outside(self) -> None:
-        """Raise CalibrationError with all joints whose servos pass their seams and cannot move them."""
+        """Raise CalibrationError naming every joint that crosses a fixed seam or turned through a whole turn."""
         stuck = [j for j in self._joints if self._counting[j.name].homing_offset is None and self._crosses(j)]
         endless = [j for j in self._joints if self._plans[j.name].zero != "pose" and self._fills_the_turn(j)]
         problems = [f"{joint.name}: {cannot_move_seam(joint)}" for joint in stuck]
         problems += [
-            f"{joint.name} was turned through more than a turn of its servo ({joint.servo_id}): it has no stops, so "
-            "only a pose can show its zero. Give its plan in arm.yaml `zero: pose`"
+            f"{joint.name} was turned through more than one turn of its servo ({joint.servo_id}). It has no stops, so "
+            "only a pose can show its zero. Set `zero: pose` for this joint in arm.yaml"
             for joint in endless
         ]
         if problems:
@@ -145,13 +154,13 @@ class ByHand:
     # One joint.
 
     def _measured(self, joint: Joint) -> JointCalibration:
-        """Direction and anchor of one joint; asked for again while its travel lies elsewhere than the URDF's."""
+        """Measure direction and anchor of one joint; repeat if the travel does not match the URDF's limits."""
         sign = self._direction(joint)
         made = self._calibration(joint, sign, self._anchor(joint, sign))
         if self._plans[joint.name].zero != "pose":
             return made
         for _ in range(REPEATS):
-            doubt = place_doubt(joint, made)
+            doubt = position_warning(joint, made)
             if not doubt:
                 break
             self._guide.say(f"{joint.name}: {doubt}")
@@ -167,7 +176,7 @@ class ByHand:
         return calibration_of(joint, found)
 
     def _anchor(self, joint: Joint, sign: int) -> float:
-        """The continuous counts at the place that the joint's plan names."""
+        """Return the continuous counts at the position that the joint's plan names as its zero."""
         plan = self._plans[joint.name]
         if plan.zero != "pose":
             return anchor_counts(joint, plan, self._swept(joint), sign)
@@ -176,13 +185,13 @@ class ByHand:
     # The direction.
 
     def _direction(self, joint: Joint) -> int:
-        """Have the joint moved the way in which its position grows; the sign with which counts do."""
+        """Ask the user to move the joint in its positive direction; return the sign of the change in counts."""
         positive = self._plans[joint.name].positive
         text, others = f"{joint.name}: {positive}", list[str]()
         per_rad = joint.model.counts_per_turn / tau
         for _ in range(TRIES):
             hands = Hands(self._sweep)
-            self._have_done("direction", text, (joint,), hands.look)
+            self._have_done("direction", text, (joint,), hands.update)
             way = last_way(hands.counts(joint), round(TREMBLE_RAD * per_rad))
             if abs(way) >= SHOWN_RAD * per_rad:
                 return 1 if way > 0 else -1
@@ -191,63 +200,69 @@ class ByHand:
             if other and others.count(other.name) == SEEN_TWICE:
                 raise CalibrationError(_exchanged(joint, other))
             seen = f", but servo {other.servo_id} ({other.name}) turned" if other else ""
-            text = f"{joint.name}: it hardly moved{seen}. {positive}, by the width of a hand or more"
-        raise CalibrationError(f"{joint.name}: which way is positive was not shown: nothing was written")
+            text = f"{joint.name} hardly moved{seen}. {positive}, by the width of a hand or more"
+        raise CalibrationError(
+            f"{joint.name} was not moved in its positive direction, so its sign is unknown. Nothing was written. "
+            "Calibrate again"
+        )
 
     # The pose.
 
     def _pose(self, joint: Joint, plan: JointPlan, before: str = "") -> float:
-        """Have the joint brought into its marked pose; the counts there."""
+        """Ask the user to move the joint to its marked pose; return the counts there."""
         hands = Hands(self._sweep)
         text = f"{joint.name}: {before}{plan.pose}, and keep it there"
-        self._have_done("pose", text, (joint,), hands.look)
+        self._have_done("pose", text, (joint,), hands.update)
         if other := hands.moved_instead(joint, SHOWN_RAD):
             self._guide.say(f"{joint.name} hardly moved, but servo {other.servo_id} ({other.name}) turned")
         return self._sweep.of(joint).counts
 
     def _pose_twice(self, joint: Joint, plan: JointPlan) -> float:
-        """The pose of a joint that turns freely: no stop shows whether it is right, so it is shown twice."""
+        """Return the counts at the pose of a joint that turns freely.
+
+        The user shows the pose twice, because no stop can confirm it.
+        """
         turn = joint.model.counts_per_turn
         first = self._pose(joint, plan)
-        apart = [0, shortest(round(first), round(self._pose(joint, plan, "turn it away, and then back: ")), turn)]
+        apart = [0, shortest(round(first), round(self._pose(joint, plan, "turn it away, then back again. ")), turn)]
         if abs(apart[1]) > PLACE_RAD * turn / tau:
             self._guide.say(f"{joint.name}: the two poses are {abs(apart[1]) * tau / turn:.3f} rad apart")
-            apart.append(shortest(round(first), round(self._pose(joint, plan, "a third time: ")), turn))
+            apart.append(shortest(round(first), round(self._pose(joint, plan, "show the pose a third time. ")), turn))
         return first + median(apart)
 
     def _have_done(
-        self, kind: str, text: str, joints: Sequence[Joint], after_look: Callable[[], object] = lambda: None
+        self, kind: str, text: str, joints: Sequence[Joint], after_update: Callable[[], object] = lambda: None
     ) -> None:
-        def look() -> None:
-            self._sweep.look()
-            after_look()
+        def update() -> None:
+            self._sweep.update()
+            after_update()
 
-        look()
-        self._guide.until_done(Task(kind, text, tuple(joint.name for joint in joints), self._sweep), look)
-        look()
+        update()
+        self._guide.until_done(Task(kind, text, tuple(joint.name for joint in joints), self._sweep), update)
+        update()
 
 
 def require_poses(joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> None:
-    """Raise CalibrationError with all joints that turn freely and have no pose for their zero."""
+    """Raise CalibrationError naming every joint that turns freely and has no pose for its zero."""
     lost = [joint.name for joint in joints if turns_freely(joint) and plans[joint.name].zero != "pose"]
     if lost:
         raise CalibrationError(
-            f"{', '.join(lost)}: the range in the URDF is a whole turn, so no stop shows the zero: "
-            "give the plan in arm.yaml `zero: pose`"
+            f"{', '.join(lost)}: the range in the URDF is a whole turn, so no stop shows the zero. "
+            "Set `zero: pose` for this joint in arm.yaml"
         )
 
 
 def place_shows_direction(joint: Joint, plan: JointPlan, made: JointCalibration) -> bool:
-    """Whether the travel would lie elsewhere if the joint's direction was the other one."""
+    """Whether the travel would not match the URDF's limits if the joint's direction was reversed."""
     limits = joint.limits
-    if plan.zero != "pose" or turns_freely(joint) or place_doubt(joint, made):
+    if plan.zero != "pose" or turns_freely(joint) or position_warning(joint, made):
         return False
     from_middle = plan.anchor(limits.lower, limits.upper) - 0.5 * (limits.lower + limits.upper)
     return abs(from_middle) > PLACE_RAD * joint.transmission
 
 
 def anchor_counts(joint: Joint, plan: JointPlan, travel: Travel, sign: int) -> float:
-    """The continuous counts at the middle or at a stop of the travel."""
+    """Return the continuous counts at the middle or at a stop of the travel, as the plan requires."""
     if plan.zero == "middle":
         return 0.5 * (travel.lower + travel.upper)
     pressed = pressed_counts(joint, travel)
@@ -256,7 +271,7 @@ def anchor_counts(joint: Joint, plan: JointPlan, travel: Travel, sign: int) -> f
 
 
 def as_joint(joint: Joint, made: JointCalibration) -> Joint:
-    """The joint as calibrated."""
+    """Return the joint with the calibration applied."""
     return replace(
         joint,
         sign=made.sign,
@@ -268,7 +283,8 @@ def as_joint(joint: Joint, made: JointCalibration) -> Joint:
 
 def _exchanged(joint: Joint, other: Joint) -> str:
     return (
-        f"{joint.name}: servo {joint.servo_id} did not move, and servo {other.servo_id} ({other.name}) did, twice. "
-        "The two servos have exchanged their IDs, or another joint was moved. Nothing was written. Give them the right "
-        "IDs with servoloop set-id, the first by way of a free ID, and calibrate again"
+        f"{joint.name}: servo {joint.servo_id} did not move, but servo {other.servo_id} ({other.name}) moved twice "
+        "instead. Either the IDs of the two servos are exchanged, or another joint was moved. Nothing was written. If "
+        "the IDs are exchanged, correct them with servoloop set-id (set one of them to a free ID first), then "
+        "calibrate again"
     )

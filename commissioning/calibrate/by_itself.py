@@ -1,7 +1,7 @@
-"""The calibration by itself: each joint is driven softly to its stops, which it finds by coming to a stand.
+"""Calibrate an arm automatically: drive each joint with low torque until it stops moving at its stops.
 
-Only STS servos: while it lasts, their own position limits are off (in RAM, behind the closed lock), so that the
-encoder's seam may lie anywhere; a restart brings them back.
+Only STS servos can do this. Their own position limits are disabled in RAM meanwhile (with the EEPROM lock closed), so
+that the encoder's seam may lie anywhere in the travel. A restart of the servos restores the limits.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,14 +29,15 @@ from hal.joint import Joint
 from hal.types import JointLimits
 
 REACH: Final = 1.25
-"""Without a stop within so many times the URDF's range there is none."""
+"""Distance within which a stop must be found, as a multiple of the range in the URDF."""
 DRIVE: Final = 0.5
+"""Default torque limit of a joint, as a share of full drive."""
 
 
 def by_itself(
     open_bus: Callable[[], Bus], plan: ArmPlan, watcher: Watcher, clock: Clock, stopped: Callable[[], bool]
 ) -> Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]:
-    """Measuring by the arm itself, for ``calibrate``, which holds the line and lends it."""
+    """Return the automatic measurement as a function for ``calibrate``, which has the bus open."""
 
     def measure(bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan]) -> dict[str, JointCalibration]:
         bus.close()
@@ -46,7 +47,7 @@ def by_itself(
 
 
 class ByItself:
-    """A calibration of the joints on one bus without hands."""
+    """Automatic calibration of the joints on one bus."""
 
     def __init__(
         self,
@@ -67,13 +68,16 @@ class ByItself:
         self._poses: dict[str, float] = {}
 
     def run(self) -> dict[str, JointCalibration]:
-        """Find all stops and directions; the arm is back where it lay, limp. Raises CalibrationError, StoppedError."""
+        """Find all stops and directions, then return the arm to its start with torque off.
+
+        Raises CalibrationError, StoppedError.
+        """
         self._require_able()
         with closing(self._open_bus()) as bus:
             self._poses = ByHand(bus, self._free, self._plan.joints, self._watcher).poses()
             if self._poses:
-                self._watcher.say("Let the arm go: it moves by itself now")
-            restart(bus, self._joints, self._clock)  # so that goals are counted from the turn that the servo says
+                self._watcher.say("Take your hands off the arm: it moves on its own now")
+            restart(bus, self._joints, self._clock)  # The servos then count goals from the turn that they report.
             here = _readings(bus, self._joints)
             offsets = {j.name: retry(partial(bus.read, j.servo_id, sts.homing_offset)) for j in self._joints}
             self._limits_off(bus)
@@ -82,24 +86,27 @@ class ByItself:
         except BaseException as error:
             try:
                 self._restart()
-            except DriverError as second:  # what went wrong before it matters more
-                error.add_note(f"the servos' own limits are off until their supply is switched off and on: {second}")
+            except DriverError as second:  # The first error is more important.
+                error.add_note(
+                    "the position limits in the servos are still disabled, because the servos could not be restarted: "
+                    f"{second}. Switch their supply off and on to restore the limits"
+                )
             raise
         self._restart()
         return found
 
     def _require_able(self) -> None:
-        """Raise CalibrationError where a joint cannot be driven to its stops, or has none and no pose."""
+        """Raise CalibrationError if a joint cannot be driven to its stops, or has neither stops nor a pose."""
         others = [joint.name for joint in self._joints if joint.model not in sts.MODELS.values()]
         if others:
             raise CalibrationError(
-                f"{', '.join(others)}: only STS servos calibrate themselves. Others have their position limits in "
-                "EEPROM, which is not written before you have seen what was found: calibrate by hand"
+                f"{', '.join(others)}: automatic calibration works only with STS servos. Other servos have their "
+                "position limits in EEPROM, which is not changed before you confirm the result. Calibrate by hand"
             )
         require_poses(self._joints, self._plan.joints)
 
     def _restart(self) -> None:
-        """Have the servos come up with what their EEPROM says."""
+        """Restart the servos, so that the values in their EEPROM apply again."""
         with closing(self._open_bus()) as bus:
             restart(bus, self._joints, self._clock)
 
@@ -111,7 +118,7 @@ class ByItself:
                 bus.write(joint.servo_id, register, 0)
 
     def _found(self, here: Mapping[str, int], offsets: Mapping[str, int]) -> dict[str, JointCalibration]:
-        """Everything with the arm under torque."""
+        """Make all measurements that need torque; return the calibration of each joint."""
         auto = self._plan.auto
         counted = [_counted_from(joint, here[joint.name], auto.drive.get(joint.name, DRIVE)) for joint in self._joints]
         named = {joint.name: index for index, joint in enumerate(self._joints)}
@@ -141,18 +148,18 @@ class ByItself:
         return {joint.name: made[joint.name] for joint in self._joints}
 
     def _found_by_pose(self, joint: Joint, sign: int, offset: int) -> Found:
-        """The measurement of a joint that turns freely."""
+        """Return the measurement of a joint that turns freely."""
         counts, position = self._poses[joint.name], self._plan.joints[joint.name].at or 0.0
         return Found(Travel(floor(counts), ceil(counts)), sign, counts, position, offset)
 
     def _travel(self, arm: SlowArm, index: int, sign: int, begun: int, offset: int) -> Found:
-        """Find both stops, and with them the place that the zero is counted from."""
+        """Find both stops of a joint and the anchor of its zero."""
         joint, plan = self._joints[index], self._plan.joints[self._joints[index].name]
-        self._watcher.say(f"{joint.name} goes to its stops")
+        self._watcher.say(f"{joint.name} moves to its stops")
         travel = Travel(
             *sorted(begun + round(StopSearch(arm, index, joint, way).run() / unit(joint)) for way in (-1, 1))
         )
-        if plan.zero == "pose":  # which nobody shows: the middle is the next best
+        if plan.zero == "pose":  # No user shows the pose here, so the middle of the travel replaces it.
             plan = plan.model_copy(update={"zero": "middle", "at": None})
         return Found(
             travel,
@@ -163,14 +170,14 @@ class ByItself:
         )
 
     def _wait(self, arm: SlowArm, index: int, found: Found, begun: int) -> None:
-        """Go where the joint is out of the others' way."""
+        """Move the joint to the position where it leaves room for the other joints."""
         joint = self._joints[index]
         there = self._plan.auto.stops.get(joint.name, 0.0) - found.anchor_position
         arm.go(index, (found.anchor_counts - begun) * unit(joint) + found.sign * there)
 
 
 def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
-    """The counts of all servos, which lie still. Raises CalibrationError with all that do not answer."""
+    """Return the counts of all servos, by joint. Raises CalibrationError naming every servo that does not answer."""
     readings = bus.read_states([joint.servo_id for joint in joints])
     silent = [f"{j.name}: {r.text}" for j in joints if not isinstance(r := readings[j.servo_id], ServoState)]
     if silent:
@@ -179,7 +186,7 @@ def _readings(bus: Bus, joints: Sequence[Joint]) -> dict[str, int]:
 
 
 def _counted_from(joint: Joint, counts: int, drive: float) -> Joint:
-    """A joint whose position is what its servo has turned from here, towards larger counts, with little drive."""
+    """Return a copy of the joint with its zero at these counts, a positive sign and a low torque limit."""
     range_ = REACH * (joint.limits.upper - joint.limits.lower)
     limits = JointLimits(-range_, range_, joint.limits.velocity, joint.limits.acceleration, joint.limits.jerk)
     drive = min(drive, joint.torque_limit)

@@ -1,4 +1,4 @@
-"""The search for a joint's direction: the joint turns a little, and a stop beside it or the user shows which way."""
+"""Find the direction of a joint: turn it a little, and use a nearby stop or the user's answer."""
 
 from collections.abc import Sequence
 from math import ceil
@@ -14,55 +14,57 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 WIGGLE_RAD: Final = 0.15
+"""Angle that a joint turns to show its direction, rad of the servo's shaft."""
 NEAR_RAD: Final = 0.3
-"""The largest distance to a stop, in the folded pose, at which the stop shows the joint's direction."""
+"""Maximum distance to a stop, in the folded pose, at which the stop shows the joint's direction, rad."""
 ARRIVED_RAD: Final = 0.12
-"""A joint that is farther behind its goal is held up by an obstacle."""
+"""Following error above which a joint is considered blocked by an obstacle, rad of the servo's shaft."""
 
 
 class Watcher(Guide, Protocol):
-    """A person who watches the arm move by itself, and brings joints that turn freely into their marked poses."""
+    """A person who watches the automatic calibration and moves joints that turn freely to their marked poses."""
 
     def moved_so(self, joint: str, text: str) -> bool:
-        """Whether the joint just turned the way that ``text`` says (and not the other way), and came back."""
+        """Whether the joint first turned in the direction that ``text`` describes, before it came back."""
         ...
 
 
 class DirectionSearch:
-    """The directions of the joints of an arm that lies folded, as its plan has it."""
+    """Search for the directions of all joints, beginning in the folded pose that the plan describes."""
 
     def __init__(self, arm: SlowArm, joints: Sequence[Joint], plan: ArmPlan, watcher: Watcher) -> None:
-        """``joints``: in the order of the arm's."""
+        """Prepare the search; ``joints`` are in the same order as the joints of ``arm``."""
         self._arm = arm
         self._joints = tuple(joints)
         self._plan = plan
         self._watcher = watcher
 
     def direction(self, index: int) -> int:
-        """Return the sign of a joint, from the stop beside it or from the user's answer. Raises CalibrationError."""
+        """Return the sign of a joint, from a nearby stop or from the user's answer. Raises CalibrationError."""
         return self._shown_by_stop(index) or self._seen(index, 1)
 
     def cleared(self, index: int, sign: int) -> int:
-        """Move a joint out of the way of the others; returns its sign. Asks for it again if the joint is held up.
+        """Move a joint out of the way of the others and return its sign.
 
-        Raises CalibrationError if the joint is held up either way.
+        If the joint is blocked, ask the user for its direction again. Raises CalibrationError if the joint is blocked
+        in both directions.
         """
         joint, auto = self._joints[index], self._plan.auto
         target = sign * (auto.clear[joint.name] - auto.start[joint.name])
         if self._arrives(index, target):
             return sign
         self._arm.go(index, 0.0)
-        self._watcher.say(f"{joint.name} did not get to where it was sent: once more")
+        self._watcher.say(f"{joint.name} did not reach its goal, so its direction is checked again")
         seen = self._seen(index, -1 if target > 0.0 else 1)
         if self._arrives(index, target * sign * seen):
             return seen
         raise CalibrationError(
-            f"{joint.name} (servo {joint.servo_id}) does not get to where it is to be out of the way: lay the arm down "
-            "folded with nothing around it, and begin again"
+            f"{joint.name} (servo {joint.servo_id}) is blocked on its way to the position where it leaves room for the "
+            "other joints. Fold the arm, clear the space around it, and calibrate again"
         )
 
     def _arrives(self, index: int, target: float) -> bool:
-        """Move a joint from 0 to the target; returns whether it arrives. A joint that is held up stops at once."""
+        """Move a joint from 0 to the target and return whether it arrives. A blocked joint stops at once."""
         joint = self._joints[index]
         step, allowed = SEEK_RAD_S * joint.transmission * PERIOD_S, ARRIVED_RAD * joint.transmission
         for goal in np.linspace(0.0, target, ceil(abs(target) / step) + 1):
@@ -81,7 +83,8 @@ class DirectionSearch:
             if self._wiggled(index, way, WIGGLE_RAD) >= 0.5 * WIGGLE_RAD * joint.transmission:
                 return way if self._watcher.moved_so(joint.name, self._plan.joints[joint.name].positive) else -way
         raise CalibrationError(
-            f"{joint.name} (servo {joint.servo_id}) turns neither way: is it blocked, or too weak for what it carries?"
+            f"{joint.name} (servo {joint.servo_id}) does not turn in either direction. Check whether it is blocked or "
+            "too weak for its load"
         )
 
     def _shown_by_stop(self, index: int) -> int:
@@ -95,14 +98,14 @@ class DirectionSearch:
             return 0
         up, down = (self._wiggled(index, way, max(near, 0.0) + WIGGLE_RAD) for way in (1, -1))
         if abs(up - down) < 0.5 * WIGGLE_RAD * joint.transmission:
-            return 0  # it does not lie as the plan has it
+            return 0  # The joint is not where the plan expects it.
         away = 1 if up > down else -1
         return away if start - limits.lower < limits.upper - start else -away
 
     def _wiggled(self, index: int, way: int, angle_rad: float) -> float:
-        """Turn a joint a little and back; returns the angle that it turned."""
+        """Turn a joint a little and back; return the angle that it turned."""
         joint = self._joints[index]
-        self._watcher.say(f"{joint.name} turns a little, and back")
+        self._watcher.say(f"{joint.name} turns a little and back")
         self._arm.go(index, way * angle_rad * joint.transmission)
         moved = self._arm.measured_near(index, 0.0) * way
         self._arm.go(index, 0.0)

@@ -1,4 +1,4 @@
-"""What hands did to all joints while one of them was asked for."""
+"""Record the motion of all joints while the user is asked to move one of them."""
 
 from math import tau
 
@@ -7,24 +7,24 @@ from hal.joint import Joint
 
 
 class Hands:
-    """The continuous counts of all joints during one task, from one look to the next."""
+    """Continuous counts of all joints during one task of the user."""
 
     def __init__(self, sweep: Sweep) -> None:
         self._sweep = sweep
         self._counts: dict[str, list[int]] = {joint.name: [] for joint in sweep.joints}
 
-    def look(self) -> None:
-        """Note where all joints are; a servo that has never answered is left out."""
+    def update(self) -> None:
+        """Add the current counts of every joint whose servo has answered."""
         for name, swept in self._sweep.swept.items():
             self._counts[name].append(swept.counts)
 
     def counts(self, joint: Joint) -> list[int]:
-        """The counts of one joint. Raises CalibrationError where its servo has never answered."""
+        """Return the counts of one joint. Raises CalibrationError if its servo has never answered."""
         self._sweep.of(joint)
         return self._counts[joint.name]
 
     def moved_instead(self, joint: Joint, shown_rad: float) -> Joint | None:
-        """The other joint whose servo turned the most while this one's did not; None where none did."""
+        """Return the other joint that turned most while this joint did not turn; None if no joint turned."""
         turned = {one.name: self._turned_rad(one) for one in self._sweep.joints}
         if turned[joint.name] >= shown_rad:
             return None

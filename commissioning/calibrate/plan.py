@@ -1,4 +1,4 @@
-"""The calibration plan of an arm: for each joint which way is positive, and where its zero is found."""
+"""The calibration plan of an arm: the positive direction of each joint and how its zero is found."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
@@ -11,44 +11,47 @@ Zero = Literal["middle", "lower_stop", "upper_stop", "pose"]
 
 
 class JointPlan(BaseModel):
-    """How one joint is calibrated. Angles in rad (m for a prismatic joint), as the URDF counts them."""
+    """Calibration plan of one joint. Positions are those of the URDF, in rad (m for a prismatic joint)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     positive: str
-    """A sentence: which way the joint is to be moved for its position to grow."""
+    """Instruction for the user that describes the positive direction of the joint."""
     zero: Zero = "middle"
-    """Where the counts and the URDF's angles are brought together: the middle of the travel, a stop, a marked pose."""
+    """Place that links the counts to the URDF's positions: the middle of the travel, a stop, or a marked pose."""
     at: Position | None = None
-    """The joint's position there; not said for the middle and the stops: what the URDF's limits say."""
+    """Joint position at that place. Without it, the middle and the stops use the URDF's limits."""
     pose: str = ""
-    """A sentence for ``zero: pose``: how the joint stands there."""
+    """Instruction for the user that describes the pose; only for ``zero: pose``."""
 
     @model_validator(mode="after")
-    def _has_its_pose(self) -> Self:
+    def _pose_is_complete(self) -> Self:
         if self.zero == "pose" and (self.at is None or not self.pose):
-            raise ValueError("zero: pose needs pose (how the joint stands) and at (its position there)")
+            raise ValueError("zero: pose needs `pose` (a description of the pose) and `at` (the joint position there)")
         return self
 
     def anchor(self, lower: float, upper: float) -> float:
-        """The joint position at the place that ``zero`` names, for a joint with these limits."""
+        """Return the position of a joint with these limits at the place that ``zero`` names."""
         if self.at is not None:
             return self.at
         return {"middle": 0.5 * (lower + upper), "lower_stop": lower, "upper_stop": upper, "pose": 0.0}[self.zero]
 
 
 def _in_order(steps: Any) -> Any:
-    """Read a list of single entries as a mapping in this order. Raises ValueError for a mapping of several."""
+    """Convert a list of single entries to a mapping in the same order.
+
+    Raises ValueError for a mapping with several entries, because its order is not reliable.
+    """
     if isinstance(steps, Mapping) and len(steps) > 1:
         example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())
         raise ValueError(
-            "is a mapping, whose order another program may have changed, and its order counts: write a list in the "
-            f"right order, such as [{example}]"
+            "is a mapping, but the order matters here and other programs may reorder a mapping. Write a list instead, "
+            f"such as [{example}]"
         )
     if not isinstance(steps, list):
         return steps
     if not all(isinstance(step, Mapping) and len(step) == 1 for step in steps):
-        raise ValueError("is a list of single entries, such as [{elbow_flex: -0.5}]")
+        raise ValueError("must be a list of single entries, such as [{elbow_flex: -0.5}]")
     found = dict[str, Any]()
     for name, position in (entry for step in steps for entry in step.items()):
         if name in found:
@@ -58,32 +61,32 @@ def _in_order(steps: Any) -> Any:
 
 
 Steps = Annotated[dict[str, Position], BeforeValidator(_in_order)]
-"""Positions by joint, one after the other: in a file a list of single entries."""
+"""Joint positions in the order in which they are reached. In a file, this is a list of single entries."""
 
 
 class AutoPlan(BaseModel):
-    """How an arm that calibrates itself keeps off its table. Positions as the URDF counts."""
+    """Plan that keeps an arm away from its table during automatic calibration. Positions are those of the URDF."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     start: dict[str, Position] = {}
-    """How the arm lies at the beginning, roughly: so that it also lies there limp."""
+    """Approximate joint positions at the start. The arm must rest in this pose without torque."""
     clear: Steps = {}
-    """Where joints go one by one before any of them seeks its stops. Only those whose ``start`` is known."""
+    """Positions to which joints move, one by one, before the search for stops. Each needs an entry in ``start``."""
     stops: Steps = {}
-    """In this order joints seek their stops, and there each waits then. Those not named come last, and wait at 0."""
+    """Order of the search for stops, and where each joint waits afterwards. Other joints come last and wait at 0."""
     drive: dict[str, TorqueLimit] = {}
-    """Share of full drive: enough to lift what hangs on the joint, and no more; half unless said."""
+    """Torque limit of a joint, as a share of full drive: just enough to lift its load. The default is 0.5."""
 
     @model_validator(mode="after")
-    def _knows_where_from(self) -> Self:
+    def _start_is_known(self) -> Self:
         if unknown := [name for name in self.clear if name not in self.start]:
-            raise ValueError(f"clear names {', '.join(unknown)}, whose start is not said")
+            raise ValueError(f"clear names {', '.join(unknown)}, but start has no position for it")
         return self
 
 
 class ArmPlan(BaseModel):
-    """The calibration of a whole arm, as ``arm.yaml`` has it."""
+    """Calibration plan of a whole arm, from ``arm.yaml``."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

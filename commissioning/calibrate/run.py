@@ -1,4 +1,4 @@
-"""The whole calibration of an arm on one line: limp, measured, shown as a difference, stored, and tried."""
+"""Calibrate an arm on one bus: release torque, measure, show the changes, store them, and test each joint."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -9,7 +9,7 @@ from typing import Final, Protocol
 from calibration.eeprom import Change
 from commissioning.calibrate.by_hand import ByHand, Guide, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.seam import joint_counting
 from commissioning.calibrate.store import set_aside, store
 from commissioning.provision import drives
@@ -21,20 +21,22 @@ from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question, servo_name, torque_warning
 
 WAY_RAD: Final = 0.2
-"""How far each servo turns, there and back."""
+"""Angle that each servo turns in the motion test, forth and back, rad."""
 OFF_SHARE: Final = 0.3
-"""Sag is the same at both ends of the way; so much of it may be missing by friction and dead band."""
+"""Maximum error of a test motion, as a share of its length. It covers friction and the dead band, but not sag,
+because sag is the same at both ends.
+"""
 
 
 def check(arm: SlowArm, say: Callable[[str], None]) -> None:
-    """Move every joint there and back. Raises CalibrationError with the joint that does not follow."""
+    """Move every joint forth and back. Raises CalibrationError naming the joint that does not follow."""
     for index, joint in enumerate(arm.joints):
         say(f"{joint.name} moves")
         _there_and_back(arm, index)
 
 
 def first_way(arm: SlowArm, index: int) -> float:
-    """The way that the check moves a joint first, towards the middle of its limits, rad or m."""
+    """Return the first motion of a joint in the test, toward the middle of its limits, in rad or m."""
     joint = arm.joints[index]
     middle = 0.5 * (joint.limits.lower + joint.limits.upper)
     return WAY_RAD * joint.transmission * (1.0 if float(arm.command[index]) < middle else -1.0)
@@ -48,52 +50,55 @@ def _there_and_back(arm: SlowArm, index: int) -> None:
     arm.go(index, start)
     if abs(moved - way) > OFF_SHARE * abs(way):
         raise CalibrationError(
-            f"{joint.name} (servo {joint.servo_id}) was to move by {way:+.3f} and moved by {moved:+.3f}: "
-            "is something in its way, is it at a stop, or is its calibration wrong?"
+            f"{joint.name} (servo {joint.servo_id}) should have moved by {way:+.3f}, but it moved by {moved:+.3f}. "
+            "Check whether something is in its way or it is at a stop. Otherwise its calibration may be wrong"
         )
 
 
 STORE = "Store this calibration?"
-TRY = "Torque goes on: hold the arm until it holds itself. Then each joint moves a little, slowly. Any key stops. Try?"
-DIRECTIONS = "Only your hands have shown the direction of {joints}. Did each move as it was asked to?"
-REPEAT = "Measure {joints} once more?"
-MOVED = "Did each joint first move the way that was printed for it?"
-LET_GO = "The arm holds itself: let it go"
-HOLD = "The arm goes limp: hold it"
-UNTRIED = "the calibration is stored, and was not tried to the end"
+TRY = (
+    "Test the calibration? Torque will be switched on: support the arm until it holds its position. Each joint then "
+    "moves a little, slowly. Press any key to stop it."
+)
+DIRECTIONS = "Only your hand has shown the direction of {joints}. Did you move each joint in the requested direction?"
+REPEAT = "Measure {joints} again?"
+MOVED = "Did each joint first move in the direction that was printed for it?"
+HANDS_OFF = "The arm holds its position now: take your hands off"
+SUPPORT = "Torque will be released in a moment: support the arm"
+UNTRIED = "the calibration is stored, but its motion test was not completed"
 HANDS_S = 2.0
-"""So long hands may need to do what they were told."""
+"""Time the user gets to support the arm or to take the hands off it, in seconds."""
 Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
 
 
 class Asker(Guide, Protocol):
-    """Whoever moves the arm and decides."""
+    """Interface to the person who moves the arm and answers questions."""
 
     def confirm(self, question: str) -> bool:
-        """Ask a question that yes or no answers."""
+        """Ask a yes-or-no question."""
         ...
 
     def show(self, differences: Sequence["Difference"]) -> None:
-        """Show what has been measured, before it is stored."""
+        """Show the measurements before they are stored."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One joint before and behind the calibration."""
+    """One joint before and after the calibration."""
 
     joint: str
     servo_id: int
     before: Joint
     made: JointCalibration
     doubt: str
-    """What is doubtful; empty where nothing is."""
+    """Sentences about implausible results; empty if all results are plausible."""
     uncertainty: float = 0.0
-    """Expected error of the stored zero, rad or m."""
+    """Expected error of the stored zero, in rad or m."""
 
     @property
     def zero_moved(self) -> float:
-        """How far the zero has moved, rad or m; only with the sign unchanged it says anything."""
+        """Distance that the zero has moved, in rad or m. It is meaningful only if the sign is unchanged."""
         model = self.before.model
         offset = (self.made.counting.seam(model) or 0) - (joint_counting(self.before).seam(model) or 0)
         half = self.before.model.counts_per_turn // 2
@@ -103,19 +108,19 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A calibration that was stored; or not, where the user did not want it."""
+    """Result of a calibration, whether the user had it stored or not."""
 
     differences: tuple[Difference, ...]
     path: Path
     stored: bool = False
     changes: Mapping[str, tuple[Change, ...]] | None = None
-    """What was written to the servos, by joint."""
+    """Changes written to the servos, by joint."""
     tried: bool = False
-    """Whether each joint was moved under torque and came to where it was sent."""
+    """Whether each joint was moved under torque and reached its goals."""
 
 
 def by_hand(asker: Asker) -> Measure:
-    """Measuring with the arm in the user's hands."""
+    """Return the measurement in which the user moves the arm by hand, as a function for ``calibrate``."""
     return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run() if joints else {}
 
 
@@ -129,14 +134,24 @@ def calibrate(
     measure: Measure | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Outcome:
-    """Calibrate the joints of a robot file, all on one bus; by hand unless ``measure`` says otherwise.
+    """Calibrate the joints of a robot file, which must be on one bus.
 
-    Until the user has said yes nothing is written. Torque is off behind it, whatever happens; ``stopped`` ends the
-    motion that is tried. Raises CalibrationError, ServoError, PortLost, StoppedError.
+    Nothing is written before the user agrees. Torque is off afterwards, even after an error. Raises CalibrationError,
+    ServoError, PortLost, StoppedError.
+
+    Args:
+        robot: Robot file; the calibration is stored beside it.
+        joints: Joints to calibrate.
+        plans: Calibration plan of each joint, by name.
+        open_bus: Opens the bus of the joints.
+        asker: The person who moves the arm and answers questions.
+        clock: Clock for all waiting times.
+        measure: Measurement to use; by hand if None.
+        stopped: Checked during the motion test; the test stops when it returns True.
     """
     missing = [joint.name for joint in joints if joint.name not in plans]
     if missing:
-        raise CalibrationError(f"the arm's file does not say how to calibrate {', '.join(missing)}")
+        raise CalibrationError(f"the arm's file has no calibration plan for {', '.join(missing)}: add one to arm.yaml")
     with closing(open_bus()) as bus:
         _make_limp(bus, joints, asker)
         made = (measure or by_hand(asker))(bus, joints, plans)
@@ -147,8 +162,8 @@ def calibrate(
     for one in differences:
         if one.made.extended and not one.before.extended:
             asker.say(
-                f"{one.joint}: its servo ({one.servo_id}) passes from its last count to its first within the joint's "
-                "range, so it will be set to extended position mode (4), with a homing offset"
+                f"{one.joint}: the count of its servo ({one.servo_id}) jumps from the last to the first within the "
+                "joint's range, so the servo will be set to extended position mode (4) with a homing offset"
             )
     asker.show(differences)
     if not asker.confirm(STORE):
@@ -164,20 +179,20 @@ def calibrate(
             error.add_note(UNTRIED)
             raise
         if not asker.confirm(MOVED):
-            raise CalibrationError(f"a direction was shown the wrong way round: {set_aside(robot)}")
+            raise CalibrationError(f"a joint has the wrong direction: {set_aside(robot)}")
     return Outcome(differences, calibration_path(robot), True, changes, tried)
 
 
 def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> Difference:
-    doubt, off = doubts(joint, made), uncertainty(joint, made, plan.zero)
+    doubt, off = travel_warnings(joint, made), uncertainty(joint, made, plan.zero)
     return Difference(joint.name, joint.servo_id, joint, made, doubt, off)
 
 
 def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], asker: Asker) -> list[Joint]:
-    """The joints with doubtful calibrations, if the user wants to measure them once more."""
-    doubtful = [joint for joint in joints if doubts(joint, made[joint.name])]
+    """Return the joints with implausible calibrations if the user wants to measure them again."""
+    doubtful = [joint for joint in joints if travel_warnings(joint, made[joint.name])]
     for joint in doubtful:
-        asker.say(f"{joint.name}: {doubts(joint, made[joint.name])}")
+        asker.say(f"{joint.name}: {travel_warnings(joint, made[joint.name])}")
     if doubtful and asker.confirm(REPEAT.format(joints=", ".join(joint.name for joint in doubtful))):
         return doubtful
     return []
@@ -186,12 +201,12 @@ def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], ask
 def to_turn_round(
     joints: Sequence[Joint], plans: Mapping[str, JointPlan], made: Mapping[str, JointCalibration], asker: Asker
 ) -> list[Joint]:
-    """The joints whose direction only the user's hands have shown, if the user says that one of them is wrong."""
+    """Return the joints whose direction only the user has shown, if the user reports that one of them is wrong."""
     shown = [joint for joint in joints if not place_shows_direction(joint, plans[joint.name], made[joint.name])]
     for joint in shown:
         calibrated_before = joint.homing_offset is not None
         if calibrated_before and made[joint.name].sign != joint.sign:
-            asker.say(f"{joint.name}: its direction is the opposite of the one in the former calibration")
+            asker.say(f"{joint.name}: its direction is opposite to that of the previous calibration")
     if shown and not asker.confirm(DIRECTIONS.format(joints=", ".join(joint.name for joint in shown))):
         return shown
     return []
@@ -205,20 +220,23 @@ def _try(
     clock: Clock,
     stopped: Callable[[], bool],
 ) -> None:
-    """Move each joint a little under torque; whoever holds the arm is told when to let go and when to take it again."""
+    """Move each joint a little under torque, and tell the user when to take the hands off and when to support it."""
     with SlowArm(open_bus, joints, clock, stopped) as arm:
-        asker.say(LET_GO)
+        asker.say(HANDS_OFF)
         arm.rest(HANDS_S)
         for index, joint in enumerate(arm.joints):
-            way = "this way" if first_way(arm, index) > 0.0 else "the other way than this"
-            asker.say(f"{joint.name}, first {way}, then back: {plans[joint.name].positive}")
+            way = "in this direction" if first_way(arm, index) > 0.0 else "opposite to this direction"
+            asker.say(f"{joint.name} first moves {way}, then back: {plans[joint.name].positive}")
         check(arm, asker.say)
-        asker.say(HOLD)
+        asker.say(SUPPORT)
         arm.rest(HANDS_S)
 
 
 def _make_limp(bus: Bus, joints: Sequence[Joint], asker: Asker) -> None:
-    """See that all are there, of the right model, and limp. Raises ServoError, CalibrationError."""
+    """Check that all servos answer and have the right model, and release their torque if the user agrees.
+
+    Raises ServoError, CalibrationError.
+    """
     for joint in joints:
         bus.identify(joint.servo_id, joint.model)
     on = [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]

@@ -1,7 +1,8 @@
-"""The seam of a servo's encoder, where it passes from its last count to its first, and how it is moved.
+"""Move the seam of a servo's encoder: the position where the count jumps from the last value to the first.
 
-An STS subtracts its homing offset from what the encoder reads. A Dynamixel X adds it, and obeys it at any size only in
-extended position mode. There it counts on over turns, and the bus keeps the place within one (drivers/bus/turns.py).
+An STS subtracts its homing offset from the encoder reading. A Dynamixel X adds the offset, and accepts every offset
+only in extended position mode. In this mode it counts across turns, and the bus reduces its counts to one turn
+(drivers/bus/turns.py).
 """
 
 from dataclasses import dataclass
@@ -19,20 +20,20 @@ from drivers.servos.register import Register, ServoModel
 from hal.joint import Joint
 
 SEAM_MARGIN_COUNTS: Final = 16
-"""Distance that a travel keeps from the seam: gears bend a little beyond their stops."""
+"""Distance between a travel and the seam, in counts, because gears bend a little at their stops."""
 
 
 @dataclass(frozen=True, slots=True)
 class Counting:
-    """What a servo's counts depend on."""
+    """Settings of a servo that determine its counts."""
 
     homing_offset: int | None
-    """What the register holds; None: the servo has none that counts."""
+    """Value of the homing offset register; None if the servo has no usable homing offset."""
     extended: bool = False
     """Whether a Dynamixel X is in extended position mode."""
 
     def seam(self, model: ServoModel) -> int | None:
-        """What the encoder reads where the servo reports 0; None where that cannot be moved."""
+        """Return the encoder reading at which the servo reports 0; None if it cannot be changed."""
         if self.homing_offset is None or not can_move_seam(model):
             return None
         if series_of(model) is not X:
@@ -42,22 +43,22 @@ class Counting:
 
 
 def joint_counting(joint: Joint) -> Counting:
-    """How the joint's servo counts, by the robot file or its calibration."""
+    """Return the settings that the robot file or its calibration gives for the counts of the joint's servo."""
     return Counting(joint.homing_offset or 0, joint.extended)
 
 
 def homing_register(model: ServoModel) -> Register | None:
-    """The register of the servo's homing offset; None where it has none."""
+    """Return the homing offset register of a servo model; None if it has none."""
     return next((one for one in series_of(model).registers if one.name == "homing_offset"), None)
 
 
 def can_move_seam(model: ServoModel) -> bool:
-    """Return whether the place where the servo's counts begin can be set."""
+    """Whether the seam of this servo model can be moved."""
     return homing_register(model) is not None
 
 
 def counting_of(bus: Bus, joint: Joint) -> Counting:
-    """How the joint's servo counts now. Raises ServoError."""
+    """Read the current settings that determine the counts of the joint's servo. Raises ServoError."""
     register = homing_register(joint.model)
     if register is None:
         return Counting(None)
@@ -71,7 +72,7 @@ def is_extended(bus: Bus, joint: Joint) -> bool:
 
 
 def write_counting(bus: Bus, joint: Joint, wanted: Counting) -> tuple[Change, ...]:
-    """Have the joint's servo, whose torque is off, count like this; what had to be written. Raises ServoError."""
+    """Write these settings to the joint's servo and return the changes. Torque must be off. Raises ServoError."""
     register, series = homing_register(joint.model), series_of(joint.model)
     if register is None or wanted.homing_offset is None:
         return ()
@@ -82,10 +83,15 @@ def write_counting(bus: Bus, joint: Joint, wanted: Counting) -> tuple[Change, ..
 
 
 def off_the_seam(model: ServoModel, needed: Travel, counting: Counting) -> tuple[Travel, Counting] | None:
-    """A range as the servo reports it where that does not cross the seam, and how it must count for that.
+    """Return a range in counts that do not cross the seam, and the servo settings for these counts.
 
-    ``needed``: continuous counts as the servo reports them now; a range of up to a turn. None where the servo cannot
-    move its seam.
+    Args:
+        model: Model of the servo.
+        needed: Range of at most one turn, in continuous counts as the servo reports them now.
+        counting: Current settings of the servo.
+
+    Returns:
+        The range and the settings; None if the range crosses the seam and the servo cannot move it.
     """
     turn = model.counts_per_turn
     if (here := _as_it_is(model, needed, counting)) is not None:
@@ -97,27 +103,27 @@ def off_the_seam(model: ServoModel, needed: Travel, counting: Counting) -> tuple
     middle = (needed.lower + needed.upper) // 2
     new = new_offset(middle, seam, turn // 2, turn) if whole else offset_for_travel(needed, seam, turn)
     shifted = moved(needed, seam, new, turn)
-    if whole and shifted.lower > turn // 2:  # it begins a count before the turn does
+    if whole and shifted.lower > turn // 2:  # The range begins one count before the turn.
         shifted = Travel(shifted.lower - turn, shifted.upper - turn)
     return shifted, Counting(new) if series_of(model) is not X else Counting(-new, extended=True)
 
 
 def _as_it_is(model: ServoModel, needed: Travel, counting: Counting) -> Travel | None:
-    """The range as the servo reports it now; None where it crosses the seam."""
+    """Return the range in the counts that the servo reports now; None if it crosses the seam."""
     turn, offset = model.counts_per_turn, counting.homing_offset
     if offset is not None and abs(offset) > LARGEST_OFFSET:
         return None
     here = _clear(needed, 0, turn)
     if series_of(model) is not X or counting.extended or here is None:
         return here
-    # In position mode the encoder's own turn counts too: the servo reports the place in it, plus the offset.
+    # In position mode the servo reports the encoder's own position within its turn, plus the offset.
     added = -(counting.seam(model) or 0)
     raw = _clear(needed, added, turn)
     return here if raw is not None and raw.lower + added == here.lower else None
 
 
 def _clear(needed: Travel, added: int, turn: int) -> Travel | None:
-    """The range less ``added`` within one turn; None where it crosses from one into the next."""
+    """Return the range minus ``added``, within one turn; None if it crosses into the next turn."""
     lower = (needed.lower - added) % turn
     margin = min(SEAM_MARGIN_COUNTS, max(0, (turn - needed.span) // 4))
     inside = lower >= margin and lower + needed.span < turn - margin

@@ -1,4 +1,4 @@
-"""The search for a joint's stop: the joint is driven softly until it stands although its goal is ahead."""
+"""Find a stop of a joint: drive it with low torque until it stands still although its goal is ahead of it."""
 
 from typing import Final
 
@@ -7,25 +7,26 @@ from commissioning.slow_arm import PERIOD_S, SlowArm
 from hal.joint import Joint
 
 SEEK_RAD_S: Final = 0.3
+"""Speed of the goal during the search, rad/s of the servo's shaft."""
 STAND_RAD: Final = 0.01
-"""A servo that turns by less in ``STAND_S`` stands."""
+"""Maximum motion within ``STAND_S`` of a servo that stands still, rad."""
 STAND_S: Final = 0.4
 AHEAD_RAD: Final = 0.1
-"""So far its goal must be ahead of a servo that stands for it to be at a stop: friction alone does not hold it then."""
+"""Minimum distance of the goal ahead of a servo at a stop, rad. Friction alone cannot hold the servo so far back."""
 
 
 class StopSearch:
-    """The way of one joint to one stop."""
+    """Motion of one joint to one of its stops."""
 
     def __init__(self, arm: SlowArm, index: int, joint: Joint, way: int) -> None:
-        """``way``: 1 toward greater counts, -1 toward smaller ones."""
+        """Prepare the search; ``way`` is 1 toward larger counts and -1 toward smaller counts."""
         self._arm = arm
         self._index = index
         self._joint = joint
         self._way = way
 
     def run(self) -> float:
-        """Find the joint's position at the stop, from where it began; its goal is taken back to there.
+        """Return the joint's position at the stop, and set its goal to this position.
 
         Raises CalibrationError if there is no stop.
         """
@@ -44,8 +45,8 @@ class StopSearch:
         target = float(self._arm.command[self._index]) + self._way * SEEK_RAD_S * self._joint.transmission * PERIOD_S
         if abs(target) >= self._arm.joints[self._index].limits.upper:
             raise CalibrationError(
-                f"{self._joint.name} (servo {self._joint.servo_id}) turned {abs(target):.2f} and found no stop: "
-                "calibrate it by hand"
+                f"{self._joint.name} (servo {self._joint.servo_id}) moved by {abs(target):.2f} without finding a stop: "
+                "calibrate this joint by hand"
             )
         self._arm.cycle(self._index, target)
 

@@ -1,4 +1,7 @@
-"""Whether a sweep has reached both stops of a joint: as far apart as the URDF has them, or reached twice."""
+"""Check whether a sweep has reached both stops of a joint.
+
+The travel must be as long as the range in the URDF, or the same two stops must have been reached twice.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,19 +13,19 @@ from commissioning.calibrate.sweep import Sweep
 from hal.joint import Joint
 
 SAME_STOP_RAD: Final = 0.015
-"""Two visits to one stop end no further apart than this."""
+"""Maximum distance between the ends of two motions to the same stop, rad of the servo's shaft."""
 
 
 @dataclass(slots=True)
 class _Visit:
-    """The extent of one joint's motion during one task, in continuous counts."""
+    """Range of one joint's motion during one task, in continuous counts."""
 
     lower: int
     upper: int
 
 
 class Stops:
-    """The stops of the joints that are swept; ``begin`` begins another task."""
+    """The stops that the user has reached while sweeping the joints."""
 
     def __init__(self, sweep: Sweep, joints: Sequence[Joint]) -> None:
         self._sweep = sweep
@@ -31,12 +34,12 @@ class Stops:
         self._before: dict[str, _Visit] = {}
 
     def begin(self) -> None:
-        """Another task begins: what was swept until now was swept before it."""
+        """Begin another task. All motion so far counts as motion before this task."""
         self._before = {name: _Visit(one.lower, one.upper) for name, one in self._sweep.swept.items()}
         self._visits = {}
 
-    def look(self) -> None:
-        """Note how far the joints are moved in this task."""
+    def update(self) -> None:
+        """Add the current positions of the joints to their ranges in this task."""
         for joint in self._joints:
             swept = self._sweep.swept.get(joint.name)
             if swept is None:
@@ -47,7 +50,7 @@ class Stops:
     def missing(self, joint: Joint) -> bool:
         """Whether a stop may have been missed.
 
-        A travel that is shorter than the URDF's range is believed once both of its ends were reached in two tasks.
+        A travel that is shorter than the URDF's range is accepted once both of its ends were reached in two tasks.
         """
         swept, range_ = self._sweep.swept.get(joint.name), joint.limits.upper - joint.limits.lower
         if swept is None:
@@ -65,7 +68,7 @@ class Stops:
         return abs(visit.lower - before.lower) <= same and abs(visit.upper - before.upper) <= same
 
     def seen(self, joint: Joint) -> str:
-        """A phrase about how far the joint was moved."""
+        """Return a phrase that says how far the joint was moved."""
         swept, range_ = self._sweep.swept.get(joint.name), joint.limits.upper - joint.limits.lower
         if swept is None:
             return f"{joint.name}: servo {joint.servo_id} did not answer"

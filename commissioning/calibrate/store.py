@@ -1,4 +1,4 @@
-"""Storing a calibration: the file first, then the servos' homing offsets, then a restart of those that were turned."""
+"""Store a calibration: write the file, then the homing offsets of the servos, then restart the servos."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,16 +19,24 @@ from drivers.servos.dynamixel import X
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile, calibration_path
 
-HEADER = "# Written by servoloop calibrate. The former one is beside it, with .1 behind its name.\n"
-UNFINISHED = "# Not in all servos: calibrate again. The last one that was is beside it, with .1 behind its name.\n"
+HEADER = "# Written by servoloop calibrate. The previous calibration is in the file of the same name plus .1.\n"
+UNFINISHED = (
+    "# This calibration did not reach all servos: calibrate again. The last complete one is in the file of the same "
+    "name plus .1.\n"
+)
 
 
 def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_servos: bool = True) -> Path:
-    """Write the calibration (servo ID and calibration by joint) of this robot file; the former one is kept.
+    """Write the calibration of this robot file, keep the previous one, and return the path.
 
-    Written beside and renamed: whatever happens, there is a whole file. ``in_servos``: whether all servos have it. One
-    of which the file says that they never had it all is not kept: it would take the place of the last good one. Raises
-    CalibrationError, with a note of what was to be written.
+    The file is written under another name and then renamed, so it is complete at all times. An unfinished previous
+    calibration is not kept, because it would replace the last complete one. Raises CalibrationError, with the content
+    in a note.
+
+    Args:
+        robot: Robot file of the arm.
+        joints: Servo ID and calibration of each joint, by name.
+        in_servos: Whether all servos already have this calibration.
     """
     path = calibration_path(robot)
     content = CalibrationFile(
@@ -53,39 +61,40 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
         write_whole(path, (HEADER if in_servos else UNFINISHED) + text, keep=former_is_good)
     except OSError as error:
         failed = CalibrationError(cannot_write(path, error))
-        failed.add_note(f"it was to hold:\n{text}")
+        failed.add_note(f"the file should have contained:\n{text}")
         raise failed from error
     return path
 
 
 def set_aside(robot: Path) -> str:
-    """Take a calibration that proved wrong out of use, and restore the former one; returns a sentence about both.
+    """Rename a calibration that proved wrong, restore the previous one, and return sentences about both.
 
-    The servos keep the new homing offsets: the arm does not come up with a calibration that has others.
+    The servos keep the new homing offsets. The arm refuses to start with a calibration that has other offsets.
     """
     path = calibration_path(robot)
     wrong, former = path.with_name(path.name + ".wrong"), path.with_name(path.name + ".1")
     path.replace(wrong)
-    text = f"it is in {wrong} now, and not in use"
+    text = f"the new calibration was moved to {wrong} and is not used"
     if former.exists():
         former.replace(path)
-        text += f"; {path} is the former one again"
+        text += f"; {path} is the previous calibration again"
     return text + ". Calibrate again"
 
 
 RESTART_S: Final = 1.5
-"""A servo needs 0.8 s to come up again."""
+"""Time that a servo gets to restart, in seconds. It needs 0.8 s."""
 SLACK_COUNTS: Final = 40
-"""The arm is limp meanwhile, and a stop gives way a little."""
+"""Tolerance of the travel in counts, because a stop gives way a little and the torque is off."""
 
 
 def store(
     robot: Path, bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration], clock: Clock
 ) -> dict[str, tuple[Change, ...]]:
-    """Write file and homing offsets; what was changed in the servos, by joint. Torque must be off.
+    """Write the calibration file and the homing offsets; return the changes in the servos, by joint.
 
-    The file comes first: where it ends in between, a servo has another offset than the file says, and the arm is not
-    brought up with it. Raises CalibrationError, ServoError, PortLost, with a note of what is stored where.
+    Torque must be off. The file is written first: if the servos are then not all written, their offsets differ from
+    the file, and the arm refuses to start. Raises CalibrationError, ServoError, PortLost, with a note that says what
+    is already stored.
     """
     content = {joint.name: (joint.servo_id, made[joint.name]) for joint in joints}
     path = save(robot, content, in_servos=False)
@@ -105,14 +114,14 @@ def store(
 def _half_stored(path: Path, written: Sequence[str], left: Sequence[str]) -> str:
     places = [f"in {path}"]
     places += [f"in the servos of {', '.join(written)}"] if written else []
-    missing = f"; not yet in those of {', '.join(left)}: calibrate again before the arm is brought up" if left else ""
-    return f"the new calibration is {' and '.join(places)}{missing}"
+    missing = f", but not yet in those of {', '.join(left)}: calibrate again before you start the arm" if left else ""
+    return f"the new calibration is stored {' and '.join(places)}{missing}"
 
 
 def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
-    """Have limp servos forget the turns that they counted while the arm was moved.
+    """Restart servos whose torque is off, so that they forget the turns counted while the arm was moved.
 
-    One that was turned over its seam would take its next goal for one that is a whole turn away.
+    A servo that was turned across its seam would otherwise take its next goal for one that is a whole turn away.
     """
     turned = [joint for joint in joints if can_move_seam(joint.model)]
     for joint in turned:
@@ -122,11 +131,11 @@ def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     for joint in turned:
         retry(lambda servo_id=joint.servo_id: bus.ping(servo_id))  # type: ignore[misc]
         if series_of(joint.model) is X:
-            bus.identify(joint.servo_id, joint.model)  # the bus has to know the mode that it counts in
+            bus.identify(joint.servo_id, joint.model)  # Tells the bus the operating mode, on which the counts depend.
 
 
 def _check(bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration]) -> None:
-    """Look whether each servo says a place within its travel. Raises CalibrationError with all that do not."""
+    """Check that each servo reports a position within its travel. Raises CalibrationError naming the others."""
     problems: list[str] = []
     readings = bus.read_states([joint.servo_id for joint in joints])
     for joint in joints:
@@ -135,8 +144,8 @@ def _check(bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibratio
             problems.append(f"{joint.name} (servo {joint.servo_id}): {reading.text} after the restart")
         elif not travel.lower_counts - SLACK_COUNTS <= reading.position_counts <= travel.upper_counts + SLACK_COUNTS:
             problems.append(
-                f"{joint.name} (servo {joint.servo_id}) says {reading.position_counts}, outside its travel "
-                f"{travel.lower_counts} to {travel.upper_counts}: calibrate it again"
+                f"{joint.name} (servo {joint.servo_id}) reports {reading.position_counts} counts, outside its travel "
+                f"of {travel.lower_counts} to {travel.upper_counts}: calibrate it again"
             )
     if problems:
         raise CalibrationError("\n".join(problems))

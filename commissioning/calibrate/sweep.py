@@ -1,7 +1,7 @@
-"""The sweep: joints are moved from stop to stop, and their servos' readings become continuous counts.
+"""Record the sweep of joints from stop to stop, in continuous counts.
 
-No middle pose is needed to begin from, and the encoder's seam may lie anywhere in the travel: a reading is taken to be
-the one nearest to the reading before.
+The sweep may begin in any pose, and the encoder's seam may lie anywhere in the travel. Each reading is interpreted as
+the continuous count that is nearest to the previous one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,57 +16,57 @@ from hal.joint import Joint
 
 @dataclass(slots=True)
 class Swept:
-    """One joint's sweep so far, in continuous counts."""
+    """Sweep of one joint so far, in continuous counts."""
 
     counts: int
     lower: int
     upper: int
     readings: int = 1
     recent: tuple[int, ...] = ()
-    """Up to three readings, the newest last. Their median counts, because one of them may be false."""
+    """Up to three readings, the newest last. Their median is used, because one of them may be wrong."""
 
     @property
     def travel(self) -> Travel:
-        """From end to end."""
+        """Range that the joint has covered so far."""
         return Travel(self.lower, self.upper)
 
     def take(self, reading: int, turn: int) -> None:
-        """Note the next reading."""
+        """Add the next reading; ``turn`` is the number of counts per turn."""
         recent = self.recent or (self.counts,)
         self.counts = unwrap(sorted(recent)[len(recent) // 2], reading, turn)
         self.recent = (*recent[-2:], self.counts)
         self.readings += 1
         median = sorted(self.recent)[1]
-        if self.readings <= len(self.recent):  # nothing has confirmed the first readings yet
+        if self.readings <= len(self.recent):  # The first readings are not confirmed yet.
             self.lower = self.upper = median
         self.lower, self.upper = min(self.lower, median), max(self.upper, median)
 
 
 class Sweep:
-    """The sweeps of all joints on one bus, side by side."""
+    """Simultaneous sweeps of all joints on one bus."""
 
     def __init__(self, bus: Bus, joints: Sequence[Joint]) -> None:
         self.joints = tuple(joints)
         self.swept: dict[str, Swept] = {}
-        """By joint, as soon as its servo has answered."""
+        """Sweep of each joint whose servo has answered, by joint."""
         self.missing: dict[str, str] = {}
-        """Joints whose servos did not answer the last time, and why."""
+        """Joints whose servos did not answer the last read, with the reason."""
         self._bus = bus
 
-    def look(self) -> None:
-        """Read all servos once. One that does not answer keeps what is known of it, and is named."""
+    def update(self) -> None:
+        """Read all servos once. A servo that does not answer is added to ``missing``, and its sweep is kept."""
         readings = self._bus.read_states([joint.servo_id for joint in self.joints])
         self.missing = {}
         for joint in self.joints:
             self._take(joint, readings)
 
     def of(self, joint: Joint) -> Swept:
-        """What is known of one joint. Raises CalibrationError where its servo has never answered."""
+        """Return the sweep of one joint. Raises CalibrationError if its servo has never answered."""
         swept = self.swept.get(joint.name)
         if swept is None:
             raise CalibrationError(
-                f"{joint.name}: servo {joint.servo_id} never answered ({self.missing.get(joint.name, '')}): "
-                "servoloop doctor finds out why"
+                f"{joint.name}: servo {joint.servo_id} has never answered ({self.missing.get(joint.name, '')}). "
+                "Run servoloop doctor to find the cause"
             )
         return swept
 
@@ -83,10 +83,10 @@ class Sweep:
 
 
 def last_way(counts: Iterable[int], threshold: int) -> int:
-    """How far the joint went after it last turned round by more than ``threshold`` counts, with the sign.
+    """Return the signed distance of the joint's last motion in one direction, in counts.
 
-    Somebody may first have to go back from a stop to show which way is positive: only the last way counts. 0 where
-    there was no motion of more than ``threshold``.
+    Reversals by at most ``threshold`` counts are ignored. Only the last motion counts, because the user may first have
+    to move the joint away from a stop. The result is 0 if there was no motion of more than ``threshold``.
     """
     origin = turning = last = None
     way = 0

@@ -1,1 +1,1 @@
-"""What ails an arm: measured, judged, and ranked by what is most likely the root of it."""
+"""Diagnose an arm: measure it, check the measurements, and rank the findings by their most likely cause."""

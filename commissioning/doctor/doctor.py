@@ -1,4 +1,4 @@
-"""The doctor: measures all buses of a robot, judges what it found, and reports.
+"""Diagnose an arm: measure all buses of a robot, run all checks, and return a report.
 
 report = doctor(robot, {"": "/dev/ttyACM0"}, MonotonicClock())
 for finding in report.findings:
@@ -47,7 +47,7 @@ CHECKS: Final[tuple[Callable[[Snapshot], Iterable[Finding]], ...]] = (
 
 
 def judge(snapshot: Snapshot, ports: PortsReport | None = None) -> tuple[Finding, ...]:
-    """All findings, the likeliest root of the others first."""
+    """Return all findings in a snapshot, the most likely cause of the others first."""
     return ranked(_all(snapshot, ports), KINDS)
 
 
@@ -68,11 +68,21 @@ def doctor(
     open_port: OpenPort | None = None,
     move: Move = no_move,
 ) -> Report:
-    """Examine the servos of a robot. ``devices``: the port of each bus, by the bus's name; ``arm``: its name on
-    the command line, for the commands that mend.
+    """Examine the servos of a robot and return a report.
 
-    Only pings and reads, and torque stays as it is, unless ``move`` moves the joints (commissioning/doctor/motion.py).
-    What is wrong is never raised: it stands in the report.
+    The function only pings and reads, and it does not change the torque unless ``move`` moves the joints
+    (commissioning/doctor/motion.py). It never raises an exception for a problem of the arm; every problem is a finding
+    in the report.
+
+    Args:
+        robot: The robot.
+        devices: Port of each bus, by the name of the bus.
+        clock: Clock for all times.
+        arm: Name of the arm on the command line, for the commands that the findings recommend.
+        calibration: Calibration of the arm; None if it has none.
+        machine: Machine whose serial adapters are listed; None for this machine.
+        open_port: Opens a device at a baud rate; None for serial ports.
+        move: Moves the joints for the checks that need motion.
     """
     opened = open_port or partial(_serial, clock)
     lines = robot.file.lines()

@@ -1,4 +1,4 @@
-"""A finding is one thing that is wrong: its symptom in its owner's words, its cause, and the command that mends it."""
+"""Findings of the doctor. A finding has a symptom as users describe it, a cause, and often a command that fixes it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,26 +10,25 @@ SEVERITIES: Final[tuple[Severity, ...]] = ("fault", "warning", "note")
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of finding. ``rank`` (0 to 100) says how likely it is the root of the other findings.
-
-    ``explains``: kinds that are its consequences where both are found at one place.
-    """
+    """A kind of finding."""
 
     severity: Severity
     rank: int
+    """Likelihood that a finding of this kind is the cause of other findings, from 0 to 100."""
     explains: frozenset[str] = frozenset()
+    """Kinds that are consequences of this kind if both are found at the same place."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place is a whole machine, a bus or a servo: what is not said is None."""
+    """Place of a finding: the whole machine (all fields None), a bus, or a servo."""
 
     bus: str | None = None
     joint: str | None = None
     servo_id: int | None = None
 
     def covers(self, other: "Place") -> bool:
-        """Whether the other place is this one or within it."""
+        """Whether the other place is the same place or part of it."""
         return self.bus in (None, other.bus) and self.servo_id in (None, other.servo_id)
 
     def __str__(self) -> str:
@@ -40,7 +39,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong. ``command`` is None where no command mends it, but the cause's text says what does."""
+    """One problem that was found. If no command fixes it, ``command`` is None and ``cause`` says what to do."""
 
     id: str
     severity: Severity
@@ -52,13 +51,13 @@ class Finding:
 
 
 def ranked(findings: Iterable[Finding], kinds: dict[str, Kind]) -> tuple[Finding, ...]:
-    """The findings, the likeliest root first, without those that a likelier one explains."""
+    """Return the findings with the most likely cause first, without those that a more likely one explains."""
     ordered = sorted(dict.fromkeys(findings), key=_order)
     return tuple(one for at, one in enumerate(ordered) if not any(_explains(kinds, by, one) for by in ordered[:at]))
 
 
 def _order(finding: Finding) -> tuple[int, int, tuple[str, ...]]:
-    """What nobody cares about decides last, so that the order of the checks does not."""
+    """Return a sort key that does not depend on the order of the checks."""
     place = finding.place
     servo = "" if place.servo_id is None else f"{place.servo_id:03d}"
     texts = (place.bus or "", servo, finding.id, str(place), repr(finding))
@@ -66,7 +65,7 @@ def _order(finding: Finding) -> tuple[int, int, tuple[str, ...]]:
 
 
 def _explains(kinds: dict[str, Kind], by: Finding, one: Finding) -> bool:
-    """Whether the likelier finding explains the other one, so that this needs no words of its own."""
+    """Whether the more likely finding explains the other one, so that the other need not be reported."""
     return by.rank > one.rank and one.id in kinds[by.id].explains and by.place.covers(one.place)
 
 
@@ -103,13 +102,13 @@ KINDS: Final[dict[str, Kind]] = {
     "servo_late": _kind("warning", 71, "slow_round_trip"),
     "servo_unsteady": _kind("warning", 70),
     "extra_servo": _kind("warning", 45),
-    # The line.
+    # The bus.
     "line_loses": _kind("warning", 69),
     "line_noisy": _kind("warning", 68),
     "line_late": _kind("warning", 67),
     "slow_round_trip": _kind("warning", 48),
     "line_echoes": _kind("note", 4),
-    # What the servo is and how it is set up.
+    # Model and settings of the servo.
     "wrong_mode": _kind("fault", 84),
     "ids_exchanged": _kind("fault", 83, "homing_offset_differs", "outside_limits"),
     "homing_offset_differs": _kind("fault", 82, "outside_limits"),
@@ -126,7 +125,7 @@ KINDS: Final[dict[str, Kind]] = {
     "return_delay": _kind("note", 15),
     "gains_differ": _kind("note", 10),
     "firmware_differs": _kind("note", 5),
-    # Power at the servos, heat, alarms, torque.
+    # Supply voltage, temperature, alarms, torque.
     "overvoltage": _kind("fault", 81, "alarm_voltage", "supply_high"),
     "undervoltage": _kind("fault", 80, "alarm_voltage"),
     "voltage_limits_wrong": _kind("fault", 79, "alarm_voltage"),
@@ -150,16 +149,16 @@ KINDS: Final[dict[str, Kind]] = {
     "seam_in_range": _kind("fault", 64),
     "travel_differs": _kind("warning", 33),
     "not_calibrated": _kind("note", 20),
-    # What only a motion shows.
+    # Found only while the joints move.
     "does_not_move": _kind("fault", 59),
     "wrong_gear": _kind("warning", 53),
     "gives_way": _kind("warning", 26),
     "shakes": _kind("warning", 51),
     "not_moved": _kind("note", 3),
 }
-"""By the finding's id."""
+"""All kinds of findings, by id."""
 
 
 def finding(kind: str, place: Place, symptom: str, cause: str, command: str | None = None) -> Finding:
-    """A finding of one of ``KINDS``."""
+    """Return a finding of one of ``KINDS``."""
     return Finding(kind, KINDS[kind].severity, KINDS[kind].rank, place, symptom, cause, command)

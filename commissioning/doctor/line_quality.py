@@ -1,4 +1,4 @@
-"""The quality of a line: a hundred cycles of questions to all, and the time that single answers take."""
+"""Measure the quality of a bus: error counts over a hundred cycles, round-trip times, and how each servo answers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -21,21 +21,29 @@ from drivers.servos.register import ServoModel
 
 CYCLES: Final = 100
 CYCLE_S: Final = 0.05
-"""The longest time that one of them may take."""
+"""Maximum duration of one cycle, in seconds."""
 ROUND_TRIPS: Final = 20
 RETURN_DELAY_UNIT_S: Final = 2e-6
-"""Of every series' register."""
+"""Unit of the return delay register in all series, in seconds."""
 READ_BYTES: Final = {True: 8 + 7, False: 14 + 12}
-"""Of the question for one byte and its answer, in protocol 1 (True) and 2."""
+"""Size of a request for one byte plus its reply, in protocol 1 (True) and protocol 2 (False)."""
 ECHO_S: Final = 0.02
 COUNTED: Final = ("replies", "silent", "corrupt", "late", "refused", "reset")
-"""How a question ends that had the time to be answered."""
+"""Possible outcomes of a request that had enough time for a reply."""
 
 
 def line_figures(
     bus: Bus, models: Mapping[int, ServoModel], clock: Clock, delays: Sequence[int], echoes: bool
 ) -> LineFigures:
-    """Ask these servos, which all answer; ``delays``: their return delay registers. Raises PortLost."""
+    """Measure a bus with servos that all answer. Raises PortLost.
+
+    Args:
+        bus: The bus.
+        models: Model of each servo, by ID.
+        clock: Clock for all times.
+        delays: Values of the servos' return delay registers.
+        echoes: Whether the adapter echoes every request; copied to the result.
+    """
     before, noise = _counted(bus, models), bus.counters.noise + bus.counters.strange
     for _ in range(CYCLES if models else 0):
         bus.read_states(tuple(models), clock.now() + CYCLE_S)
@@ -62,7 +70,7 @@ def _counted(bus: Bus, servo_ids: Mapping[int, object]) -> dict[str, int]:
 
 
 def _round_trips(bus: Bus, models: Mapping[int, ServoModel], clock: Clock) -> list[float]:
-    """How long single reads of one byte took, of all servos in turn."""
+    """Return the durations of single reads of one byte, from all servos in turn."""
     times: list[float] = []
     servos = list(models.items())
     for number in range(ROUND_TRIPS if servos else 0):
@@ -77,27 +85,27 @@ def _round_trips(bus: Bus, models: Mapping[int, ServoModel], clock: Clock) -> li
 
 
 def hears_itself(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> bool:
-    """Whether the adapter gives back what is sent."""
+    """Whether the adapter echoes every request."""
     ping: bytes = packets.packet(servo_id, packets.PING, b"")
     port.discard_input()
     port.write(ping)
     data = port.read(len(ping), clock.now() + len(ping) * BITS_PER_BYTE / port.baud + ECHO_S)
-    rest = port.read(64, clock.now() + ECHO_S)  # the answer itself
+    rest = port.read(64, clock.now() + ECHO_S)  # The reply of the servo.
     return ping in data + rest
 
 
 SAMPLES: Final = 10
-"""Of each servo's state, over so much time that a supply's wobble shows."""
+"""Number of states read from each servo, enough to show an unstable supply."""
 SAMPLE_S: Final = 0.02
 MORE_TRIES: Final = 12
-"""Where none of those gave a state: together about as long as a reply may be held back."""
+"""Number of further reads if no state was received. Together they last as long as a reply may be delayed."""
 STEADY_SHARE: Final = 0.6
-"""Of the samples; a line that loses 9 % each way loses one in six of them."""
+"""Minimum share of successful reads of a servo that answers well. A bus that loses 9 % each way loses one in six."""
 
 
 @dataclass(slots=True)
 class Hearing:
-    """What became of the questions to one servo."""
+    """Outcomes of all reads from one servo."""
 
     states: list[ServoState] = field(default_factory=list)
     kinds: list[FaultKind | None] = field(default_factory=list)
@@ -105,7 +113,7 @@ class Hearing:
     pings: bool = False
 
     def add(self, reading: Reading) -> None:
-        """One more answer, or none."""
+        """Add the outcome of one read."""
         if isinstance(reading, ServoFault):
             self.kinds.append(reading.kind)
         else:
@@ -114,7 +122,10 @@ class Hearing:
 
     @property
     def heard(self) -> Heard:
-        """Two servos with one ID answer at the same moment, and what arrives is a mixture: every time."""
+        """How the servo answers.
+
+        Two servos with the same ID answer at the same time, so each reply arrives as a mixture of both: "broken".
+        """
         good = self.kinds.count(None)
         if self.late > 1 + good and not {None, "corrupt"} & set(self.kinds[:SAMPLES]):
             return "late"
@@ -128,7 +139,7 @@ class Hearing:
 
 
 def hear(bus: Bus, servo_ids: Sequence[int], clock: Clock) -> Mapping[int, Hearing]:
-    """Ask all of them. Raises PortLost once the line is gone."""
+    """Read the state of all servos several times. Raises PortLost if the port disappears."""
     found = {i: Hearing() for i in servo_ids}
     late_before = {i: bus.counters.of(i).late for i in servo_ids}
     for _ in range(SAMPLES):
@@ -154,5 +165,5 @@ def _pings(bus: Bus, servo_id: int) -> bool:
     except ServoSilent:
         return False
     except ServoError:
-        pass  # somebody is there
+        pass  # Any other error shows that a servo has this ID.
     return True

@@ -1,4 +1,4 @@
-"""The measuring of one bus: who is there, the whole tables, states at rest, the line. Only pings and reads."""
+"""Measure one bus: its servos, their control tables, their states at rest, and its quality. It only pings and reads."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,18 +21,23 @@ from hal.joint import Joint
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """``bauds``: rates of missing servos, by ID."""
+    """Result of the search for missing and unexpected servos."""
 
     bauds: Mapping[int, int] = field(default_factory=dict)
+    """Baud rates of missing servos, by ID."""
     strangers: tuple[Stranger, ...] = ()
+    """Servos that do not belong to a joint."""
 
 
 Search = Callable[[Port, Clock, Make, Sequence[int], Sequence[int]], Found]
-"""Is given the port, the clock, the make, the IDs that are missing and all IDs of the robot."""
+"""Search function. Its arguments are the port, the clock, the make, the missing IDs and all IDs of the robot."""
 
 
 def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> Found:
-    """Look at all rates of the make for the missing ones, and at the port's own for strangers. Raises PortLost."""
+    """Search for missing servos at all baud rates of the make, and for unexpected servos at the port's own baud rate.
+
+    Raises PortLost.
+    """
     former = port.baud
     elsewhere = scan(port, clock, servo_ids=missing, makes=(make,)).servos if missing else ()
     here = scan(port, clock, bauds=(former,), makes=(make,)).servos
@@ -42,11 +47,11 @@ def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], kn
 
 LARGEST_BLOCK: Final = 60
 LARGEST_GAP: Final = 8
-"""Bytes that no table names; servos answer them too."""
+"""Maximum number of undocumented bytes that are read as part of a block, because servos return them too."""
 
 
 def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
-    """Every register by name, as far as it can be read. Raises PortLost once the line is gone."""
+    """Return the values of all readable registers, by name. Raises PortLost if the port disappears."""
     values: dict[str, int] = {}
     for block in blocks(series.registers):
         values |= _read_block(bus, servo_id, block, series.protocol.byte_order)
@@ -54,7 +59,7 @@ def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:
 
 
 def blocks(registers: Sequence[Register]) -> Iterator[tuple[Register, ...]]:
-    """The registers (by address) in runs that one read can fetch."""
+    """Divide registers, sorted by address, into blocks that can each be read with one request."""
     run: list[Register] = []
     for register in registers:
         end = run[-1].address + run[-1].size if run else 0
@@ -81,14 +86,17 @@ def _read_block(bus: Bus, servo_id: int, block: Sequence[Register], order: ByteO
 
 
 def _one_by_one(bus: Bus, servo_id: int, block: Sequence[Register]) -> Mapping[str, int]:
-    """A servo with an older table may not answer beyond its end; what lies before that is still wanted."""
+    """Read the registers of a block one by one.
+
+    A servo with an older control table does not answer requests beyond its end, but its other registers can be read.
+    """
     values: dict[str, int] = {}
     for register in block:
         try:
             values[register.name] = retry(partial(bus.read, servo_id, register))
         except ServoError:
             if not values:
-                break  # the first failed too: it is the servo that does not answer
+                break  # The first read failed too, so the servo itself does not answer.
     return values
 
 
@@ -102,7 +110,7 @@ PROBLEMS: Final[tuple[tuple[type[PortError], PortProblem], ...]] = (
 )
 DELAYS: Final = ("return_delay", "return_delay_time")
 OpenPort = Callable[[str, int], Port]
-"""Opens a device at a rate."""
+"""Function that opens a device at a baud rate."""
 
 
 def measure_bus(
@@ -114,7 +122,7 @@ def measure_bus(
     clock: Clock,
     search: Search = search_line,
 ) -> BusSnapshot:
-    """Measure the servos of these joints. What goes wrong with the port stands in the result."""
+    """Measure the servos of these joints. A problem with the port is part of the result."""
     empty = BusSnapshot(name, device, baud)
     try:
         port = open_port(device, baud)

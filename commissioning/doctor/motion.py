@@ -1,4 +1,4 @@
-"""The motion that some checks need: each joint moves a little, slowly, and the arm is limp before it and behind it."""
+"""Move each joint a little for the checks that need motion. Torque is off before and after."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -20,21 +20,24 @@ from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 
 Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[JointMotion, ...], str]]
-"""Is given what is known so far; returns the motions, or why there are none."""
+"""Function that moves the joints, given the measurements and findings so far.
+
+It returns the motions, and a message if joints were not moved.
+"""
 
 WAY_RAD: Final = 0.4
-"""How far each servo turns, there and back, twice."""
+"""Angle that each servo turns forth and back, twice, rad."""
 FASTEST_RAD_S: Final = 1.0
 
 
 def no_move(snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[JointMotion, ...], str]:
-    """Nothing is moved, and nobody wanted it."""
+    """Do not move any joint, because the user did not request it."""
     return (), ""
 
 
 @dataclass(frozen=True, slots=True)
 class SmallMotions:
-    """A ``Move`` of all joints, one after the other, bus by bus. It does nothing where faults were found."""
+    """A ``Move`` that moves all joints, one after the other. It does nothing if faults were found."""
 
     open_port: OpenPort
     clock: Clock
@@ -42,17 +45,20 @@ class SmallMotions:
     stopped: Callable[[], bool] = field(default=lambda: False)
 
     def __call__(self, snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[JointMotion, ...], str]:
-        """Move, or say why not."""
+        """Move the joints; return the motions and a message if joints were not moved."""
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
-            return (
-                (),
-                f"{torque_warning(held)}. The motions leave the arm limp: support it and switch its torque off first",
+            return (), (
+                f"{torque_warning(held)}. The motion test would release the torque at its end. Support the arm, switch its "
+                "torque off, and run the doctor again"
             )
         if any(finding.severity == "fault" for finding in findings):
-            return (), "nothing is moved as long as there are faults: fix those first"
+            return (), "The joints were not moved, because there are faults. Fix the faults and run the doctor again"
         if unread := [servo_name(servo.joint) for servo in servos if "torque_enable" not in servo.registers]:
-            return (), f"nothing is moved: it is not known whether {', '.join(unread)} has torque"
+            return (), (
+                "The joints were not moved, because it could not be read whether the torque is on at "
+                f"{', '.join(unread)}. Run the doctor again"
+            )
         motions: list[JointMotion] = []
         try:
             for bus in snapshot.buses:
@@ -78,7 +84,7 @@ class SmallMotions:
         return trial.motion(max((self._sag(arm, index, way, all_joints) for way in ends), key=abs))
 
     def _sag(self, arm: SlowArm, index: int, way: float, all_joints: Sequence[Joint]) -> float:
-        """Of one joint, ``way`` beyond the present pose. Joints of other buses count as standing at zero."""
+        """Return the sag of one joint that has moved by ``way``. Joints of other buses are assumed to be at zero."""
         joint = arm.joints[index]
         if self.gravity is None or joint.compliance is None:
             return 0.0
@@ -89,7 +95,7 @@ class SmallMotions:
 
 
 def _way(arm: SlowArm, index: int) -> float:
-    """Towards the middle of the joint's range, from where it stands."""
+    """Return the motion of the joint, from its current goal toward the middle of its range."""
     joint = arm.joints[index]
     start, limits = float(arm.command[index]), joint.limits
     longest = min(WAY_RAD * joint.transmission, 0.5 * (limits.upper - limits.lower))

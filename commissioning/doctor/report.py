@@ -1,4 +1,4 @@
-"""The report: ranked findings and the figures that they come from."""
+"""The report of the doctor: ranked findings and the measurements behind them, also as Markdown."""
 
 import platform
 import re
@@ -16,7 +16,7 @@ from commissioning.ports.adapters import Adapter
 
 @dataclass(frozen=True, slots=True)
 class ServoFigures:
-    """One servo in numbers; what is not known is None."""
+    """Measurements of one servo. Unknown values are None."""
 
     joint: str
     servo_id: int
@@ -24,9 +24,9 @@ class ServoFigures:
     heard: str
     firmware: str | None = None
     position: float | None = None
-    """rad or m."""
+    """Joint position, in rad or m."""
     voltage_v: tuple[float, float] | None = None
-    """The lowest and the highest at rest."""
+    """Lowest and highest voltage at rest."""
     temperature_c: float | None = None
     load: float | None = None
     torque: bool | None = None
@@ -36,7 +36,7 @@ class ServoFigures:
 
 @dataclass(frozen=True, slots=True)
 class BusFigures:
-    """One line in numbers."""
+    """Measurements of one bus."""
 
     name: str
     port: str
@@ -49,21 +49,22 @@ class BusFigures:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """``findings``: the likeliest root first."""
+    """Findings and measurements of an arm."""
 
     findings: tuple[Finding, ...]
+    """Findings, the most likely cause first."""
     buses: tuple[BusFigures, ...]
     adapters: tuple[str, ...] = ()
-    """The machine's adapters: chip and USB numbers."""
+    """Serial adapters of the machine, with chip and USB IDs."""
 
     @property
     def healthy(self) -> bool:
-        """Whether nothing keeps the arm from working: there may be warnings and notes."""
+        """Whether there are no faults. There may be warnings and notes."""
         return not any(finding.severity == "fault" for finding in self.findings)
 
 
 def report_of(snapshot: Snapshot, findings: tuple[Finding, ...], adapters: Iterable[Adapter] = ()) -> Report:
-    """The snapshot's figures beside the findings."""
+    """Return a report with the findings and the measurements of the snapshot."""
     return Report(findings, tuple(_bus(bus) for bus in snapshot.buses), tuple(map(_adapter, adapters)))
 
 
@@ -104,12 +105,18 @@ PACKAGES: Final = ("servoloop", "pyserial", "feetech-servo-sdk", "dynamixel-sdk"
 
 
 def markdown(report: Report, user: str, robot: Path | None = None) -> str:
-    """``user`` and home folders are taken out wherever they stand; ``robot``: the robot file, which goes along."""
+    """Return the report as Markdown, for a bug report.
+
+    Args:
+        report: The report.
+        user: Name of the user, which is removed everywhere, like the host name and home folders.
+        robot: Robot file to include.
+    """
     return without_names("\n".join(_lines(report, robot)) + "\n", user, platform.node())
 
 
 def without_names(text: str, user: str, host: str) -> str:
-    """The text without the names of user and machine, and of anybody's home folder."""
+    """Return the text with the user name, the host name and all home folders replaced."""
     text = re.sub(r"/home/[^/\s'\"`]+", "~", text)
     for name, instead in ((user, "$USER"), (host, "$HOST")):
         if name and name != "root":
@@ -124,7 +131,7 @@ def _lines(report: Report, robot: Path | None) -> Iterator[str]:
     yield f"- Python {platform.python_version()}, {platform.system()} {platform.release()}, {platform.machine()}"
     yield from (f"- {name} {_version(name)}" for name in PACKAGES)
     yield from ("", "## Adapters", "")
-    yield from (f"- {one}" for one in report.adapters or ("none is known",))
+    yield from (f"- {one}" for one in report.adapters or ("none known",))
     for bus in report.buses:
         yield from _bus_lines(bus)
     if robot is not None:
@@ -139,7 +146,7 @@ def _findings(findings: Iterable[Finding]) -> Iterator[str]:
         if one.command:
             yield f"   Run `{one.command}`"
     if not number:
-        yield "Nothing is wrong."
+        yield "No problems found."
 
 
 def _version(package: str) -> str:
@@ -154,10 +161,13 @@ def _bus_lines(bus: BusFigures) -> Iterator[str]:
     if bus.problem:
         yield f"- port: {bus.problem}"
     if line := bus.line:
-        yield f"- {line.asked} questions: {line.lost} lost, {line.corrupt} broken, {line.late} late, {line.noise} noise"
+        yield (
+            f"- {line.asked} requests: {line.lost} replies lost, {line.corrupt} corrupt, {line.late} late; "
+            f"{line.noise} times noise"
+        )
         if line.round_trip_s is not None:
-            yield f"- a read takes {1e3 * line.round_trip_s:.2f} ms, its bytes {1e3 * line.wire_s:.2f} ms"
-    yield from (f"- stranger: ID {one.servo_id}, {one.model or 'unknown model'}" for one in bus.strangers)
+            yield f"- a read takes {1e3 * line.round_trip_s:.2f} ms, of which its bytes need {1e3 * line.wire_s:.2f} ms"
+    yield from (f"- unexpected servo: ID {one.servo_id}, {one.model or 'unknown model'}" for one in bus.strangers)
     yield from ("", "| joint | ID | model | heard | firmware | position | V | °C | load | torque | alarms |")
     yield "|---|---|---|---|---|---|---|---|---|---|---|"
     yield from (_row(servo) for servo in bus.servos)
@@ -172,7 +182,7 @@ def _row(one: ServoFigures) -> str:
 
 
 def _registers(servos: list[ServoFigures]) -> Iterator[str]:
-    """A column for each servo."""
+    """Return the lines of a table of all registers, with one column per servo."""
     if servos:
         yield from ("", "| register | " + " | ".join(str(one.servo_id) for one in servos) + " |")
         yield "|---" * (len(servos) + 1) + "|"

@@ -1,4 +1,4 @@
-"""A snapshot is all that was measured of an arm; what it means, the checks decide."""
+"""All measurements of an arm, for the checks of the doctor, and the commands that the findings recommend."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,38 +10,47 @@ from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
 
 Heard = Literal["well", "unsteady", "broken", "late", "mute", "silent"]
-"""States in one piece; only now and then; never in one piece; only too late; pings but no state; nothing."""
+"""How a servo answers.
+
+- well: its states arrive.
+- unsteady: only some of its states arrive.
+- broken: all of its states arrive corrupted.
+- late: its states arrive too late.
+- mute: it answers pings but does not send states.
+- silent: it does not answer at all.
+"""
 PortProblem = Literal["missing", "denied", "busy", "not_serial", "unsuitable", "lost"]
 
 
 @dataclass(frozen=True, slots=True)
 class ServoSnapshot:
-    """One joint's servo. ``registers`` by name: what could not be read is absent."""
+    """Measurements of the servo of one joint."""
 
     joint: Joint
     heard: Heard
     registers: Mapping[str, int] = field(default_factory=dict)
+    """Register values by name, without registers that could not be read."""
     states: tuple[ServoState, ...] = ()
-    """At rest, one after the other."""
+    """Successive states at rest."""
     port: str = ""
-    """The port of its bus."""
+    """Port of the servo's bus."""
     elsewhere_baud: int | None = None
-    """A silent one's rate, where it answers at another than the bus's."""
+    """Baud rate at which a silent servo answers, if it differs from the baud rate of the bus."""
 
     @property
     def answers(self) -> bool:
-        """Whether anything is known of it."""
+        """Whether at least one state was received."""
         return bool(self.states)
 
     @property
     def holds(self) -> bool:
-        """Whether it drives its motor."""
+        """Whether torque is enabled."""
         return self.registers.get("torque_enable") == 1
 
 
 @dataclass(frozen=True, slots=True)
 class Stranger:
-    """A servo on the line that no joint has."""
+    """A servo on the bus that does not belong to a joint."""
 
     servo_id: int
     baud: int
@@ -50,26 +59,31 @@ class Stranger:
 
 @dataclass(frozen=True, slots=True)
 class LineFigures:
-    """The line over many questions. The shares are of ``asked`` states; times are of single reads."""
+    """Quality of a bus, measured with many requests."""
 
     asked: int
+    """Number of states requested."""
     lost: int
+    """Number of lost replies."""
     corrupt: int
+    """Number of corrupted replies."""
     late: int
+    """Number of replies that arrived too late."""
     noise: int
-    """Pieces of garbage between replies."""
+    """Number of times that noise arrived between replies."""
     round_trip_s: float | None
-    """The median, from question to answer."""
+    """Median duration of a single read, from request to reply."""
     wire_s: float
-    """How long its bytes are on the wire."""
+    """Transmission time of the bytes of a single read."""
     delay_s: float = 0.0
-    """The longest return delay that a servo was set to."""
+    """Longest return delay set in a servo."""
     echoes: bool = False
+    """Whether the adapter echoes every request."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusSnapshot:
-    """One line. Its name is empty where the robot has only one."""
+    """Measurements of one bus. Its name is empty if the robot has only one bus."""
 
     name: str
     port: str
@@ -78,38 +92,38 @@ class BusSnapshot:
     strangers: tuple[Stranger, ...] = ()
     line: LineFigures | None = None
     problem: PortProblem | None = None
-    """Why nothing could be measured, or no more."""
+    """Problem with the port that prevented or ended the measurements."""
     problem_text: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """The whole arm."""
+    """Measurements of the whole arm."""
 
     buses: tuple[BusSnapshot, ...]
     calibration: CalibrationFile | None = None
     arm: str = "NAME"
-    """What the arm is called on the command line."""
+    """Name of the arm on the command line."""
     motions: tuple[JointMotion, ...] = ()
     not_moved: str = ""
-    """Why the joints were not moved although that was asked for."""
+    """Reason why the joints were not moved although the user requested it."""
 
 
 def write(servo: ServoSnapshot, name: str, value: int) -> str:
-    """Write one register."""
+    """Return the command that writes a register."""
     return f"servoloop register write --port {servo.port} --id {servo.joint.servo_id} {name} {value}"
 
 
 def show(servo: ServoSnapshot) -> str:
-    """Show the whole table."""
+    """Return the command that lists all registers."""
     return f"servoloop register list --port {servo.port} --id {servo.joint.servo_id}"
 
 
-def let_go(servo: ServoSnapshot) -> str:
-    """Switch its torque off."""
+def release(servo: ServoSnapshot) -> str:
+    """Return the command that switches the torque off."""
     return write(servo, "torque_enable", 0)
 
 
 def on(port: str, verb: str, *arguments: int | str) -> str:
-    """A verb for one servo."""
+    """Return the command that applies a verb to one servo on this port."""
     return " ".join(("servoloop", verb, *map(str, arguments), "--port", port))

@@ -1,1 +1,1 @@
-"""The passport of a line: every servo's EEPROM in a readable file, compared and written back."""
+"""Save the EEPROM of all servos on a bus to a readable file (a passport), compare it, and write it back."""

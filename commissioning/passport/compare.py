@@ -1,4 +1,4 @@
-"""Reading servos' EEPROM, and comparing it with a passport. Nothing is written to any servo."""
+"""Read the EEPROM of servos and compare it with a passport. Nothing is written to the servos."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from drivers.servos.series import Series
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One register that no longer holds what the passport says."""
+    """One register whose value differs from the passport."""
 
     servo_id: int
     register: str
@@ -27,23 +27,23 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What has changed since the passport was written."""
+    """All changes since the passport was written."""
 
     differences: tuple[Difference, ...]
     absent: tuple[int, ...]
-    """Servos of the passport that do not answer."""
+    """IDs of servos in the passport that do not answer."""
     others: tuple[int, ...]
-    """IDs that answer and that the passport does not know."""
+    """IDs that answer but are not in the passport."""
 
     @property
     def same(self) -> bool:
-        """Whether nothing has changed."""
+        """Whether there are no changes."""
         return not (self.differences or self.absent or self.others)
 
 
 def read_servo(bus: Bus, servo_id: int, model: ServoModel) -> dict[str, int]:
-    """Everything in the servo's EEPROM, by name. Raises ServoError."""
-    # About fifty questions: on a bad line one of them would often stay open with fewer attempts.
+    """Return the values of all EEPROM registers, by name. Raises ServoError."""
+    # There are about fifty reads. With fewer attempts, one of them would often fail on a bad bus.
     registers = persistent_registers(model).items()
     return {name: retry(partial(retry, partial(bus.read, servo_id, register))) for name, register in registers}
 
@@ -55,15 +55,29 @@ def take_passport(
     adapter: str | None = None,
     series: Series = STS,
 ) -> Passport:
-    """The passport of the servos with these IDs, or of all of ``series`` that answer, which say their models.
+    """Read the EEPROM of servos and return their passport.
 
-    Raises PassportError where one is missing or of another model, or where two have one ID.
+    Args:
+        bus: The bus.
+        models: Model of each servo to read, by ID; None for all servos of ``series`` that answer.
+        joints: Name of the joint of each servo, by ID.
+        adapter: Serial number of the USB adapter.
+        series: Series of the servos if ``models`` is None.
+
+    Raises:
+        PassportError: A servo is missing or has another model, or two servos have the same ID.
     """
     answers = {answer.servo_id: answer.clear for answer in who_answers(bus)}
-    problems = [f"servo {i} does not answer" for i in models or () if i not in answers]
-    problems += [f"servo {i} never answers in one piece: do two have this ID?" for i, ok in answers.items() if not ok]
+    problems = [f"servo {i} does not answer: check its cable and supply" for i in models or () if i not in answers]
+    problems += [
+        f"servo {i}: all replies are corrupted, so probably two servos have this ID. Connect only one of them"
+        for i, ok in answers.items()
+        if not ok
+    ]
     if not answers and not problems:
-        problems = [f"no servo answers on {bus.name} at {bus.baud} baud: check the servos' power and the rate"]
+        problems = [
+            f"no servo answers on {bus.name} at {bus.baud} baud: check the power of the servos and the baud rate"
+        ]
     if problems:
         raise PassportError("\n".join([*problems, "nothing was written"]))
     names = joints or {}
@@ -78,26 +92,30 @@ def _passport_of(bus: Bus, servo_id: int, model: ServoModel, joint: str | None) 
 
 
 def model_of(bus: Bus, servo_id: int, series: Series) -> ServoModel:
-    """The model that the servo says it is, of this series; of several with one number the first."""
+    """Return the model of a servo by its model number; if several models share it, the first one."""
     number = retry(partial(bus.read, servo_id, series.model_number))
     for model in series.models:
         if model.number == number:
             return model
-    raise PassportError(f"servo {servo_id} is model {number} ({known_as(number, series)}): its table is not known here")
+    raise PassportError(
+        f"servo {servo_id} has model number {number} ({known_as(number, series)}), whose control table is unknown to "
+        "servoloop"
+    )
 
 
 def require_model(bus: Bus, servo_id: int, model: ServoModel) -> None:
-    """Raise PassportError unless the servo says that it is of this model."""
+    """Raise PassportError if the servo reports another model number."""
     series = series_of(model)
     number = retry(partial(bus.read, servo_id, series.model_number))
     if number != model.number:
         raise PassportError(
-            f"servo {servo_id} is model {number} ({known_as(number, series)}), not {model.number} ({model.name})"
+            f"servo {servo_id} has model number {number} ({known_as(number, series)}), not {model.number} "
+            f"({model.name})"
         )
 
 
 def compare(bus: Bus, passport: Passport) -> Comparison:
-    """What is different now. Raises ServoError where a servo falls silent meanwhile."""
+    """Compare the servos with a passport. Raises ServoError if a servo stops answering meanwhile."""
     answers = {answer.servo_id for answer in who_answers(bus)}
     differences: list[Difference] = []
     for servo_id, servo in passport.servos.items():
@@ -108,10 +126,10 @@ def compare(bus: Bus, passport: Passport) -> Comparison:
 
 
 def servo_differences(bus: Bus, servo_id: int, servo: ServoPassport) -> list[Difference]:
-    """The registers in which the servo that answers to ``servo_id`` differs from this passport."""
+    """Return the registers of the servo with ID ``servo_id`` that differ from this passport."""
     number = series_of(servo.servo_model).model_number
     other = retry(partial(bus.read, servo_id, number))
-    if other != servo.registers[number.name]:  # another table, perhaps
+    if other != servo.registers[number.name]:  # Another model may have another control table.
         return [Difference(servo_id, number.name, servo.registers[number.name], other)]
     now = read_servo(bus, servo_id, servo.servo_model)
     return [

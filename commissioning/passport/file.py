@@ -1,4 +1,4 @@
-"""The passport file: YAML, one servo after the other, every register of its EEPROM by name."""
+"""The passport file: a YAML file with every EEPROM register of every servo, by name."""
 
 from pathlib import Path
 from typing import Final, Self
@@ -16,15 +16,15 @@ from hal.text_file import read_text
 from hal.yaml_file import load
 
 HEADER: Final = """\
-# The EEPROM of every servo on one line, written by servoloop passport save. Values are as the servos hold them, without
-# units; docs/servos.md says what each means. The former file is beside it, with .1 behind its name.
+# The EEPROM of every servo on one bus, written by servoloop passport save. The values are raw register values without
+# units; docs/servos.md explains them. The previous file has the same name plus .1.
 """
 END: Final = "...\n"
-"""YAML's own end of a document: a file without it was cut off."""
+"""End marker of a YAML document. A file without it is truncated."""
 
 
 class PassportError(CommissioningError):
-    """A passport that cannot be read, or a servo that cannot be made what it says; the text says what to do."""
+    """A passport cannot be read or cannot be written to a servo; the message says what to do."""
 
 
 class _Strict(BaseModel):
@@ -32,7 +32,7 @@ class _Strict(BaseModel):
 
 
 class ServoPassport(_Strict):
-    """One servo: everything that its EEPROM holds."""
+    """Contents of the EEPROM of one servo."""
 
     model: str
     joint: str | None = None
@@ -41,55 +41,57 @@ class ServoPassport(_Strict):
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
         if self.model not in MODELS:
-            raise ValueError(f"unknown model {self.model}: known are {', '.join(MODELS)}")
+            raise ValueError(f"unknown model {self.model}: use one of {', '.join(MODELS)}")
         known = persistent_registers(MODELS[self.model])
         problems = [f"{self.model} has no persistent register {name}" for name in self.registers if name not in known]
         problems += [f"register {name} is missing" for name in known if name not in self.registers]
         problems += [
-            f"{name} takes {known[name].smallest} to {known[name].largest}, not {value}"
+            f"{name} must be {known[name].smallest} to {known[name].largest}, not {value}"
             for name, value in self.registers.items()
             if name in known and not known[name].smallest <= value <= known[name].largest
         ]
         number = self.registers.get("model_number", MODELS[self.model].number)
         if number != MODELS[self.model].number:
-            problems.append(f"model_number {number} is not that of a {self.model}, {MODELS[self.model].number}")
+            problems.append(f"model_number is {number}, but an {self.model} has {MODELS[self.model].number}")
         if problems:
             raise ValueError("; ".join(problems))
         return self
 
     @property
     def servo_model(self) -> ServoModel:
-        """The servo's model."""
+        """The model of the servo."""
         return MODELS[self.model]
 
 
 class Passport(_Strict):
-    """The whole file."""
+    """Contents of a passport file."""
 
     adapter: str | None = None
-    """The serial number of the USB adapter, where it has one."""
+    """Serial number of the USB adapter; None if it has none."""
     baud: Baud = Field(ge=SMALLEST_BAUD, le=LARGEST_BAUD)
     servos: dict[ServoId, ServoPassport]
-    """By ID."""
+    """Passport of each servo, by ID."""
 
     @model_validator(mode="after")
     def _has_its_ids(self) -> Self:
         wrong = [key for key, servo in self.servos.items() if servo.registers["id"] != key]
         if wrong:
-            raise ValueError("; ".join(f"servo {key} has another id in its registers" for key in wrong))
+            raise ValueError("; ".join(f"servo {key}: the register id has another value" for key in wrong))
         return self
 
 
 def read_passport(path: Path) -> Passport:
-    """Read a passport. Raises PassportError with every mistake."""
+    """Read a passport. Raises PassportError listing all mistakes."""
     passport = load(path, Passport, PassportError)
     if not read_text(path, PassportError).endswith(END):
-        raise PassportError(f"{path} was cut off: its last line is not {END.strip()}")
+        raise PassportError(
+            f"{path} is truncated: its last line is not {END.strip()}. Use another copy, or save the passport again"
+        )
     return passport
 
 
 def write_passport(path: Path, passport: Passport) -> None:
-    """Write it whole; the former file is kept. Raises PassportError."""
+    """Write a passport atomically and keep the previous file. Raises PassportError."""
     content = passport.model_dump(exclude_none=True)
     try:
         write_whole(path, HEADER + yaml.safe_dump(content, sort_keys=False, explicit_end=True))

@@ -1,4 +1,4 @@
-"""Writing a passport back: everything is looked at before anything is written, and only what differs is written."""
+"""Write a passport back to the servos. All servos are checked first, and only different values are written."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,24 +15,27 @@ from drivers.servos.register import Access, Register, ServoModel
 from hal.servos.limp_arm import torque_warning
 
 NOT_WRITTEN = LEAVES_THE_LINE
-"""A servo that answers on this line has its rate and protocol already."""
+"""Registers that are not restored. A servo that answers on this bus already has the right baud rate and protocol."""
 
 
 @dataclass(frozen=True, slots=True)
 class Restoration:
-    """What is to be written to one servo."""
+    """Values to write to one servo."""
 
     servo_id: int
-    """To which it answers now."""
+    """Current ID of the servo."""
     model: ServoModel
     values: Mapping[Register, int]
-    """What it is to hold; the ID too, where it is to have another."""
+    """Values to write, including the ID if it changes."""
     now: Mapping[str, int] = field(default_factory=dict)
-    """What it holds instead, by name."""
+    """Current values of these registers, by name."""
 
 
 def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> list[Restoration]:
-    """What differs on the servos of the passport, or on one of them. Raises PassportError: nothing is written yet."""
+    """Return the values to write to all servos of the passport, or to one of them. Nothing is written yet.
+
+    Raises PassportError.
+    """
     wanted = _asked_for(passport, servo_id)
     answers = {answer.servo_id: answer for answer in who_answers(bus)}
     problems: list[str] = []
@@ -48,9 +51,9 @@ def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> l
 
 
 def plan_replacement(bus: Bus, passport: Passport, servo_id: int) -> Restoration:
-    """What makes a new servo the one that ``servo_id`` was in the passport. Raises PassportError.
+    """Return the values that make a new servo a replacement for ``servo_id`` in the passport. Raises PassportError.
 
-    The new one is alone on the line, whatever its ID; or the only one whose ID the passport does not know.
+    The new servo must be the only one on the bus, with any ID, or the only one with an ID that is not in the passport.
     """
     _asked_for(passport, servo_id)
     answers = {answer.servo_id: answer for answer in who_answers(bus)}
@@ -64,14 +67,17 @@ def plan_replacement(bus: Bus, passport: Passport, servo_id: int) -> Restoration
 
 
 def restore(bus: Bus, clock: Clock, plan: Restoration) -> tuple[Change, ...]:
-    """Write one servo's plan: guarded, read back, locked, restarted and checked. Raises ServoError, PortLost."""
+    """Write the values to one servo, restart it and check the values; return the changes.
+
+    Raises ServoError, PortLost.
+    """
     return provision(bus, clock, plan.servo_id, plan.model, plan.values)
 
 
 def restore_all(bus: Bus, clock: Clock, plans: Sequence[Restoration]) -> dict[int, tuple[Change, ...]]:
-    """Write the plans of several servos, one after the other; what was changed, by ID.
+    """Restore several servos, one after the other; return the changes, by ID.
 
-    An exception carries notes of what had been written to which servo before it, and which were still to come.
+    The notes of an exception list the servos that were already written and those that were not.
     """
     changes: dict[int, tuple[Change, ...]] = {}
     for index, plan in enumerate(plans):
@@ -79,9 +85,9 @@ def restore_all(bus: Bus, clock: Clock, plans: Sequence[Restoration]) -> dict[in
             changes[plan.servo_id] = restore(bus, clock, plan)
         except BaseException as error:
             for servo_id, made in changes.items():
-                error.add_note(f"written before that: servo {servo_id}: {', '.join(map(str, made))}")
+                error.add_note(f"already written to servo {servo_id}: {', '.join(map(str, made))}")
             if left := plans[index + 1 :]:
-                error.add_note(f"not yet: servo {', '.join(str(one.servo_id) for one in left)}")
+                error.add_note(f"not yet written: servo {', '.join(str(one.servo_id) for one in left)}")
             raise
     return changes
 
@@ -91,37 +97,43 @@ def _asked_for(passport: Passport, servo_id: int | None) -> list[int]:
         return list(passport.servos)
     if servo_id not in passport.servos:
         known = ", ".join(map(str, passport.servos))
-        raise PassportError(f"the passport has no servo {servo_id}: it has {known}; nothing was written")
+        raise PassportError(f"the passport has no servo {servo_id}, only {known}; nothing was written")
     return [servo_id]
 
 
 def _newcomer(bus: Bus, present: Sequence[int], passport: Passport, servo_id: int) -> int:
     if not present:
-        raise PassportError(f"no servo answers on {bus.name} at {bus.baud} baud: is it at another rate?")
+        raise PassportError(
+            f"no servo answers on {bus.name} at {bus.baud} baud. Check its power; it may also have another baud rate"
+        )
     if len(present) == 1:
         return present[0]
     if servo_id in present:
-        raise PassportError(f"ID {servo_id} is taken: a servo answers to it. Connect only the new servo")
+        raise PassportError(f"a servo already answers with ID {servo_id}. Connect only the new servo")
     strangers = [number for number in present if number not in passport.servos]
     if len(strangers) != 1:
-        which = ", ".join(map(str, present))
-        raise PassportError(f"which of the servos {which} is the new one? Connect only that")
+        present_ids = ", ".join(map(str, present))
+        raise PassportError(
+            f"servos {present_ids} answer, so it is unclear which of them is the new one. Connect only the new servo"
+        )
     return strangers[0]
 
 
 def _require_clear(answers: Mapping[int, Answer], servo_id: int) -> None:
     if servo_id not in answers:
-        raise PassportError(f"servo {servo_id} does not answer")
+        raise PassportError(f"servo {servo_id} does not answer: check its cable and supply")
     if not answers[servo_id].clear:
-        raise PassportError(f"servo {servo_id} never answers in one piece: do two have this ID? Connect only one")
+        raise PassportError(
+            f"servo {servo_id}: all replies are corrupted, so probably two servos have this ID. Connect only one"
+        )
 
 
 def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Restoration:
-    """What makes the servo ``now_id`` the passport's ``servo_id``."""
+    """Return the values that make the servo ``now_id`` the servo ``servo_id`` of the passport."""
     servo = passport.servos[servo_id]
     require_model(bus, now_id, servo.servo_model)
     if drives(bus, now_id, servo.servo_model):
-        raise PassportError(f"{torque_warning([f'servo {now_id}'])}: support the arm and switch it off first")
+        raise PassportError(f"{torque_warning([f'servo {now_id}'])}: support the arm and switch its torque off first")
     registers = persistent_registers(servo.servo_model)
     values, now = {}, {}
     for difference in servo_differences(bus, now_id, servo):
@@ -129,7 +141,10 @@ def _restoration(bus: Bus, passport: Passport, servo_id: int, now_id: int) -> Re
         if register.access is Access.READ or register.name in NOT_WRITTEN:
             continue
         if ANSWERS_NO_READ.get(register.name) == difference.saved:
-            raise PassportError(f"servo {servo_id}: {register.name} {difference.saved} would silence it")
+            raise PassportError(
+                f"servo {servo_id}: with {register.name} {difference.saved} it would no longer answer. Change this "
+                "value in the passport"
+            )
         values[register], now[register.name] = difference.saved, difference.now
     return Restoration(now_id, servo.servo_model, values, now)
 

@@ -1,1 +1,1 @@
-"""Serial adapters: which there are, who may open them, what stands in their way."""
+"""List the serial adapters of the machine and the problems that prevent access to them."""

@@ -1,4 +1,4 @@
-"""Serial adapters with all that decides whether servos can be reached through them.
+"""List the serial adapters of the machine with all problems that prevent or slow down access to the servos.
 
 for adapter in ports().adapters:
     print(adapter.device, adapter.chip, *(complaint.text for complaint in adapter.complaints))
@@ -23,7 +23,7 @@ FTDI_LATENCY: Final = 'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio
 
 
 def udev_rule(adapters: Iterable["Adapter"]) -> str:
-    """Lines for ``RULE_FILE``: one for each adapter on USB, one for the latency timer of FTDI's."""
+    """Return the lines for ``RULE_FILE``: one per USB adapter, and one for the latency timer of FTDI adapters."""
     known = [one for one in adapters if one.vid is not None and one.pid is not None]
     lines = dict.fromkeys(_line(one) for one in known)
     drivers = {chip.driver for one in known if (chip := CHIPS.get((one.vid or 0, one.pid or 0)))}
@@ -49,18 +49,19 @@ NO_MODEM_MANAGER: Final = "sudo systemctl disable --now ModemManager"
 
 @dataclass(frozen=True, slots=True)
 class Complaint:
-    """``command``: what mends it; None where no command does."""
+    """A problem with an adapter."""
 
     kind: Kind
     text: str
     command: str | None = None
+    """Command that fixes the problem; None if no command does."""
 
     def __str__(self) -> str:
         return f"{self.text}: run '{self.command}'" if self.command else self.text
 
 
 def adapter_complaints(machine: Machine, rules: Rules, adapter: "Adapter") -> tuple[Complaint, ...]:
-    """All that is wrong with one adapter."""
+    """Return all problems of one adapter."""
     found = (
         _permission(machine, adapter),
         _in_use(adapter),
@@ -72,24 +73,24 @@ def adapter_complaints(machine: Machine, rules: Rules, adapter: "Adapter") -> tu
 
 
 def machine_complaints(machine: Machine, rules: Rules) -> tuple[Complaint, ...]:
-    """Adapters that are plugged in and have no port."""
+    """Return the problems of adapters that are plugged in but have no port."""
     complaints: list[Complaint] = []
     for numbers, has_port in machine.usb_devices():
         chip = CHIPS.get(numbers)
         if chip is None or has_port:
             continue
-        name = f"an adapter ({chip.name}, {_text(numbers)}) is plugged in and has no port"
+        name = f"an adapter ({chip.name}, {_text(numbers)}) is plugged in but has no port"
         if _claims(rules, numbers) or machine.runs("brltty"):
-            complaints.append(Complaint("brltty", f"{name}: brltty takes it for a braille display", NO_BRLTTY))
+            text = f"{name}, because the program brltty takes it for a braille display. Remove brltty"
+            complaints.append(Complaint("brltty", text, NO_BRLTTY))
         else:
-            complaints.append(
-                Complaint("no_port", f"{name}: its kernel driver is not loaded", f"sudo modprobe {chip.driver}")
-            )
+            text = f"{name}, because its kernel driver is not loaded. Load the driver"
+            complaints.append(Complaint("no_port", text, f"sudo modprobe {chip.driver}"))
     return tuple(complaints)
 
 
 def alike(adapters: Sequence["Adapter"]) -> tuple[Complaint, ...]:
-    """Adapters that nothing but their socket tells apart."""
+    """Return a problem for each group of adapters that differ only in their USB socket."""
     by_kind: dict[tuple[int | None, int | None], list[str]] = {}
     for one in adapters:
         if one.vid is not None and not one.serial_number:
@@ -97,8 +98,8 @@ def alike(adapters: Sequence["Adapter"]) -> tuple[Complaint, ...]:
     return tuple(
         Complaint(
             "alike",
-            f"{' and '.join(devices)} are of one kind and have no serial number: their numbers may change places when "
-            "they are plugged in again. Use their paths in /dev/serial/by-path",
+            f"{' and '.join(devices)} have the same USB IDs and no serial number, so their names may be exchanged when "
+            "they are plugged in again. Use their paths in /dev/serial/by-path instead",
         )
         for devices in by_kind.values()
         if len(devices) > 1
@@ -111,12 +112,17 @@ def _permission(machine: Machine, adapter: "Adapter") -> Complaint | None:
         return None
     advice = allowed.advice(machine.user.name)
     if allowed.joined:
-        text = f"you are in the group '{allowed.group}' but not yet in this login: log out and in again"
+        text = f"you have joined the group '{allowed.group}', but only a new login applies it: log out and in again"
         return Complaint("login", text, advice)
     if allowed.group == "root":
-        text = f"only root may open it: paste the udev rule into {RULE_FILE}, join its group, log out and in again"
+        text = (
+            f"only root may open the port: paste the udev rule into {RULE_FILE}, join the group '{USUAL_GROUP}', then "
+            "log out and in again"
+        )
     else:
-        text = f"only the group '{allowed.group}' may open it: join that, then log out and in again"
+        text = (
+            f"only members of the group '{allowed.group}' may open the port: join the group, then log out and in again"
+        )
     return Complaint("permission", text, advice)
 
 
@@ -124,14 +130,17 @@ def _in_use(adapter: "Adapter") -> Complaint | None:
     if not adapter.holders:
         return None
     who = " and ".join(f"{holder.program} (process {holder.pid})" for holder in adapter.holders)
-    return Complaint("in_use", f"it is in use by {who}: end that program first")
+    return Complaint("in_use", f"the port is in use by {who}: end that program first")
 
 
 def _latency(machine: Machine, adapter: "Adapter") -> Complaint | None:
     if latency_advice(adapter.device, machine.sys_tty) is None:
         return None
     timer = machine.sys_tty / adapter.device.rpartition("/")[2] / "device" / "latency_timer"
-    text = f"it holds every reply back for up to {adapter.latency_ms} ms (for good the udev rule helps)"
+    text = (
+        f"the adapter delays every reply by up to {adapter.latency_ms} ms. The command fixes this until the adapter is "
+        "unplugged; the udev rule fixes it permanently"
+    )
     return Complaint("latency", text, f"echo 1 | sudo tee {timer}")
 
 
@@ -139,21 +148,22 @@ def _brltty(machine: Machine, rules: Rules, adapter: "Adapter") -> Complaint | N
     if not _claims(rules, (adapter.vid, adapter.pid)):
         return None
     running = "is running" if machine.runs("brltty") else "is installed"
-    return Complaint("brltty", f"brltty {running} and takes such adapters for braille displays", NO_BRLTTY)
+    text = f"the program brltty {running} and may take this adapter for a braille display. Remove brltty"
+    return Complaint("brltty", text, NO_BRLTTY)
 
 
 def _modem_manager(machine: Machine, rules: Rules, adapter: "Adapter") -> Complaint | None:
     if adapter.vid is None or not machine.runs("ModemManager") or _ignored(rules, adapter):
         return None
     text = (
-        "ModemManager is running and may try a new adapter as a modem, which keeps the port busy for some seconds: "
-        f"paste the udev rule into {RULE_FILE} ({RELOAD}), or do without it"
+        "ModemManager is running and may take a new adapter for a modem, which keeps the port busy for some seconds. "
+        f"Paste the udev rule into {RULE_FILE} and run `{RELOAD}`, or disable ModemManager"
     )
     return Complaint("modem_manager", text, NO_MODEM_MANAGER)
 
 
 def _claims(rules: Rules, numbers: tuple[int | None, int | None]) -> bool:
-    """Whether brltty's rules name this kind of adapter."""
+    """Whether the udev rules of brltty contain this kind of adapter."""
     vid, pid = numbers
     if vid is None or pid is None:
         return False
@@ -161,7 +171,7 @@ def _claims(rules: Rules, numbers: tuple[int | None, int | None]) -> bool:
 
 
 def _ignored(rules: Rules, adapter: "Adapter") -> bool:
-    """Whether a rule tells ModemManager to leave adapters of this vendor alone."""
+    """Whether a udev rule makes ModemManager ignore adapters of this vendor."""
     lines = (line for text in rules.values() for line in text.splitlines())
     return any("id_mm_device_ignore" in line and f'"{adapter.vid:04x}"' in line for line in lines)
 
@@ -172,7 +182,7 @@ def _text(numbers: tuple[int, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """One serial port. ``vid`` and ``pid`` are None where it does not hang on USB."""
+    """One serial port. ``vid`` and ``pid`` are None if it is not a USB adapter."""
 
     device: str
     vid: int | None
@@ -182,24 +192,26 @@ class Adapter:
     serial_number: str | None
     by_id: str | None
     permission: Permission | None
-    """None where the device is gone again."""
+    """Permission of the user; None if the device has disappeared."""
     latency_ms: int | None
-    """How long it gathers bytes; None where it has no such timer."""
+    """Latency timer; None if the adapter has none."""
     holders: tuple[Holder, ...]
     complaints: tuple[Complaint, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class PortsReport:
-    """``complaints``: those that are of no single adapter. ``udev_rule``: a file for the adapters that there are."""
+    """All serial adapters of the machine."""
 
     adapters: tuple[Adapter, ...]
     complaints: tuple[Complaint, ...]
+    """Problems that do not belong to a single adapter."""
     udev_rule: str
+    """Lines of a udev rule file for these adapters."""
 
 
 def ports(machine: Machine | None = None) -> PortsReport:
-    """Look at all serial adapters. Nothing is opened."""
+    """Examine all serial adapters without opening them."""
     machine = machine or Machine()
     found = [_adapter(machine, info) for info in sorted(machine.comports(), key=lambda info: info.device)]
     rules = machine.udev_rules()
@@ -208,17 +220,17 @@ def ports(machine: Machine | None = None) -> PortsReport:
 
 
 def only_port(machine: Machine | None = None) -> str:
-    """The device of the only USB adapter. Raises CommissioningError where there is none, or several."""
+    """Return the device of the only USB adapter. Raises CommissioningError if there is none, or more than one."""
     report = ports(machine)
     devices = [one.device for one in report.adapters if one.vid is not None]
     if len(devices) == 1:
         return devices[0]
     if devices:
-        raise CommissioningError(f"there are {len(devices)} adapters: say which: {', '.join(devices)}")
+        raise CommissioningError(f"there are {len(devices)} USB adapters: choose one of {', '.join(devices)}")
     others = ", ".join(one.device for one in report.adapters)
-    hint = f"plug it in, or name the port ({others})" if others else "plug it in, or name the port"
+    hint = f"plug one in, or name the port ({others})" if others else "plug one in, or name the port"
     why = "".join(f"; {complaint}" for complaint in report.complaints)
-    raise CommissioningError(f"no USB adapter is plugged in: {hint}{why}")
+    raise CommissioningError(f"no USB adapter was found: {hint}{why}")
 
 
 def _adapter(machine: Machine, info: ListPortInfo) -> Adapter:
@@ -228,7 +240,7 @@ def _adapter(machine: Machine, info: ListPortInfo) -> Adapter:
         device=device,
         vid=vid if usb else None,
         pid=pid if usb else None,
-        chip=chip_text(vid, pid) if usb else "no USB adapter",
+        chip=chip_text(vid, pid) if usb else "not a USB adapter",
         product=info.product,
         serial_number=info.serial_number,
         by_id=machine.by_id(device),
@@ -241,5 +253,5 @@ def _adapter(machine: Machine, info: ListPortInfo) -> Adapter:
 def _latency_ms(timer: Path) -> int | None:
     try:
         return int(timer.read_text())
-    except (OSError, ValueError):  # another kind of adapter
+    except (OSError, ValueError):  # Only some adapters have a latency timer.
         return None

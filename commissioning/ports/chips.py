@@ -1,7 +1,7 @@
-"""The USB chips of serial adapters that servos hang on, by vendor and product number.
+"""USB chips of serial adapters for servos, by vendor and product ID.
 
-Sources: the id tables of Linux' drivers ch341, cp210x, ftdi_sio and cdc_acm; for boards what their makers' udev rules
-and owners' listings name. A number says which chip it is and only sometimes which board.
+Sources: the ID tables of the Linux drivers ch341, cp210x, ftdi_sio and cdc_acm; for boards, the udev rules of their
+manufacturers and listings published by users. An ID identifies the chip, but only sometimes the board.
 """
 
 from dataclasses import dataclass
@@ -10,11 +10,13 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Chip:
-    """``found_on``: boards for servos that are known to have it. ``driver``: the kernel's module."""
+    """A USB chip."""
 
     name: str
     driver: str
+    """Kernel module."""
     found_on: str = ""
+    """Boards for servos that are known to have this chip."""
 
 
 CHIPS: Final = {
@@ -36,7 +38,7 @@ CHIPS: Final = {
 
 
 def chip_text(vid: int, pid: int) -> str:
-    """What to call an adapter with these numbers."""
+    """Return a name for an adapter with these IDs."""
     chip = CHIPS.get((vid, pid))
     if chip is None:
         return "unknown chip"

@@ -1,4 +1,4 @@
-"""The machine as far as serial adapters are concerned: what /dev, /sys, /proc and udev's rules say."""
+"""The machine and its serial adapters, as described by /dev, /sys, /proc and the udev rules."""
 
 import grp
 import os
@@ -13,12 +13,12 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 RULE_FOLDERS: Final = ("usr/lib/udev/rules.d", "lib/udev/rules.d", "run/udev/rules.d", "etc/udev/rules.d")
-"""In udev's order: a file of the same name in a later one replaces that in an earlier one."""
+"""Folders of udev rules. A file in a later folder replaces the file of the same name in an earlier one."""
 
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Who runs this program, and the groups that the program really has: those of its login."""
+    """User of this process, with the groups of the current login."""
 
     name: str
     uid: int
@@ -26,10 +26,10 @@ class User:
 
     @classmethod
     def present(cls) -> "User":
-        """The user of this process."""
+        """Return the user of this process."""
         try:
             name = pwd.getpwuid(os.getuid()).pw_name
-        except KeyError:  # a container's user without an entry
+        except KeyError:  # The user of a container may have no entry.
             name = str(os.getuid())
         return cls(name, os.geteuid(), frozenset((*os.getgroups(), os.getegid())))
 
@@ -44,29 +44,31 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """``root`` stands above /dev, /sys and the others. ``comports`` lists the ports as pyserial does."""
+    """This machine, or a simulated one in tests."""
 
     root: Path = Path("/")
+    """Folder that contains /dev, /sys, /proc and the others."""
     comports: Callable[[], Iterable[ListPortInfo]] = list_ports.comports
+    """Function that lists the ports, as pyserial does."""
     user: User = field(default_factory=User.present)
 
     def path(self, device: str) -> Path:
-        """Where a device of this machine is."""
+        """Return the path of a device of this machine."""
         return self.root / device.lstrip("/")
 
     @property
     def sys_tty(self) -> Path:
-        """The folder with what the kernel says of its terminals."""
+        """Folder with the kernel's information about serial ports."""
         return self.root / "sys/class/tty"
 
     def by_id(self, device: str) -> str | None:
-        """The link in /dev/serial/by-id, whose name stays when numbers change."""
+        """Return the link in /dev/serial/by-id, whose name does not change when the device number does."""
         path = self.path(device).resolve()
         links = sorted((self.root / "dev/serial/by-id").glob("*"))
         return next((f"/dev/serial/by-id/{link.name}" for link in links if link.resolve() == path), None)
 
     def holders(self, device: str) -> tuple[Holder, ...]:
-        """The other programs that have the device open, as far as we may look into them."""
+        """Return the other programs that have the device open, as far as this user can see them."""
         mine, names = os.getpid(), {device, str(self.path(device).resolve())}
         return tuple(
             Holder(pid, name)
@@ -79,7 +81,7 @@ class Machine:
         return any(name == program for _, name in self._programs())
 
     def udev_rules(self) -> dict[str, str]:
-        """The rules in force, by file: without comments, lower case. A masked file is empty."""
+        """Return the active udev rules, by file name, in lower case and without comments. A masked file is empty."""
         rules: dict[str, str] = {}
         for folder in RULE_FOLDERS:
             for file in sorted((self.root / folder).glob("*.rules")):
@@ -87,11 +89,11 @@ class Machine:
         return rules
 
     def usb_devices(self) -> Iterator[tuple[tuple[int, int], bool]]:
-        """Vendor and product number of each USB device, and whether the kernel has made a serial port of it."""
+        """Yield the vendor and product ID of each USB device, and whether the kernel created a serial port for it."""
         for device in sorted((self.root / "sys/bus/usb/devices").glob("*")):
             try:
                 numbers = tuple(int((device / name).read_text(), 16) for name in ("idVendor", "idProduct"))
-            except (OSError, ValueError):  # an interface, or gone
+            except (OSError, ValueError):  # An interface of a device, or a device that has disappeared.
                 continue
             ports = [port for pattern in ("*:*/tty[A-Z]*", "*:*/tty/tty*") for port in device.glob(pattern)]
             yield (numbers[0], numbers[1]), bool(ports)
@@ -100,13 +102,13 @@ class Machine:
         for process in sorted((self.root / "proc").glob("[0-9]*"), key=lambda path: int(path.name)):
             try:
                 yield int(process.name), (process / "comm").read_text().strip()
-            except OSError:  # ended meanwhile
+            except OSError:  # The process has ended.
                 continue
 
     def _opened(self, pid: int) -> set[str]:
         try:
             return {os.readlink(fd) for fd in (self.root / f"proc/{pid}/fd").iterdir()}
-        except OSError:  # ended meanwhile, or another user's
+        except OSError:  # The process has ended or belongs to another user.
             return set()
 
 
@@ -119,20 +121,22 @@ def _statements(file: Path) -> str:
 
 
 USUAL_GROUP: Final = "dialout"
-"""Of serial devices on Debian and its relatives. Whoever joins the group root may do far more than open ports."""
+"""Group of serial devices on Debian and its derivatives. It is recommended instead of root, which permits far more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """``mode`` as chmod writes it. ``joined``: the user is in the group, but not yet in this login."""
+    """Permission of the user to open a device."""
 
     mode: str
+    """Mode of the device, as an octal number for chmod."""
     group: str
     may_open: bool
     joined: bool
+    """Whether the user is a member of the group, but has not logged in again since joining it."""
 
     def advice(self, user: str) -> str | None:
-        """The command; None for a user who may."""
+        """Return the command that gives the user permission; None if the user already has it."""
         if self.may_open:
             return None
         if self.joined:
@@ -141,7 +145,7 @@ class Permission:
 
 
 def permission(machine: Machine, device: str) -> Permission | None:
-    """What the device's owner, group and mode let the user do; None where it is gone."""
+    """Return the user's permission for a device; None if the device has disappeared."""
     try:
         status = machine.path(device).stat()
     except OSError:
@@ -153,7 +157,7 @@ def permission(machine: Machine, device: str) -> Permission | None:
 
 
 def _may_open(user: User, owner: int, group: int, mode: int) -> bool:
-    """The kernel's own rule: the first that fits decides. Root may always."""
+    """Apply the kernel's rule: the first of owner, group and others that matches decides. Root may open everything."""
     if user.uid == 0:
         return True
     if user.uid == owner:

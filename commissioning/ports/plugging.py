@@ -1,4 +1,4 @@
-"""Waiting for an adapter to be plugged in or pulled: which one was it?"""
+"""Wait until an adapter is plugged in or unplugged, and report which one."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,45 +11,47 @@ from drivers.clock import Clock, MonotonicClock
 
 LOOK_S: Final = 0.1
 SETTLE_S: Final = 1.0
-"""udev gives a new device its group within this time, and brltty takes it away."""
+"""Time within which udev sets the group of a new device, or brltty removes the device, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plugged:
-    """What has happened to which adapter. ``vanished``: it was there and is gone at once."""
+    """An adapter that was plugged in or unplugged."""
 
     happened: Literal["plugged", "pulled", "vanished"]
+    """Event. ``vanished`` means that the port of a new adapter disappeared at once."""
     adapter: Adapter
     why: str = ""
+    """Reason why the port disappeared."""
 
 
 def wait_for_plugging(timeout_s: float, machine: Machine | None = None, clock: Clock | None = None) -> Plugged:
-    """Wait until an adapter comes or goes. Raises CommissioningError when none has until ``timeout_s`` from now."""
+    """Wait until an adapter is plugged in or unplugged. Raises CommissioningError after ``timeout_s``."""
     machine, clock = machine or Machine(), clock or MonotonicClock()
     before = _adapters(machine)
     end_s = clock.now() + timeout_s
     while clock.now() < end_s:
         clock.sleep_until(min(clock.now() + LOOK_S, end_s))
-        # Names alone: to look at all of an adapter ten times a second would be a waste.
+        # A complete examination of all adapters ten times a second would be wasteful.
         devices = {info.device for info in machine.comports()}
         if gone := sorted(before.keys() - devices):
             return Plugged("pulled", before[gone[0]])
         if devices - before.keys() and (new := _new(machine, before)):
             return _settled(machine, clock, new)
     raise CommissioningError(
-        f"no adapter was plugged in or pulled within {timeout_s:g} s. One that was and does not show: try another "
-        "cable (some only charge) and another socket"
+        f"no adapter was plugged in or unplugged within {timeout_s:g} s. If you plugged one in, try another cable "
+        "(some cables only charge) and another USB socket"
     )
 
 
 def _settled(machine: Machine, clock: Clock, new: Adapter) -> Plugged:
-    """The new adapter, once the system has done with it what it does."""
+    """Return the event for a new adapter after the system has configured it."""
     clock.sleep_until(clock.now() + SETTLE_S)
     now = _adapters(machine)
     if new.device in now:
         return Plugged("plugged", now[new.device])
     reasons = machine_complaints(machine, machine.udev_rules())
-    return Plugged("vanished", new, str(reasons[0]) if reasons else "a loose plug, or a supply that is too weak")
+    return Plugged("vanished", new, str(reasons[0]) if reasons else "a loose plug or a weak supply")
 
 
 def _new(machine: Machine, before: Mapping[str, Adapter]) -> Adapter | None:

@@ -1,1 +1,1 @@
-"""Single servos by register name: what they hold in units, and careful writes."""
+"""Read and write registers of single servos by name, with units."""

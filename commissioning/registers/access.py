@@ -1,4 +1,4 @@
-"""Registers of one servo: the whole table, one value, one careful write.
+"""Read and write the registers of one servo.
 
 with find_servo(port, clock, 3) as servo:
     print(read_register(servo, "present_voltage").text)
@@ -14,17 +14,17 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.tables import register_named, registers_of
 from commissioning.registers.values import RegisterValue, parse, value_of
 from commissioning.scan.find import FoundServo
-from commissioning.scan.identify import surely
+from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
 from drivers.errors import ServoRefused
 from drivers.servos.register import Access, Register
 
 
-def hold_where_it_stands(servo: FoundServo) -> None:
-    """Tell the servo its own position as goal, then switch its torque on. Nothing moves.
+def enable_torque_in_place(servo: FoundServo) -> None:
+    """Set the servo's goal to its measured position, then enable its torque, so that the servo does not move.
 
-    Raises CommissioningError where it cannot be held there: in another mode, or beyond its own limits.
+    Raises CommissioningError if the servo cannot hold this position: in another mode, or outside its own limits.
     """
     servo_id, series, bus = servo.servo_id, servo.series, servo.bus
     if wrong := series.config_error(servo.model, servo.read):
@@ -35,37 +35,40 @@ def hold_where_it_stands(servo: FoundServo) -> None:
     limits = bus.position_limits(servo_id)
     if limits and not limits[0] <= state.position_counts <= limits[1]:
         raise CommissioningError(
-            f"servo {servo_id}: stands at {state.position_counts}, beyond its limits {limits[0]} to {limits[1]}, and "
-            "would leap to the nearer one: turn it there by hand first"
+            f"servo {servo_id}: its position {state.position_counts} is outside its limits {limits[0]} to "
+            f"{limits[1]}, so it would jump to the nearer limit. Turn it into this range by hand first"
         )
-    surely(partial(bus.write, servo_id, series.goal_position, state.position_counts))
+    retry_often(partial(bus.write, servo_id, series.goal_position, state.position_counts))
     bus.torque_on(servo_id)
     if not servo.holds_torque():
-        raise CommissioningError(f"servo {servo_id}: does not switch its torque on: 'servoloop scan' shows its alarms")
+        raise CommissioningError(
+            f"servo {servo_id}: its torque could not be switched on. Check its alarms with 'servoloop scan'"
+        )
 
 
-def let_go(servo: FoundServo) -> None:
-    """Switch the torque off. What the servo held falls."""
+def release(servo: FoundServo) -> None:
+    """Switch the torque off. A load that the servo holds falls."""
     servo.bus.torque_off([servo.servo_id])
     if servo.holds_torque():
-        raise CommissioningError(f"servo {servo.servo_id}: still holds torque: switch its supply off")
+        raise CommissioningError(f"servo {servo.servo_id}: its torque could not be switched off. Switch its supply off")
 
 
 ELSEWHERE: Final = {
-    "id": "'servoloop set-id' changes it",
-    "baud_rate": "'servoloop set-baud' changes it",
-    "protocol_type": "it takes the servo off this line",
-    "lock": "the tools open and close it themselves",
+    "id": "change it with 'servoloop set-id'",
+    "baud_rate": "change it with 'servoloop set-baud'",
+    "protocol_type": "with another protocol the servo would no longer answer on this bus",
+    "lock": "the tools open and close the lock themselves",
 }
+"""Registers that cannot be written here, with the reason or the command to use instead."""
 GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
-"""Orders to move: an STS servo that is limp switches its torque on for them."""
+"""Registers that make the servo move. Writing them even switches on the torque of an STS servo."""
 CORRECTS_S: Final = 0.005
-"""An STS servo takes a value over as it is written, and corrects it a millisecond later."""
+"""Time to wait before reading back. An STS servo accepts any value, but corrects an invalid one a millisecond later."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegisterWrite:
-    """What a write has changed; ``before`` and ``after`` are alike where the servo held the value already."""
+    """Result of a write. ``before`` and ``after`` are equal if the servo already had the value."""
 
     servo_id: int
     before: RegisterValue
@@ -73,26 +76,35 @@ class RegisterWrite:
 
     @property
     def changed(self) -> bool:
-        """Whether anything was written."""
+        """Whether the value has changed."""
         return self.before.raw != self.after.raw
 
 
 def list_registers(servo: FoundServo) -> tuple[RegisterValue, ...]:
-    """The table of the servo's model with present values."""
+    """Read all registers of the servo."""
     return tuple(value_of(servo.model, register, _held(servo, register)) for register in registers_of(servo.model))
 
 
 def read_register(servo: FoundServo, name: str) -> RegisterValue:
-    """One register."""
+    """Read one register. Raises CommissioningError, ServoError."""
     register = register_named(servo.model, name)
     return value_of(servo.model, register, servo.read(register))
 
 
 def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bool = False) -> RegisterWrite:
-    """Write one register and read it back. ``value``: raw, or a quantity with its unit.
+    """Write one register and read it back.
 
-    EEPROM is written under its lock and only where it differs. Refused are goals, and everything under torque but the
-    torque switch, which takes ``torque``: with 1 the servo is held where it stands, with 0 it lets go.
+    A register in EEPROM is unlocked for the write, and written only if its value differs. Goals cannot be written.
+    While the torque is on, only ``torque_enable`` can be written: 1 makes the servo hold its position, 0 releases it.
+
+    Args:
+        servo: The servo.
+        name: Name of the register.
+        value: Raw value, or a quantity with its unit, such as ``65C``.
+        torque: Whether ``torque_enable`` may be written.
+
+    Raises:
+        CommissioningError: The value cannot be written.
     """
     register, raw = register_named(servo.model, name), value_to_write(servo, name, value)
     before = value_of(servo.model, register, servo.read(register))
@@ -101,15 +113,15 @@ def write_register(servo: FoundServo, name: str, value: str | int, *, torque: bo
     elif raw != before.raw:
         if servo.holds_torque():
             raise CommissioningError(
-                f"servo {servo.servo_id}: {name} is not written while it holds torque. Support the arm, then "
-                f"'servoloop register write --id {servo.servo_id} torque_enable 0'"
+                f"servo {servo.servo_id}: {name} cannot be written while the torque is on. Support the arm, then "
+                f"switch the torque off with 'servoloop register write --id {servo.servo_id} torque_enable 0'"
             )
         _write(servo, register, raw)
     return RegisterWrite(servo.servo_id, before, value_of(servo.model, register, servo.read(register)))
 
 
 def value_to_write(servo: FoundServo, name: str, value: str | int) -> int:
-    """The raw value that ``write_register`` is to write; nothing is sent. Raises CommissioningError."""
+    """Return the raw value that ``write_register`` would write, without writing it. Raises CommissioningError."""
     register = register_named(servo.model, name)
     raw = parse(servo.model, register, str(value))
     check_writable(servo, register, raw)
@@ -117,30 +129,33 @@ def value_to_write(servo: FoundServo, name: str, value: str | int) -> int:
 
 
 def check_writable(servo: FoundServo, register: Register, raw: int) -> None:
-    """Raise CommissioningError for what no user should write by hand."""
+    """Raise CommissioningError if the value should not be written by hand."""
     name = register.name
     text = ""
     if register.access is Access.READ:
-        text = "can only be read"
+        text = "is read-only"
     elif name in ELSEWHERE:
-        text = f"is not written by hand: {ELSEWHERE[name]}"
+        text = f"cannot be written here: {ELSEWHERE[name]}"
     elif name in GOALS:
-        text = "is an order to move, and to a limp STS servo to switch its torque on: 'servoloop up' gives goals"
+        text = (
+            "cannot be written here, because it makes the servo move and can even switch its torque on. Use "
+            "'servoloop up' to move an arm"
+        )
     elif register == servo.series.status_level and raw == 0:
-        text = "0 keeps the servo from answering"
+        text = "must not be 0, because the servo would no longer answer"
     elif register == servo.series.torque_enable and raw not in (0, 1):
-        text = f"takes 0 (off) and 1 (on) here, not {raw}: other values move the servo's zero or brake its motor"
+        text = f"must be 0 (off) or 1 (on), not {raw}: other values move the servo's zero or brake its motor"
     if text:
         raise CommissioningError(f"servo {servo.servo_id}: {name} {text}")
 
 
 def _switch(servo: FoundServo, raw: int, torque: bool) -> None:
     if not torque:
-        raise CommissioningError(f"servo {servo.servo_id}: its torque is not switched unless you say so (--yes)")
+        raise CommissioningError(f"servo {servo.servo_id}: its torque is switched only if you confirm it (--yes)")
     if raw:
-        hold_where_it_stands(servo)
+        enable_torque_in_place(servo)
     else:
-        let_go(servo)
+        release(servo)
 
 
 def _write(servo: FoundServo, register: Register, raw: int) -> None:
@@ -152,14 +167,16 @@ def _write(servo: FoundServo, register: Register, raw: int) -> None:
             raise CommissioningError(f"servo {servo_id}: {error}") from error
         return
     bus = servo.bus
-    surely(partial(bus.write, servo_id, register, raw))
+    retry_often(partial(bus.write, servo_id, register, raw))
     servo.clock.sleep_until(servo.clock.now() + CORRECTS_S)
     if (held := servo.read(register)) != raw:
-        raise CommissioningError(f"servo {servo_id}: {register.name} stays {held}, not {raw}: it does not take it")
+        raise CommissioningError(
+            f"servo {servo_id}: {register.name} is still {held}, because the servo does not accept the value {raw}"
+        )
 
 
 def _held(servo: FoundServo, register: Register) -> int | None:
     try:
         return servo.read(register)
-    except ServoRefused:  # not in this firmware
+    except ServoRefused:  # This firmware does not have the register.
         return None

@@ -1,4 +1,7 @@
-"""A servo's ID and its baud rate: each refused where it would leave two servos that cannot be told apart."""
+"""Change the ID or the baud rate of a servo, reset it to factory settings, or restart it.
+
+A change that would give two servos the same ID at one baud rate is refused.
+"""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,7 +13,7 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.tables import rates_of, register_named, registers_of
 from commissioning.registers.values import RegisterValue, value_of
 from commissioning.scan.find import FoundServo, answers, locate
-from commissioning.scan.identify import surely
+from commissioning.scan.identify import retry_often
 from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.protocol import v2
 from drivers.servos.dynamixel1 import PROTOCOL_1
@@ -19,7 +22,7 @@ from drivers.servos.register import Register
 
 @dataclass(frozen=True, slots=True)
 class IdChange:
-    """The servo's ID before and after, and the rate at which it answers."""
+    """ID of a servo before and after a change, and its baud rate."""
 
     old_id: int
     new_id: int
@@ -28,7 +31,7 @@ class IdChange:
 
 @dataclass(frozen=True, slots=True)
 class BaudChange:
-    """The servo's rate before and after."""
+    """Baud rate of a servo before and after a change."""
 
     servo_id: int
     old_baud: int
@@ -36,31 +39,35 @@ class BaudChange:
 
 
 def set_id(servo: FoundServo, new_id: int) -> IdChange:
-    """Give the servo another ID and see that it answers to that. Raises where another servo has it already.
+    """Give the servo another ID and check that it answers with this ID. Raises an error if the ID is taken.
 
-    EEPROM is written under its lock, read back and locked again.
+    The EEPROM is unlocked, written, read back and locked again.
     """
     largest = v2.LARGEST_ID if servo.packets is v2 else 253
     if not 0 <= new_id <= largest:
-        raise CommissioningError(f"servo {servo.servo_id}: its ID can be 0 to {largest}, not {new_id}")
+        raise CommissioningError(f"servo {servo.servo_id}: the new ID must be 0 to {largest}, not {new_id}")
     update(servo.bus, servo.servo_id, servo.series.lock, {servo.series.servo_id: new_id})
     if new_id != servo.servo_id and answers(servo.port, servo.clock, servo.packets, servo.servo_id):
         raise CommissioningError(
-            f"servo {servo.servo_id}: has become {new_id}, and another answers to {servo.servo_id}: there were two"
+            f"servo {servo.servo_id}: one servo now has ID {new_id}, but another one still answers with ID "
+            f"{servo.servo_id}. Two servos had this ID: connect the other one alone and give it its own ID"
         )
     return IdChange(servo.servo_id, new_id, servo.port.baud)
 
 
 def set_baud(servo: FoundServo, baud: int) -> BaudChange:
-    """Give the servo another rate and see that it answers there; the port is at that rate then.
+    """Give the servo another baud rate and check that it answers at this rate. The port keeps this rate.
 
-    Raises CommissioningError where the servo or the adapter does not know the rate, or somebody with its ID is there.
+    Raises CommissioningError if the servo or the adapter does not support the rate, or another servo already has this
+    ID and rate.
     """
     register = register_named(servo.model, "baud_rate")
     values = {rate: value for value, rate in rates_of(servo.model).items()}
     if baud not in values:
         known = ", ".join(str(rate) for rate in sorted(values))
-        raise CommissioningError(f"servo {servo.servo_id}: {servo.name} knows {known} baud, not {baud}")
+        raise CommissioningError(
+            f"servo {servo.servo_id}: {servo.name} does not support {baud} baud. Use one of {known}"
+        )
     former = servo.port.baud
     if baud == former:
         return BaudChange(servo.servo_id, former, baud)
@@ -72,7 +79,7 @@ def set_baud(servo: FoundServo, baud: int) -> BaudChange:
             found = _follow(servo, memory, register, (baud, former))
         except PortLost:
             raise
-        except BaseException:  # it can be locked only at the rate at which it is
+        except BaseException:  # The servo can be locked only at the rate at which it answers.
             _follow(servo, memory, register, (former, baud))
             raise
         _check_arrived(servo, register, found, former, baud)
@@ -81,7 +88,7 @@ def set_baud(servo: FoundServo, baud: int) -> BaudChange:
 
 
 def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
-    """Where the adapter cannot make the rate this raises PortError: nothing is written then."""
+    """Raise CommissioningError if another servo has this ID and rate, or PortError if the adapter lacks the rate."""
     try:
         servo.port.set_baud(baud)
         taken = answers(servo.port, servo.clock, servo.packets, servo.servo_id)
@@ -89,70 +96,80 @@ def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
         servo.port.set_baud(former)
     if taken:
         raise CommissioningError(
-            f"servo {servo.servo_id}: another servo with this ID answers at {baud} baud: give one of them another first"
+            f"servo {servo.servo_id}: another servo with this ID already answers at {baud} baud. Give one of them "
+            "another ID first"
         )
 
 
 def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[int, int]) -> int | None:
-    """Go on at that of these rates at which the servo answers, and say which it is."""
+    """Set the port to the first of these rates at which the servo answers, and return it; None if it is silent."""
     for rate in rates:
         servo.port.set_baud(rate)
         memory.bus = servo.bus
         with suppress(ServoError):
-            surely(partial(memory.bus.read, servo.servo_id, register))
+            retry_often(partial(memory.bus.read, servo.servo_id, register))
             return rate
     return None
 
 
 def _check_arrived(servo: FoundServo, register: Register, found: int | None, former: int, baud: int) -> None:
     if found is None:
-        raise EepromError(servo.servo_id, register, f"was to become {baud} baud: it answers neither so nor at {former}")
+        text = (
+            f"was changed from {former} to {baud} baud, but the servo no longer answers at either rate. Switch its "
+            "supply off and on, then look for it with 'servoloop scan'"
+        )
+        raise EepromError(servo.servo_id, register, text)
     if found != baud:
-        raise EepromError(servo.servo_id, register, f"stays at {former} baud: the servo does not take {baud}")
+        raise EepromError(servo.servo_id, register, f"is still at {former} baud: the servo does not accept {baud} baud")
 
 
 RESTART_S: Final = 1.0
-"""Feetech and ROBOTIS give less for a reboot."""
+"""Time a servo gets to restart, in seconds. Feetech and ROBOTIS specify less."""
 DEAF_S: Final = 0.05
-"""Before that it may not have begun."""
+"""Time after which a restart has begun, in seconds."""
 PATIENCE_S: Final = 4.0
+"""Maximum duration of a restart, in seconds."""
 FACTORY_ID: Final = 1
-"""Which a servo of Dynamixel protocol 1.0 gets; all others keep theirs."""
+"""ID of a servo of Dynamixel protocol 1.0 after a factory reset. All other servos keep their ID."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResetReport:
-    """Where the servo answers after the reset, and the settings that it lost: before and after."""
+    """Result of a factory reset."""
 
     servo_id: int
     baud: int
     old_id: int
     old_baud: int
     changes: tuple[tuple[RegisterValue, RegisterValue], ...]
+    """Changed settings, each with the value before and after."""
 
 
 @dataclass(frozen=True, slots=True)
 class RebootReport:
-    """``took_s``: until it answered again. ``let_go``: whether it held torque before; it does not afterwards."""
+    """Result of a restart."""
 
     servo_id: int
     took_s: float
+    """Time until the servo answered again."""
     let_go: bool
+    """Whether the torque was on before. It is off after a restart."""
 
 
 def factory_reset(servo: FoundServo) -> ResetReport:
-    """Give the servo its factory's settings; the port is then at the rate at which it answers.
+    """Reset the servo to its factory settings. The port is set to the baud rate of the servo.
 
-    Raises CommissioningError where it holds torque, or would get an ID that another servo has.
+    Raises CommissioningError if the torque is on, or if the servo would get an ID that another servo has.
     """
-    _refuse_torque(servo, "is not reset")
+    _refuse_torque(servo, "cannot be reset")
     goes_to = FACTORY_ID if servo.series.protocol is PROTOCOL_1 else servo.servo_id
     if goes_to != servo.servo_id and answers(servo.port, servo.clock, servo.packets, goes_to):
         raise CommissioningError(
-            f"servo {servo.servo_id}: gets ID {goes_to} by a reset, and another servo has that: unplug it first"
+            f"servo {servo.servo_id}: a reset would give it ID {goes_to}, but another servo has this ID. Unplug the "
+            "other servo first"
         )
     before, old_baud = _settings(servo), servo.port.baud
-    with suppress(ServoSilent):  # its answer may be what got lost: it is looked for anyway
+    with suppress(ServoSilent):  # The reply may be lost, but the servo is searched for in any case.
         servo.bus.factory_reset(servo.servo_id)
     servo.clock.sleep_until(servo.clock.now() + RESTART_S)
     after = _located(servo, goes_to)
@@ -161,29 +178,40 @@ def factory_reset(servo: FoundServo) -> ResetReport:
 
 
 def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
-    """Restart the servo's firmware and wait until it answers again. ``let_go``: also where it holds torque."""
+    """Restart the servo and wait until it answers again.
+
+    Args:
+        servo: The servo.
+        let_go: Whether to restart a servo whose torque is on, which releases it.
+
+    Raises:
+        CommissioningError: The torque is on and ``let_go`` is False, or the servo does not answer again.
+    """
     held = servo.holds_torque()
     if held and not let_go:
-        _refuse_torque(servo, "is not rebooted")
+        _refuse_torque(servo, "cannot be restarted")
     began_s = servo.clock.now()
     servo.bus.reboot(servo.servo_id)
     servo.clock.sleep_until(began_s + DEAF_S)
     while servo.clock.now() < began_s + PATIENCE_S:
         if answers(servo.port, servo.clock, servo.packets, servo.servo_id):
             return RebootReport(servo.servo_id, round(servo.clock.now() - began_s, 3), held)
-    raise CommissioningError(f"servo {servo.servo_id}: does not come back after a reboot: switch its supply off and on")
+    raise CommissioningError(
+        f"servo {servo.servo_id}: it does not answer after its restart. Switch its supply off and on"
+    )
 
 
 def _refuse_torque(servo: FoundServo, what: str) -> None:
     if servo.holds_torque():
         raise CommissioningError(
-            f"servo {servo.servo_id}: {what} while it holds torque: it would release, and what it holds falls. "
-            f"Support the arm, then 'servoloop register write --id {servo.servo_id} torque_enable 0'"
+            f"servo {servo.servo_id}: {what} while its torque is on, because what it holds falls when torque goes off. "
+            "Support the arm, then switch the torque off with 'servoloop register write "
+            f"--id {servo.servo_id} torque_enable 0'"
         )
 
 
 def _located(servo: FoundServo, goes_to: int) -> FoundServo:
-    """Where it went; by the manuals to ``goes_to``, but not every clone has read them."""
+    """Find the servo after its reset, at the ID that the manuals specify or, for some clones, at its old ID."""
     try:
         return locate(servo.port, servo.clock, goes_to)
     except CommissioningError:

@@ -1,4 +1,4 @@
-"""The control table of one model: its registers by name, its rates, and what values mean that are no quantities."""
+"""The control table of one servo model: registers, baud rates and the meaning of coded values."""
 
 from difflib import get_close_matches
 from typing import Final
@@ -18,12 +18,13 @@ AX_RATES: Final = {value: rate for value, rate in enumerate((0, 1_000_000, 0, 50
     103: 19_200,
     207: 9_600,
 }
-"""By the register of protocol 1.0, by their usual names: 2 Mbit/s divided by one more than this."""
+"""Nominal baud rates of Dynamixel protocol 1.0 by register value: 2 Mbit/s divided by the value plus one."""
 MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
+"""Further baud rates of MX servos, by register value."""
 
 
 def registers_of(model: ServoModel) -> tuple[Register, ...]:
-    """The whole table, by address."""
+    """Return all registers of a model, sorted by address."""
     if isinstance(model, x.Model):
         return x.registers(model)
     if isinstance(model, ax_mx.Model):
@@ -32,17 +33,19 @@ def registers_of(model: ServoModel) -> tuple[Register, ...]:
 
 
 def register_named(model: ServoModel, name: str) -> Register:
-    """One register. CommissioningError, with the names that come near, where the table has none such."""
+    """Return a register by name. Raises CommissioningError with similar names if the model does not have it."""
     table = {register.name: register for register in registers_of(model)}
     if name in table:
         return table[name]
     near = get_close_matches(name, table)
     meant = f"did you mean {' or '.join(near)}? " if near else ""
-    raise CommissioningError(f"{model.name} has no register {name}: {meant}'servoloop register list' shows them all")
+    raise CommissioningError(
+        f"{model.name} has no register {name}: {meant}'servoloop register list' lists all registers"
+    )
 
 
 def rates_of(model: ServoModel) -> dict[int, int]:
-    """Baud rates by the value of ``baud_rate``."""
+    """Return the baud rates of a model, by the value of its register ``baud_rate``."""
     series = series_of(model)
     if series is AX_MX:
         return AX_RATES | (MX_RATES if model in series.bulk_models else {})
@@ -53,7 +56,7 @@ def rates_of(model: ServoModel) -> dict[int, int]:
 
 
 def meaning(model: ServoModel, register: Register, raw: int) -> str:
-    """What a value stands for that is no quantity; empty where nothing is known of it."""
+    """Return the meaning of a coded value; an empty string if it is unknown or the register holds a quantity."""
     series = series_of(model)
     mode, names = MODES.get(series.name, (None, {}))
     if register == mode:

@@ -1,4 +1,4 @@
-"""Values of registers, raw and in units, from and to what people write."""
+"""Convert register values between raw numbers, quantities with units, and text."""
 
 import re
 from dataclasses import dataclass
@@ -16,10 +16,11 @@ from drivers.servos.register import Access, Register, ServoModel
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """``scale``: how many of the unit one count is."""
+    """Unit of a register."""
 
     symbol: str
     scale: float = 1.0
+    """Quantity for a raw value of 1."""
 
 
 COUNTS, COUNTS_S, CELSIUS, PERCENT = Unit("counts"), Unit("counts/s"), Unit("°C"), Unit("%")
@@ -50,7 +51,7 @@ _LIMITED: Final = {
     **dict.fromkeys(("cw_angle_limit", "ccw_angle_limit"), COUNTS),
     **dict.fromkeys(("max_torque", "torque_limit", "present_load"), PER_1023),
 }
-"""The AX, the MX of protocol 1.0 and the XL-320."""
+"""Units of the AX series, of MX servos with protocol 1.0, and of the XL-320."""
 UNITS: Final[dict[str, dict[str, Unit]]] = {
     STS.name: {
         **_FEETECH,
@@ -87,14 +88,14 @@ UNITS: Final[dict[str, dict[str, Unit]]] = {
         "goal_acceleration": Unit("°/s²", 8.583),
     },
 }
-"""By series and register. What is not here is a number without a unit, or one of the model's own."""
+"""Units by series and register. Other registers have no unit, or a unit that depends on the model."""
 
 
 assert xl320.FULL_TORQUE == ax_mx.FULL_TORQUE == 1023 and STS_CURRENT.scale == sts.CURRENT_UNIT_A
 
 
 def unit_of(model: ServoModel, register: Register) -> Unit:
-    """The unit of a register; of some it is the model's own."""
+    """Return the unit of a register, which for some registers depends on the model."""
     name = register.name
     if isinstance(model, x.Model) and name in ("present_current", "goal_current", "current_limit"):
         return Unit("A", model.current_unit_a or 1.0)
@@ -105,12 +106,12 @@ def unit_of(model: ServoModel, register: Register) -> Unit:
 
 _QUANTITY: Final = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(\S*)\s*")
 _SPELLED: Final = {"c": "°c", "degc": "°c", "us": "µs", "μs": "µs", "counts/s^2": "counts/s²", "rev/min^2": "rev/min²"}
-"""What a keyboard has instead."""
+"""Alternative spellings of units for characters that are missing on most keyboards."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegisterValue:
-    """One register and what it holds. ``raw`` is None where the servo refuses to tell."""
+    """A register and its value. ``raw`` is None if the servo refuses to read it."""
 
     name: str
     address: int
@@ -124,7 +125,7 @@ class RegisterValue:
 
     @property
     def text(self) -> str:
-        """For people: the quantity, or what the number means, or the number."""
+        """Text for the user: the quantity, or the number with its meaning."""
         if self.raw is None:
             return "not readable"
         if self.unit:
@@ -133,7 +134,7 @@ class RegisterValue:
 
 
 def value_of(model: ServoModel, register: Register, raw: int | None) -> RegisterValue:
-    """A register's value in its unit."""
+    """Return a register with its value, unit and meaning."""
     unit = unit_of(model, register)
     return RegisterValue(
         register.name,
@@ -149,19 +150,22 @@ def value_of(model: ServoModel, register: Register, raw: int | None) -> Register
 
 
 def parse(model: ServoModel, register: Register, text: str) -> int:
-    """The raw value that is meant: a whole number is one, a quantity such as ``12.1V`` has its unit with it."""
+    """Convert a text to a raw register value. The text is a whole number or a quantity with its unit, such as 12.1V.
+
+    Raises CommissioningError.
+    """
     unit = unit_of(model, register)
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise CommissioningError(f"{register.name} takes a number{_or_quantity(unit.symbol)}, not {text!r}")
+        raise CommissioningError(f"{register.name} must be a number{_or_quantity(unit.symbol)}, not {text!r}")
     number, symbol = match.groups()
-    said = _SPELLED.get(symbol.lower(), symbol.lower())
-    if said and said != unit.symbol.lower():
-        has = f"is in {unit.symbol}" if unit.symbol else "has no unit"
-        raise CommissioningError(f"{register.name} {has}, not in {symbol}")
-    if not said and "." in number:
-        raise CommissioningError(f"{register.name} takes a whole number{_or_quantity(unit.symbol)}, not {text!r}")
-    raw = round(float(number) / unit.scale) if said else int(number)
+    spelled = _SPELLED.get(symbol.lower(), symbol.lower())
+    if spelled and spelled != unit.symbol.lower():
+        has = f"the unit {unit.symbol}, not {symbol}" if unit.symbol else f"no unit, so it cannot be set in {symbol}"
+        raise CommissioningError(f"{register.name} has {has}")
+    if not spelled and "." in number:
+        raise CommissioningError(f"{register.name} must be a whole number{_or_quantity(unit.symbol)}, not {text!r}")
+    raw = round(float(number) / unit.scale) if spelled else int(number)
     try:
         register.check(raw)
     except ValueError as error:
@@ -170,4 +174,4 @@ def parse(model: ServoModel, register: Register, text: str) -> int:
 
 
 def _or_quantity(symbol: str) -> str:
-    return f" (as the servo counts), or a quantity with its unit {symbol}" if symbol else ""
+    return f" (the raw value) or a quantity with the unit {symbol}" if symbol else ""

@@ -1,1 +1,1 @@
-"""Who is on a line: every rate, every make, and what is wrong with whom. Only pings and reads."""
+"""Find all servos on a port, at every baud rate and of every make, and report their problems."""

@@ -1,4 +1,4 @@
-"""Who answers on a line, at its own rate or at another one, and which of them are two with one ID."""
+"""Find all servos that answer on a bus, at its own baud rate or at others, and detect duplicate IDs."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -10,28 +10,29 @@ from drivers.bus.types import ServoFault
 from drivers.errors import PortError, PortLost
 
 TOGETHER: Final = 100
-"""IDs in one question: an STS takes no instruction with more than 128."""
+"""Number of IDs in one request. An STS accepts at most 128."""
 LOOKS: Final = 3
-"""How often all are asked; of a line that loses 5 % of all answers one servo in eight thousand stays unseen."""
+"""Number of times that all IDs are asked. If 5 % of the replies are lost, one servo in 8000 is missed."""
 CLOSER_LOOKS: Final = 8
-"""At those who answered, but not in one piece."""
+"""Number of further requests to an ID whose replies were corrupted."""
 SILENT: Final = ("silent", "no_time")
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Somebody answers to this ID at this rate; ``clear``: in one piece, at least now and then."""
+    """An ID that answers at a baud rate."""
 
     servo_id: int
     baud: int
     clear: bool
+    """Whether at least some of the replies are valid."""
 
 
 def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
-    """All that answer at the line's rate, by ID. Only states are read. Raises PortLost."""
+    """Return all IDs that answer at the bus's baud rate, sorted. It only reads states. Raises PortLost."""
     found: dict[int, bool] = {}
     for _ in range(looks):
-        # A bus that remembers who was silent before does not ask those each time.
+        # A bus object remembers silent servos and does not ask them every time, so a new one is used.
         with bus.at_baud(bus.baud) as forgetful:
             for first in range(0, LARGEST_ID + 1, TOGETHER):
                 _look(forgetful, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)
@@ -43,14 +44,14 @@ def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
 
 
 def who_answers_elsewhere(bus: Bus, rates: Iterable[int]) -> list[Answer]:
-    """All that answer at the first of these rates at which anybody does. The line has its own rate afterwards."""
+    """Return all IDs that answer at the first of these baud rates with replies, then restore the bus's baud rate."""
     for baud in rates:
         try:
             with bus.at_baud(baud) as other:
                 found = who_answers(other, looks=1)
         except PortLost:
             raise
-        except PortError:  # the adapter does not know this rate
+        except PortError:  # The adapter does not support this rate.
             continue
         if found:
             return [replace(answer, baud=baud) for answer in found]
@@ -66,9 +67,9 @@ def _look(bus: Bus, servo_ids: Iterable[int], found: dict[int, bool]) -> None:
 
 
 def _seen_closely(bus: Bus, servo_id: int) -> bool | None:
-    """Whether an ID that stirred gives its state by itself; None where it was noise, or another's broken answer."""
+    """Whether an ID with corrupted replies sends a valid state when asked alone; None if it was only noise."""
     readings = [bus.read_states([servo_id])[servo_id] for _ in range(CLOSER_LOOKS)]
     if any(not isinstance(reading, ServoFault) for reading in readings):
         return True
-    stirred = sum(isinstance(reading, ServoFault) and reading.kind not in SILENT for reading in readings)
-    return False if 2 * stirred > CLOSER_LOOKS else None
+    corrupted = sum(isinstance(reading, ServoFault) and reading.kind not in SILENT for reading in readings)
+    return False if 2 * corrupted > CLOSER_LOOKS else None

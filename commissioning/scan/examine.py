@@ -1,4 +1,4 @@
-"""A look at one servo that answers pings: its state, and what is wrong with it. Nothing is written."""
+"""Examine one servo that answers pings: read its state and find its problems. Nothing is written."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from commissioning.scan.identify import Identity, identify, surely
+from commissioning.scan.identify import Identity, identify, retry_often
 from commissioning.scan.problems import Problem, line_trouble, own_troubles
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
@@ -38,11 +38,11 @@ MODES: Final[dict[str, tuple[Register, dict[int, str]]]] = {
     ),
     XL.name: (xl320.control_mode, {1: "wheel", 2: "joint"}),
 }
-"""By series: where it stands, and what its values are called."""
+"""Register of the operating mode and the names of its values, by series."""
 
 
 def mode_text(series: Series, read: Callable[[Register], int]) -> str:
-    """The mode that the servo is in."""
+    """Return the name of the servo's operating mode."""
     if series.name in MODES:
         register, names = MODES[series.name]
         value = read(register)
@@ -56,20 +56,20 @@ def mode_text(series: Series, read: Callable[[Register], int]) -> str:
 
 
 GOOD: Final = 3
-"""So many states in one piece, and it is one servo: of two with one ID each read is a mixture of two positions."""
+"""Number of valid states that prove that an ID is unique. Mixed replies of two servos with the same ID are invalid."""
 TRIES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
-class ServoLook:
-    """One servo as the scan found it. What could not be read is None."""
+class ScannedServo:
+    """One servo that the scan found. Values that could not be read are None."""
 
     servo_id: int
     baud: int
     protocol: str
     make: str | None = None
     model: str | None = None
-    """Its name in files; None where the number is unknown."""
+    """Name of the model in robot files; None if the model number is unknown."""
     model_number: int | None = None
     firmware: str | None = None
     voltage_v: float | None = None
@@ -81,8 +81,8 @@ class ServoLook:
     problems: tuple[Problem, ...] = ()
 
 
-def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | None:
-    """The servo with this ID at the step's rate, which is the port's. None where it answers nothing after all."""
+def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> ScannedServo | None:
+    """Examine the servo with this ID at the current baud rate of the port. Return None if it does not answer."""
     identity: Identity | None = None
     corrupt = False
     try:
@@ -91,9 +91,9 @@ def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | Non
         raise
     except ServoError as error:
         corrupt = isinstance(error, ServoCorrupt)
-        clock.sleep_until(clock.now() + HELD_S)  # what may still come is an answer to none of the next questions
+        clock.sleep_until(clock.now() + HELD_S)  # A late reply must not be taken for the reply to a later request.
         port.discard_input()
-    # Whatever it is: all servos of protocol 1.0 answer the plain reads by which an SCS is asked.
+    # All servos of protocol 1.0 answer the single reads that are used for an SCS.
     unknown = (SCS if step.packets is v1 else X).models[0]
     bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)
@@ -101,12 +101,12 @@ def look(port: Port, clock: Clock, step: Step, servo_id: int) -> ServoLook | Non
     if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
         return None
     if identity is None or state is None:
-        return ServoLook(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
+        return ScannedServo(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
     return _looked(bus, servo_id, step, identity, state, trouble)
 
 
 def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKind | None]]:
-    """Its state, and how each try ended."""
+    """Read the state several times; return the last valid one and the number of outcomes of each kind."""
     state: ServoState | None = None
     kinds: Counter[FaultKind | None] = Counter()
     while kinds[None] < GOOD and kinds.total() < TRIES:
@@ -118,7 +118,7 @@ def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKi
 
 def _pings(bus: Bus, servo_id: int) -> bool:
     try:
-        surely(partial(bus.ping, servo_id))
+        retry_often(partial(bus.ping, servo_id))
     except PortLost:
         raise
     except ServoError:
@@ -128,22 +128,22 @@ def _pings(bus: Bus, servo_id: int) -> bool:
 
 def _looked(
     bus: Bus, servo_id: int, step: Step, identity: Identity, state: ServoState, trouble: Problem | None
-) -> ServoLook:
+) -> ScannedServo:
     series, problems = identity.series, [trouble] if trouble else []
     torque: int | None = None
     mode: str | None = None
 
     def read(register: Register) -> int:
-        return surely(partial(bus.read, servo_id, register))
+        return retry_often(partial(bus.read, servo_id, register))
 
     try:
         torque, mode = read(series.torque_enable), mode_text(series, read)
         problems += own_troubles(identity, state, read)
     except PortLost:
         raise
-    except ServoError as error:  # the line is so bad that not even many tries have helped
+    except ServoError as error:  # The bus is so bad that many attempts have failed.
         problems.append(Problem("bad_line", error.text))
-    return ServoLook(
+    return ScannedServo(
         servo_id, step.baud, series.protocol.name, series.make,
         identity.model.name if identity.model else None, identity.number, identity.firmware,
         round(state.voltage_v, 1), state.temperature_c, state.position_counts,

@@ -1,4 +1,4 @@
-"""One servo on a line, found by its ID at whatever rate it answers: what the tools for single servos begin with.
+"""Find a servo by its ID at any baud rate, for the tools that work on single servos.
 
 with find_servo(port, clock, 3) as servo:  # the port is at the servo's rate
     print(servo.model.name, servo.bus.read(3, servo.series.torque_enable))
@@ -12,8 +12,8 @@ from types import ModuleType
 from typing import Final
 
 from commissioning.errors import CommissioningError
-from commissioning.scan.examine import look
-from commissioning.scan.identify import Identity, identify, surely
+from commissioning.scan.examine import examine_servo
+from commissioning.scan.identify import Identity, identify, retry_often
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Wire
 from drivers.bus.bus import Bus
@@ -28,7 +28,7 @@ PINGS: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class FoundServo:
-    """One servo that answers, and the bus to it at its rate."""
+    """A servo that answers at the current baud rate of the port."""
 
     port: Port
     clock: Clock
@@ -38,38 +38,38 @@ class FoundServo:
 
     @property
     def series(self) -> Series:
-        """Its table."""
+        """Series of the servo."""
         return self.identity.series
 
     @property
     def model(self) -> ServoModel:
-        """Its model, or one of its series where its number is unknown."""
+        """Model of the servo, or the first model of its series if the model number is unknown."""
         return self.identity.stand_in
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """Name of the model, or its number if the model is unknown."""
         return self.identity.model.name if self.identity.model else f"model number {self.identity.number}"
 
     @property
     def bus(self) -> Bus:
-        """A bus to it at the port's present rate."""
+        """A new bus to the servo at the current baud rate of the port."""
         return Bus(self.port, self.clock, {self.servo_id: self.model})
 
     def read(self, register: Register) -> int:
-        """One register, however bad the line."""
-        return surely(partial(self.bus.read, self.servo_id, register))
+        """Read a register, with many attempts."""
+        return retry_often(partial(self.bus.read, self.servo_id, register))
 
     def holds_torque(self) -> bool:
-        """Whether it drives its motor."""
+        """Whether the torque is on."""
         return self.read(self.series.torque_enable) == 1
 
 
 @contextmanager
 def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = ()) -> Iterator[FoundServo]:
-    """The servo with this ID, the port at its rate until the end.
+    """Find the servo with this ID, and keep the port at its baud rate until the context ends.
 
-    Raises CommissioningError where nobody answers at any rate (``bauds``: at these), or two servos do.
+    Raises CommissioningError if no servo answers at any baud rate (or at ``bauds``), or if two servos have this ID.
     """
     former = port.baud
     try:
@@ -79,7 +79,7 @@ def find_servo(port: Port, clock: Clock, servo_id: int, bauds: Iterable[int] = (
 
 
 def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> bool:
-    """Whether anybody answers to this ID at the port's rate, in one piece or not."""
+    """Whether this ID answers at the current baud rate of the port, even if the replies are corrupted."""
     wire = Wire(port, clock, packets)
     if servo_id > wire.largest_id:
         return False
@@ -88,26 +88,26 @@ def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> boo
 
 
 def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ()) -> FoundServo:
-    """``find_servo`` that leaves the port at the servo's rate."""
+    """Find the servo with this ID like ``find_servo``, but leave the port at its baud rate."""
     for step in steps(bauds=bauds):
         try:
             port.set_baud(step.baud)
         except PortLost:
             raise
-        except PortError:  # a rate that the adapter cannot make
+        except PortError:  # The adapter does not support this rate.
             continue
         if answers(port, clock, step.packets, servo_id):
             return _sole(port, clock, step, servo_id)
-    tried = " or ".join(map(str, bauds)) or "any"
+    tried = f"{' or '.join(map(str, bauds))} baud" if bauds else "any baud rate"
     raise CommissioningError(
-        f"servo {servo_id}: nobody answers at {tried} baud: check its power and its cable. "
-        "'servoloop scan' shows who is there"
+        f"no servo with ID {servo_id} answers at {tried}. Check its power and its cable, and list the servos on "
+        "the port with 'servoloop scan'"
     )
 
 
 def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
-    """What answers, if it is one servo."""
-    seen = look(port, clock, step, servo_id)
+    """Return the servo with this ID. Raises CommissioningError if there are two, or if it cannot be read."""
+    seen = examine_servo(port, clock, step, servo_id)
     for problem in seen.problems if seen else ():
         if problem.kind in ("collision", "no_reads", "late"):
             raise CommissioningError(f"servo {servo_id}: {problem.text}")
@@ -122,5 +122,5 @@ def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
 def _set_back(port: Port, baud: int) -> None:
     try:
         port.set_baud(baud)
-    except PortError:  # gone: whoever uses it next is told
+    except PortError:  # The port has disappeared; the next user of the port gets an error.
         return

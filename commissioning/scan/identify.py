@@ -1,4 +1,4 @@
-"""What a servo is that answers pings: its make, series and model, from the head of its table."""
+"""Identify the make, series and model of a servo from the first registers of its control table."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from drivers.servos.register import Access, Register, ServoModel
 from drivers.servos.series import Series
 
 HEAD: Final = Register("head of the table", 0, 7, Access.READ)
-"""Both makes of protocol 1.0 have their number, firmware, ID and baud rate in it, each elsewhere."""
+"""First registers of both makes of protocol 1.0: model number, firmware, ID and baud rate, in a different order."""
 SCS_MAJOR: Final = 5
-"""First byte of the number of a Feetech servo with its words turned round; 9 are those of the STS series."""
+"""First byte of the model number of an SCS servo, whose words are big-endian. In the STS series it is 9."""
 
 Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """``model`` is None for a number that no table here has; ``stand_in`` is then one of its series."""
+    """Identity of a servo. ``model`` is None if the model number is unknown."""
 
     series: Series
     model: ServoModel | None
@@ -39,29 +39,32 @@ class Identity:
 
     @property
     def stand_in(self) -> ServoModel:
-        """The model whose table it is read by."""
+        """Model whose control table is used for the servo: its own, or the first one of its series."""
         return self.model or self.series.models[0]
 
 
-def surely(question: Callable[[], Result]) -> Result:
-    """``retry`` for a line of which one does not know how bad it is."""
+def retry_often(question: Callable[[], Result]) -> Result:
+    """Retry a request more often than ``retry`` does, for a bus of unknown quality."""
     return retry(partial(retry, question))
 
 
 def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Identity:
-    """Read what it is. Raises ServoError where it does not answer in one piece."""
+    """Read the identity of a servo. Raises ServoError if it does not send valid replies."""
     if packets is v1:
         bus = Bus(port, clock)
-        head = surely(partial(bus.read, servo_id, HEAD))
+        head = retry_often(partial(bus.read, servo_id, HEAD))
         return identity_of(head.to_bytes(HEAD.size, "little"), servo_id)
     bus = Bus(port, clock, {servo_id: X.models[0]})
-    number = surely(partial(bus.read, servo_id, x.model_number))
+    number = retry_often(partial(bus.read, servo_id, x.model_number))
     series, version = (XL, xl320.firmware_version) if number == xl320.XL320.number else (X, x.firmware_version)
-    return Identity(series, _model(series, number), number, str(surely(partial(bus.read, servo_id, version))))
+    return Identity(series, _model(series, number), number, str(retry_often(partial(bus.read, servo_id, version))))
 
 
 def identity_of(head: bytes, servo_id: int) -> Identity:
-    """Of a servo of protocol 1.0 by its first bytes: where its ID stands tells the make, a known number decides."""
+    """Return the identity of a servo of protocol 1.0 from its first registers.
+
+    The position of the ID shows the make. If both makes are possible, a known model number decides.
+    """
     candidates = [one for one in (_feetech(head), _dynamixel(head)) if _says_id(one.series, head, servo_id)]
     known = [one for one in candidates if one.model]
     return next(iter(known or candidates), _feetech(head))
@@ -85,6 +88,6 @@ def _dynamixel(head: bytes) -> Identity:
 
 
 def _model(series: Series, number: int) -> ServoModel | None:
-    """The first that says so: variants of one servo with other gears have one number."""
+    """Return the first model with this number. Variants of a servo with other gears share one number."""
     assert series in SERIES
     return next((model for model in series.models if model.number == number), None)

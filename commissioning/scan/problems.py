@@ -1,4 +1,4 @@
-"""What can be wrong with a servo that answers, each in words that say what to do."""
+"""Problems of a servo that answers, each with a message that says what to do."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -23,44 +23,47 @@ Kind = Literal[
     "absent",
 ]
 BAD_SHARE: Final = 0.5
-"""From this share of failed tries on the line is called bad."""
+"""Share of failed reads from which the bus counts as bad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What is wrong, and what to do."""
+    """A problem and its solution."""
 
     kind: Kind
     text: str
 
 
 def line_trouble(port: str, servo_id: int, kinds: Counter[FaultKind | None], corrupt: bool) -> Problem | None:
-    """What the tries say of the line rather than of the servo."""
+    """Return the problem of the bus that explains the outcomes of the reads; None if there is none."""
     failed = kinds.total() - kinds[None]
     if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
         return collision(servo_id, port)
-    # A first one that comes after a silence counts as late too, for it may be.
+    # The first reply after a silence also counts as late, because it may be.
     never_in_time = kinds[None] == kinds["corrupt"] == 0 and kinds["late"] > 0
     if never_in_time or kinds["late"] > 1 + kinds[None]:
-        return Problem("late", f"answers too late: {latency_advice(port) or HELD_BACK}")
+        return Problem("late", f"its replies arrive too late: {latency_advice(port) or HELD_BACK}")
     if kinds[None] == 0 and kinds["corrupt"] == 0:
         return (
             collision(servo_id, port)
             if corrupt
-            else Problem("no_reads", "answers a ping but no read: set its status return level so that it answers reads")
+            else Problem(
+                "no_reads",
+                "it answers pings but not reads: change its status return level so that it answers reads",
+            )
         )
     if failed >= BAD_SHARE * kinds.total():
-        advice = line_advice(port, "the cable's plugs and the supply")
-        return Problem("bad_line", f"answers now and then, and broken: check {advice}")
+        advice = line_advice(port, "the plugs of the cables and the supply")
+        return Problem("bad_line", f"many of its replies are lost or corrupted: check {advice}")
     return None
 
 
 def collision(servo_id: int, port: str) -> Problem:
-    """Two servos with one ID, as far as one can tell."""
+    """Return the problem of two servos that probably have the same ID."""
     return Problem(
         "collision",
-        f"answers, but never in one piece: two servos probably have ID {servo_id}. Unplug all of them but one and give "
-        f"that another ID: servoloop set-id {servo_id} NEW. If there is only one, check {line_advice(port)}",
+        f"all of its replies are corrupted, so probably two servos have ID {servo_id}. Leave only one of them plugged "
+        f"in and give it another ID: servoloop set-id {servo_id} NEW. If there is only one, check {line_advice(port)}",
     )
 
 
@@ -68,12 +71,12 @@ VOLTAGE_LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "
 
 
 def own_troubles(identity: Identity, state: ServoState, read: Read) -> list[Problem]:
-    """What is wrong with the servo itself: its model, its mode, its alarms. ``read`` reads one of its registers."""
+    """Return the problems of the servo itself: its model, mode and alarms. ``read`` reads one of its registers."""
     problems: list[Problem] = []
     if identity.model is None:
         problems.append(Problem("unknown_model", _unknown_text(identity)))
     elif wrong := identity.series.config_error(identity.model, read):
-        problems.append(Problem("wrong_mode", wrong))
+        problems.append(Problem("wrong_mode", f"it {wrong}"))
     if state.alarms:
         problems.append(Problem("alarmed", _alarm_text(identity.series, state, read)))
     return problems
@@ -82,18 +85,21 @@ def own_troubles(identity: Identity, state: ServoState, read: Read) -> list[Prob
 def _unknown_text(identity: Identity) -> str:
     known = ", ".join(f"{model.name} {model.number}" for model in identity.series.models)
     return (
-        f"says model number {identity.number}, which is none of the series {identity.series.name} that are known here "
-        f"({known}); it was read by that series' table"
+        f"it reports model number {identity.number}, which is unknown in the series {identity.series.name} ({known}). "
+        "It was read with the control table of this series, so its values may be wrong"
     )
 
 
 def _alarm_text(series: Series, state: ServoState, read: Read) -> str:
-    text = f"reports {' and '.join(state.alarms)}"
+    text = f"it reports {' and '.join(state.alarms)}"
     if "voltage" not in state.alarms:
-        return f"{text}: take the load off or let it cool, then switch its supply off and on"
+        return f"{text}: remove its load or let it cool down, then switch its supply off and on"
     names = {register.name: register for register in series.registers}
     for lowest, highest in VOLTAGE_LIMITS:
         if lowest in names:
             low, high = (0.1 * read(names[name]) for name in (lowest, highest))
-            return f"{text}: it has {state.voltage_v:.1f} V and its limits are {low:.1f} to {high:.1f} V"
+            return (
+                f"{text}: its supply voltage is {state.voltage_v:.1f} V, and its limits are {low:.1f} to {high:.1f} V. "
+                "Check the supply"
+            )
     return text

@@ -1,4 +1,4 @@
-"""The scan: all rates and makes on one port. Only pings and reads; nothing is changed, so nothing is restored.
+"""Scan a port for servos at all baud rates and of all makes. The scan only pings and reads.
 
 report = scan(SerialPort("/dev/ttyACM0"), MonotonicClock())
 for servo in report.servos:
@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from commissioning.scan.examine import ServoLook, look
+from commissioning.scan.examine import ScannedServo, examine_servo
 from commissioning.scan.problems import Problem
 from commissioning.scan.steps import Step, steps
 from commissioning.scan.wire import Heard, Wire
@@ -23,29 +23,32 @@ from drivers.servos.catalog import Make
 from drivers.servos.register import ServoModel
 
 LIKELY_IDS: Final = tuple(range(21))
-"""Pinged one by one at each rate as long as nobody was found: not every servo answers a broadcast."""
+"""IDs that are pinged one by one at each baud rate until a servo is found, because some servos ignore broadcasts."""
 BROADCASTS: Final = {v1: 2, v2: 1}
-"""Of protocol 2.0 one takes a second."""
+"""Number of broadcast pings by protocol. One of protocol 2.0 takes a second."""
 MORE_BROADCASTS: Final = {v1: 3, v2: 1}
+"""Number of further broadcast pings after a reply."""
 MORE_TRIES: Final = 3
-"""Where somebody was heard: on a line that loses packets each question reaches four of five."""
+"""Number of further pings per ID after a reply, because a bad bus may lose one packet in five."""
 
-Progress = Callable[[int, int, str, Sequence[ServoLook]], None]
-"""Is told the number of the step, how many there are, what it is, and who was found so far."""
+Progress = Callable[[int, int, str, Sequence[ScannedServo]], None]
+"""Progress callback. Its arguments are the step number, the number of steps, the step's text, and the servos so far."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """Who is on a line. ``absent``: IDs that were asked for and answer nowhere. ``noise``: bytes of nobody, by rate."""
+    """Result of a scan."""
 
     port: str
-    servos: tuple[ServoLook, ...]
+    servos: tuple[ScannedServo, ...]
     absent: tuple[int, ...]
+    """Requested IDs that do not answer."""
     noise: dict[int, int]
+    """Number of bytes that belong to no reply, by baud rate."""
     refused_bauds: tuple[int, ...]
-    """Rates that the adapter cannot make."""
+    """Baud rates that the adapter does not support."""
     skipped: tuple[str, ...]
-    """What was not looked for, for servos of another wire protocol had answered."""
+    """Kinds of servos that were not searched for, because servos of another protocol had answered."""
 
 
 def scan(
@@ -58,11 +61,22 @@ def scan(
     models: Mapping[int, ServoModel] | None = None,
     progress: Progress = lambda number, count, text, found: None,
 ) -> ScanReport:
-    """Look for servos. With ``servo_ids`` for these alone, one by one; ``bauds``, ``makes``: not all that there are.
-    ``models``: which model each ID is to be; those IDs are looked for, if no others are said.
+    """Search a port for servos and examine them. The baud rate of the port is restored afterwards.
 
-    Without ``makes`` it looks for no other wire protocol once somebody has answered: servos of two cannot share a
-    line. The port has its former rate afterwards. Raises PortLost once the line is gone.
+    Without ``makes``, the scan ignores the other protocol after the first reply, because servos with different
+    protocols cannot share a bus.
+
+    Args:
+        port: The port.
+        clock: Clock for all times.
+        bauds: Baud rates to scan; all if empty.
+        servo_ids: IDs to search for, one by one; all if empty.
+        makes: Makes of servos to search for; all if empty.
+        models: Expected model of each servo, by ID. These IDs are searched for if ``servo_ids`` is empty.
+        progress: Called before each step and at the end.
+
+    Raises:
+        PortLost: The port has disappeared.
     """
     wanted = models or {}
     search = _Search(port, clock, tuple(sorted(servo_ids or wanted)), bool(makes))
@@ -73,24 +87,24 @@ def scan(
             search.take(step)
         progress(len(todo), len(todo), "done", search.found)
     finally:
-        with contextlib.suppress(PortError):  # gone: whoever uses it next is told
+        with contextlib.suppress(PortError):  # If the port has disappeared, its next user gets an error.
             port.set_baud(former)
     return search.report(wanted)
 
 
 class _Search:
-    """What has been found so far, and what is still worth looking for."""
+    """State of a scan: the servos found so far, and the IDs and protocols still to search for."""
 
     def __init__(self, port: Port, clock: Clock, servo_ids: Sequence[int], all_makes: bool) -> None:
         self._port, self._clock, self._ids, self._all_makes = port, clock, servo_ids, all_makes
-        self.found: list[ServoLook] = []
+        self.found: list[ScannedServo] = []
         self._packets: set[object] = set()
         self._noise: Counter[int] = Counter()
         self._refused: dict[int, None] = {}
         self._skipped: dict[str, None] = {}
 
     def take(self, step: Step) -> None:
-        """Look at one rate with one kind of packets."""
+        """Scan one baud rate with one protocol."""
         if self._packets and step.packets not in self._packets and not self._all_makes:
             self._skipped[step.servos] = None
             return
@@ -102,7 +116,7 @@ class _Search:
             self._refused[step.baud] = None
             return
         heard = self._listen(Wire(self._port, self._clock, step.packets))
-        here = [look(self._port, self._clock, step, i) for i in sorted(heard.whole | heard.broken)]
+        here = [examine_servo(self._port, self._clock, step, i) for i in sorted(heard.whole | heard.broken)]
         servos = [one for one in here if one is not None]
         self.found += servos
         if servos:
@@ -120,7 +134,7 @@ class _Search:
             heard |= wire.broadcast()
         for _ in range(MORE_BROADCASTS[wire.packets] if heard.anything else 0):
             heard |= wire.broadcast()
-        unheard = heard.anything and not heard.whole  # they may all have answered at once
+        unheard = heard.anything and not heard.whole  # All servos may have answered at the same time.
         ids = range(wire.largest_id + 1) if unheard else LIKELY_IDS if not self.found or heard.whole else ()
         return _ping_each(wire, ids, heard)
 
@@ -128,7 +142,7 @@ class _Search:
         return any(one.servo_id == servo_id for one in self.found)
 
     def report(self, wanted: Mapping[int, ServoModel]) -> ScanReport:
-        """What was found, with what shows only when all are there."""
+        """Return the report, including problems that are visible only when all servos are known."""
         absent = tuple(i for i in self._ids if not self._is_found(i))
         servos = tuple(
             _of_the_arm(_compared(one, self.found), wanted) for one in sorted(self.found, key=lambda one: one.servo_id)
@@ -147,28 +161,32 @@ def _ping_each(wire: Wire, servo_ids: Iterable[int], heard: Heard) -> Heard:
     return heard
 
 
-def _compared(servo: ServoLook, servos: Sequence[ServoLook]) -> ServoLook:
-    """With a problem where it is at another rate than most."""
+def _compared(servo: ScannedServo, servos: Sequence[ScannedServo]) -> ScannedServo:
+    """Add a problem to a servo whose baud rate differs from that of most servos."""
     rates = Counter(one.baud for one in servos)
     usual = max(rates, key=lambda baud: (rates[baud], baud))
     if servo.baud == usual:
         return servo
     twin = next((one for one in servos if one.servo_id == servo.servo_id and one.baud != servo.baud), None)
-    also = f", where another servo has ID {servo.servo_id}: give one of them another first" if twin else ""
+    also = (
+        f". Another servo also has ID {servo.servo_id}: first give one of them another ID. Then change the baud rate"
+        if twin
+        else ". Change its baud rate"
+    )
     text = (
-        f"answers at {servo.baud} baud and is silent at the others' {usual}{also}. "
-        f"servoloop set-baud {servo.servo_id} {usual} brings it there"
+        f"it answers at {servo.baud} baud, but most servos answer at {usual} baud{also} with "
+        f"servoloop set-baud {servo.servo_id} {usual}"
     )
     return replace(servo, problems=(*servo.problems, Problem("other_rate", text)))
 
 
-def _of_the_arm(servo: ServoLook, wanted: Mapping[int, ServoModel]) -> ServoLook:
-    """With a problem where it is of another model than the arm has there."""
+def _of_the_arm(servo: ScannedServo, wanted: Mapping[int, ServoModel]) -> ScannedServo:
+    """Add a problem to a servo whose model differs from that in the robot file."""
     model = wanted.get(servo.servo_id)
     if model is None or servo.model_number in (None, model.number):
         return servo
     text = (
-        f"is a {servo.model or 'servo of an unknown model'} (model number {servo.model_number}), and the arm has a "
-        f"{model.name} ({model.number}) with ID {servo.servo_id}: put that in, or correct model in the robot file"
+        f"its model is {servo.model or 'unknown'} (number {servo.model_number}), but servo {servo.servo_id} of the arm "
+        f"must be an {model.name} ({model.number}). Replace the servo, or correct its model in the robot file"
     )
     return replace(servo, problems=(*servo.problems, Problem("wrong_model", text)))

@@ -1,4 +1,4 @@
-"""What a scan looks through: rates and wire protocols, the likely ones first."""
+"""The steps of a scan: combinations of baud rate and protocol, the most likely ones first."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ DYNAMIXEL_1_RATES: Final = (
     *(1_000_000, 57_600, 115_200, 500_000, 400_000, 250_000, 200_000, 19_200, 9_600),
     *(2_250_000, 2_500_000, 3_000_000),
 )
-"""2 Mbit/s divided by one more than the register, by their usual names, and what an MX has beyond that."""
+"""Nominal baud rates of Dynamixel protocol 1.0, including those that only MX servos support."""
 
 RATES: Final[dict[tuple[Make, ModuleType], tuple[int, ...]]] = {
     ("feetech", v1): sts.BAUD_RATES,
@@ -21,29 +21,29 @@ RATES: Final[dict[tuple[Make, ModuleType], tuple[int, ...]]] = {
     ("dynamixel", v1): DYNAMIXEL_1_RATES,
 }
 _LIKELY: Final = ((v1, 1_000_000), (v2, 57_600), (v2, 1_000_000), (v1, 57_600), (v1, 115_200), (v1, 500_000))
-"""As Feetech delivers its servos, as ROBOTIS does, and as arms have them."""
+"""Most likely protocols and baud rates: factory settings of Feetech and ROBOTIS, and usual settings of arms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One rate and one kind of packets; ``packets`` is ``drivers.protocol.v1`` or ``v2``."""
+    """One baud rate and one protocol; ``packets`` is ``drivers.protocol.v1`` or ``v2``."""
 
     packets: ModuleType
     baud: int
 
     @property
     def servos(self) -> str:
-        """Whose packets they are."""
+        """Kinds of servos that use this protocol."""
         return "Feetech, Dynamixel protocol 1.0" if self.packets is v1 else "Dynamixel protocol 2.0"
 
     @property
     def text(self) -> str:
-        """For a progress bar."""
+        """Text for a progress bar."""
         return f"{self.baud} baud, {self.servos}"
 
 
 def steps(makes: Collection[Make] = (), bauds: Iterable[int] = ()) -> tuple[Step, ...]:
-    """All steps for these makes (none: all) at these rates (none: all that their tables know)."""
+    """Return all steps for these makes and baud rates. Empty arguments stand for all makes and all their baud rates."""
     wanted = tuple(bauds)
     found = {
         Step(packets, baud)

@@ -1,7 +1,7 @@
-"""Pings on a line of which nothing is known yet, at its port's present rate.
+"""Ping servos on an unknown bus, at the current baud rate of the port.
 
-A ping of protocol 1.0 and its answer without an alarm differ in the instruction's and the error's byte, which are 1 and
-0; so an echo is the answer of a servo with a voltage alarm. The broadcast tells them apart, for nobody's ID is 254.
+In protocol 1.0, the echo of a ping is identical to the reply of a servo with a voltage alarm. A broadcast ping shows
+whether the adapter echoes, because no servo has the broadcast ID 254.
 """
 
 from dataclasses import dataclass
@@ -15,27 +15,30 @@ from drivers.protocol import v1, v2
 from drivers.servos import sts
 
 GRACE_S: Final = 0.034
-"""What replies may take beside their bytes' time: two latency timers of 16 ms, as the makers' SDKs grant it."""
+"""Time allowed for a reply in addition to its transmission: two latency timers of 16 ms, as in the vendors' SDKs."""
 PING_GRACE_S: Final = 0.02
-"""The same for one of hundreds of pings: one timer, the longest return delay, and some."""
+"""Time allowed for the reply to a single ping: one latency timer, the longest return delay, and a margin."""
 V1_REPLY, V2_REPLY = 6, 14
 V1_SLOT: Final = 9
-"""Bytes' times in which an STS answers a broadcast ping; its slot is the one of its ID."""
+"""Length of a time slot in which an STS answers a broadcast ping, in byte times. Each ID has its own slot."""
 V2_TURN_S: Final = 0.003
-"""How long each Dynamixel of protocol 2.0 waits for one before it, by ROBOTIS' SDK."""
+"""Time that each Dynamixel of protocol 2.0 waits for the previous one, according to the ROBOTIS SDK."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """``whole``: IDs of good replies. ``broken``: ID fields of replies with wrong checksums. ``noise``: other bytes."""
+    """Bytes received after pings."""
 
     whole: frozenset[int] = frozenset()
+    """IDs of valid replies."""
     broken: frozenset[int] = frozenset()
+    """IDs in replies with wrong checksums."""
     noise: int = 0
+    """Number of other bytes."""
 
     @property
     def anything(self) -> bool:
-        """Whether there was more than silence."""
+        """Whether any byte was received."""
         return bool(self.whole or self.broken or self.noise)
 
     def __or__(self, other: "Heard") -> "Heard":
@@ -44,7 +47,7 @@ class Heard:
 
 
 class Wire:
-    """A line that is pinged. One step of a scan, one rate."""
+    """A bus that is pinged at one baud rate with one protocol."""
 
     def __init__(self, port: Port, clock: Clock, packets: ModuleType) -> None:
         self._port, self._clock, self.packets = port, clock, packets
@@ -54,7 +57,7 @@ class Wire:
         self.largest_id = 253 if packets is v1 else v2.LARGEST_ID
 
     def broadcast(self) -> Heard:
-        """Ping everybody at once. Whoever waits for a turn has it."""
+        """Ping all servos at once. The timeout includes the time slots of all servos."""
         request = self.packets.packet(self.packets.BROADCAST_ID, self.packets.PING, b"")
         turns = self.largest_id + 1
         data = self._ask(request, turns * self._reply + len(request), turns * self._turn_s() + GRACE_S)
@@ -62,12 +65,12 @@ class Wire:
         return self._judged(data.replace(request, b"", 1))
 
     def learn_echo(self) -> None:
-        """What pings by ID need to know before. In protocol 2.0 an echo is never taken for an answer."""
+        """Find out whether the adapter echoes. In protocol 2.0 an echo cannot be confused with a reply."""
         if self.packets is v1:
             self.broadcast()
 
     def ping(self, servo_id: int) -> Heard:
-        """Ping one. Also a late reply of another is heard."""
+        """Ping one servo. The result may include a late reply of another servo."""
         request = self.packets.packet(servo_id, self.packets.PING, b"")
         data = self._ask(
             request,
@@ -83,7 +86,7 @@ class Wire:
         return data
 
     def _turn_s(self) -> float:
-        """How long each has in a broadcast ping. Only an STS has one in protocol 1.0."""
+        """Return the time slot of each servo in a broadcast ping. In protocol 1.0 only STS servos have time slots."""
         if self.packets is v2:
             return V2_REPLY * self._byte_s + V2_TURN_S
         return V1_SLOT * self._byte_s if self._port.baud in sts.BAUD_RATES else 0.0
@@ -99,7 +102,7 @@ class Wire:
 
 
 def _v1_replies(data: bytes) -> Heard:
-    """Replies without data. The driver's decoder looks for those that have some."""
+    """Find replies without data. The decoder of the driver only finds replies with data."""
     whole: set[int] = set()
     broken: set[int] = set()
     at = noise = 0

@@ -1,1 +1,1 @@
-"""Set-up: from factory-new servos, all with one ID, to those of an arm."""
+"""Set up new servos, which all have the same ID, as the servos of an arm."""

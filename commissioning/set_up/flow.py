@@ -1,4 +1,4 @@
-"""The set-up of an arm's servos, one connected after the other; whatever was done before is recognised."""
+"""Set up the servos of an arm, connected one after the other. Servos that are already set up are recognized."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,68 +20,71 @@ from commissioning.set_up.only_one import (
     require_fit,
     voltage,
 )
-from commissioning.set_up.turn import WAY_RAD, GearLook, judge_gear, rivals, turn_loose
+from commissioning.set_up.turn import WAY_RAD, GearResult, judge_gear, rivals, turn_loose
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import ServoError
 from drivers.printable import counted
 
 TRIES: Final = 10
-"""So often the user is asked for the same thing."""
+"""Maximum number of times that the user is asked to do one task."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is to be connected: ``text`` for people; ``kind`` and ``joint`` for programs."""
+    """A task for the person who connects the servos."""
 
     kind: Literal["one", "chain"]
+    """Whether to connect one servo or the whole chain."""
     text: str
+    """Instruction for the user."""
     joint: str = ""
     problem: str = ""
-    """Why it is asked again; empty the first time."""
+    """Reason why the task is repeated; empty the first time."""
 
 
 class Guide(Protocol):
-    """Whoever plugs servos in: a person at a terminal, or a test's script with a virtual box."""
+    """Interface to the person who connects the servos, or to a script in a test."""
 
     def connect(self, task: Task) -> None:
-        """Have it connected; return when it is."""
+        """Return when the task is done."""
         ...
 
     def say(self, text: str) -> None:
-        """Tell something that needs no answer."""
+        """Show a message that needs no answer."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """One servo behind its set-up, as it answers in the chain."""
+    """One servo after its set-up, as it answers in the chain."""
 
     joint: str
     servo_id: int
     model: str
     voltage_v: float
     changes: tuple[Change, ...]
-    """What was written to it in this run."""
+    """Changes written to the servo in this run."""
     from_id: int | None
-    """The ID that it had when it was connected; None where it was found set up."""
+    """ID before the set-up; None if the servo was already set up."""
     from_baud: int | None
-    gear: GearLook | None = None
-    """What its turn has shown; None where it was not turned in this run."""
+    """Baud rate before the set-up; None if it was not changed."""
+    gear: GearResult | None = None
+    """Result of the gear test; None if the servo was not turned in this run."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Made:
-    """What was done to one servo in this run."""
+    """Work done on one servo in this run."""
 
     changes: tuple[Change, ...] = ()
     from_id: int | None = None
     from_baud: int | None = None
-    gear: GearLook | None = None
+    gear: GearResult | None = None
 
 
 class SetUp:
-    """The set-up of all servos on one line. The EEPROM is locked whenever it ends, and torque as it was."""
+    """Set-up of all servos on one bus. Afterwards, even after an error, the EEPROM is locked and torque unchanged."""
 
     def __init__(
         self,
@@ -93,8 +96,16 @@ class SetUp:
         turn: bool = False,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        """``turn``: each single servo whose model's number is that of others too turns its horn, which tells its gear;
-        otherwise torque is never switched. ``stopped`` is asked meanwhile: once it says yes, StoppedError is raised.
+        """Prepare the set-up.
+
+        Args:
+            bus: Bus of the servos.
+            clock: Clock for all waiting times.
+            places: Servos of the arm.
+            guide: The person who connects the servos.
+            turn: Whether servos turn their horns to show their gears, if several models share their model number.
+                Otherwise torque is never switched on.
+            stopped: Checked while a horn turns. When it returns True, StoppedError is raised.
         """
         self.turn = turn
         self._stopped = stopped
@@ -106,27 +117,30 @@ class SetUp:
 
     @property
     def done(self) -> tuple[str, ...]:
-        """The joints whose servos are set up."""
+        """Joints whose servos are set up."""
         return tuple(self._made)
 
     def run(self) -> list[Audit]:
-        """Have every servo connected and set up, then the chain. Raises SetUpError, ServoError, PortLost."""
+        """Guide the user through all servos, then check the whole chain; return the result for each servo.
+
+        Raises SetUpError, ServoError, PortLost.
+        """
         self._recognise()
         for place in in_order(self._places):
             if place.joint not in self._made:
                 self._one(place)
         audit = self._chain()
-        self._say_whose_gear_is_unknown()
+        self._report_unknown_gears()
         return audit
 
     def _recognise(self) -> None:
-        """Note the servos that answer and are as they shall be. A factory ID proves nothing but in a whole chain."""
+        """Find the servos that are already set up. A factory ID counts only if all other servos are set up."""
         answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
         for place in in_order(self._places):
             whole = len(self._made) == len(self._places) - 1
             if (place.servo_id != FACTORY_ID or whole) and self._is_as_wanted(place, answers):
                 self._made[place.joint] = _Made()
-                self._guide.say(f"{place.joint}: servo {place.servo_id} is set up already")
+                self._guide.say(f"{place.joint}: servo {place.servo_id} is already set up")
 
     def _is_as_wanted(self, place: Place, answers: Mapping[int, Answer]) -> bool:
         if place.servo_id not in answers or not answers[place.servo_id].clear:
@@ -138,18 +152,19 @@ class SetUp:
             return False
 
     def _one(self, place: Place) -> None:
-        """Have one servo connected, and make it the place's."""
-        text, problem = f"Connect only the servo of {place.joint} (it becomes servo {place.servo_id})", ""
+        """Ask the user to connect one servo, and set it up for this joint."""
+        text, problem = f"Connect only the servo for {place.joint}. It gets ID {place.servo_id}", ""
         if self._turns(place):
             text += (
-                f"; its horn will turn by up to {degrees(WAY_RAD):.0f} degrees and back (Ctrl-C stops it): have it free"
+                f". Its horn will turn by up to {degrees(WAY_RAD):.0f} degrees and back, so keep it free (Ctrl-C stops "
+                "it)"
             )
         for _ in range(TRIES):
             self._guide.connect(Task("one", text, place.joint, problem))
             try:
                 self._made[place.joint] = self._set_up(place)
                 return
-            except (NotYet, ServoError) as error:  # nothing is lost: what was written is recognised
+            except (NotYet, ServoError) as error:  # Values that were already written are recognized the next time.
                 problem = "\n".join([str(error), *getattr(error, "__notes__", [])])
         raise SetUpError(f"{place.joint}: {problem}")
 
@@ -162,47 +177,49 @@ class SetUp:
                 require_fit(other, answer.servo_id, place, self._places)
             bring_to_rate(self._bus, self._clock, answer.servo_id, place.model, answer.baud)
         changes: tuple[Change, ...] = ()
-        gear: GearLook | None = None
+        gear: GearResult | None = None
         if self._turns(place):
             changes = provision(self._bus, self._clock, answer.servo_id, place.model, place.basics())
             gear = self._gear(place, answer.servo_id)
         changes += provision(self._bus, self._clock, answer.servo_id, place.model, place.wanted())
-        what = f"{counted(len(changes), 'register')} written, read back, locked" if changes else "nothing to write"
-        self._guide.say(f"{place.joint}: servo {place.servo_id}, {what}")
+        done = f"{counted(len(changes), 'register')} written and checked" if changes else "no changes needed"
+        self._guide.say(f"{place.joint}: servo {place.servo_id} is set up ({done})")
         return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud, gear)
 
     def _turns(self, place: Place) -> bool:
         return self.turn and bool(rivals(place.model))
 
-    def _gear(self, place: Place, servo_id: int) -> GearLook:
-        """Have the servo turn its horn; a servo of another gear gets neither the joint's settings nor its ID."""
-        self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns")
+    def _gear(self, place: Place, servo_id: int) -> GearResult:
+        """Turn the horn of the servo to test its gear. Raises NotYet if the servo has another gear."""
+        self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns now")
         gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
         if gear.verdict == "other":
             anew = servo_id == place.servo_id != FACTORY_ID
-            left = (
-                f"'servoloop factory-reset {servo_id}' and 'servoloop set-id {servo_id} {FACTORY_ID}' make this one new"
+            advice = (
+                f"To use this servo for another joint, reset it with 'servoloop factory-reset {servo_id}' and "
+                f"'servoloop set-id {servo_id} {FACTORY_ID}'"
             )
             raise NotYet(
-                f"servo {servo_id} has another gear than {place.joint} is to have: {gear.text}. Connect the right one; "
-                + (left if anew else "this one can still become any other joint's")
+                f"servo {servo_id} has the wrong gear for {place.joint}: {gear.text}. Connect the right servo. "
+                + (advice if anew else "You can still use this one for another joint")
             )
-        said = "its gear fits" if gear.verdict == "fits" else "its gear cannot be told"
-        self._guide.say(f"{place.joint}: {said}: {gear.text}")
+        verdict = "its gear is right" if gear.verdict == "fits" else "its gear could not be determined"
+        self._guide.say(f"{place.joint}: {verdict} ({gear.text})")
         return gear
 
-    def _say_whose_gear_is_unknown(self) -> None:
-        """Say in one line of which servos nobody knows whether they have their model's gear."""
+    def _report_unknown_gears(self) -> None:
+        """Report the servos whose gears are unknown."""
         looks = {place.joint: self._made[place.joint].gear for place in self._places if rivals(place.model)}
         unknown = [joint for joint, gear in looks.items() if gear is None or gear.verdict != "fits"]
         if unknown:
             self._guide.say(
-                f"the gears of {', '.join(unknown)} are not known, for models with other gears say the same number: "
-                "'servoloop setup --turn' tells those of single servos, 'servoloop doctor --move' those of an arm"
+                f"the gears of {', '.join(unknown)} are unknown, because models with different gears have the same "
+                "model number. Test the gears of single servos with 'servoloop setup --turn', and those of an "
+                "assembled arm with 'servoloop doctor --move'"
             )
 
     def _chain(self) -> list[Audit]:
-        """Have all connected, and see that each answers and holds what it shall."""
+        """Ask the user to connect all servos, and check that each of them answers with the right values."""
         text, problem = f"Connect all {len(self._places)} servos in a chain", ""
         problems = self._complaints()
         for _ in range(TRIES):
@@ -215,7 +232,11 @@ class SetUp:
     def _complaints(self) -> list[str]:
         answers = {answer.servo_id: answer for answer in who_answers(self._bus)}
         known = {place.servo_id for place in self._places}
-        problems = [f"servo {i} answers, and the robot file has none with this ID" for i in answers if i not in known]
+        problems = [
+            f"a servo with ID {i} answers, but the robot file does not contain it: remove it"
+            for i in answers
+            if i not in known
+        ]
         for place in self._places:
             if complaint := self._complaint(place, answers.get(place.servo_id)):
                 problems.append(f"{place.joint} (servo {place.servo_id}) {complaint}")
@@ -223,14 +244,14 @@ class SetUp:
 
     def _complaint(self, place: Place, answer: Answer | None) -> str:
         if answer is None:
-            return "does not answer"
+            return "does not answer: check its cable"
         if not answer.clear:
-            return "never answers in one piece: do two servos have this ID?"
+            return "sends only corrupted replies: probably two servos have this ID"
         try:
             differs = place.differs(self._bus, place.servo_id)
         except ServoError as error:
             return error.text
-        return f"does not hold what was written: {', '.join(differs)}" if differs else ""
+        return f"did not keep the values that were written to {', '.join(differs)}" if differs else ""
 
     def _audit(self, place: Place) -> Audit:
         made = self._made[place.joint]

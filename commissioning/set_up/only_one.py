@@ -1,4 +1,4 @@
-"""The one servo on the line: whether there is just one, and whether it may become what a place wants."""
+"""Find the only servo on the bus, check that it fits a joint, and set its baud rate."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,32 +27,32 @@ from drivers.servos.voltage import voltage_fault
 from hal.robot_file.robot_file import RobotFile
 
 FACTORY_ID: Final = 1
-"""Of every new servo, whatever its make."""
+"""ID of every new servo of all makes."""
 POSITION_MODES: Final[dict[str, int]] = {STS.name: 0, X.name: x.POSITION_MODE}
 
 
 class SetUpError(CommissioningError):
-    """A set-up that cannot go on; the text says what to do, and what has been done stays done."""
+    """The set-up cannot continue; the message says what to do. Servos that are already set up stay set up."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """One joint's servo as the robot file wants it."""
+    """The servo of one joint, as the robot file describes it."""
 
     joint: str
     servo_id: int
     model: ServoModel
     settings: tuple[tuple[str, int], ...] = ()
     extended: bool = False
-    """Whether its servo, a Dynamixel X, was calibrated in extended position mode."""
+    """Whether the servo is a Dynamixel X that was calibrated in extended position mode."""
 
     @property
     def series(self) -> Series:
-        """The series of its servo."""
+        """The series of the servo."""
         return series_of(self.model)
 
     def basics(self) -> dict[Register, int]:
-        """What the EEPROM of every servo is to hold, whatever its place: answers at once and to all, position mode."""
+        """Return the EEPROM values that are the same for all joints: no return delay, all replies, position mode."""
         series = self.series
         values = {"return_delay": 0, series.status_level.name: series.answers_all}
         if series.name in POSITION_MODES:
@@ -60,7 +60,7 @@ class Place:
         return self._registers(values)
 
     def wanted(self) -> dict[Register, int]:
-        """What the EEPROM is to hold in the end: the basics, the file's settings, the ID."""
+        """Return all EEPROM values of this servo: the basics, the settings in the robot file, and the ID."""
         return self.basics() | self._registers(dict(self.settings) | {"id": self.servo_id})
 
     def _registers(self, values: Mapping[str, int]) -> dict[Register, int]:
@@ -68,13 +68,13 @@ class Place:
         return {table[name]: value for name, value in values.items() if name in table}
 
     def differs(self, bus: Bus, servo_id: int) -> dict[str, tuple[int, int]]:
-        """What the servo that answers to this ID holds otherwise: by register, what it has and what it is to have."""
+        """Return the EEPROM values that differ in the servo with this ID, as (held, wanted) by register name."""
         held = {register: retry(partial(bus.read, servo_id, register)) for register in self.wanted()}
         return {r.name: (held[r], value) for r, value in self.wanted().items() if held[r] != value}
 
 
 def places_of(robot: RobotFile, bus: str = "") -> list[Place]:
-    """The places on one bus of a robot file, in the file's order."""
+    """Return the servos on one bus of a robot file, in the order of the file."""
     return [
         Place(name, joint.servo_id, MODELS[joint.model], tuple(joint.settings.items()), joint.extended)
         for name, joint in robot.joints_on(bus).items()
@@ -82,9 +82,9 @@ def places_of(robot: RobotFile, bus: str = "") -> list[Place]:
 
 
 def in_order(places: Sequence[Place]) -> list[Place]:
-    """The places as people chain servos: from the gripper to the base.
+    """Return the servos in the order in which they are set up: from the gripper to the base.
 
-    The one with the factory's ID comes last: until then whoever has that ID is new.
+    The servo that keeps the factory ID comes last. Until then, every servo with the factory ID is a new one.
     """
     backwards = list(reversed(places))
     return sorted(backwards, key=lambda place: place.servo_id == FACTORY_ID)
@@ -92,68 +92,77 @@ def in_order(places: Sequence[Place]) -> list[Place]:
 
 LIMIT_UNIT_V: Final = 0.1
 LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
-"""What tables call the voltages that a servo allows."""
+"""Names of the voltage limit registers in the control tables."""
 
 
 class NotYet(SetUpError):
-    """What the user can mend by connecting something else: it is asked for again."""
+    """The user can solve the problem by connecting another servo, and is asked again."""
 
 
 def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
-    """The one servo that answers, at the line's rate or one of these. Raises NotYet where there is none, or several."""
+    """Return the only servo that answers at the bus's baud rate or at one of ``rates``.
+
+    Raises NotYet if no servo or more than one servo answers.
+    """
     found = who_answers(bus) or who_answers_elsewhere(bus, [rate for rate in rates if rate != bus.baud])
     if not found:
         raise NotYet(
-            f"no servo answers on {bus.name} at any baud rate: is its supply on, is its cable plugged in at both ends, "
-            "is the adapter set to USB?"
+            f"no servo answers on {bus.name} at any baud rate. Check that the supply is on, the cable is plugged in at "
+            "both ends, and the adapter is set to USB"
         )
     ids = ", ".join(str(answer.servo_id) for answer in found)
     if len(found) > 1:
         raise NotYet(f"several servos answer (IDs {ids}): connect only one")
     if not found[0].clear:
-        raise NotYet(f"servo {ids} never answers in one piece: several servos have ID {ids}, or the cable is bad: "
-                     "connect only one")  # fmt: skip
+        raise NotYet(
+            f"all replies of servo {ids} are corrupted: either several servos have ID {ids}, or the cable is bad. "
+            "Connect only one servo; if only one is connected, replace the cable"
+        )
     return found[0]
 
 
 def require_fit(bus: Bus, servo_id: int, place: Place, places: Sequence[Place]) -> float:
-    """The voltage (V) at a servo that may become the place's; ``bus`` is at its rate.
+    """Check that a servo may be used for a joint, and return its supply voltage. The bus is at the servo's baud rate.
 
-    Raises NotYet where it is another's, of another model or under torque; SetUpError for a wrong voltage.
+    Raises NotYet if the servo belongs to another joint, has another model, or holds torque; SetUpError if the voltage
+    is wrong.
     """
     owner = next((one.joint for one in places if one.servo_id == servo_id), None)
     if servo_id not in (FACTORY_ID, place.servo_id) and owner is not None:
-        raise NotYet(f"this servo has ID {servo_id}, which is that of {owner}: it belongs there already")
+        raise NotYet(
+            f"this servo has ID {servo_id}, so it already belongs to {owner}. Connect the servo for {place.joint}"
+        )
     _require_model(bus, servo_id, place)
     voltage_v = voltage(bus, servo_id)
     _require_voltage(bus, servo_id, place, voltage_v)
     if drives(bus, servo_id, place.model):
         raise NotYet(
-            f"servo {servo_id} holds torque, and nothing is written under torque: switch its supply off and on. What "
-            "it holds falls then"
+            f"the torque of servo {servo_id} is on, and settings cannot be written while it is on. Switch the supply "
+            "off and on to release the torque. If the servo holds a load, support it first"
         )
     return voltage_v
 
 
 def voltage(bus: Bus, servo_id: int) -> float:
-    """What the servo measures at its supply, V."""
+    """Return the supply voltage that the servo measures."""
     return state_of(bus, servo_id).voltage_v
 
 
 def state_of(bus: Bus, servo_id: int) -> ServoState:
-    """The servo's state, whose position two readings in a row agree on. Raises NotYet."""
+    """Return the servo's state, confirmed by two equal position readings in a row. Raises NotYet."""
     state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if isinstance(state, ServoState):
         return state
-    raise NotYet(f"{state.text}: is its plug loose?")
+    raise NotYet(f"{state.text}: check whether its plug is loose")
 
 
 def _require_model(bus: Bus, servo_id: int, place: Place) -> None:
     number = retry(partial(bus.read, servo_id, place.series.model_number))
     if number != place.model.number:
         raise NotYet(
-            f"servo {servo_id} is model {number} ({known_as(number, place.series)}), and {place.joint} has a "
-            f"{place.model.name} ({place.model.number}) in the robot file"
+            f"servo {servo_id} has model number {number} ({known_as(number, place.series)}), but {place.joint} needs "
+            f"an {place.model.name} ({place.model.number}) according to the robot file. Connect the right servo, or "
+            "correct the robot file"
         )
 
 
@@ -161,38 +170,42 @@ def _require_voltage(bus: Bus, servo_id: int, place: Place, voltage_v: float) ->
     rated_v, model = place.model.rated_voltage_v, place.model.name
     fault = voltage_fault(place.model, voltage_v)
     if fault is not None and fault.outside:
-        fault_text = "too much" if fault.kind == "over-voltage" else "too little"
+        fault_text = "too high" if fault.kind == "over-voltage" else "too low"
         raise SetUpError(
-            f"{voltage_v:.1f} V is {fault_text} for a servo of {rated_v:.1f} V ({model}): switch the supply off, and "
-            "connect the right one, or name the right model in the robot file"
+            f"the supply voltage of {voltage_v:.1f} V is {fault_text} for an {model}, which is rated for "
+            f"{rated_v:.1f} V. Switch the supply off now. Then connect the right supply, or correct the model in the "
+            "robot file"
         )
     lowest_v, highest_v = _limits(bus, servo_id, place)
     if not lowest_v <= voltage_v <= highest_v:
         raise SetUpError(
-            f"servo {servo_id} measures {voltage_v:.1f} V, and allows {lowest_v:.1f} to {highest_v:.1f} V by its own "
-            f"limits: is it a {model} of {rated_v:.1f} V, and the supply the right one?"
+            f"servo {servo_id} measures {voltage_v:.1f} V, but its own limits are {lowest_v:.1f} to {highest_v:.1f} V. "
+            f"Check that it is an {model} rated for {rated_v:.1f} V, and that the supply is the right one"
         )
 
 
 def _limits(bus: Bus, servo_id: int, place: Place) -> tuple[float, float]:
-    """The lowest and the highest voltage that the servo allows, V, or will allow by the robot file."""
-    table, said = persistent_registers(place.model), dict(place.settings)
+    """Return the voltage limits of the servo, from the robot file or, if it does not contain them, from the servo."""
+    table, settings = persistent_registers(place.model), dict(place.settings)
     names = next(names for names in LIMITS if names[0] in table)
     lowest, highest = (
-        said[name] if name in said else retry(partial(bus.read, servo_id, table[name])) for name in names
+        settings[name] if name in settings else retry(partial(bus.read, servo_id, table[name])) for name in names
     )
     return lowest * LIMIT_UNIT_V, highest * LIMIT_UNIT_V
 
 
 def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate: int) -> None:
-    """Make a limp servo that answers at ``rate`` answer at the line's; it is alone on the line.
+    """Change the baud rate of the only servo on the bus from ``rate`` to that of the bus. Its torque must be off.
 
-    However it ends, its EEPROM is locked. Raises SetUpError, ServoError, PortLost.
+    The EEPROM is locked afterwards, even after an error. Raises SetUpError, ServoError, PortLost.
     """
     series = series_of(model)
     values = {baud: value for value, baud in rates_of(model).items()}
     if bus.baud not in values:
-        raise SetUpError(f"servo {servo_id} answers at {rate} baud, and a {model.name} cannot be set to {bus.baud}")
+        raise SetUpError(
+            f"servo {servo_id} answers at {rate} baud, and an {model.name} does not support the baud rate of the bus, "
+            f"{bus.baud}. Correct the baud rate or the model in the robot file"
+        )
     register, value = persistent_registers(model)["baud_rate"], values[bus.baud]
     try:
         with bus.at_baud(rate) as other:
@@ -206,7 +219,7 @@ def bring_to_rate(bus: Bus, clock: Clock, servo_id: int, model: ServoModel, rate
 def _write(bus: Bus, servo_id: int, lock: Register | None, register: Register, value: int) -> None:
     if lock is not None:
         retry(partial(bus.write, servo_id, lock, OPEN))
-    # Its answer comes at the old rate or not at all: it is looked for at the new one.
+    # The reply arrives at the old rate or not at all, so the servo is checked at the new rate.
     with suppress(ServoError):
         bus.write(servo_id, register, value)
 
@@ -215,13 +228,15 @@ def _check(bus: Bus, servo_id: int, register: Register, value: int) -> None:
     try:
         held = retry(partial(bus.read, servo_id, register))
     except ServoError as error:
-        raise SetUpError(f"servo {servo_id} did not come to {bus.baud} baud: {error.text}") from error
+        raise SetUpError(
+            f"servo {servo_id} does not answer at {bus.baud} baud after the change of its baud rate: {error.text}"
+        ) from error
     if held != value:
-        raise SetUpError(f"servo {servo_id}: {register.name} stays {held}, not {value}")
+        raise SetUpError(f"servo {servo_id}: {register.name} is still {held} after {value} was written")
 
 
 def _lock(bus: Bus, servo_id: int, lock: Register | None, rate: int) -> None:
-    """Close the lock at whichever rate the servo answers now."""
+    """Lock the EEPROM at the baud rate at which the servo answers now."""
     if lock is None:
         return
     try:

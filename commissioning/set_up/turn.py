@@ -1,4 +1,4 @@
-"""A loose servo turns its horn a little there and back, slowly and with little force, and is limp behind it."""
+"""Turn the horn of a loose servo a little, forth and back, to identify its gear. The torque is off afterwards."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -22,89 +22,96 @@ from hal.joint import Joint
 from hal.types import JointLimits
 
 GEARS: Final = {sts.STS3215: 345, sts.STS3215_C001: 345, sts.STS3215_C044: 191, sts.STS3215_C046: 147}
-"""Turns of the motor in one of the shaft, by the makers' data sheets, of models that say one number."""
+"""Gear ratios (motor turns per shaft turn) of models with the same model number, from the manufacturers' data sheets.
+"""
 FITS: Final = 0.22
-"""Natural logarithm of measured by expected: motors of one model differ by up to a tenth, a cold one needs more."""
+"""Maximum of |ln(measured / expected)| for a model. Motors of one model differ by up to 10 %, cold ones by more."""
 CLEARLY: Final = 0.06
-"""The same: by so much nearer to one model than to the next."""
+"""Minimum difference of |ln(measured / expected)| between the best model and the next one."""
 PULLS: Final = 0.1
-"""Of full drive: a loose horn has nothing that pulls at it one way."""
+"""Maximum constant drive of a free horn, as a share of full drive. With more, something pulls at the horn."""
 Verdict = Literal["fits", "other", "not sure"]
 
 
 @dataclass(frozen=True, slots=True)
-class GearLook:
-    """What a turn of a loose servo has shown of its gear; ``text`` for people."""
+class GearResult:
+    """Result of the gear test of a loose servo."""
 
     verdict: Verdict
     text: str
+    """Explanation for the user."""
     v_s_rad: float | None = None
-    """The voltage that a rad/s of its shaft needs, friction aside."""
+    """Voltage per rad/s of the shaft, without friction."""
 
 
 def rivals(model: ServoModel) -> tuple[ServoModel, ...]:
-    """The models of its series that say the same number."""
+    """Return the other models of the series with the same model number."""
     return tuple(one for one in series_of(model).models if one.number == model.number and one != model)
 
 
 def v_s_rad(model: ServoModel) -> float:
-    """The voltage that a rad/s of the model's shaft needs, by its data sheet."""
+    """Return the voltage per rad/s of the model's shaft, from its data sheet."""
     return model.rated_voltage_v / model.no_load_speed_rad_s
 
 
 def called(model: ServoModel) -> str:
-    """The model's name with that in which those of its number differ."""
+    """Return the name of a model with its rated voltage and gear."""
     gear = f", gear 1:{GEARS[model]}" if model in GEARS else ""
     return f"{model.name} ({model.rated_voltage_v:g} V{gear})"
 
 
-def judge_gear(motion: JointMotion | None) -> GearLook:
-    """Whether a servo that turned loosely is of its joint's model, as far as its drive tells. None: it has no room."""
+def judge_gear(motion: JointMotion | None) -> GearResult:
+    """Compare the drive of a servo that turned its free horn with the models that it may be.
+
+    ``motion`` is None if the servo had no room to turn.
+    """
     if motion is None:
-        return GearLook("not sure", "it stands too near to its position limits to turn")
+        return GearResult("not sure", "it is too close to its position limits to turn")
     model, faster = motion.joint.model, motion.faster
     if motion.moved / motion.asked < STUCK_SHARE or faster is None:
-        return GearLook("not sure", "its horn did not follow: it is not free, or has no force")
+        return GearResult("not sure", "its horn did not move far enough: it is not free, or the servo has no force")
     measured = round(v_s_rad(model) / faster, 3)
     if abs(motion.pull) > PULLS:
-        return GearLook("not sure", "something pulls at its horn", measured)
+        return GearResult("not sure", "something pulls at its horn", measured)
     off = {one: abs(log(measured / v_s_rad(one))) for one in (model, *rivals(model))}
     nearest = min(off.values())
-    needs = f"a rad/s needs {measured:.2f} V, and {v_s_rad(model):.2f} V in a {called(model)}"
+    needs = f"it needs {measured:.2f} V per rad/s; an {called(model)} needs {v_s_rad(model):.2f} V"
     if nearest > FITS:
-        return GearLook("not sure", f"{needs}: no model that is known", measured)
-    seems = sorted((one for one in off if off[one] - nearest < CLEARLY), key=v_s_rad)
-    said = " or a ".join(called(one) for one in seems)
-    if model not in seems:
-        return GearLook("other", f"{needs}: it seems to be a {said}", measured)
-    return (
-        GearLook("fits", needs, measured) if seems == [model] else GearLook("not sure", f"{needs}: a {said}", measured)
-    )
+        return GearResult("not sure", f"{needs}, and the value fits no known model", measured)
+    candidates = sorted((one for one in off if off[one] - nearest < CLEARLY), key=v_s_rad)
+    names = " or an ".join(called(one) for one in candidates)
+    if model not in candidates:
+        return GearResult("other", f"{needs}, so it is probably an {names}", measured)
+    if candidates == [model]:
+        return GearResult("fits", needs, measured)
+    return GearResult("not sure", f"{needs}, so it may be an {names}", measured)
 
 
 WAY_RAD: Final = 0.8
-"""The horn's way, there and back."""
+"""Angle that the horn turns, forth and back."""
 FASTEST_RAD_S: Final = 0.8
-"""Where it runs up to a goal it is up to half as fast again: a quarter of the slowest model's speed without load. More
-slowly two gears cannot be told apart for sure."""
+"""Speed of the goal. The horn itself turns up to half as fast again, a quarter of the slowest model's no-load speed.
+At lower speeds, two gears cannot be distinguished reliably.
+"""
 PERIOD_S: Final = 0.04
 PACE: Final = Pace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
-"""Of full drive: a quarter is for the speed, the rest for friction and for the weakest servo that may be there."""
+"""Torque limit, as a share of full drive. Half of it is for the speed; the rest covers friction and weak models."""
 MARGIN_COUNTS: Final = 32
-"""So far it stays from the encoder's seam and the servo's limits: it may overshoot."""
+"""Distance to the encoder's seam and to the servo's limits, because the horn may overshoot."""
 LEAST_ROOM_RAD: Final = 0.4
+"""Minimum angle that the horn must be able to turn."""
 ACCELERATION_RAD_S2: Final = 10.0
 JERK_RAD_S3: Final = 100.0
-"""What a joint must have; nobody plans by them here."""
+"""A joint must have these limits, but they are not used here."""
 
 
 def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Callable[[], bool]) -> JointMotion | None:
-    """What the servo did; None where it stands so near to its limits that it has no room.
+    """Turn the horn of the only servo on the bus; return its motion, or None if it has no room to turn.
 
-    It is alone on the line, set to position mode and limp. However this ends, its torque is off and its torque limit
-    the one before, as far as it can be reached. Raises StoppedError, NotYet, ServoError, PortLost; where it could not
-    be reached, their notes say so.
+    The servo must be in position mode with its torque off. Afterwards, even after an error, its torque is off and its
+    torque limit is restored. If the servo cannot be reached for this, a note of the exception says so. Raises
+    StoppedError, NotYet, ServoError, PortLost.
     """
     joint = _loose_joint(bus, servo_id, place)
     if joint is None:
@@ -113,7 +120,7 @@ def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Cal
     with _left_limp(bus, servo_id, place), bus.at_baud(bus.baud, {servo_id: place.model}) as line:
         try:
             with SlowArm(lambda: line, [joint], clock, stopped, FASTEST_RAD_S, PERIOD_S) as arm:
-                arm.relax = False  # nothing hangs on it: it is let go at once, by who called
+                arm.relax = False  # The horn carries no load, so the torque is released without sinking first.
                 trial = DriveTrial(arm, 0, way, PACE)
                 trial.run()
         except (DriverError, HalError) as error:
@@ -124,7 +131,7 @@ def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Cal
 
 
 def _loose_joint(bus: Bus, servo_id: int, place: Place) -> Joint | None:
-    """The horn as a joint that is at 0 where it stands, and has room on the side where there is more."""
+    """Return the horn as a joint at position 0 that can move to the side with more room; None if there is no room."""
     here = state_of(bus, servo_id).position_counts
     lowest, highest = bus.position_limits(servo_id) or (0, place.model.last_count)
     below = here - max(lowest, 0) - MARGIN_COUNTS
@@ -141,22 +148,22 @@ def _loose_joint(bus: Bus, servo_id: int, place: Place) -> Joint | None:
 
 @contextmanager
 def _left_limp(bus: Bus, servo_id: int, place: Place) -> Iterator[None]:
-    """Behind it the torque is off, and its limit the one before, however the block ends; or it says that it is not."""
+    """Release the torque and restore the torque limit when the context ends; report it if this fails."""
     register = place.series.torque_limit
     before = {} if register is None else {register: retry(partial(bus.read, servo_id, register))}
-    may_hold = f"servo {servo_id} may hold torque: unplug it, or switch its supply off"
+    may_hold = f"the torque of servo {servo_id} may still be on: unplug the servo or switch its supply off"
     try:
         yield
     except BaseException as error:
-        if not _let_go(bus, servo_id, place, before):
+        if not _release(bus, servo_id, place, before):
             error.add_note(may_hold)
         raise
-    if not _let_go(bus, servo_id, place, before):
+    if not _release(bus, servo_id, place, before):
         raise NotYet(may_hold)
 
 
-def _let_go(bus: Bus, servo_id: int, place: Place, before: Mapping[Register, int]) -> bool:
-    """Switch the torque off, then write the registers of before; whether the servo has acknowledged all that."""
+def _release(bus: Bus, servo_id: int, place: Place, before: Mapping[Register, int]) -> bool:
+    """Switch the torque off, then restore these registers; return whether the servo acknowledged all writes."""
     try:
         for register, value in {place.series.torque_enable: 0, **before}.items():
             retry(partial(bus.write, servo_id, register, value))

@@ -1,1 +1,1 @@
-"""``servoloop tune``: how one joint follows with its servo's gains, and which gains would be better."""
+"""Measure how one joint follows its goals with the gains of its servo, and propose better gains."""

@@ -1,4 +1,7 @@
-"""Figures of a measurement: what its steps and its sine show of the joint. Pure; rad or m, seconds."""
+"""Compute the figures of a joint, such as overshoot and delay, from its measured steps and sine.
+
+All functions are pure. Positions are in rad or m, times in seconds.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,19 +13,19 @@ import numpy as np
 from hal.types import FloatArray
 
 SETTLED_S: Final = 0.6
-"""The end of a rest, by which a joint has come to stand, or swings."""
+"""Last part of a rest, in which a joint is at rest or swings, in seconds."""
 BAND_SHARE: Final = 0.02
-"""Of the step: a joint has settled once it stays so near to where it comes to rest,"""
+"""Maximum distance of a settled joint from its position at rest, as a share of the step."""
 BAND_COUNTS: Final = 2.0
-"""or this."""
+"""Maximum distance of a settled joint from its position at rest, in counts. The larger of the two limits applies."""
 SHAKES_COUNTS: Final = 4.0
-"""Between the outermost positions at rest: more than a dead zone of one count and the encoder's steps leave."""
+"""Maximum swing at rest, in counts. The encoder steps and a dead zone of one count cause less."""
 ARRIVED: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """Cycle by cycle, (n,): when the joint was asked, what it was commanded to be then, where it was."""
+    """Time, command and measured position in each cycle, each of shape (n,)."""
 
     time_s: FloatArray
     command: FloatArray
@@ -30,34 +33,34 @@ class Trace:
 
     @classmethod
     def of(cls, rows: Sequence[tuple[float, float, float]]) -> "Trace":
-        """Of rows of time, command and position; the time counts from the first."""
+        """Return a trace from rows of time, command and position. The first row gets time 0."""
         time_s, command, position = (np.array(column) for column in zip(*rows, strict=True))
         return cls(time_s - time_s[0], command, position)
 
 
 def rest_error(trace: Trace) -> float:
-    """Command less position at the end of a motion, the mean over ``SETTLED_S``."""
+    """Return command minus position at the end of a motion, averaged over ``SETTLED_S``."""
     settled = trace.time_s >= trace.time_s[-1] - SETTLED_S
     return float((trace.command - trace.position)[settled].mean())
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How one step was answered. All counts from when the command stood, behind the gate."""
+    """Response to one step, from the time at which the command has reached its target."""
 
     overshoot: float
-    """How far it went beyond the place where it came to rest."""
+    """Largest distance beyond the position at rest."""
     settling_s: float | None
-    """None: it does not settle."""
+    """Settling time; None if the joint does not settle."""
     rest_error: float
-    """Command less position at rest."""
+    """Command minus position at rest."""
     swing: float
-    """Between the outermost positions at rest."""
+    """Distance between the outermost positions at rest."""
     swing_hz: float
 
 
 def response(trace: Trace, count: float) -> Response:
-    """The figures of one step; ``count``: one of the encoder's, rad or m."""
+    """Return the response to one step; ``count`` is the size of an encoder count, in rad or m."""
     target, way = trace.command[-1], np.sign(trace.command[-1] - trace.command[0])
     stands = int(np.argmax(np.abs(trace.command - target) < ARRIVED))
     time_s, position = trace.time_s[stands:] - trace.time_s[stands], trace.position[stands:]
@@ -65,7 +68,7 @@ def response(trace: Trace, count: float) -> Response:
     rest = float(position[settled].mean())
     step = float(abs(target - trace.command[0]))
     off = np.flatnonzero(np.abs(position - rest) > max(BAND_COUNTS * count, BAND_SHARE * step))
-    first = int(off[-1]) + 1 if len(off) else 0  # of those that stay
+    first = int(off[-1]) + 1 if len(off) else 0  # First sample after which the joint stays within the band.
     return Response(
         overshoot=max(float((way * (position - rest)).max()), 0.0),
         settling_s=float(time_s[first]) if first < len(time_s) and not settled[max(first - 1, 0)] else None,
@@ -76,7 +79,7 @@ def response(trace: Trace, count: float) -> Response:
 
 
 def _crossings_hz(time_s: FloatArray, error: FloatArray) -> float:
-    """Half the zero crossings, per second."""
+    """Return the frequency of the error from its zero crossings."""
     sides = np.sign(error[error != 0.0])
     seconds = float(time_s[-1] - time_s[0])
     return sum(a != b for a, b in pairwise(sides)) / 2.0 / seconds if seconds > 0.0 else 0.0
@@ -84,33 +87,34 @@ def _crossings_hz(time_s: FloatArray, error: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """How a sine was followed."""
+    """Accuracy with which the joint followed a sine."""
 
     delay_s: float
-    """The measured behind the commanded."""
+    """Delay of the measured position after the command."""
     gain: float
-    """The measured amplitude, as a share of the commanded one."""
+    """Measured amplitude, as a share of the commanded one."""
     largest: float
-    """Of the errors, command less position; what it sags is in it."""
+    """Largest following error (command minus position), including sag."""
     rms: float
+    """Root mean square of the following error."""
 
 
 def following(trace: Trace, hz: float) -> Following:
-    """The figures of a sine of this frequency: both curves' phase by least squares, over whole periods."""
+    """Return the figures of a sine of this frequency, from a least-squares fit over whole periods."""
     error = trace.command - trace.position
-    (told, phase), (done, later) = (_wave(trace.time_s, curve, hz) for curve in (trace.command, trace.position))
+    (wanted, phase), (done, later) = (_wave(trace.time_s, curve, hz) for curve in (trace.command, trace.position))
     turn = 2.0 * np.pi
     behind = (phase - later + np.pi) % turn - np.pi
     return Following(
         delay_s=float(behind / (turn * hz)),
-        gain=done / told,
+        gain=done / wanted,
         largest=float(np.abs(error).max()),
         rms=float(np.sqrt((error**2).mean())),
     )
 
 
 def _wave(time_s: FloatArray, curve: FloatArray, hz: float) -> tuple[float, float]:
-    """Amplitude and phase of the sine that is nearest to the curve, which may have a mean."""
+    """Return amplitude and phase of the sine that fits the curve best. The curve may have an offset."""
     angle = 2.0 * np.pi * hz * time_s
     columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
     (sine, cosine, _), *_ = np.linalg.lstsq(columns, curve)
@@ -119,31 +123,36 @@ def _wave(time_s: FloatArray, curve: FloatArray, hz: float) -> tuple[float, floa
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """The figures of one joint with one set of gains. rad or m, seconds."""
+    """Figures of one joint with one set of gains. Positions in rad or m, times in seconds."""
 
     overshoot: float
-    """The mean of all steps'."""
+    """Mean overshoot of all steps."""
     settling_s: float | None
-    """Of the slowest step; None where one does not settle."""
+    """Settling time of the slowest step; None if a step does not settle."""
     sag: float
-    """Command less position at rest half-way, the mean of coming from either side: what load does."""
+    """Error at rest caused by load: the mean of the errors at one position, approached from both sides."""
     stick: float
-    """By so much it differs to either side of that: what friction and dead zone leave."""
+    """Error at rest caused by friction and dead zone: half the difference of these two errors."""
     rest_error: float
-    """The largest at rest."""
+    """Largest error at rest."""
     delay_s: float
     following_largest: float
     following_rms: float
     swing: float
-    """At rest, the largest."""
+    """Largest swing at rest."""
     swing_hz: float
     shakes: bool
 
 
 def figures(steps: Sequence[Trace], sine: Trace, hz: float, count: float, half_way: tuple[float, float]) -> Figures:
-    """The figures of steps in both directions and a sine; ``count``: one of the encoder's, rad or m.
+    """Return the figures of a joint.
 
-    ``half_way``: command less position at rest at one place, to which the joint came from either side.
+    Args:
+        steps: Steps in both directions.
+        sine: The sine.
+        hz: Frequency of the sine.
+        count: Size of an encoder count, in rad or m.
+        half_way: Command minus position at rest at one position, approached from each side.
     """
     answers = [response(step, count) for step in steps]
     wave = following(sine, hz)

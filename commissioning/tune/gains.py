@@ -1,4 +1,4 @@
-"""The gains of a servo's position loop by the names that people use, and what a servo holds of them."""
+"""Parse, read and write the gains of a servo's position loop, by their usual names such as P, I and D."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from hal.joint import Joint
 
 
 class TuneError(CommissioningError):
-    """A joint cannot be measured, or a gain cannot be what somebody wants."""
+    """A joint cannot be measured, or a gain cannot be set to the requested value."""
 
 
 LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -28,22 +28,22 @@ LETTERS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 OTHERS: Final = ("cw_dead_zone", "ccw_dead_zone", "minimum_startup_force")
 BOTH: Final[Mapping[str, tuple[str, ...]]] = {"dead_zone": ("cw_dead_zone", "ccw_dead_zone")}
-"""Names for several registers at once."""
+"""Names that stand for several registers."""
 _PAIR: Final = re.compile(r"(\w+)=(\d+)")
 
 
 def gains_of(model: ServoModel) -> dict[str, Register]:
-    """The gains that a servo has, by name; none where its table has none."""
+    """Return the gain registers of a servo model, by name; empty if it has none."""
     table = {register.name: register for register in registers_of(model) if register.access is Access.READ_WRITE}
     found = {letter: table[name] for letter, names in LETTERS.items() for name in names if name in table}
     return found | {name: table[name] for name in OTHERS if name in table}
 
 
 def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
-    """Parse ``P=24 D=32``, in one word or several. Raises TuneError with all that is wrong."""
+    """Parse gains such as ``P=24 D=32``, given as one string or several. Raises TuneError listing all mistakes."""
     known = gains_of(model)
     if not known:
-        raise TuneError(f"{model.name} has no gains")
+        raise TuneError(f"an {model.name} has no gains that can be set")
     names = [*known, *(both for both, parts in BOTH.items() if set(parts) <= known.keys())]
     found: dict[str, int] = {}
     problems: list[str] = []
@@ -51,7 +51,7 @@ def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
         match = _PAIR.fullmatch(word)
         name = match[1].upper() if match and match[1].upper() in LETTERS else match[1] if match else ""
         if match is None or name not in names:
-            problems.append(f"{word or 'nothing'}: a gain is one of {', '.join(names)}, as in P=24")
+            problems.append(f"{word!r} is not a gain: write one of {', '.join(names)} with its value, as in P=24")
             continue
         found |= dict.fromkeys(BOTH.get(name, (name,)), int(match[2]))
     problems += [problem for name, value in found.items() if (problem := _misfit(name, known[name], value))]
@@ -61,16 +61,17 @@ def parse_gains(model: ServoModel, words: Sequence[str]) -> dict[str, int]:
 
 
 def _misfit(name: str, register: Register, value: int) -> str:
-    smallest = 1 if name == "P" else max(register.smallest, 0)  # without P a servo holds nothing
+    smallest = 1 if name == "P" else max(register.smallest, 0)  # A servo with P = 0 exerts no force.
     if smallest <= value <= register.largest:
         return ""
-    return f"{name} takes {smallest} to {register.largest}, not {value}"
+    return f"{name} must be {smallest} to {register.largest}, not {value}"
 
 
 def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
-    """The gains with which the joint is driven, by name: those that its servo holds. Raises ServoError.
+    """Read the gains of the joint's servo, by name. Raises ServoError.
 
-    A P that lives in RAM, and that the robot file names, comes with the torque.
+    If P is in RAM and the robot file sets it, the value in the robot file is returned, because the stack writes it when
+    it enables torque.
     """
     known = gains_of(joint.model)
     held = {name: retry(partial(bus.read, joint.servo_id, register)) for name, register in known.items()}
@@ -78,7 +79,7 @@ def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
 
 
 def as_held(bus: Bus, joint: Joint) -> Joint:
-    """The joint with those settings that its servo has, so that setting it up writes none. Raises ServoError."""
+    """Return the joint with the settings of its servo, so that activation does not write any. Raises ServoError."""
     known = {register.name: register for register in registers_of(joint.model)}
     names = [*assumed_settings(joint.model), *(one.name for one in gains_of(joint.model).values() if one.persistent)]
     settings = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in dict.fromkeys(names)}
@@ -90,7 +91,7 @@ def as_held(bus: Bus, joint: Joint) -> Joint:
 
 
 def with_gains(joint: Joint, values: Mapping[str, int]) -> Joint:
-    """The joint as its servo is once it holds these gains."""
+    """Return the joint with these gains."""
     known = gains_of(joint.model)
     saved = {known[name].name: value for name, value in values.items() if known[name].persistent}
     in_ram = series_of(joint.model).position_p is not None and "P" in values
@@ -112,9 +113,9 @@ class Written:
 
 
 def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Written, ...]:
-    """Make the joint's servo hold these gains, by name; what had to be changed.
+    """Write these gains to the joint's servo and return the changes.
 
-    Raises ServoError where a servo holds torque or does not take one, PortLost once the line is gone.
+    Raises ServoError if the servo holds torque or does not accept a gain, PortLost if the port disappears.
     """
     known = gains_of(joint.model)
     names = {known[name]: name for name in values}
@@ -128,7 +129,7 @@ def write_gains(bus: Bus, joint: Joint, values: Mapping[str, int]) -> tuple[Writ
 
 
 def _set(bus: Bus, joint: Joint, register: Register, value: int) -> int | None:
-    """Write a register of RAM, if it holds something else; what that was."""
+    """Write a RAM register and return its old value; None if it already has the value."""
     held = partial(bus.read, joint.servo_id, register)
     old = retry(held)
     if old == value:
@@ -137,5 +138,5 @@ def _set(bus: Bus, joint: Joint, register: Register, value: int) -> int | None:
         raise EepromError(joint.servo_id, register, f"is not written: {HOLDS}")
     retry(partial(bus.write, joint.servo_id, register, value))
     if (now := retry(held)) != value:
-        raise EepromError(joint.servo_id, register, f"stays {now}, not {value}: the servo does not take it")
+        raise EepromError(joint.servo_id, register, f"is still {now}, because the servo does not accept {value}")
     return old

@@ -1,9 +1,10 @@
-"""The law of a servo's position loop: what other gains would make of what was measured. Predictions, no promises.
+"""Predict how a measured joint would follow with other gains, from a model of the servo's position loop.
 
-At rest the error behind the dead zone makes the drive that load and friction ask for: it goes as 1/P. At constant
-speed the error makes the drive that the motor's back-EMF asks for: so the delay's part of it goes as 1/P too. D acts on
-the error's change alone, so neither depends on it. The overshoot is computed: an STS's loop on one inertia, a
-millisecond at a time; the inertia is chosen so that with the present gains it overshoots as was measured.
+At rest, the error beyond the dead zone produces the drive that balances load and friction, so this error is
+proportional to 1/P. At constant speed, the error produces the drive that balances the motor's back-EMF, so this part
+of the delay is proportional to 1/P, too. D only acts on changes of the error, so it affects neither. The overshoot is
+simulated in steps of a millisecond, with the loop of an STS and one inertia. The inertia is chosen so that the
+simulation with the present gains overshoots as much as was measured.
 """
 
 from collections.abc import Mapping
@@ -20,50 +21,50 @@ from hal.joint import Joint
 
 TICK_S: Final = 0.001
 D_EVERY_TICKS: Final = 20
-"""So often an STS looks how its error changes; the factory's value of register 81."""
+"""Interval at which an STS computes the change of its error, in ticks: the factory value of register 81."""
 D_SHARE: Final = 1.0 / 8000.0
-"""Share of full drive a unit of D and count of change."""
+"""Drive per unit of D and count of change, as a share of full drive."""
 FULL_DRIVE: Final = 0.97
 FRICTION_SHARE: Final = 0.5 * STS_FRICTION_SHARE
-LOOKED_AT_S: Final = 1.0
-"""Behind the beginning of the step."""
+SIMULATED_S: Final = 1.0
+"""Simulated time from the beginning of the step, in seconds."""
 LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
-"""Of inertias, in share of full drive for each count/s²: a bare STS3215 has 7e-6."""
+"""Range of inertias, in shares of full drive per count/s². A bare STS3215 has 7e-6."""
 HALVINGS: Final = 24
 CLEAR_COUNTS: Final = 2.0
-"""An overshoot of so little is the encoder's steps: the inertia may be any smaller one."""
+"""Minimum overshoot from which the inertia can be determined. A smaller one may be caused by the encoder steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """The figures that other gains would give, as far as a law is known. rad or m, seconds."""
+    """Predicted figures, as far as they can be computed. Positions in rad or m, times in seconds."""
 
     sag: float | None
     rest_error: float | None
     delay_s: float | None
     overshoot: float | None
-    """None where the loop's D is not known."""
+    """Predicted overshoot; None if the loop is not that of an STS, or uses I."""
     overshoot_at_most: bool = False
-    """It was too small to be measured: the joint may be lighter than reckoned, and overshoot less."""
+    """Whether the overshoot is an upper limit, because the measured one was too small to determine the inertia."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """An STS's position loop on one inertia. Counts, seconds, and shares of full drive."""
+    """Model of an STS position loop with one inertia, in counts, seconds and shares of full drive."""
 
     position_p: int
     position_d: int
     dead_zone: int
     offset: float
-    """Register 24: the least drive."""
+    """Minimum drive (register 24)."""
     no_load_counts_s: float
     inertia: float
 
     def overshoot(self, way: float, speed: float) -> float:
-        """How far beyond its goal a step of ``way`` goes, whose set-point turns at ``speed``."""
+        """Return the overshoot of a step of ``way`` counts whose set-point moves at ``speed``, in counts."""
         place = rate = setpoint = set_rate = change = then = largest = 0.0
         per_count, brakes = self.position_p * STS_DRIVE_PER_COUNT, sts.GOAL_ACCELERATION * 100.0
-        for tick in range(round(LOOKED_AT_S / TICK_S)):
+        for tick in range(round(SIMULATED_S / TICK_S)):
             left = way - setpoint
             wanted = min(speed, (2.0 * brakes * max(left, 0.0)) ** 0.5)
             set_rate = min(set_rate + brakes * TICK_S, wanted)
@@ -97,10 +98,10 @@ def _loop(joint: Joint, inertia: float) -> Loop:
 
 
 class Law:
-    """The law of one joint that was measured with the gains that it holds."""
+    """Prediction model of one joint that was measured with its present gains."""
 
     def __init__(self, joint: Joint, plan: Plan, measured: Figures) -> None:
-        """``joint`` as ``as_held`` makes it."""
+        """Fit the model; ``joint`` must have the settings of its servo, as from ``as_held``."""
         self._joint, self._measured = joint, measured
         self._count = abs(joint.units_per_count)
         self._way, self._speed = abs(plan.step) / self._count, plan.speed / self._count
@@ -109,16 +110,16 @@ class Law:
 
     @property
     def known(self) -> bool:
-        """Whether anything can be said: the maker publishes the scale of P."""
+        """Whether predictions are possible, because the manufacturer publishes the scale of P."""
         return self._joint.compliance is not None
 
     @property
     def weighed(self) -> bool:
-        """Whether the joint overshoots by enough to tell its inertia."""
+        """Whether the measured overshoot is large enough to determine the inertia."""
         return self._measured.overshoot > CLEAR_COUNTS * self._count
 
     def predict(self, values: Mapping[str, int]) -> Predicted:
-        """What these gains would give; those that are not named stay."""
+        """Predict the figures with these gains. Other gains keep their values."""
         now, then = self._joint, with_gains(self._joint, values)
         before, after = now.compliance, then.compliance
         if before is None or after is None:
@@ -143,7 +144,7 @@ class Law:
         return _loop(then, self._inertia).overshoot(self._way, self._speed) * self._count
 
     def _fitted(self) -> float:
-        """The inertia with which the present gains overshoot as was measured."""
+        """Return the inertia with which the present gains produce the measured overshoot."""
         wanted = max(self._measured.overshoot / self._count, CLEAR_COUNTS)
         low, high = LIGHTEST, HEAVIEST
         for _ in range(HALVINGS):
@@ -154,11 +155,11 @@ class Law:
 
 
 def _dead(joint: Joint) -> float:
-    """The dead zone that is taken off the error, in the joint's units."""
+    """Return the dead zone in the joint's units. It is subtracted from the error."""
     held = dict(joint.settings)
     return max(held.get("cw_dead_zone", 0), held.get("ccw_dead_zone", 0)) * abs(joint.units_per_count)
 
 
 def _least(joint: Joint) -> float:
-    """The effort of the least drive, which the servo adds to what the error asks for."""
+    """Return the effort of the minimum drive, which the servo adds to the drive for the error."""
     return dict(joint.settings).get("minimum_startup_force", 0) * sts.TORQUE_UNIT * joint.full_effort

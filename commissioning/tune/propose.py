@@ -1,4 +1,4 @@
-"""The proposal: which gains would be better, and why. One step at a time, for what shakes only a measurement shows."""
+"""Propose better gains with reasons. Changes are small, because only a measurement shows whether a joint shakes."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -12,39 +12,46 @@ from hal.compensation.servo_compliance import STS_SETTINGS
 from hal.joint import Joint
 
 CALMER: Final = 0.75
-"""Share of P that is left to a joint that shakes."""
+"""New P of a joint that shakes, as a share of its present P."""
 LEAST_P: Final = 8
 DEAD_ZONES: Final = ("cw_dead_zone", "ccw_dead_zone")
 WIDE: Final = 3
-"""A dead zone in which the least drive no longer throws a joint through its backlash."""
+"""Dead zone with which the minimum drive no longer moves a joint through its backlash, in counts."""
 FACTORY_P: Final = STS_SETTINGS["position_p"]
-"""More is not proposed: the gears' backlash is the same, and what load makes sag the stack compensates."""
+"""Largest P that is proposed for an STS. A larger P does not reduce backlash, and the stack compensates sag anyway."""
 STIFFER: Final = 1.5
-"""At most so many times the present P at once."""
+"""Maximum increase of P in one step, as a factor."""
 ALLOWED_REST_COUNTS: Final = 8.0
-"""0.7 degrees: with less than that at rest a joint need not be stiffer."""
+"""Error at rest that needs no larger P, in counts (0.7 degrees)."""
 ALLOWED_OVERSHOOT: Final = 0.05
-"""Of the step."""
+"""Acceptable overshoot, as a share of the step."""
 WORTH_COUNTS: Final = 2.0
-"""By so much less overshoot it must become, to be worth another D."""
+"""Minimum reduction of the overshoot for which another D is proposed, in counts."""
 D_STEP: Final = 4
 MOST_D_TO_P: Final = 2.0
-"""A servo looks at its error's change every 20 ms only: with more D it begins to chatter."""
-UNKNOWN: Final = "its maker publishes neither its loop nor the scale of its gains: try some with --write, and compare"
+"""Maximum ratio of D to P. With more D, a servo chatters, because it computes changes of its error only every 20 ms."""
+UNKNOWN: Final = (
+    "no gains can be proposed, because the manufacturer does not publish how the gains work. Try some with --write and "
+    "compare the results"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The gains to try, by name; none where the present ones are as good as the laws can say."""
+    """Proposed gains with the reasons."""
 
     values: Mapping[str, int] = field(default_factory=dict)
+    """Proposed gains, by name; empty if no better gains are known."""
     reasons: tuple[str, ...] = ()
     predicted: Predicted | None = None
-    """Of the values; None where there are none."""
+    """Predicted figures with the proposed gains; None if there are none."""
 
 
 def propose(joint: Joint, held: Mapping[str, int], plan: Plan, measured: Figures) -> Proposal:
-    """The proposal for a joint that was measured with the gains ``held``; the joint as ``as_held`` makes it."""
+    """Return a proposal for a joint that was measured with the gains ``held``.
+
+    ``joint`` must have the settings of its servo, as from ``as_held``.
+    """
     law = Law(joint, plan, measured)
     if not law.known:
         return Proposal(reasons=(UNKNOWN,))
@@ -52,21 +59,28 @@ def propose(joint: Joint, held: Mapping[str, int], plan: Plan, measured: Figures
     values = {name: value for name, value, _ in proposed if value != held[name]}
     reasons = tuple(reason for _, _, reason in proposed)
     if not values:
-        return Proposal(reasons=reasons or ("it rests, follows and overshoots as it should",))
+        return Proposal(reasons=reasons or ("its error at rest, its following error and its overshoot are good",))
     return Proposal(values, reasons, law.predict(values))
 
 
 def _changes(
     joint: Joint, held: Mapping[str, int], plan: Plan, measured: Figures, law: Law
 ) -> Iterator[tuple[str, int, str]]:
-    """Name, value and reason of each gain that is to change."""
+    """Yield the name, the new value and the reason for each gain to change."""
     count = abs(joint.units_per_count)
     if measured.shakes:
         yield from _calmer(held, measured, count)
         return
     values = {name: STS_SETTINGS[name] for name in DEAD_ZONES if held.get(name, 0) > STS_SETTINGS[name]}
     for name, value in values.items():
-        yield name, value, f"{name} {held[name]} leaves errors of {held[name]} counts alone; the factory has {value}"
+        yield (
+            name,
+            value,
+            (
+                f"with {name} {held[name]}, errors of up to {held[name]} counts are not corrected. The factory value "
+                f"is {value}"
+            ),
+        )
     if stiffer := _stiffer(joint, held, measured, law, values):
         yield "P", *stiffer
         values["P"] = stiffer[0]
@@ -77,39 +91,50 @@ def _changes(
 def _calmer(held: Mapping[str, int], measured: Figures, count: float) -> Iterator[tuple[str, int, str]]:
     swing = f"it swings by {measured.swing / count:.0f} counts at rest ({measured.swing_hz:.1f} Hz)"
     if held.get("I"):
-        yield "I", 0, f"{swing}: I {held['I']} adds up what friction holds, and throws it over"
+        yield "I", 0, f"{swing}, because I {held['I']} integrates the error from friction until the joint overshoots"
     softer = max(round(CALMER * held["P"]), LEAST_P)
     if softer < held["P"]:
-        yield "P", softer, f"{swing}: P is too high for its load and the backlash of its gears; a quarter less is tried"
+        yield (
+            "P",
+            softer,
+            f"{swing}, because P is too high for its load and the backlash of its gears; try a quarter less",
+        )
         if held.get("cw_dead_zone", WIDE) < WIDE:
-            yield "P", softer, f"dead_zone={WIDE} is another way: P stays, and it rests up to {WIDE} counts off"
+            yield (
+                "P",
+                softer,
+                (f"alternatively keep P and set dead_zone={WIDE}; then errors of up to {WIDE} counts remain at rest"),
+            )
     else:
-        yield "P", held["P"], f"{swing}, and P is small: look for play in its horn and its gears"
+        yield "P", held["P"], f"{swing}, although P is small: check its horn and its gears for play"
 
 
 def _stiffer(
     joint: Joint, held: Mapping[str, int], measured: Figures, law: Law, values: Mapping[str, int]
 ) -> tuple[int, str] | None:
-    """A larger P for a joint that rests too far from its goals; not above an STS's factory value."""
+    """Return a larger P and the reason if the error at rest is too large; at most the factory value of an STS."""
     count, now = abs(joint.units_per_count), held["P"]
     most = min(round(STIFFER * now), FACTORY_P) if joint.model in sts.MODELS.values() else round(STIFFER * now)
     allowed = ALLOWED_REST_COUNTS * count
     if measured.rest_error <= allowed:
         return None
-    off = f"it rests {measured.rest_error / count:.0f} counts off"
+    off = f"its error at rest is {measured.rest_error / count:.0f} counts"
     if most <= now:
-        return now, f"{off}: more P than the factory's is not proposed, the stack's gravity compensation takes that up"
+        return now, (
+            f"{off}, but no P above the factory value is proposed: the gravity compensation of the stack corrects this "
+            "error"
+        )
     for wanted in range(now + 1, most + 1):
         rest = law.predict({**values, "P": wanted}).rest_error
         if rest is not None and rest <= allowed:
             break
-    return wanted, f"{off}, and that goes as 1/P; it does not shake"
+    return wanted, f"{off}, which is proportional to 1/P, and it does not shake"
 
 
 def _damped(
     held: Mapping[str, int], plan: Plan, measured: Figures, law: Law, values: Mapping[str, int], count: float
 ) -> Iterator[tuple[str, int, str]]:
-    """The D with which it overshoots little enough, or least."""
+    """Yield the smallest D with an acceptable overshoot, or the D with the least overshoot."""
     allowed, position_p = ALLOWED_OVERSHOOT * abs(plan.step), values.get("P", held["P"])
     now = law.predict(values).overshoot
     if now is None or now <= allowed or not law.weighed:

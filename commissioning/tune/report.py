@@ -1,4 +1,4 @@
-"""The report of a tuning: both measurements, what was proposed and written, and what to put into the robot file."""
+"""Tune one joint, and report both measurements, the proposed and written gains, and the lines for the robot file."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -15,51 +15,52 @@ from hal.joint import Joint
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The tuning of one joint."""
+    """Result of the tuning of one joint."""
 
     joint: Joint
     before: Measurement
     proposal: Proposal
     predicted: Predicted | None
-    """Of what was written, or else of what is proposed."""
+    """Predicted figures with the written gains, or with the proposed ones if none were written."""
     named: Mapping[str, int]
-    """The settings that the robot file names for this joint."""
+    """Settings of this joint in the robot file."""
     written: tuple[Written, ...] = ()
     after: Measurement | None = None
+    """Measurement with the written gains; None if none were written."""
 
     def completed(self, written: tuple[Written, ...], after: Measurement) -> "Report":
-        """The report once gains were written and measured."""
+        """Return the report with the written gains and the measurement after it."""
         return replace(self, written=written, after=after)
 
     @property
     def unit(self) -> str:
-        """The joint's: rad or m."""
+        """Unit of the joint: rad or m."""
         return "rad" if self.joint.transmission == 1.0 else "m"
 
     @property
     def count(self) -> float:
-        """One of the encoder's, rad or m."""
+        """Size of an encoder count, in rad or m."""
         return abs(self.joint.units_per_count)
 
     @property
     def held(self) -> Mapping[str, int]:
-        """The gains that the servo has now, by name."""
+        """Present gains of the servo, by name."""
         return (self.after or self.before).gains
 
     @property
     def to_keep(self) -> dict[str, Any]:
-        """The joint's words in the robot file with which the stack keeps what was written."""
+        """Entries for the joint in the robot file that make the stack keep the written gains."""
         return kept(self.joint.model, {one.gain: one.new for one in self.written}, self.named)
 
     @property
     def overruled(self) -> dict[str, int]:
-        """Settings in the robot file that are others than the servo's now: ``servoloop up`` writes them back."""
+        """Settings in the robot file that differ from the servo. ``servoloop up`` will write them to the servo."""
         known = gains_of(self.joint.model)
         now = {known[name].name: value for name, value in self.held.items()}
         return {name: value for name, value in self.named.items() if now.get(name, value) != value}
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs. Positions in rad or m, times in s."""
+        """Return the report as a dictionary for JSON. Positions in rad or m, times in seconds."""
         return {
             "joint": self.joint.name,
             "servo_id": self.joint.servo_id,
@@ -82,9 +83,9 @@ def _plain(found: Measurement) -> dict[str, Any]:
 
 
 def kept(model: ServoModel, values: Mapping[str, int], named: Mapping[str, int]) -> dict[str, Any]:
-    """A joint's words in the robot file for these gains (by name), beside the settings ``named`` there.
+    """Return the entries for a joint in the robot file that set these gains, in addition to the settings ``named``.
 
-    A Dynamixel's I and D live in RAM, and no robot file names them.
+    I and D of a Dynamixel are in RAM and cannot be set in a robot file.
     """
     known = gains_of(model)
     settings = {known[name].name: value for name, value in values.items() if known[name].persistent}
@@ -95,10 +96,16 @@ def kept(model: ServoModel, values: Mapping[str, int], named: Mapping[str, int])
 
 
 def tune(tuner: Tuner, at: float | None = None, write: Mapping[str, int] | None = None, apply: bool = False) -> Report:
-    """Measure the tuner's joint and propose gains; write those of ``write``, or with ``apply`` the proposed ones.
+    """Measure a joint, propose gains, and optionally write gains and measure again.
 
-    ``at``: where to measure, rad or m. Where gains were written it is measured once more. Nothing is written that the
-    servo holds already. Raises TuneError, DriverError, HalError; what had been written stands in their notes.
+    Args:
+        tuner: Tuner of the joint.
+        at: Position at which to measure, in rad or m; near the present position if None.
+        write: Gains to write, by name.
+        apply: Whether to write the proposed gains if ``write`` is empty.
+
+    Raises:
+        TuneError, DriverError, HalError: The tuning failed. Notes list the gains that were already written.
     """
     tuner.check_write(bool(write or apply))
     joint = tuner.joint
@@ -121,12 +128,12 @@ def tune(tuner: Tuner, at: float | None = None, write: Mapping[str, int] | None 
         after = tuner.measure(at)
     except BaseException as error:
         for one in written:
-            error.add_note(f"written before that: {one.gain} {one.old} to {one.new} (servo {joint.servo_id})")
+            error.add_note(f"already written to servo {joint.servo_id}: {one.gain} changed from {one.old} to {one.new}")
         raise
     return report.completed(written, after)
 
 
 def _chosen(found: Measurement, proposal: Proposal, write: Mapping[str, int] | None, apply: bool) -> dict[str, int]:
-    """The gains to be written: what was asked for, and the servo has otherwise."""
+    """Return the requested gains that differ from those in the servo."""
     wanted = write or (proposal.values if apply else {})
     return {name: value for name, value in wanted.items() if found.gains[name] != value}

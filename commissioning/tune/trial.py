@@ -1,4 +1,4 @@
-"""The motions of one joint that is measured: a slow pass first, steps, a sine."""
+"""Plan and run the motions that measure a joint: a slow pass, steps, and a sine."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,101 +11,111 @@ from commissioning.tune.gains import TuneError
 from hal.joint import Joint
 
 LIFT_RAD: Final = 0.35
-"""So far a joint leaves the place where it stood, and whatever it may lie on there: more than a soft servo sags."""
+"""Distance by which a joint moves away from its start and any support there. It is larger than the sag of a servo."""
 STEP_RAD: Final = 0.15
-"""98 counts of an STS."""
+"""Size of a step (98 counts of an STS)."""
 LEAST_RAD: Final = 0.03
-"""With smaller steps a servo's dead band and friction are all that there is to see."""
+"""Minimum size of a step. Smaller steps show only dead band and friction."""
 ROOM_SHARE: Final = 0.4
-"""Of the way to the limit that is further away, for either of the two."""
+"""Maximum length of the lift and of the step, each as a share of the distance to the farther limit."""
 FASTEST_RAD_S: Final = 1.0
-"""Of a servo's shaft: without a limit in the URDF that is slower."""
+"""Maximum speed of a servo's shaft, unless the URDF's limit is lower."""
 SINE_HZ: Final = 1.0
 SPEED_MARGIN: Final = 0.8
-"""Share of the speed that the gate lets through: where it holds a sine back, it is none."""
+"""Maximum speed of the sine, as a share of the speed limit, so that the safety gate does not distort it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Where a joint goes, in rad or m: from ``start`` to ``near``, then to and fro between ``near`` and ``far``."""
+    """Motion of a joint, in rad or m: from ``start`` to ``near``, then back and forth between ``near`` and ``far``."""
 
     joint: str
     start: float
     near: float
     far: float
     speed: float
-    """Per second; the gate lets nothing faster through."""
+    """Maximum speed, in rad/s or m/s."""
     sine_hz: float
 
     @property
     def step(self) -> float:
-        """From near to far, with its sign."""
+        """Signed distance from near to far."""
         return self.far - self.near
 
 
 def plan_for(joint: Joint, start: float, at: float | None = None) -> Plan:
-    """The plan for a joint that stands at ``start``: towards the limit that is further away, less where room is short.
+    """Return a plan that moves the joint toward its farther limit. The motions are smaller if there is little room.
 
-    ``at``: where to measure, instead of a little beside the start. Raises TuneError where there is no room.
+    Args:
+        joint: The joint.
+        start: Present position of the joint.
+        at: Position at which to measure; a little away from the start if None.
+
+    Raises:
+        TuneError: There is not enough room.
     """
     limits, unit = joint.limits, joint.transmission
     if at is not None and not limits.lower <= at <= limits.upper:
-        raise TuneError(f"{joint.name} cannot go to {at:.3f}: its limits are {limits.lower:.3f} to {limits.upper:.3f}")
+        raise TuneError(
+            f"{joint.name} cannot move to {at:.3f}: its limits are {limits.lower:.3f} to {limits.upper:.3f}"
+        )
     begin = min(max(start if at is None else at, limits.lower), limits.upper)
     upwards = limits.upper - begin >= begin - limits.lower
     way, room = (1.0, limits.upper - begin) if upwards else (-1.0, begin - limits.lower)
     near = begin if at is not None else begin + way * min(LIFT_RAD * unit, ROOM_SHARE * room)
     step = min(STEP_RAD * unit, ROOM_SHARE * room)
     if step < LEAST_RAD * unit:
-        raise TuneError(f"{joint.name} has no room to move in: its limits are {limits.lower:.3f} to {limits.upper:.3f}")
+        raise TuneError(
+            f"{joint.name} has not enough room to move between its limits {limits.lower:.3f} and {limits.upper:.3f}"
+        )
     speed = min(SPEED_SHARE * limits.velocity, FASTEST_RAD_S * unit)
     return Plan(joint.name, start, near, near + way * step, speed, _sine_hz(joint, step, speed))
 
 
 def _sine_hz(joint: Joint, step: float, speed: float) -> float:
-    """The frequency at which the sine (half the step to either side) stays within speed and acceleration."""
+    """Return the frequency at which the sine, with half the step as amplitude, keeps to speed and acceleration."""
     by_speed = SPEED_MARGIN * speed / (pi * step)
     by_acceleration = sqrt(SPEED_MARGIN * joint.limits.acceleration / (0.5 * step)) / (2.0 * pi)
     return min(SINE_HZ, by_speed, by_acceleration)
 
 
-def said(joint: Joint, plan: Plan, others: Sequence[str], end: str) -> str:
-    """The plan for whoever is asked; ``end``: how the arm is left."""
+def plan_question(joint: Joint, plan: Plan, others: Sequence[str], end: str) -> str:
+    """Return the plan as a question to the user; ``end`` says how the arm is left."""
     unit, counts = ("rad" if joint.transmission == 1.0 else "m"), abs(plan.step / joint.units_per_count)
-    held = f" {', '.join(others)} will be held where they are." if others else ""
+    held = f" {', '.join(others)} will hold their positions." if others else ""
     return (
         f"{joint.name} (servo {joint.servo_id}) will move under torque: from {plan.start:.3f} to {plan.near:.3f} "
-        f"{unit}, then to and fro between there and {plan.far:.3f} ({counts:.0f} counts) as steps and as a sine of "
-        f"{plan.sine_hz:.2g} Hz, no faster than {plan.speed:.3g} {unit}/s (its limit is {joint.limits.velocity:g})."
-        f"{held} {end} See that it has room, off its table, and hold the arm while the torque goes on if it could "
-        "fall. Go on?"
+        f"{unit}, then back and forth between {plan.near:.3f} and {plan.far:.3f} {unit} ({counts:.0f} counts), in "
+        f"steps and as a sine of {plan.sine_hz:.2g} Hz, at most at {plan.speed:.3g} {unit}/s (its limit is "
+        f"{joint.limits.velocity:g}).{held} {end} Make sure that the arm does not touch its table and has room to "
+        "move. If it could fall, support it until the torque is on. Continue?"
     )
 
 
 REST_S: Final = 1.5
-"""Behind each step."""
+"""Time at rest after each step, in seconds."""
 SHORT_REST_S: Final = 0.8
 PERIODS: Final = 3
-"""Of the sine; the first is not looked at."""
+"""Number of periods of the sine. The first one is not evaluated."""
 BEHIND_RAD: Final = 0.35
-"""Of a servo's shaft: an STS with half of the factory's P drives with nearly all it has then."""
+"""Maximum following error, rad of the servo's shaft. At this error, half of the factory P gives almost full drive."""
 HEARD_SHARE: Final = 0.8
-"""Of the cycles of a motion, in which the joint must have been measured."""
+"""Minimum share of the cycles of a motion in which the joint must be measured."""
 MOVED_SHARE: Final = 0.5
-"""Of the way: one that moved by less on the slow pass is held by something; a soft one sags more as it is lifted."""
+"""Minimum motion in the slow pass, as a share of the step. A joint that moves less is blocked."""
 
 
 class Trial:
-    """The motions of one joint; it is stopped where it stays behind or its servo protects itself."""
+    """The motions of one joint. They stop if the joint does not follow or its servo reports an alarm."""
 
     def __init__(self, arm: SlowArm, index: int, plan: Plan) -> None:
         self._arm, self._index, self._plan = arm, index, plan
         self._joint = arm.joints[index]
 
     def look_for_room(self) -> tuple[float, float]:
-        """Go there, and once to and fro, slowly: what is in the way is met softly.
+        """Move the joint slowly back and forth once, so that it meets any obstacle gently.
 
-        Half-way it rests, coming from either side; returns command less position there, first from near.
+        It also rests in the middle, approached from each side. Return command minus position there, first from near.
         """
         near, far = self._plan.near, self._plan.far
         half_way = 0.5 * (near + far)
@@ -118,25 +128,25 @@ class Trial:
         self._slowly(near)
         if abs(moved) < MOVED_SHARE * abs(self._plan.step) or moved * self._plan.step < 0.0:
             raise TuneError(
-                f"{self._called} was to move by {self._plan.step:+.3f} and moved by {moved:+.3f}: something is in its "
-                "way, it lies on something, or it is too weak for its load"
+                f"{self._called} should have moved by {self._plan.step:+.3f}, but it moved by {moved:+.3f}. Check "
+                "whether something is in its way, it lies on something, or it is too weak for its load"
             )
         return from_near, from_far
 
     def _slowly(self, target: float) -> float:
-        """Go there, and rest; command less position then."""
+        """Move slowly to the target, rest, and return command minus position."""
         targets = self._arm.command.copy()
         targets[self._index] = target
-        self._arm.go_all(targets, self._look)
+        self._arm.go_all(targets, self._check)
         return rest_error(self._for(SHORT_REST_S, lambda time_s: target))
 
     def step(self, target: float) -> Trace:
-        """Send the joint there at once; the gate makes a ramp of it at the joint's slow speed. Then it rests."""
+        """Command a step, which the safety gate turns into a ramp at the plan's speed, and wait until it rests."""
         ramp_s = abs(target - float(self._arm.command[self._index])) / self._plan.speed
         return self._for(ramp_s + REST_S, lambda time_s: target)
 
     def sine(self) -> Trace:
-        """To and fro between near and far, from rest to rest; the first period is left out."""
+        """Move along a sine between near and far. The trace does not contain the first period."""
         near, half, hz = self._plan.near, 0.5 * self._plan.step, self._plan.sine_hz
         whole = self._for(PERIODS / hz, lambda time_s: near + half * (1.0 - cos(2.0 * pi * hz * time_s)))
         later = whole.time_s >= 1.0 / hz
@@ -144,31 +154,34 @@ class Trial:
         return Trace(whole.time_s[later], whole.command[later], whole.position[later])
 
     def _for(self, seconds: float, position: Callable[[float], float]) -> Trace:
-        """Cycles for so long, each towards the ``position`` for the time at its end: cycles may come late."""
+        """Run cycles for some seconds; ``position`` returns the goal for the expected end of each cycle."""
         rows, cycles, begin_s = [self._row()], 1, self._arm.asked_s
         while (elapsed_s := self._arm.asked_s - begin_s) < seconds:
             self._arm.cycle(self._index, position(elapsed_s + self._arm.period_s))
-            self._look()
+            self._check()
             cycles += 1
-            if self._joint.name not in self._arm.state.faults:  # else it is the last known place
+            if self._joint.name not in self._arm.state.faults:  # Otherwise the position is an old one.
                 rows.append(self._row())
         if len(rows) < HEARD_SHARE * cycles:
             raise TuneError(
-                f"{self._called} answered in {len(rows)} of {cycles} cycles, which says nothing of how it moves: "
-                "`servoloop doctor` says what is wrong with the line"
+                f"{self._called} answered in only {len(rows)} of {cycles} cycles, too few to measure its motion. Run "
+                "`servoloop doctor` to find the problem of the bus"
             )
         return Trace.of(rows)
 
     def _row(self) -> tuple[float, float, float]:
         return self._arm.asked_s, float(self._arm.command[self._index]), self._arm.measured(self._index)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         behind = float(self._arm.command[self._index]) - self._arm.measured(self._index)
         alarms = self._arm.state.health[self._joint.name].alarms
         if alarms:
-            raise TuneError(f"{self._called} protects itself: {', '.join(alarms)}")
+            raise TuneError(f"{self._called} reports an alarm: {', '.join(alarms)}. Run `servoloop doctor` for advice")
         if abs(behind) > BEHIND_RAD * self._joint.transmission:
-            raise TuneError(f"{self._called} stays {behind:+.3f} behind: something is in its way, or it is too weak")
+            raise TuneError(
+                f"{self._called} does not follow: its following error is {behind:+.3f}. Check whether something is in "
+                "its way, or it is too weak for its load"
+            )
 
     @property
     def _called(self) -> str:

@@ -1,4 +1,4 @@
-"""The tuner of one joint: the arm is held, the joint moved, the arm left as it is to be; gains go to a limp servo."""
+"""Measure one joint while the arm holds all others, and write gains to its servo while the torque is off."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -19,24 +19,26 @@ from hal.servos.limp_arm import servo_name, torque_warning
 from hal.types import FloatArray
 
 OpenBuses = Callable[[Sequence[Joint]], Mapping[str, Bus]]
-"""Opens the buses of these joints, by name, with the P gains that live in RAM."""
+"""Function that opens the buses of these joints, by name, with the P gains that are in RAM."""
 
 PERIOD_S: Final = 0.02
 TIMES: Final = 2
-"""Steps in either direction."""
+"""Number of steps in each direction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How the arm is left: let down, at ``park`` where the robot file has a pose, or held."""
+    """How the arm is left after a measurement."""
 
     relax: bool
+    """Whether the torque is released. Otherwise the arm holds its position."""
     park: Mapping[str, float] | None = None
+    """Pose in which the torque is released; None if the robot file has none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """A joint as it was measured with its gains, by name."""
+    """Measurement of a joint with its present gains."""
 
     gains: Mapping[str, int]
     plan: Plan
@@ -46,7 +48,7 @@ class Measurement:
 
 
 class Tuner:
-    """The tuner of one joint holds all joints of the arm while it measures. One thread; it opens its buses itself."""
+    """Tuner of one joint. It opens the buses itself, and holds all joints of the arm while it measures."""
 
     def __init__(
         self,
@@ -58,30 +60,38 @@ class Tuner:
         stopped: Callable[[], bool] = lambda: False,
         hurry: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Look at the arm: nothing is written, and torque stays as it is. Raises TuneError, DriverError.
+        """Read the state of the arm without changing it. Raises TuneError, DriverError.
 
-        ``stopped`` ends it with the arm left as ``ending`` says; ``hurry`` skips the way to the park pose.
+        Args:
+            joints: All joints of the arm.
+            name: Name of the joint to tune.
+            open_buses: Opens the buses of joints.
+            clock: Clock of the cycles.
+            ending: How the arm is left.
+            stopped: Checked in each cycle. When it returns True, the measurement ends and the arm is left as ``ending``
+                describes.
+            hurry: Checked on the way to the park pose. When it returns True, the rest of the way is skipped.
         """
         if name not in (names := [joint.name for joint in joints]):
-            raise TuneError(f"the arm has no joint {name}, but {', '.join(names)}")
+            raise TuneError(f"the arm has no joint {name}: choose one of {', '.join(names)}")
         self._open, self._clock, self._ending = open_buses, clock, ending
         self._stopped, self._hurry = stopped, hurry
         self._index = names.index(name)
         self._begun: FloatArray | None = None
         self.named = dict(joints[self._index].settings)
-        """The settings that the robot file names for the joint."""
+        """Settings of the joint in the robot file."""
         with self._buses(joints) as buses:
-            self.joints = [_looked_at(buses[one.bus], one) for one in joints]
+            self.joints = [_checked(buses[one.bus], one) for one in joints]
             self.gains = read_gains(buses[self.joint.bus], self.joint)
-            """Those with which the joint is driven, by name."""
+            """Present gains of the joint, by name."""
             self.held = [servo_name(one) for one in joints if drives(buses[one.bus], one.servo_id, one.model)]
-            """The servos that held torque."""
+            """Names of the servos that held torque at the start."""
             self.position = _position(buses[self.joint.bus], self.joint)
-            """Where the joint stands, rad or m."""
+            """Position of the joint at the start, in rad or m."""
 
     @property
     def joint(self) -> Joint:
-        """The joint, with the settings that its servo has."""
+        """The joint, with the settings of its servo."""
         return self.joints[self._index]
 
     @contextmanager
@@ -93,27 +103,34 @@ class Tuner:
             yield buses
 
     def releases(self, writes: bool) -> str:
-        """State what becomes of the servos that hold torque, if they are released; empty if they are not.
+        """Return a warning about servos that hold torque and will be released; empty if none will be released.
 
         Args:
-            writes: Whether gains are to be written, for which the arm is limp.
+            writes: Whether gains are written, for which the torque must be off.
         """
         if not self.held or not (writes or self._ending.relax):
             return ""
-        return f"Here {torque_warning(self.held)}, which this does."
+        return f"Warning: this command switches the torque off. {torque_warning(self.held)}."
 
     def check_write(self, wanted: bool) -> None:
-        """Raise TuneError where gains could not be written later: the arm must be able to be limp somewhere."""
+        """Raise TuneError if gains could not be written, because no pose for releasing the torque is known."""
         if wanted and self.held and not self._ending.park:
             raise TuneError(
-                "the arm is under torque, and its robot file has no park pose: gains are written to a limp arm, and "
-                "nobody knows where it may be let go. Lay it down, switch its torque off, and run this again"
+                "gains can be written only while the torque is off, but the torque of the arm is on and the robot file "
+                "has no park pose in which it could be released safely. Lay the arm down, switch its torque off, and "
+                "run this command again"
             )
 
     def measure(self, at: float | None, again: Callable[[Measurement], bool] = lambda found: False) -> Measurement:
-        """Measure the joint, and leave the arm as it is to be left; limp where it is to be measured ``again``.
+        """Measure the joint, then leave the arm as ``ending`` describes.
 
-        ``at``: where, rad or m. Raises TuneError where the joint does not follow, StoppedError, DriverError, HalError.
+        Args:
+            at: Position at which to measure, in rad or m; near the present position if None.
+            again: Returns whether the joint will be measured again. The torque is then released in any case.
+
+        Raises:
+            TuneError: The joint does not follow.
+            StoppedError, DriverError, HalError: The measurement was stopped or failed.
         """
         arm = SlowArm(lambda: self._open(self.joints), self.joints, self._clock, self._stopped, FASTEST_RAD_S, PERIOD_S)
         arm.relax = self._ending.relax
@@ -121,14 +138,17 @@ class Tuner:
             try:
                 found = self._measured(arm, at)
             except (StoppedError, TuneError):
-                self._end(arm)  # which ends at once where a servo has failed, and is still missing
+                self._end(arm)  # This ends at once if a servo is still missing.
                 raise
             arm.relax = again(found) or self._ending.relax
             self._end(arm)
         return found
 
     def write(self, values: Mapping[str, int]) -> tuple[Written, ...]:
-        """Write gains to the joint's servo, which is limp; what had to be changed. Raises ServoError, StoppedError."""
+        """Write gains to the joint's servo and return the changes. The torque must be off.
+
+        Raises ServoError, StoppedError.
+        """
         if self._stopped():
             raise StoppedError("stopped: nothing was written")
         with self._buses(self.joints) as buses:
@@ -138,7 +158,7 @@ class Tuner:
         return done
 
     def _end(self, arm: SlowArm) -> None:
-        """Bring the joint back, or all to the park pose; a second signal skips that."""
+        """Move the joint back, or the arm to its park pose if its torque is released. ``hurry`` skips this motion."""
         arm.stopped = self._hurry
         target = arm.command.copy()
         if self._begun is not None:
@@ -162,13 +182,13 @@ class Tuner:
         return Measurement(dict(self.gains), plan, found, tuple(steps), sine)
 
 
-def _looked_at(bus: Bus, joint: Joint) -> Joint:
-    """The joint with the settings of its servo, which is there and of the model that the robot file says."""
+def _checked(bus: Bus, joint: Joint) -> Joint:
+    """Check the model of the joint's servo, and return the joint with the settings of the servo."""
     try:
         bus.identify(joint.servo_id, joint.model)
         return as_held(bus, joint)
     except ServoError as error:
-        raise TuneError(f"{joint.name}: {error}; `servoloop doctor` says more") from error
+        raise TuneError(f"{joint.name}: {error}. Run `servoloop doctor` to find the cause") from error
 
 
 def _position(bus: Bus, joint: Joint) -> float:

@@ -46,12 +46,12 @@ class Terminal:
         """Print a line."""
         self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
 
-    def until_done(self, task: "Task", look: Callable[[], None]) -> None:
+    def until_done(self, task: "Task", update: Callable[[], None]) -> None:
         """Show the task, and where all joints are, until Enter."""
         self.console.print(f"[bold]{task.text}[/]; Enter when it is done", soft_wrap=True)
         with self._table() as show:
             while self._keyboard.line() is None:
-                look()
+                update()
                 show(task)
 
     @contextmanager

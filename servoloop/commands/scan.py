@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from commissioning.scan.examine import ServoLook
+    from commissioning.scan.examine import ScannedServo
     from commissioning.scan.scan import Progress, ScanReport
     from drivers.servos.catalog import Make
     from drivers.servos.register import ServoModel
@@ -104,7 +104,7 @@ def _bar(console: "Console", quiet: bool) -> Iterator["Progress"]:
     with Progress(*columns, TimeElapsedColumn(), console=console, disable=quiet, transient=True) as bar:
         task = bar.add_task("", total=None, found=0)
 
-        def progress(number: int, count: int, text: str, found: Sequence["ServoLook"]) -> None:
+        def progress(number: int, count: int, text: str, found: Sequence["ScannedServo"]) -> None:
             bar.update(task, completed=number, total=count, description=text, found=len(found))
 
         yield progress

@@ -155,12 +155,12 @@ def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> 
 
 def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, end: str) -> str:
     """Everything that is going to happen. Raises TuneError where it cannot."""
-    from commissioning.tune.trial import plan_for, said
+    from commissioning.tune.trial import plan_for, plan_question
 
     tuner.check_write(bool(values or apply))
     others = [joint.name for joint in tuner.joints if joint.name != tuner.joint.name]
     end = " ".join(filter(None, (end, tuner.releases(bool(values or apply)))))
-    text = said(tuner.joint, plan_for(tuner.joint, tuner.position, at), others, end)
+    text = plan_question(tuner.joint, plan_for(tuner.joint, tuner.position, at), others, end)
     if not values and not apply:
         return text
     wanted = " ".join(f"{name}={value}" for name, value in (values or {}).items()) or "The proposed gains"

@@ -1,4 +1,4 @@
-"""What ails people's arms, done to a virtual one: each spoils a ``Patient`` as the field does."""
+"""Typical problems of arms, each applied to a virtual arm (``Patient``)."""
 
 from dataclasses import replace
 from itertools import count
@@ -58,12 +58,12 @@ def same_id(patient: Patient) -> None:
 
 
 def factory_id(patient: Patient) -> None:
-    """Servo 1 keeps its own; 7 was never set, and has what somebody set it to by mistake."""
+    """Servo 1 keeps its ID; servo 7 has a wrong ID."""
     patient.put(LAST, sts.servo_id, 11)
 
 
 def stranger(patient: Patient) -> None:
-    """An eighth servo on the line, whose shaft moves nothing of the arm."""
+    """Add an eighth servo whose shaft is not connected to the arm."""
     couplings = [*patient.plant.couplings, replace(patient.plant.couplings[0], servo_id=12)]
     plant = patient.plant
     shafts = np.concatenate([plant.shafts, plant.shafts[:1]])
@@ -77,7 +77,7 @@ def other_model(patient: Patient) -> None:
 
 
 def mute(patient: Patient) -> None:
-    """It answers pings and nothing else."""
+    """Make the servo answer only pings."""
     servo: Any = patient.line.servo(ELBOW)
     answer = servo.answer
     servo.answer = lambda instruction: answer(instruction) if instruction.code == Code.PING else None
@@ -85,7 +85,7 @@ def mute(patient: Patient) -> None:
 
 
 def loose_plug(patient: Patient) -> None:
-    """One servo is heard only now and then."""
+    """Make one servo answer only some requests."""
     questions = count()
     patient.line.faults.on_instruction.append(lambda servo_id: servo_id != ELBOW or next(questions) % 3 == 0)
 
@@ -104,12 +104,12 @@ def narrow_limits(patient: Patient) -> None:
 
 
 def foreign_offset(patient: Patient) -> None:
-    """Another program has calibrated the arm meanwhile."""
+    """Give the arm the homing offsets of another program."""
     _calibrated_with(patient, {ELBOW: 120})
 
 
 def exchanged_ids(patient: Patient) -> None:
-    """Calibrated with other offsets, and then the IDs of two were changed."""
+    """Exchange the IDs of two servos after a calibration with different offsets."""
     _calibrated_with(patient, {2: -300, ELBOW: 120})
     patient.put(2, sts.homing_offset, 120)
     patient.put(ELBOW, sts.homing_offset, -300)
@@ -145,7 +145,7 @@ def slow_start(patient: Patient) -> None:
 
 
 def other_settings(patient: Patient) -> None:
-    """Named in the robot file, and overwritten by another program."""
+    """Overwrite settings of the robot file, as another program would."""
     joints = [replace(joint, settings=(("position_d", 40),)) for joint in patient.robot.joints]
     patient.robot = replace(patient.robot, joints=tuple(joints))
 
@@ -185,13 +185,13 @@ def lively_supply(patient: Patient) -> None:
 
 
 def wrong_voltage_limit(patient: Patient) -> None:
-    """A limit for 7.4 V in a servo for 12 V."""
+    """Set the voltage limit of a 7.4 V servo in a 12 V servo."""
     patient.put(ELBOW, sts.max_voltage, 80)
     patient.wait(0.2)
 
 
 def thin_lead(patient: Patient) -> None:
-    """What the converter of one servo sees, is less."""
+    """Reduce the voltage that one servo measures."""
     servo: Any = patient.line.servo(ELBOW)
     read = servo.read
 
@@ -206,24 +206,24 @@ def thin_lead(patient: Patient) -> None:
 
 
 def sagging_supply(patient: Patient) -> None:
-    """It breaks down and comes back all the time: overloaded, or a battery at its end."""
+    """Make the supply fail and return repeatedly, like an overloaded supply or an empty battery."""
     patient.line.rig.plant._after_step = lambda time_s: patient.line.rig.feed(10.0 if time_s % 0.1 < 0.05 else 12.0)
 
 
 def overload(patient: Patient) -> None:
-    """A jaw that was closed beyond what it holds, until the protection acts."""
+    """Close the jaw on an object until the overload protection acts."""
     stall(patient, 900, protection_current=511)
     patient.wait(3.5)
 
 
 def over_current(patient: Patient) -> None:
-    """The same with the factory's limit of the current: there the servo lets go."""
+    """Close the jaw on an object until the overcurrent protection releases the torque."""
     stall(patient, 900)
     patient.wait(3.5)
 
 
 def stall(patient: Patient, torque: int, protection_current: int = 310) -> None:
-    """The hand is held where it is, and its servo, with the factory's protections, sent far beyond."""
+    """Block the hand and command its servo far beyond, with the factory protections."""
     patient.hold()
     protections = {sts.max_torque: 1000, sts.overload_torque: 80, sts.protection_current: protection_current}
     for register, value in protections.items():
@@ -236,7 +236,7 @@ def stall(patient: Patient, torque: int, protection_current: int = 310) -> None:
 
 
 def block(patient: Patient, servo_id: int) -> None:
-    """A joint is held where it is, by something hard."""
+    """Block a joint at its present position."""
     plant = patient.plant
     at, speed = plant.joints.position_at[servo_id - 1], plant.joints.velocity_at[servo_id - 1]
     here, before = float(plant.joints.position[at]), plant._after_step
@@ -266,14 +266,14 @@ def warmth(patient: Patient) -> None:
 
 
 def limp_joint(patient: Patient) -> None:
-    """A power dip at one servo while the arm holds."""
+    """Reset one servo, as by a power dip, while the arm holds."""
     patient.hold()
     restart(patient.line.servo(ELBOW))
     patient.wait(1.5)
 
 
 def reset_and_driven(patient: Patient) -> None:
-    """The same, and the next goal has switched it on again."""
+    """Reset one servo while the arm holds, then send it a goal that enables its torque again."""
     limp_joint(patient)
     bus = patient.bus()
     bus.write(ELBOW, sts.goal_position, bus.read(ELBOW, sts.present_position))
@@ -285,7 +285,7 @@ def damped(patient: Patient) -> None:
 
 
 def far_outside(patient: Patient) -> None:
-    """Its horn was put on wrongly: the zero is another."""
+    """Shift the zero of a joint, as if its horn was mounted wrongly."""
     joints = [
         replace(joint, zero_counts=joint.zero_counts - 2000) if joint.servo_id == ELBOW else joint
         for joint in patient.robot.joints
@@ -294,7 +294,7 @@ def far_outside(patient: Patient) -> None:
 
 
 def full_turn(patient: Patient) -> None:
-    """A wrist whose range was written as a whole turn, though it has stops."""
+    """Store a whole turn as the range of a wrist that has stops."""
     _calibration(patient, lower_counts=0, upper_counts=4095)
 
 
@@ -303,7 +303,7 @@ def missed_stop(patient: Patient) -> None:
 
 
 def wrong_pose(patient: Patient) -> None:
-    """A zero that was found in a pose ten degrees beside the marked one."""
+    """Store a zero that is wrong by ten degrees."""
     assert patient.calibration is not None
     zero = patient.calibration.joints[patient.robot.joints[ELBOW - 1].name].zero_counts
     _calibration(patient, zero_counts=zero + 114)
@@ -334,7 +334,7 @@ def busy(patient: Patient) -> None:
 
 
 def pulled_plug(patient: Patient) -> None:
-    """The adapter is pulled while the servos are asked."""
+    """Unplug the adapter during the examination."""
 
     class Pulled(VirtualPort):
         written = 0
@@ -349,7 +349,7 @@ def pulled_plug(patient: Patient) -> None:
 
 
 def slow_adapter(patient: Patient) -> None:
-    """It gathers bytes for 16 ms before it hands them over."""
+    """A port whose adapter buffers bytes for 16 ms."""
 
     class Slow(VirtualPort):
         def read(self, size: int, deadline_s: float) -> bytes:
@@ -361,7 +361,7 @@ def slow_adapter(patient: Patient) -> None:
 
 
 def hub(patient: Patient) -> None:
-    """Something between holds every reply until the next question is out."""
+    """A port that delays every reply until the next request."""
 
     class Held(VirtualPort):
         held = b""
@@ -380,7 +380,7 @@ def hub(patient: Patient) -> None:
 
 
 def echoing_adapter(patient: Patient) -> None:
-    """Both wires are joined: what is sent comes back before the answer."""
+    """A port that echoes every request before the reply."""
 
     class Echoing(VirtualPort):
         def write(self, data: bytes) -> None:

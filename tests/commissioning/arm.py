@@ -1,4 +1,4 @@
-"""A virtual arm that nobody aligned, limp on its bus, and somebody who moves it as asked, or looks at it."""
+"""A virtual arm with random mounting, and simulated people who move it by hand or watch it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -36,16 +36,16 @@ PLAN = ArmPlan(
 LOOK_S = 0.05
 LOOK_STEPS = 1000
 OVER_THE_STOP_RAD = 0.05
-"""So much further than a stop the hand wants to go."""
+"""Distance beyond a stop to which the hand moves a joint."""
 
 
 class UnalignedArm:
-    """The arm with random zeros and directions on a virtual bus, on simulated time, in somebody's hands."""
+    """Arm with random zeros and directions on a virtual bus in simulated time, held by a hand."""
 
     def __init__(
         self, seed: int, backlash_deg: float = 0.0, name: str = "robot_arm", start: Sequence[float] | None = None
     ) -> None:
-        """``start``: where the joints are. Without it they are all at 0, and the arm hangs free."""
+        """Create the arm with joints at ``start``; without it they are all at 0 and no collisions occur."""
         self.clock = SimulatedClock()
         self.plan = find_arm(name).file.calibration
         self.files = read_arm_files(find_arm(name))
@@ -60,7 +60,7 @@ class UnalignedArm:
         self.hand = Hand(self.world, {joint.name: joint.transmission for joint in self.joints})
         self._fastest_rad_s = 0.0
         self._passed: list[tuple[FloatArray, FloatArray]] = []
-        """Positions and velocities behind each step that nobody has looked at yet."""
+        """Positions and velocities after each step that are not evaluated yet."""
         self._reach = np.array([one.transmission for one in self.couplings])
         self.mark()
         plant = WorldPlant(self.world, self.couplings, self._after_step)
@@ -69,14 +69,14 @@ class UnalignedArm:
         self.hand.hold()
 
     def open_bus(self, joints: Sequence[Joint]) -> Bus:
-        """The same line, opened by another program."""
+        """Open the bus again, as another program would."""
         self.port = VirtualPort(self.line, self.clock)
         gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
         return Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints}, position_p=gains)
 
     @property
     def fastest_rad_s(self) -> float:
-        """Of the servos' shafts, since it was set."""
+        """Highest speed of a servo's shaft since the last reset of this value."""
         self._look()
         return self._fastest_rad_s
 
@@ -86,13 +86,13 @@ class UnalignedArm:
         self._fastest_rad_s = value
 
     def mark(self) -> None:
-        """From here on see how far the joints go."""
+        """Begin to record how far the joints move."""
         self._look()
         self._marked = self.world.position()
         self._farthest = np.zeros(len(self._marked))
 
     def went(self, joint: str) -> float:
-        """How far the joint went since the mark, at the farthest, with the sign."""
+        """Return the largest signed distance of the joint since ``mark``."""
         self._look()
         return float(self._farthest[self.world.joints.index(joint)])
 
@@ -103,7 +103,7 @@ class UnalignedArm:
             self._look()
 
     def _look(self) -> None:
-        """Take in what has passed: at once, as a look at every step takes as long as the step."""
+        """Evaluate all recorded steps at once, because single evaluations are slow."""
         if not self._passed:
             return
         positions, velocities = map(np.array, zip(*self._passed, strict=True))
@@ -113,11 +113,11 @@ class UnalignedArm:
         self._farthest = away[np.abs(away).argmax(axis=0), range(away.shape[1])]
 
     def coupling(self, joint: str) -> Coupling:
-        """How this joint's servo is really mounted."""
+        """Return the true mounting of this joint's servo."""
         return next(one for one in self.couplings if one.joint == joint)
 
     def as_mounted(self) -> dict[str, JointCalibration]:
-        """What a calibration without any error would find."""
+        """Return the exact calibration."""
         found: dict[str, JointCalibration] = {}
         for joint, true in zip(self.joints, self.couplings, strict=True):
             at = [true.zero_counts + true.sign * end / unit(joint) for end in (joint.limits.lower, joint.limits.upper)]
@@ -130,7 +130,7 @@ class UnalignedArm:
 
 
 def off_rad(arm: Any, joint: Joint, made: JointCalibration) -> float:
-    """The error of a calibrated zero, rad of the servo's shaft."""
+    """Return the error of a calibrated zero, rad of the servo's shaft."""
     turn = joint.model.counts_per_turn
     true = arm.coupling(joint.name).zero_counts
     off = (made.zero_counts + (made.counting.seam(joint.model) or 0) - true + turn // 2) % turn - turn // 2
@@ -139,32 +139,32 @@ def off_rad(arm: Any, joint: Joint, made: JointCalibration) -> float:
 
 @dataclass
 class Person:
-    """Does what it is asked to, with the virtual hand."""
+    """A person who does every task with the virtual hand."""
 
     arm: UnalignedArm
     plans: Mapping[str, JointPlan] = field(default_factory=lambda: PLAN.joints)
     heard: list[str] = field(default_factory=list)
     lazy: Callable[[Task], bool] = lambda task: False
-    """Tasks at which nothing is done."""
+    """Returns whether the person ignores a task."""
     skipped: set[str] = field(default_factory=set)
     """Joints that are not swept."""
 
     def say(self, text: str) -> None:
         self.heard.append(text)
 
-    def until_done(self, task: Task, look: Callable[[], None]) -> None:
+    def until_done(self, task: Task, update: Callable[[], None]) -> None:
         self.heard.append(task.text)
         if self.lazy(task):
             return
         left = [name for name in task.joints if name not in self.skipped or task.kind != "sweep"]
-        self.move(task.kind, left, look)
+        self.move(task.kind, left, update)
 
-    def move(self, kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
+    def move(self, kind: str, joints: Sequence[str], update: Callable[[], None]) -> None:
         """Do one kind of task with these joints, one after the other."""
         for name in joints:
             joint = next(joint for joint in self.arm.joints if joint.name == name)
             for position in self._ways(kind, joint):
-                self._take(name, position, look)
+                self._take(name, position, update)
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:
         lower, upper, here = joint.limits.lower, joint.limits.upper, self.arm.hand.position(joint.name)
@@ -176,27 +176,27 @@ class Person:
             return [back, back + 0.6 * joint.transmission]
         return [self.plans[joint.name].at or 0.0]
 
-    def _take(self, joint: str, position: float, look: Callable[[], None]) -> None:
+    def _take(self, joint: str, position: float, update: Callable[[], None]) -> None:
         hand = self.arm.hand
         hand.move(joint, position)
         while not hand.arrived(joint):
             self.arm.wait()
-            look()
+            update()
         for _ in range(6):  # until the joint has come to rest behind it
             self.arm.wait()
-            look()
+            update()
 
 
 @dataclass
 class Onlooker(Person):
-    """Somebody who sees which way a joint went, and touches only joints that are to be held in a pose."""
+    """A person who watches the arm, answers questions, and moves joints only to poses."""
 
     asked: list[str] = field(default_factory=list)
-    """The joints whose ways were asked for."""
+    """Joints whose directions were asked for."""
 
     def say(self, text: str) -> None:
         super().say(text)
-        if text.startswith("Let the arm go"):
+        if text.startswith("Take your hands off"):
             self.arm.hand.release()
         self.arm.mark()
 

@@ -1,4 +1,4 @@
-"""A virtual box on simulated time, and hands that connect its servos as they are asked to."""
+"""A virtual box of servos in simulated time, and hands that connect its servos on request."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,12 +19,12 @@ GRIPPER = (("position_p", 16), ("protection_current", 250), ("max_torque", 500))
 
 
 def places(model: ServoModel = sts.STS3215) -> list[Place]:
-    """As the file of an SO-101 has them: the base has ID 1, the gripper 6 and settings of its own."""
+    """Return the servos of an SO-101: the base has ID 1; the gripper has ID 6 and its own settings."""
     return [Place(name, i, model, GRIPPER if name == "gripper" else ()) for i, name in enumerate(JOINTS, 1)]
 
 
 class Port(VirtualPort):
-    """``before_write`` may meddle before each packet."""
+    """A port that calls ``before_write`` before each packet."""
 
     before_write: Callable[[bytes], None] = staticmethod(lambda data: None)
 
@@ -34,7 +34,7 @@ class Port(VirtualPort):
 
 
 class Bench:
-    """A box of six servos with its line. Number n in the box is the servo meant for the n-th joint."""
+    """A box of six servos with a bus. Servo n in the box is meant for the n-th joint."""
 
     def __init__(self, seed: int = 0, model: ServoModel = sts.STS3215, supply_v: float | None = None) -> None:
         self.clock = SimulatedClock(10.0)
@@ -43,7 +43,7 @@ class Bench:
         self.open()
 
     def open(self) -> None:
-        """Open the line, anew after a lost port."""
+        """Open the bus, also again after a lost port."""
         self.port = Port(self.box.line, self.clock)
         self.bus = Bus(self.port, self.clock)
 
@@ -53,7 +53,7 @@ class Bench:
         return servo
 
     def held(self, number: int, register: Register) -> int:
-        """What is in flash: behind a power-off."""
+        """Return the value of a register after a power cycle."""
         servo = self.servo(number)
         servo.power_cycle()
         return servo.memory.get(register)
@@ -67,7 +67,7 @@ class Bench:
 
 @dataclass
 class Hands:
-    """Connects the servo that is asked for, or what ``instead`` says."""
+    """Hands that connect the requested servo, or the servos that ``instead`` returns."""
 
     bench: Bench
     asked: list[Task] = field(default_factory=list)
@@ -86,5 +86,5 @@ class Hands:
 
     @property
     def problems(self) -> list[str]:
-        """What was said to be wrong when the same was asked again."""
+        """Problems reported with repeated tasks."""
         return [task.problem for task in self.asked if task.problem]

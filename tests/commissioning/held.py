@@ -1,6 +1,6 @@
-"""An arm that nobody aligned, in somebody's hands: its joints go where they are moved, and no further than their stops.
+"""A kinematic arm with random mounting whose joints follow the hand up to their stops.
 
-It has the servos' counts and registers, and no forces: it is for what hands do, and not for what servos do.
+It simulates the counts and registers of the servos, but no forces.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,11 @@ from sim_backend.buses.mounting import Mounting
 from sim_backend.mechanics.plant import Coupling
 
 STEP_RAD = 0.2
-"""Angle of a servo's shaft between two looks."""
+"""Angle that a servo's shaft turns between two reads."""
 
 
 class HeldArm:
-    """The arm, its hand, and its bus in one."""
+    """The arm, its hand, and its bus in one object."""
 
     def __init__(self, seed: int, name: str) -> None:
         arm = find_arm(name)
@@ -27,13 +27,13 @@ class HeldArm:
         self.plan, self.joints = arm.file.calibration, robot.joints
         self.couplings: Sequence[Coupling] = Mounting(seed).couplings(couplings(robot))
         self.registers: dict[tuple[int, str], int] = {}
-        """What servos hold by ID and register; 0 where nothing is said."""
+        """Register values by servo ID and register; 0 by default."""
         self._positions = {joint.name: 0.0 for joint in self.joints}
         self._targets = dict(self._positions)
         self.hand = self.bus = self
 
     def coupling(self, joint: str) -> Coupling:
-        """How this joint's servo is really mounted."""
+        """Return the true mounting of this joint's servo."""
         return next(one for one in self.couplings if one.joint == joint)
 
     # The hand.
@@ -45,12 +45,12 @@ class HeldArm:
         self._targets[joint] = position
 
     def arrived(self, joint: str) -> bool:
-        """Whether the hand has gone where it was to go; a stop keeps the joint behind."""
+        """Whether the hand has arrived. A stop may hold the joint back."""
         found = next(one for one in self.joints if one.name == joint)
         return self._positions[joint] == self._held_back(found, self._targets[joint])
 
     def wait(self) -> None:
-        """Let the joints go a step."""
+        """Move the joints by one step."""
         for joint in self.joints:
             here, step = self._positions[joint.name], STEP_RAD * joint.transmission
             way = self._held_back(joint, self._targets[joint.name]) - here

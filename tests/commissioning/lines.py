@@ -1,4 +1,4 @@
-"""Lines of virtual servos as people have them before they are set up, on simulated time."""
+"""Buses of virtual servos before their set-up, in simulated time."""
 
 import random
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from sim_backend.mechanics.plant import BenchPlant
 
 
 class ToolLine:
-    """Virtual servos, by ID, and a port to them. It notes every packet that is sent."""
+    """Virtual servos, by ID, with a port that records every packet sent."""
 
     def __init__(self, models: Mapping[int, ServoModel], port: type[VirtualPort] = VirtualPort) -> None:
         self.clock = SimulatedClock(20.0)
@@ -41,8 +41,10 @@ class ToolLine:
     def twins(
         cls, model: ServoModel, servo_id: int = 2, count: int = 2, seed: int = 0, apart: bool = True
     ) -> "ToolLine":
-        """A servo with ID 1 and ``count`` with one ID, as they come from the factory; ``apart``: each stands somewhere
-        else, and nothing else tells them from one."""
+        """Return a bus with one servo with ID 1 and ``count`` servos with ID 2.
+
+        With ``apart`` the latter have different positions, which is their only difference.
+        """
         places = (1, *range(100, 100 + count))
         line, chance = cls(dict.fromkeys(places, model)), random.Random(seed)
         plant = BenchPlant(places, timestep_s=0.005)
@@ -55,15 +57,15 @@ class ToolLine:
         return line
 
     def put(self, servo_id: int, register: Any, value: int) -> None:
-        """As if it had been set up so; a servo's flash has it too."""
+        """Set a register of a servo persistently."""
         memory = self.servos.servo(servo_id).memory
         (memory.save if hasattr(memory, "save") else memory.put)(register, value)
 
     def held(self, servo_id: int, register: Any) -> int:
-        """What the servo's memory has."""
+        """Return the value of a register in the servo's memory."""
         value: int = self.servos.servo(servo_id).memory.get(register)
         return value
 
     def scan(self, **options: Any) -> ScanReport:
-        """Scan it."""
+        """Scan the bus."""
         return scan(self.port, self.clock, **options)

@@ -1,4 +1,4 @@
-"""One loose servo of some model on a line of its own, on simulated time: its horn turns freely, and is watched."""
+"""One loose servo on its own bus in simulated time, with a freely turning horn."""
 
 from collections.abc import Callable
 from math import tau
@@ -20,7 +20,7 @@ from tests.commissioning.box import Port
 
 
 class Plant(BenchPlant):
-    """A shaft that notes how fast it was and how far it went, rad."""
+    """A shaft that records its highest speed and its outermost angles, in rad."""
 
     def __init__(self, angle_rad: float) -> None:
         super().__init__([1])
@@ -36,7 +36,7 @@ class Plant(BenchPlant):
 
 
 class Loose:
-    """``seed``: the servo of one production of many; ``counts``: where its horn stands."""
+    """A loose servo; ``seed`` selects its production tolerances, ``counts`` its position."""
 
     def __init__(
         self, model: ServoModel, seed: int | None = None, supply_v: float | None = None, counts: int = 2048
@@ -52,17 +52,17 @@ class Loose:
         self.bus = Bus(self.port, self.clock)
 
     def turn(self, place: ServoModel | None = None, stopped: Callable[[], bool] = lambda: False) -> JointMotion | None:
-        """Turn it as the servo of a place that has this model."""
+        """Run the gear test for a joint that needs this model."""
         return turn_loose(self.bus, self.clock, 1, Place("jaw", 1, place or self.model), stopped)
 
     @property
     def left(self) -> tuple[int, int]:
-        """Its torque switch and its torque limit."""
+        """Torque enable and torque limit of the servo."""
         return self.servo.memory.get(sts.torque_enable), self.servo.memory.get(sts.torque_limit)
 
 
 class Cut:
-    """Does something before the n-th packet."""
+    """Call a function before the n-th packet."""
 
     def __init__(self, at: int, what: Callable[[], None]) -> None:
         self.left, self.what = at, what

@@ -1,4 +1,4 @@
-"""Small machines in a folder: /dev, /sys and /proc as an adapter's owner may find them."""
+"""Simulated machines in a folder, with /dev, /sys and /proc."""
 
 import os
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ ENV{PRODUCT}=="1a86/7523/*", ENV{BRLTTY_BRAILLE_DRIVER}="bm", GOTO="brltty_usb_r
 
 
 class SmallMachine:
-    """A machine whose ports are what ``plug`` put there."""
+    """A machine with the adapters that were added by ``plug``."""
 
     def __init__(self, root: Path, user: User = OWNER) -> None:
         self.root = root
@@ -26,7 +26,7 @@ class SmallMachine:
     def plug(
         self, device: str, vid: int = 0x1A86, pid: int = 0x55D3, serial: str | None = "5A46", mode: int = 0o660
     ) -> ListPortInfo:
-        """An adapter with its device, its link by id and its place in /sys."""
+        """Add an adapter with its device, its by-id link and its entry in /sys."""
         info = ListPortInfo(device)
         info.vid, info.pid, info.serial_number, info.product = vid, pid, serial, "USB Single Serial"
         self.infos.append(info)
@@ -41,18 +41,18 @@ class SmallMachine:
         return info
 
     def usb(self, name: str, vid: int, pid: int, port: str | None) -> None:
-        """What /sys says of a USB device."""
+        """Add a USB device to /sys."""
         self.file(f"sys/bus/usb/devices/{name}/idVendor", f"{vid:04x}\n")
         self.file(f"sys/bus/usb/devices/{name}/idProduct", f"{pid:04x}\n")
         place = f"{name}:1.0/tty/{port}" if port and "ACM" in port else f"{name}:1.0/{port}"
         (self.root / "sys/bus/usb/devices" / name / (place if port else f"{name}:1.0")).mkdir(parents=True)
 
     def latency(self, device: str, latency_ms: int) -> None:
-        """An FTDI's timer."""
+        """Add the latency timer of an FTDI adapter."""
         self.file(f"sys/class/tty/{Path(device).name}/device/latency_timer", f"{latency_ms}\n")
 
     def run(self, pid: int, program: str, opened: Sequence[str] = ()) -> None:
-        """A program with files open."""
+        """Add a running program with open files."""
         self.file(f"proc/{pid}/comm", f"{program}\n")
         folder = self.root / f"proc/{pid}/fd"
         folder.mkdir()
@@ -60,7 +60,7 @@ class SmallMachine:
             (folder / str(number)).symlink_to(path)
 
     def file(self, path: str, text: str) -> Path:
-        """A file below the root."""
+        """Write a file below the root."""
         file = self.root / path.lstrip("/")
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)

@@ -1,4 +1,4 @@
-"""A virtual arm on simulated time for the doctor: whole and calibrated, until a test spoils something."""
+"""A virtual arm in simulated time for the doctor, healthy and calibrated until a test adds a problem."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -27,18 +27,18 @@ from sim_backend.mechanics.plant import WorldPlant
 from sim_backend.scene.world import World
 
 NOBODYS_MACHINE = Machine(Path("/nowhere"), list)
-"""It has no adapter and no rule."""
+"""A machine without adapters and udev rules."""
 
 
 @cache
 def files_of(arm: str) -> Files:
-    """``arm``: its name in config/arms, or a robot file for this project's own."""
+    """Read the files of an arm in config/arms, or of a robot file in config."""
     return read_files(robot=CONFIG / arm) if arm.endswith(".yaml") else read_arm_files(find_arm(arm))
 
 
 @dataclass
 class Patient:
-    """``arm``: its name in config/arms."""
+    """A virtual arm, named as in config/arms, that the doctor examines."""
 
     arm: str = "robot_arm"
     build: Build = field(default_factory=Build)
@@ -62,19 +62,19 @@ class Patient:
         self.calibration = perfect(self.robot.joints) if self.calibrated else None
 
     def open(self, device: str, baud: int) -> VirtualPort:
-        """The port of a bus, or what keeps it shut."""
+        """Open the port of a bus, or raise ``open_error``."""
         if self.open_error:
             raise self.open_error
         line = self.lines.get(device.rpartition("-")[2], self.line)
         return self.port(line, self.clock, baud=baud, name=device)
 
     def bus(self) -> Bus:
-        """A bus of a program beside the doctor."""
+        """Return another bus object, as of another program."""
         models = {joint.servo_id: joint.model for joint in self.robot.joints}
         return Bus(VirtualPort(self.line, self.clock), self.clock, models)
 
     def hold(self) -> None:
-        """Torque on, as a program leaves it that ends with on_exit: hold."""
+        """Enable torque, as a program with ``on_exit: hold`` leaves it."""
         hardware = ServoHardware("arm", self.robot.joints, self.bus, self.clock)
         hardware.configure()
         hardware.activate()
@@ -86,7 +86,7 @@ class Patient:
             line.advance(self.clock.now())
 
     def put(self, servo_id: int, register: Register, value: int) -> None:
-        """As another program has left it."""
+        """Set a register, as another program would."""
         memory = self.line.servo(servo_id).memory
         (memory.save if hasattr(memory, "save") and register.persistent else memory.put)(register, value)
 
@@ -103,7 +103,7 @@ class Patient:
         )
 
     def findings(self) -> dict[str, Finding]:
-        """By id; of several with one id the first."""
+        """Return the first finding of each id, by id."""
         found: dict[str, Finding] = {}
         for finding in self.examine().findings:
             found.setdefault(finding.id, finding)
@@ -111,7 +111,7 @@ class Patient:
 
 
 def perfect(joints: tuple[Joint, ...]) -> CalibrationFile:
-    """What a calibration finds whose stops are where the URDF has them."""
+    """Return a calibration whose stops match the URDF exactly."""
     return CalibrationFile(joints={joint.name: _perfect(joint) for joint in joints})
 
 

@@ -1,4 +1,4 @@
-"""Somebody who follows what the tools say, with the hands of ``servoloop hand``, on a virtual SO-101."""
+"""A simulated user who follows the instructions of the tools on a virtual SO-101."""
 
 import subprocess
 import sys
@@ -15,16 +15,16 @@ SWEEP = [
     *[("shoulder_pan", 2.0), ("shoulder_pan", -2.0), ("shoulder_pan", 0.0)],
     *[("wrist_roll", 2.9), ("wrist_roll", -2.8), ("wrist_roll", 0.5), ("gripper", 1.8), ("gripper", -0.2)],
 ]
-"""Off the table all the time."""
+"""Sweep that never touches the table."""
 
 
 def tell(link: Path, do: str, *joints: str) -> None:
-    """Do something at once."""
+    """Send one command to the simulated hand."""
     ask(control_path(link), {"do": do, "joints": list(joints)})
 
 
 def take(link: Path, ways: list[tuple[str, float]]) -> None:
-    """Take joints there, one after the other."""
+    """Move joints to positions, one after the other."""
     for joint, position in ways:
         ask(control_path(link), {"do": "move", "joints": [joint], "position": position})
         while not ask(control_path(link), {"do": "look"})[joint]["arrived"]:
@@ -33,13 +33,13 @@ def take(link: Path, ways: list[tuple[str, float]]) -> None:
 
 
 def do(link: Path, text: str) -> str:
-    """Do what a tool says in one line, and answer what it asks."""
+    """Follow one line of instructions and return the answer to type."""
     if "then press Enter" in text:
         _connect(link, text)
         return "\n"
-    if "let it go" in text:
+    if "take your hands off" in text:
         tell(link, "release")
-    if "goes limp" in text:
+    if "Torque will be released" in text:
         tell(link, "hold")
     if "Enter when it is done" not in text:
         return ""
@@ -59,7 +59,7 @@ def _connect(link: Path, text: str) -> None:
 
 
 def follow(link: Path, *arguments: str) -> tuple[int, str, str]:
-    """Run a verb and do what it says; its exit status, and what it printed to stdout and stderr."""
+    """Run a command and follow its instructions; return its exit status, stdout and stderr."""
     pipe = subprocess.PIPE
     command = [sys.executable, "-m", "servoloop", *arguments]
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1) as process:

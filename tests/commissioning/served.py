@@ -1,4 +1,4 @@
-"""A virtual bus on a pseudo-terminal, in real time, in a thread; and verbs run on it in this process."""
+"""A virtual bus on a pseudo-terminal in real time, and commands that run on it in this process."""
 
 import io
 import sys
@@ -21,7 +21,7 @@ from tests.servoloop.served import served as served_line
 
 @contextmanager
 def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[Any]]:
-    """The bus at ``link`` until the end of the block. It belongs to the thread: look at its memory only."""
+    """Serve a bus at ``link`` in a thread. Tests may only read its memory."""
     of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.Model) else VirtualBus.of
     bus: ServoLine[Any] = of(BenchPlant(tuple(models), timestep_s=0.005), models)
     with served_line(bus, link):
@@ -29,7 +29,7 @@ def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[A
 
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: str, answer: str = "") -> int:
-    """Run a verb with this answer on its standard input; the exit status."""
+    """Run a command with this standard input and return its exit status."""
     monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
     monkeypatch.setattr(sys, "stdin", io.StringIO(answer))
     with pytest.raises(SystemExit) as exit_:

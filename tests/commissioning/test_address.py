@@ -1,4 +1,4 @@
-"""ID, rate, factory reset and reboot on virtual servos: nobody is lost, nobody gets a twin."""
+"""ID, baud rate, factory reset and reboot on virtual servos never lose a servo or duplicate an ID."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def switched_on(line: ToolLine, servo_id: int) -> None:
 
 
 @every_make
-def test_an_id_is_changed_kept_over_power_off_and_locked(model: ServoModel) -> None:
+def test_set_id_is_persistent_and_locks_the_eeprom(model: ServoModel) -> None:
     line = line_of(model)
     changed = told(line, set_id, 3, 7)
     assert (changed.old_id, changed.new_id, changed.baud) == (3, 7, 1_000_000)
@@ -57,7 +57,7 @@ def test_an_id_that_is_taken_is_refused(model: ServoModel) -> None:
     assert sorted(one.servo_id for one in line.servos.servos) == [1, 3]
 
 
-def test_an_id_that_is_taken_on_a_bad_line_is_refused_too() -> None:
+def test_an_id_that_is_taken_is_refused_on_a_bad_bus() -> None:
     for seed in range(20):
         line = line_of(sts.STS3215)
         line.servos.faults.disturbance = Disturbance(seed, drop=0.05, miss=0.05)
@@ -66,31 +66,31 @@ def test_an_id_that_is_taken_on_a_bad_line_is_refused_too() -> None:
         assert sorted(one.servo_id for one in line.servos.servos) == [1, 3]
 
 
-def test_the_id_of_two_is_not_changed() -> None:
+def test_set_id_refuses_two_servos_with_the_same_id() -> None:
     line = ToolLine.twins(sts.STS3215)
-    with pytest.raises(CommissioningError, match="two servos probably have ID 2"):
+    with pytest.raises(CommissioningError, match="probably two servos have ID 2"):
         told(line, set_id, 2, 5)
     assert sorted(one.servo_id for one in line.servos.servos) == [1, 2, 2]
 
 
-def test_of_two_that_looked_like_one_the_one_that_missed_the_write_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_set_id_reports_a_second_servo_that_kept_the_old_id(monkeypatch: pytest.MonkeyPatch) -> None:
     line = ToolLine.twins(sts.STS3215, apart=False)
     memory = line.servos.servos[2].memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.servo_id.address else write(at, data))
-    with pytest.raises(CommissioningError, match="servo 2: has become 5, and another answers to 2: there were two"):
+    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another one still answers with ID 2"):
         told(line, set_id, 2, 5)
 
 
 @pytest.mark.parametrize(("model", "new_id"), [(sts.STS3215, 254), (x.XL430_W250, 253), (sts.STS3215, -1)])
-def test_an_id_that_calls_everybody_is_refused(model: ServoModel, new_id: int) -> None:
+def test_set_id_refuses_ids_out_of_range(model: ServoModel, new_id: int) -> None:
     line = line_of(model)
-    with pytest.raises(CommissioningError, match=f"its ID can be 0 to .*, not {new_id}"):
+    with pytest.raises(CommissioningError, match=f"the new ID must be 0 to .*, not {new_id}"):
         told(line, set_id, 3, new_id)
 
 
 @every_make
-def test_under_torque_neither_id_nor_rate_is_changed(model: ServoModel) -> None:
+def test_id_and_baud_rate_are_not_changed_while_torque_is_on(model: ServoModel) -> None:
     line = line_of(model)
     switched_on(line, 3)
     with pytest.raises(EepromError, match=r"the servo holds torque\. Support the arm"):
@@ -104,7 +104,7 @@ def test_under_torque_neither_id_nor_rate_is_changed(model: ServoModel) -> None:
 
 
 @every_make
-def test_a_rate_is_changed_verified_kept_and_changed_back(model: ServoModel) -> None:
+def test_set_baud_is_verified_persistent_and_reversible(model: ServoModel) -> None:
     line = line_of(model)
     # Virtual servos of protocol 1.0 are at the exact rate, not at its usual name.
     rate = 200_000 if series_of(model).name == "Dynamixel protocol 1.0" else 115_200
@@ -119,23 +119,25 @@ def test_a_rate_is_changed_verified_kept_and_changed_back(model: ServoModel) -> 
     assert (back.old_baud, back.new_baud, servo.baud) == (rate, 1_000_000, 1_000_000)
 
 
-def test_a_rate_that_the_servo_does_not_know_is_refused_with_those_that_it_does() -> None:
+def test_set_baud_lists_the_supported_rates() -> None:
     line = line_of(sts.STS3215)
-    with pytest.raises(CommissioningError, match=r"sts3215 knows 38400, .* 1000000 baud, not 2000000"):
+    with pytest.raises(
+        CommissioningError, match=r"sts3215 does not support 2000000 baud. Use one of 38400, .* 1000000"
+    ):
         told(line, set_baud, 3, 2_000_000)
     assert set(rates_of(sts.STS3215).values()) == set(sts.BAUD_RATES)
 
 
-def test_a_rate_at_which_somebody_has_this_id_is_refused() -> None:
+def test_set_baud_refuses_a_rate_at_which_the_id_is_taken() -> None:
     line = ToolLine({1: sts.STS3215, 3: sts.STS3215, 4: sts.STS3215})
     line.put(4, sts.baud_rate, 4)
     line.put(4, sts.servo_id, 3)
-    with pytest.raises(CommissioningError, match="another servo with this ID answers at 115200 baud"):
+    with pytest.raises(CommissioningError, match="another servo with this ID already answers at 115200 baud"):
         told(line, set_baud, 3, 115_200)
     assert sorted(one.baud for one in line.servos.servos) == [115_200, 1_000_000, 1_000_000]
 
 
-def test_a_rate_that_the_adapter_cannot_make_is_refused_before_anything_is_written() -> None:
+def test_set_baud_refuses_a_rate_that_the_adapter_does_not_support() -> None:
     line = line_of(sts.STS3215)
     set_rate = line.port.set_baud
 
@@ -151,18 +153,18 @@ def test_a_rate_that_the_adapter_cannot_make_is_refused_before_anything_is_writt
     assert line.port.baud == 1_000_000
 
 
-def test_a_servo_that_does_not_take_the_rate_is_said_to_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_set_baud_reports_a_servo_that_keeps_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     line = line_of(sts.STS3215)
     memory = line.servos.servo(3).memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.baud_rate.address else write(at, data))
-    with pytest.raises(EepromError, match="stays at 1000000 baud: the servo does not take 500000"):
+    with pytest.raises(EepromError, match="is still at 1000000 baud: the servo does not accept 500000"):
         told(line, set_baud, 3, 500_000)
     assert line.held(3, sts.lock) == 1
 
 
 @pytest.mark.parametrize("seed", range(15))
-def test_on_a_bad_line_the_rate_is_written_once_and_the_servo_is_followed(seed: int) -> None:
+def test_set_baud_writes_once_on_a_bad_bus(seed: int) -> None:
     line = line_of(sts.STS3215)
     line.servos.faults.disturbance = Disturbance(seed, drop=0.08, flip=0.02)
     assert told(line, set_baud, 3, 500_000).new_baud == 500_000
@@ -174,7 +176,7 @@ def test_on_a_bad_line_the_rate_is_written_once_and_the_servo_is_followed(seed: 
 
 
 @every_make
-def test_a_factory_reset_names_what_was_lost_and_finds_the_servo(model: ServoModel) -> None:
+def test_factory_reset_reports_the_changed_settings(model: ServoModel) -> None:
     line = ToolLine({3: model})
     temperature = "max_temperature" if series_of(model).make == "feetech" else "temperature_limit"
     told(line, write_register, 3, temperature, 55)
@@ -187,26 +189,26 @@ def test_a_factory_reset_names_what_was_lost_and_finds_the_servo(model: ServoMod
         assert servo.port.baud == report.baud
 
 
-def test_a_reset_that_would_make_twins_is_refused() -> None:
+def test_factory_reset_refuses_to_create_a_duplicate_id() -> None:
     line = line_of(ax_mx.AX_12A)
-    with pytest.raises(CommissioningError, match="servo 3: gets ID 1 by a reset, and another servo has that"):
+    with pytest.raises(CommissioningError, match="servo 3: a reset would give it ID 1, but another servo"):
         told(line, factory_reset, 3)
     assert sorted(one.servo_id for one in line.servos.servos) == [1, 3]
 
 
 @every_make
-def test_under_torque_nothing_is_reset_or_rebooted(model: ServoModel) -> None:
+def test_reset_and_reboot_are_refused_while_torque_is_on(model: ServoModel) -> None:
     line = line_of(model)
     switched_on(line, 3)
     for function in (factory_reset, reboot):
-        with pytest.raises(CommissioningError, match="while it holds torque: it would release"):
+        with pytest.raises(CommissioningError, match="because what it holds falls when torque goes off"):
             told(line, function, 3)
     assert line.held(3, series_of(model).torque_enable) == 1
 
 
 @pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, x.XL430_W250], ids=lambda model: model.name)
 @pytest.mark.parametrize("held", [False, True])
-def test_a_reboot_waits_until_the_servo_is_back_and_limp(model: ServoModel, held: bool) -> None:
+def test_reboot_waits_until_the_servo_answers_with_torque_off(model: ServoModel, held: bool) -> None:
     line = line_of(model)
     if held:
         switched_on(line, 3)
@@ -218,6 +220,6 @@ def test_a_reboot_waits_until_the_servo_is_back_and_limp(model: ServoModel, held
 
 
 @pytest.mark.parametrize("model", [ax_mx.AX_12A, ax_mx.MX_28], ids=lambda model: model.name)
-def test_who_cannot_be_rebooted_over_the_wire_is_told(model: ServoModel) -> None:
+def test_reboot_reports_a_servo_without_a_reboot_instruction(model: ServoModel) -> None:
     with pytest.raises(ServoRefused, match="switch its power off and on"):
         told(line_of(model), reboot, 3)

@@ -1,11 +1,11 @@
-"""Calibration by hand of arms that nobody aligned: zeros and directions are found, wherever the seam lies."""
+"""Calibration by hand finds zeros and directions of randomly mounted servos, wherever the seam lies."""
 
 from typing import Any, cast
 
 import pytest
 
 from commissioning.calibrate.by_hand import ByHand, as_joint
-from commissioning.calibrate.result import doubts
+from commissioning.calibrate.result import travel_warnings
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from servoloop.stack.arm_folders import arms, find_arm
@@ -26,7 +26,7 @@ FIRST = (
     (0, "koch", 1.0),
 )
 SEEDS = range(CYCLES // 1000) if CYCLES > 1000 else ()
-"""In make soak ten for every arm, with and without backlash (degrees)."""
+"""Seeds and backlash (degrees) of the arms; ``make soak`` runs ten per arm."""
 HELD_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, CYCLES // 100))]
 FURTHER = [(seed, arm.name, gap) for arm in arms() for gap in (0.0, 1.0) for seed in SEEDS]
 
@@ -48,7 +48,7 @@ def test_zeros_and_directions_are_found(seed: int, name: str, backlash_deg: floa
         assert made.sign == arm.coupling(joint.name).sign, joint.name
         assert off_rad(arm, joint, made) <= allowed_rad, joint.name
         assert 0 <= made.lower_counts < made.upper_counts <= 4095
-        assert doubts(joint, made) == ""
+        assert travel_warnings(joint, made) == ""
     torque = {joint.servo_id: series_of(joint.model).torque_enable for joint in arm.joints}
     assert not any(servo.memory.get(torque[servo.servo_id]) for servo in arm.line.servos)
 
@@ -62,7 +62,7 @@ def test_every_arm_is_calibrated_however_its_servos_are_mounted(seed: int, name:
     for joint in arm.joints:
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name
-        assert off_rad(arm, joint, made) < 0.002 and doubts(joint, made) == "", joint.name
+        assert off_rad(arm, joint, made) < 0.002 and travel_warnings(joint, made) == "", joint.name
         lowest, highest = as_joint(joint, made).counts_range()
         assert 0 <= lowest < highest <= joint.model.last_count, "the robot file would be refused"
         assert not made.extended or series_of(joint.model) is X

@@ -1,4 +1,4 @@
-"""Arms that calibrate themselves: stops are found by standing still, softly and slowly, wherever the seam lies."""
+"""Automatic calibration finds the stops gently and slowly, wherever the seam lies."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from commissioning.calibrate.by_itself import ByItself
-from commissioning.calibrate.result import CalibrationError, doubts, turns_freely
+from commissioning.calibrate.result import CalibrationError, travel_warnings, turns_freely
 from commissioning.slow_arm import FASTEST_RAD_S, StoppedError
 from drivers.bus.bus import Bus
 from drivers.errors import DriverError, PortMissing
@@ -20,10 +20,10 @@ from tests.drivers.fault_lines import CYCLES
 
 ZERO_RAD, ZERO_WITH_BACKLASH_RAD = 0.02, 0.025
 FIRST = (0, 1.0), (15, 0.0)
-"""Seed and backlash (degrees); the hand of arm 15 begins 30 counts beside its encoder's seam."""
+"""Seed and backlash (degrees). The hand of arm 15 begins 30 counts from its encoder seam."""
 SEEDS = range(CYCLES // 1000)
 FURTHER = [(seed, gap) for seed in SEEDS[1:] for gap in (0.0, 1.0) if (seed, gap) not in FIRST]
-"""In make soak ten arms in all, with and without backlash."""
+"""Arms for ``make soak``: ten in total, with and without backlash."""
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ FURTHER = [(seed, gap) for seed in SEEDS[1:] for gap in (0.0, 1.0) if (seed, gap
         *(pytest.param(*one, marks=pytest.mark.soak) for one in FURTHER),
     ],
 )
-def test_zeros_and_directions_are_found_slowly(seed: int, backlash_deg: float) -> None:
+def test_auto_calibration_finds_zeros_and_directions_slowly(seed: int, backlash_deg: float) -> None:
     arm = UnalignedArm(seed, backlash_deg)
     fastest = 0.0
 
@@ -49,7 +49,7 @@ def test_zeros_and_directions_are_found_slowly(seed: int, backlash_deg: float) -
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name
         assert off_rad(arm, joint, made) <= allowed_rad, joint.name
-        assert doubts(joint, made) == ""
+        assert travel_warnings(joint, made) == ""
     for servo in arm.line.servos:
         limits = servo.memory.get(sts.min_position), servo.memory.get(sts.max_position)
         assert (servo.memory.get(sts.torque_enable), limits) == (0, (0, 4095))
@@ -67,33 +67,33 @@ def is_limp_with_its_limits(arm: UnalignedArm) -> bool:
     return not any(s.memory.get(sts.torque_enable) for s in arm.line.servos) and kept == [(0, 4095)] * len(kept)
 
 
-def test_somebody_who_stops_it_has_a_limp_arm_that_was_let_down() -> None:
+def test_stopping_lets_the_arm_sink_and_releases_it() -> None:
     arm = UnalignedArm(1)
     stop_s = arm.clock.now() + 12.0
-    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+    with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
         by_itself(arm, stopped=lambda: arm.clock.now() > stop_s).run()
     assert is_limp_with_its_limits(arm)
     assert arm.fastest_rad_s < 2.0, "it sinks, and does not fall"
 
 
 @pytest.mark.slow
-def test_a_joint_without_a_stop_ends_it_by_name() -> None:
+def test_a_joint_without_a_stop_is_named() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint2").range = (-20.0, 20.0)
-    with pytest.raises(CalibrationError, match=r"joint2 \(servo 2\) turned .* and found no stop"):
+    with pytest.raises(CalibrationError, match=r"joint2 \(servo 2\) moved by .* without finding a stop"):
         by_itself(arm).run()
     assert is_limp_with_its_limits(arm)
 
 
 @pytest.mark.slow
-def test_something_in_the_way_is_taken_for_a_stop_and_the_travel_says_so() -> None:
+def test_an_obstacle_shows_in_the_travel() -> None:
     arm = UnalignedArm(1)
     arm.world.model.joint("joint3").range = (-1.2, 2.0)
     found = by_itself(arm).run()
-    assert [bool(doubts(joint, found[joint.name])) for joint in JOINTS] == [j.name == "joint3" for j in JOINTS]
+    assert [bool(travel_warnings(joint, found[joint.name])) for joint in JOINTS] == [j.name == "joint3" for j in JOINTS]
 
 
-def test_a_servo_that_falls_silent_ends_it_by_name() -> None:
+def test_a_servo_that_stops_answering_is_named() -> None:
     arm = UnalignedArm(1)
 
     def break_one() -> bool:
@@ -107,7 +107,7 @@ def test_a_servo_that_falls_silent_ends_it_by_name() -> None:
     assert not any(others), "one that does not hear keeps its torque, and nobody else does"
 
 
-def test_an_adapter_that_is_pulled_ends_it_and_says_that_torque_may_be_on() -> None:
+def test_an_unplugged_adapter_is_reported_with_a_torque_warning() -> None:
     arm = UnalignedArm(1)
     open_bus, pulled = arm.open_bus, list[bool]()
 
@@ -125,22 +125,24 @@ def test_an_adapter_that_is_pulled_ends_it_and_says_that_torque_may_be_on() -> N
     arm.open_bus = opened  # type: ignore[method-assign]
     with pytest.raises(StoppedError, match="torque may still be on") as lost:
         by_itself(arm, stopped=pull).run()
-    assert "limits are off until their supply is switched off and on: it is not there" in lost.value.__notes__[-1]
+    assert (
+        "the servos could not be restarted: it is not there. Switch their supply off and on" in lost.value.__notes__[-1]
+    )
 
 
-def test_servos_without_such_a_mode_are_named_before_anything_moves() -> None:
+def test_unsupported_servos_are_named_before_any_motion() -> None:
     arm = UnalignedArm(1)
     joints = [replace(JOINTS[0], model=MODELS["scs15"]), *JOINTS[1:]]
-    with pytest.raises(CalibrationError, match="joint1: only STS servos calibrate themselves"):
+    with pytest.raises(CalibrationError, match="joint1: automatic calibration works only with STS servos"):
         ByItself(lambda: arm.open_bus(JOINTS), joints, PLAN, Onlooker(arm), arm.clock).run()
 
 
 FOLDED = {"so101": (0.0, -1.7, 1.65, 0.9, 0.0, -0.1), "so100": (0.0, -1.55, 1.35, 1.25, 0.7, -0.1)}
-"""Where the joints are at the beginning; the wrist of an SO-100 turns freely, and is brought into its pose by hand."""
+"""Joint positions at the start. The wrist of an SO-100 turns freely and is moved to its pose by hand."""
 
 
 def laid_down(arm: UnalignedArm) -> FloatArray:
-    """Where the joints of an arm are that has been let go."""
+    """Return the joint positions after the torque was released."""
     arm.hand.release()
     arm.clock.sleep_until(2.0)
     arm.line.advance(arm.clock.now())
@@ -149,7 +151,7 @@ def laid_down(arm: UnalignedArm) -> FloatArray:
 
 @dataclass
 class Mistaken(Onlooker):
-    """Somebody who answers the opposite of what can be seen, so often for each joint."""
+    """A person who gives wrong answers a given number of times per joint."""
 
     mistakes: int = 1
 
@@ -159,23 +161,23 @@ class Mistaken(Onlooker):
 
 
 @pytest.mark.slow
-def test_a_wrong_answer_that_the_arm_contradicts_is_asked_for_again() -> None:
+def test_a_wrong_direction_is_asked_for_again_if_the_joint_is_blocked() -> None:
     arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
     plan = find_arm("so101").file.calibration
     laid_down(arm)
     watcher = Mistaken(arm, plan.joints)
     found = ByItself(lambda: arm.open_bus(arm.joints), arm.joints, plan, watcher, arm.clock).run()
     assert watcher.asked.count("wrist_flex") == 2
-    assert any("wrist_flex did not get to where it was sent" in text for text in watcher.heard)
+    assert any("wrist_flex did not reach its goal" in text for text in watcher.heard)
     assert found["wrist_flex"].sign == arm.coupling("wrist_flex").sign
 
 
 @pytest.mark.slow
-def test_a_joint_that_is_in_the_way_of_both_answers_ends_it_by_name() -> None:
+def test_a_joint_that_is_blocked_in_both_directions_is_named() -> None:
     arm = UnalignedArm(3, name="so101", start=FOLDED["so101"])
     plan = find_arm("so101").file.calibration
     laid_down(arm)
-    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) does not get to where it is to be out of"):
+    with pytest.raises(CalibrationError, match=r"wrist_flex \(servo 4\) is blocked on its way to the position"):
         ByItself(
             lambda: arm.open_bus(arm.joints), arm.joints, plan, Mistaken(arm, plan.joints, mistakes=2), arm.clock
         ).run()
@@ -189,9 +191,7 @@ GAPS_DEG = (0.0, 1.0) if CYCLES > 1000 else (1.0,)
 @pytest.mark.parametrize(
     ("name", "seed", "backlash_deg"), [(name, seed, gap) for name in FOLDED for seed in SEEDS for gap in GAPS_DEG]
 )
-def test_an_arm_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_again(
-    name: str, seed: int, backlash_deg: float
-) -> None:
+def test_a_folded_arm_is_calibrated_automatically_and_folds_again(name: str, seed: int, backlash_deg: float) -> None:
     plan = find_arm(name).file.calibration
     arm = UnalignedArm(seed, backlash_deg, name, FOLDED[name])
     lay = laid_down(arm)
@@ -202,7 +202,7 @@ def test_an_arm_that_lies_folded_on_its_table_calibrates_itself_and_lies_down_ag
         made = found[joint.name]
         assert made.sign == arm.coupling(joint.name).sign, joint.name
         assert off_rad(arm, joint, made) <= ZERO_RAD, joint.name
-        assert doubts(joint, made) == ""
+        assert travel_warnings(joint, made) == ""
     arm.clock.sleep_until(arm.clock.now() + 1.0)
     arm.line.advance(arm.clock.now())
     fixed = [not turns_freely(joint) for joint in arm.joints]

@@ -1,4 +1,4 @@
-"""Mistakes of hands during a calibration: each is noticed before anything is stored, and what was seen is named."""
+"""Every mistake of the user during calibration is reported before anything is stored."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commissioning.calibrate.by_hand import ByHand, Task
-from commissioning.calibrate.result import CalibrationError, JointCalibration, doubts, uncertainty
+from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.run import DIRECTIONS, by_hand, to_turn_round
 from commissioning.calibrate.sweep import Swept
 from hal.joint import Joint
@@ -21,24 +21,24 @@ SEED = 3
 
 @dataclass
 class Clumsy(Person):
-    """Somebody who makes mistakes with some joints, always or the first time only."""
+    """A person who makes mistakes with some joints."""
 
     share: Mapping[str, float] = field(default_factory=dict)
-    """Share of the travel through which a joint is swept, from its lower stop on."""
+    """Share of the travel through which a joint is swept, from its lower stop."""
     wrong_ways: dict[str, int] = field(default_factory=dict)
-    """Number of times that a joint's direction is shown the wrong way round."""
+    """Number of times that a joint is moved in the wrong direction."""
     wrong_poses: dict[str, list[float]] = field(default_factory=dict)
-    """How far a joint is held from its marked pose, one time after the other."""
+    """Distances from the marked pose, one for each time that it is shown."""
     instead: Mapping[str, str] = field(default_factory=dict)
-    """The joint that is moved in the place of another one."""
+    """Joint that is moved instead of another one."""
     tasks: list[Task] = field(default_factory=list)
 
-    def until_done(self, task: Task, look: object) -> None:
+    def until_done(self, task: Task, update: object) -> None:
         self.tasks.append(task)
-        super().until_done(task, look)  # type: ignore[arg-type]
+        super().until_done(task, update)  # type: ignore[arg-type]
 
-    def move(self, kind: str, joints: Sequence[str], look: object) -> None:
-        super().move(kind, [self.instead.get(name, name) for name in joints], look)  # type: ignore[arg-type]
+    def move(self, kind: str, joints: Sequence[str], update: object) -> None:
+        super().move(kind, [self.instead.get(name, name) for name in joints], update)  # type: ignore[arg-type]
 
     def _ways(self, kind: str, joint: Joint) -> list[float]:
         ways = super()._ways(kind, joint)
@@ -57,7 +57,7 @@ class Clumsy(Person):
 
 
 def calibrated(arm: HeldArm, hands: Clumsy, *names: str) -> tuple[dict[str, Joint], Mapping[str, JointCalibration]]:
-    """Calibrate these joints, each held still by the others' hands."""
+    """Calibrate these joints and return them with their calibrations."""
     joints = [joint for joint in arm.joints if joint.name in names]
     found = ByHand(cast(Any, arm.bus), joints, hands.plans, hands).run()
     return {joint.name: joint for joint in joints}, found
@@ -69,7 +69,7 @@ def clumsy(name: str, **mistakes: object) -> tuple[HeldArm, Clumsy]:
 
 
 @pytest.mark.parametrize("share", [0.975, 0.85])
-def test_a_sweep_that_is_too_short_is_asked_for_again_with_what_was_seen(share: float) -> None:
+def test_a_short_sweep_is_requested_again_with_the_measured_share(share: float) -> None:
     arm, hands = clumsy("so101", share={"elbow_flex": share})
     joints, found = calibrated(arm, hands, "elbow_flex")
     sweeps = hands.asked("sweep", "elbow_flex")
@@ -77,25 +77,25 @@ def test_a_sweep_that_is_too_short_is_asked_for_again_with_what_was_seen(share: 
     assert sweeps[1].startswith("Not yet from stop to stop: elbow_flex. Move it to both stops (elbow_flex: ")
     assert "of 3.380 in the URDF" in sweeps[1]
     joint, made = joints["elbow_flex"], found["elbow_flex"]
-    assert "Was a stop missed" in doubts(joint, made)
+    assert "Was a stop missed" in travel_warnings(joint, made)
     assert uncertainty(joint, made, "middle") > off_rad(arm, joint, made) > 0.02
 
 
-def test_a_sweep_that_is_repeated_to_both_stops_is_believed() -> None:
+def test_a_short_travel_is_accepted_after_a_second_sweep() -> None:
     class Learning(Clumsy):
-        def until_done(self, task: Task, look: object) -> None:
-            super().until_done(task, look)
+        def until_done(self, task: Task, update: object) -> None:
+            super().until_done(task, update)
             self.share = {}
 
     arm, hands = clumsy("so101")
     learning = Learning(cast(Any, arm), hands.plans, share={"elbow_flex": 0.9})
     joints, found = calibrated(arm, learning, "elbow_flex")
     assert len(learning.asked("sweep", "elbow_flex")) == 2
-    assert doubts(joints["elbow_flex"], found["elbow_flex"]) == ""
+    assert travel_warnings(joints["elbow_flex"], found["elbow_flex"]) == ""
     assert off_rad(arm, joints["elbow_flex"], found["elbow_flex"]) < 0.01
 
 
-def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_where_one_was_wrong() -> None:
+def test_unconfirmed_directions_are_asked_about_and_measured_again() -> None:
     arm, hands = clumsy("so100", wrong_ways={"shoulder_pan": 1})
     joints, found = calibrated(arm, hands, "shoulder_pan", "elbow_flex", "wrist_roll")
     assert found["shoulder_pan"].sign != arm.coupling("shoulder_pan").sign
@@ -112,7 +112,7 @@ def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_wh
     before = tuple(replace(j, homing_offset=0, sign=arm.coupling(j.name).sign) for j in joints.values())
     again = to_turn_round(before, owner.plans, found, cast(Any, owner))
     assert owner.questions == [DIRECTIONS.format(joints="shoulder_pan, wrist_roll")], "the elbow's stops show its own"
-    assert "shoulder_pan: its direction is the opposite of the one in the former calibration" in owner.heard
+    assert "shoulder_pan: its direction is opposite to that of the previous calibration" in owner.heard
     assert not any(text.startswith("wrist_roll: its direction") for text in owner.heard)
     assert [joint.name for joint in again] == ["shoulder_pan", "wrist_roll"]
     measured = by_hand(cast(Any, owner))(cast(Any, arm.bus), again, owner.plans)
@@ -120,19 +120,19 @@ def test_directions_that_nothing_else_shows_are_asked_about_and_measured_anew_wh
 
 
 @pytest.mark.parametrize(("times", "asked"), [(1, 2), (9, 3)])
-def test_a_direction_that_the_stops_contradict_is_asked_for_again(times: int, asked: int) -> None:
+def test_a_direction_that_contradicts_the_stops_is_requested_again(times: int, asked: int) -> None:
     arm, hands = clumsy("so100", wrong_ways={"elbow_flex": times})
     joints, found = calibrated(arm, hands, "elbow_flex")
     joint, made = joints["elbow_flex"], found["elbow_flex"]
     (first, *_) = [text for text in hands.heard if "its stops are at" in text]
-    assert "was its direction shown the wrong way round" in first
+    assert "was it moved in the wrong direction" in first
     assert len(hands.asked("direction", "elbow_flex")) >= asked
     right = made.sign == arm.coupling("elbow_flex").sign
-    assert right == (times == 1) == (doubts(joint, made) == "")
+    assert right == (times == 1) == (travel_warnings(joint, made) == "")
 
 
 @pytest.mark.parametrize("off", [0.1745, -0.45])
-def test_a_pose_that_the_stops_contradict_is_asked_for_again(off: float) -> None:
+def test_a_pose_that_contradicts_the_stops_is_requested_again(off: float) -> None:
     arm, hands = clumsy("so101", wrong_poses={"wrist_roll": [off]})
     joints, found = calibrated(arm, hands, "wrist_roll")
     assert len(hands.asked("pose", "wrist_roll")) == 2
@@ -142,17 +142,15 @@ def test_a_pose_that_the_stops_contradict_is_asked_for_again(off: float) -> None
 
 
 @pytest.mark.parametrize(("name", "joint_name", "off"), [("so101", "wrist_roll", 0.1745), ("koch", "wrist_flex", 0.2)])
-def test_a_pose_that_stays_wrong_is_doubtful_and_its_uncertainty_says_so(
-    name: str, joint_name: str, off: float
-) -> None:
+def test_a_wrong_pose_is_flagged_and_increases_the_uncertainty(name: str, joint_name: str, off: float) -> None:
     arm, hands = clumsy(name, wrong_poses={joint_name: [off] * 9})
     joints, found = calibrated(arm, hands, joint_name)
     joint, made = joints[joint_name], found[joint_name]
-    assert "its stops are at" in doubts(joint, made)
+    assert "its stops are at" in travel_warnings(joint, made)
     assert uncertainty(joint, made, "pose") == pytest.approx(off, abs=0.03)
 
 
-def test_a_joint_that_turns_freely_is_not_swept_and_its_pose_is_shown_twice() -> None:
+def test_a_freely_turning_joint_needs_two_poses_and_no_sweep() -> None:
     arm, hands = clumsy("so100", wrong_poses={"wrist_roll": [0.5]})
     joints, found = calibrated(arm, hands, "wrist_roll")
     joint, made = joints["wrist_roll"], found["wrist_roll"]
@@ -163,13 +161,13 @@ def test_a_joint_that_turns_freely_is_not_swept_and_its_pose_is_shown_twice() ->
     assert uncertainty(joint, made, "pose") == 0.05
 
 
-def test_servos_that_have_exchanged_their_ids_are_named() -> None:
+def test_exchanged_ids_are_reported() -> None:
     arm, hands = clumsy("so101", instead={"shoulder_pan": "elbow_flex", "elbow_flex": "shoulder_pan"})
-    exchanged = r"shoulder_pan: servo 1 did not move, and servo 3 \(elbow_flex\) did, twice"
+    exchanged = r"shoulder_pan: servo 1 did not move, but servo 3 \(elbow_flex\) moved twice"
     with pytest.raises(CalibrationError, match=exchanged):
         calibrated(arm, hands, "shoulder_pan", "elbow_flex")
     again = hands.asked("direction", "shoulder_pan")[1]
-    assert again.startswith("shoulder_pan: it hardly moved, but servo 3 (elbow_flex) turned. ")
+    assert again.startswith("shoulder_pan hardly moved, but servo 3 (elbow_flex) turned. ")
 
 
 @given(
@@ -177,7 +175,7 @@ def test_servos_that_have_exchanged_their_ids_are_named() -> None:
     st.integers(0, 40),
     st.sampled_from((-1500, -300, 300, 1500)),
 )
-def test_one_false_reading_does_not_lengthen_a_sweep(steps: list[int], at: int, false: int) -> None:
+def test_one_wrong_reading_does_not_lengthen_a_sweep(steps: list[int], at: int, false: int) -> None:
     true = [2000 + sum(steps[:n]) for n in range(len(steps) + 1)]
     readings = list(true)
     readings[at % len(true)] += false

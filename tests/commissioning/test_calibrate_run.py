@@ -1,4 +1,4 @@
-"""The whole calibration, as the command line and scripts call it."""
+"""The complete calibration, as called by the command line and scripts."""
 
 import re
 from collections.abc import Callable
@@ -9,14 +9,14 @@ from typing import Any, cast
 import pytest
 
 from commissioning.calibrate.by_hand import ByHand, Task
-from commissioning.calibrate.result import CalibrationError, doubts
+from commissioning.calibrate.result import CalibrationError, travel_warnings
 from commissioning.calibrate.run import (
     DIRECTIONS,
-    HOLD,
-    LET_GO,
+    HANDS_OFF,
     MOVED,
     REPEAT,
     STORE,
+    SUPPORT,
     TRY,
     Difference,
     by_hand,
@@ -38,7 +38,7 @@ SEED = 5
 
 @dataclass
 class Owner(Person):
-    """A person who also decides."""
+    """A person who also answers questions."""
 
     no: tuple[str, ...] = ()
     asked: list[str] = field(default_factory=list)
@@ -50,12 +50,12 @@ class Owner(Person):
 
     def say(self, text: str) -> None:
         super().say(text)
-        if text == LET_GO:
+        if text == HANDS_OFF:
             assert torque(self.arm) == [joint.servo_id for joint in self.arm.joints], (
                 "it is let go when it holds itself"
             )
             self.arm.hand.release()
-        if text == HOLD:
+        if text == SUPPORT:
             assert torque(self.arm), "it is taken before it is limp"
             self.arm.hand.hold()
 
@@ -76,7 +76,7 @@ def torque(arm: UnalignedArm) -> list[int]:
 
 
 @pytest.mark.slow
-def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_difference(robot: Path) -> None:
+def test_a_calibrated_arm_starts_and_a_second_calibration_agrees(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
@@ -91,7 +91,7 @@ def test_from_an_unaligned_arm_to_a_file_that_brings_it_up_and_again_without_a_d
 
 
 @pytest.mark.slow
-def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
+def test_declining_stores_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     before = [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos]
     outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
@@ -99,7 +99,7 @@ def test_who_does_not_want_it_has_changed_nothing(robot: Path) -> None:
     assert [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos] == before
 
 
-def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) -> None:
+def test_torque_is_released_only_after_confirmation(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     arm.line.servo(2).memory.put(sts.torque_enable, 1)
     owner = Owner(arm, no=(release_question(["joint2 (servo 2)"]),))
@@ -109,7 +109,7 @@ def test_an_arm_under_torque_is_let_go_only_when_its_owner_says_so(robot: Path) 
 
 
 @pytest.mark.slow
-def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path) -> None:
+def test_an_unswept_joint_is_requested_again_by_name_and_flagged(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, no=(STORE,))
     owner.skipped = {"joint3"}
@@ -118,14 +118,14 @@ def test_a_joint_that_is_not_swept_is_asked_for_by_name_and_flagged(robot: Path)
     assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
 
 
-def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibration(robot: Path) -> None:
+def test_stopping_the_motion_test_keeps_the_calibration_and_releases_torque(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
 
     def stopped() -> bool:
         return bool(owner.heard) and owner.heard[-1].endswith(" moves")
 
-    with pytest.raises(StoppedError, match="the arm is limp") as left:
+    with pytest.raises(StoppedError, match="the torque of the arm is released") as left:
         calibrate(
             robot,
             JOINTS,
@@ -137,32 +137,32 @@ def test_who_stops_the_motion_that_is_tried_has_a_limp_arm_and_a_stored_calibrat
             stopped,
         )
     assert torque(arm) == [] and calibration_path(robot).exists()
-    assert "the calibration is stored, and was not tried to the end" in left.value.__notes__
+    assert "the calibration is stored, but its motion test was not completed" in left.value.__notes__
 
 
 @pytest.mark.slow
-def test_a_direction_that_nobody_shows_ends_it_without_a_change(robot: Path) -> None:
+def test_an_unknown_direction_ends_the_calibration_without_changes(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)
-    with pytest.raises(CalibrationError, match="joint2: which way is positive was not shown"):
+    with pytest.raises(CalibrationError, match="joint2 was not moved in its positive direction"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert not calibration_path(robot).exists()
 
 
-def test_an_adapter_that_is_pulled_during_the_sweep_ends_it_and_nothing_is_stored(robot: Path) -> None:
+def test_unplugging_the_adapter_during_the_sweep_stores_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
 
     class Clumsy(Owner):
-        def until_done(self, task: Task, look: Callable[[], None]) -> None:
+        def until_done(self, task: Task, update: Callable[[], None]) -> None:
             self.arm.port.unplug()
-            look()
+            update()
 
     with pytest.raises(PortLost, match="was unplugged"):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Clumsy(arm), arm.clock)
     assert not calibration_path(robot).exists() and torque(arm) == []
 
 
-def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked(robot: Path) -> None:
+def test_a_missing_or_wrong_servo_is_named_before_any_question(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
     arm.line.faults.silence(4)
@@ -177,7 +177,7 @@ def test_a_servo_that_is_absent_or_another_one_is_named_before_anything_is_asked
 
 @pytest.mark.slow
 @pytest.mark.parametrize("former", [True, False])
-def test_a_direction_that_the_trial_shows_to_be_wrong_is_taken_out_of_use(robot: Path, former: bool) -> None:
+def test_a_calibration_with_a_wrong_direction_is_set_aside(robot: Path, former: bool) -> None:
     arm, path = UnalignedArm(SEED), calibration_path(robot)
     if former:
         path.write_text("joints: {}\n")
@@ -185,17 +185,19 @@ def test_a_direction_that_the_trial_shows_to_be_wrong_is_taken_out_of_use(robot:
     wrong = arm.as_mounted()
     wrong["joint1"] = replace(wrong["joint1"], sign=-wrong["joint1"].sign)
     again = (
-        "is the former one again. Calibrate again" if former else r"calibration.yaml.wrong now, and not in use\. Cal"
+        "is the previous calibration again. Calibrate again"
+        if former
+        else r"calibration.yaml.wrong and is not used\. Cal"
     )
     with pytest.raises(CalibrationError, match=again):
         calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock, lambda *_: wrong)
-    (said,) = [text for text in owner.heard if text.startswith("joint1, first ")]
-    assert said.endswith("way, then back: to the left") or said.endswith("than this, then back: to the left")
+    (said,) = [text for text in owner.heard if text.startswith("joint1 first moves ")]
+    assert said.endswith("this direction, then back: to the left")
     assert path.with_name(path.name + ".wrong").exists() and torque(arm) == []
     assert (path.read_text() == "joints: {}\n") if former else not path.exists()
 
 
-def test_joints_that_are_doubtful_are_measured_once_more_if_their_owner_wants_that(robot: Path) -> None:
+def test_implausible_joints_are_measured_again_on_request(robot: Path) -> None:
     arm = HeldArm(SEED, "so101")
     hands = Owner(cast(Any, arm), arm.plan.joints, no=(STORE,))
     hands.skipped = {"elbow_flex"}
@@ -204,6 +206,6 @@ def test_joints_that_are_doubtful_are_measured_once_more_if_their_owner_wants_th
     (elbow,) = to_repeat(arm.joints, made, hands)
     again = made | by_hand(hands)(cast(Any, arm), [elbow], arm.plan.joints)
     assert hands.asked == [REPEAT.format(joints="elbow_flex")]
-    assert any(re.match("elbow_flex: was moved through .* of 3.380", text) for text in hands.heard)
-    assert doubts(arm.joints[2], again["elbow_flex"]) == "" and again["gripper"] is made["gripper"]
+    assert any(re.match("elbow_flex: it was moved through .* of 3.380", text) for text in hands.heard)
+    assert travel_warnings(arm.joints[2], again["elbow_flex"]) == "" and again["gripper"] is made["gripper"]
     assert to_repeat(arm.joints, again, hands) == [] and len(hands.asked) == 1

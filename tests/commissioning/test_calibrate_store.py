@@ -1,4 +1,4 @@
-"""Storing and verifying a calibration: file before servos, offsets behind their lock, and a slow move."""
+"""A calibration is stored in the file, then in the servos, and verified with a slow motion."""
 
 import errno
 import shutil
@@ -20,7 +20,7 @@ from servoloop.stack.robot_files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
 
 TURNED_SEED = 3
-"""An arm that has the seam of some of its servos within their travel."""
+"""Seed of an arm with some encoder seams within the travel."""
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def robot(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_whole_way_from_an_unaligned_arm_to_one_that_goes_where_it_is_sent(robot: Path) -> None:
+def test_a_calibrated_arm_reaches_its_goals(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
     made = arm.as_mounted()
     changes = store(robot, arm.bus, JOINTS, made, arm.clock)
@@ -50,19 +50,19 @@ def test_the_whole_way_from_an_unaligned_arm_to_one_that_goes_where_it_is_sent(r
     assert not any(servo.memory.get(sts.torque_enable) for servo in arm.line.servos)
 
 
-def test_a_joint_that_is_held_does_not_pass_and_the_arm_is_limp_again(robot: Path) -> None:
+def test_a_blocked_joint_fails_the_motion_test_and_torque_is_released(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
     store(robot, arm.bus, JOINTS, arm.as_mounted(), arm.clock)
     joints = read_files(robot=robot).robot.joints
     arm.hand.release()
     arm.hand.hold("joint4")
-    in_the_way = pytest.raises(CalibrationError, match=r"joint4 .*is something in its way")
+    in_the_way = pytest.raises(CalibrationError, match=r"joint4 .*something is in its way")
     with in_the_way, SlowArm(lambda: arm.open_bus(joints), joints, arm.clock) as move:
         check(move, lambda text: None)
     assert not any(servo.memory.get(sts.torque_enable) for servo in arm.line.servos)
 
 
-def test_the_former_calibration_is_kept(robot: Path) -> None:
+def test_the_previous_calibration_is_kept(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
     made = arm.as_mounted()
     store(robot, arm.bus, JOINTS, made, arm.clock)
@@ -72,7 +72,7 @@ def test_the_former_calibration_is_kept(robot: Path) -> None:
     assert not list(robot.parent.glob("*.part"))
 
 
-def test_a_line_that_is_lost_in_between_leaves_an_arm_that_does_not_come_up(robot: Path) -> None:
+def test_an_arm_with_a_half_stored_calibration_refuses_to_start(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
     made = arm.as_mounted()
     writes = 0
@@ -94,7 +94,7 @@ def test_a_line_that_is_lost_in_between_leaves_an_arm_that_does_not_come_up(robo
         pass
 
 
-def test_who_stores_it_again_after_a_failure_keeps_the_last_one_that_was_in_all_servos(robot: Path) -> None:
+def test_repeated_failures_keep_the_last_complete_calibration(robot: Path) -> None:
     arm = UnalignedArm(TURNED_SEED)
     made, path = arm.as_mounted(), calibration_path(robot)
     store(robot, arm.bus, JOINTS, made, arm.clock)
@@ -104,7 +104,7 @@ def test_who_stores_it_again_after_a_failure_keeps_the_last_one_that_was_in_all_
     with pytest.raises(ServoError, match="servo 4") as failed:
         store(robot, arm.bus, JOINTS, moved, arm.clock)
     (note,) = [text for text in failed.value.__notes__ if str(path) in text]
-    assert "in the servos of joint1, joint2, joint3; not yet in those of joint4, joint5" in note
+    assert "in the servos of joint1, joint2, joint3, but not yet in those of joint4, joint5" in note
     arm.line.faults.restore(4)
     for _ in range(2):
         with pytest.raises(CalibrationError, match="outside its travel"):
@@ -115,16 +115,14 @@ def test_who_stores_it_again_after_a_failure_keeps_the_last_one_that_was_in_all_
     assert path.read_text().splitlines()[0] == good.splitlines()[0]
 
 
-def test_what_cannot_be_written_into_the_file_is_said_with_what_was_measured(
-    robot: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_file_write_is_reported_with_the_measurements(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arm = UnalignedArm(TURNED_SEED)
     monkeypatch.setattr("os.fsync", _no_room)
     with pytest.raises(CalibrationError, match=r"cannot write .*: no room") as failed:
         store(robot, arm.bus, JOINTS, arm.as_mounted(), arm.clock)
-    assert "zero_counts" in failed.value.__notes__[0] and "still" not in str(failed.value)
+    assert "zero_counts" in failed.value.__notes__[0] and "previous" not in str(failed.value)
     calibration_path(robot).write_text("joints: {}")
-    with pytest.raises(CalibrationError, match="no room: the former one is there still"):
+    with pytest.raises(CalibrationError, match=r"no room\. The previous file is unchanged"):
         store(robot, arm.bus, JOINTS, arm.as_mounted(), arm.clock)
     assert not any(servo.memory.get(sts.homing_offset) for servo in arm.line.servos)
 
@@ -143,7 +141,7 @@ def test_nothing_is_written_to_a_servo_under_torque(robot: Path) -> None:
     assert not any(servo.memory.get(sts.homing_offset) for servo in arm.line.servos)
 
 
-def test_dynamixels_move_their_seams_in_extended_position_mode_and_come_up_in_any_turn(tmp_path: Path) -> None:
+def test_dynamixel_seams_are_moved_in_extended_position_mode(tmp_path: Path) -> None:
     shutil.copytree(ARMS / "koch", tmp_path / "koch")
     arm, robot = UnalignedArm(2, name="koch"), tmp_path / "koch" / "robot.yaml"
     for servo in arm.line.servos:

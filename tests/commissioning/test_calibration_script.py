@@ -1,4 +1,4 @@
-"""The script of docs/calibration-scripts.md, run on a virtual arm."""
+"""The script in docs/calibration-scripts.md runs on a virtual arm."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -23,8 +23,8 @@ def test_the_script_calibrates_an_arm(tmp_path: Path, monkeypatch: pytest.Monkey
     arm = UnalignedArm(4, 1.0, "so101")
     person = Person(arm, arm.plan.joints)
 
-    def move_joints(kind: str, joints: Sequence[str], look: Callable[[], None]) -> None:
-        person.move(kind, joints, look)
+    def move_joints(kind: str, joints: Sequence[str], update: Callable[[], None]) -> None:
+        person.move(kind, joints, update)
 
     def virtual_bus(*_: object) -> Bus:
         return arm.open_bus(arm.joints)

@@ -1,4 +1,4 @@
-"""A tool that is cut off at any packet leaves the EEPROM locked, the port at its rate and the servo findable."""
+"""A tool that is interrupted at any packet locks the EEPROM and restores the port's baud rate."""
 
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +30,7 @@ every_tool = pytest.mark.parametrize("tool", TOOLS)
 
 
 class CutPort(VirtualPort):
-    """Something happens before the packet number ``at`` is sent, or with ``behind`` when its answer has come."""
+    """A port that fails before packet number ``at``, or with ``behind`` after the reply to it."""
 
     happens: Callable[[], None] = staticmethod(lambda: None)
     at, behind, sent = 0, False, 0
@@ -52,7 +52,7 @@ class CutPort(VirtualPort):
 
 
 def run_cut(tool: str, at: int, what: Callable[[CutPort], None], behind: bool = False) -> tuple[ToolLine, CutPort]:
-    """The line and its port afterwards."""
+    """Run a tool, and return the bus and its port afterwards."""
     line = ToolLine(dict.fromkeys((1, 3), sts.STS3215))
     port = CutPort(line.servos, line.clock)
     try:
@@ -65,7 +65,7 @@ def run_cut(tool: str, at: int, what: Callable[[CutPort], None], behind: bool = 
 
 
 def packets(tool: str) -> range:
-    """The numbers of all packets that the tool sends."""
+    """Return the numbers of all packets that the tool sends."""
     _, port = run_cut(tool, 0, interrupt)
     assert port.sent > 5
     return range(1, port.sent + 1)
@@ -77,7 +77,7 @@ def interrupt(port: CutPort) -> None:
 
 @every_tool
 @pytest.mark.parametrize("behind", [False, True])
-def test_ctrl_c_at_any_packet_leaves_the_lock_closed_and_the_port_at_its_rate(tool: str, behind: bool) -> None:
+def test_ctrl_c_at_any_packet_leaves_the_eeprom_locked_and_restores_the_baud_rate(tool: str, behind: bool) -> None:
     for number in packets(tool):
         line, port = run_cut(tool, number, interrupt, behind)
         servo = line.servos.servos[1]
@@ -90,7 +90,7 @@ def test_ctrl_c_at_any_packet_leaves_the_lock_closed_and_the_port_at_its_rate(to
 
 
 @pytest.mark.parametrize("tool", ["write", "set-id", "set-baud", "settings"])
-def test_after_a_line_that_was_pulled_at_any_packet_the_next_write_closes_the_lock(tool: str) -> None:
+def test_after_a_lost_port_the_next_write_locks_the_eeprom(tool: str) -> None:
     for number in packets(tool):
         line, _ = run_cut(tool, number, CutPort.unplug)
         servo = line.servos.servos[1]
@@ -101,7 +101,7 @@ def test_after_a_line_that_was_pulled_at_any_packet_the_next_write_closes_the_lo
 
 
 @pytest.mark.parametrize("behind", [False, True])
-def test_torque_that_was_cut_off_holds_where_the_servo_stands_or_is_off(behind: bool) -> None:
+def test_an_interrupted_torque_switch_leaves_torque_off_or_the_servo_in_place(behind: bool) -> None:
     for number in packets("torque on"):
         line, _ = run_cut("torque on", number, interrupt, behind)
         memory = line.servos.servos[1].memory

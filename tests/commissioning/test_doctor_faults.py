@@ -1,4 +1,4 @@
-"""The doctor recognises what ails an arm: each ailment is provoked on the virtual bus, and must come out first."""
+"""Each simulated problem must be the first finding of the doctor."""
 
 from collections.abc import Callable
 
@@ -70,7 +70,7 @@ FIRST: list[Case] = [
 
 
 @pytest.mark.parametrize(("spoil", "kind", "command"), FIRST, ids=[case[0].__name__ for case in FIRST])
-def test_it_is_recognised_before_everything_else(spoil: Callable[[Patient], None], kind: str, command: str) -> None:
+def test_the_problem_is_the_first_finding(spoil: Callable[[Patient], None], kind: str, command: str) -> None:
     patient = Patient()
     spoil(patient)
     report = patient.examine()
@@ -81,7 +81,7 @@ def test_it_is_recognised_before_everything_else(spoil: Callable[[Patient], None
     assert first.severity == KINDS[kind].severity
 
 
-def test_a_dynamixel_arm_is_examined_by_its_own_table() -> None:
+def test_a_dynamixel_arm_is_examined_with_its_own_control_table() -> None:
     patient = Patient("robot_arm_dynamixel")
     patient.put(3, x.operating_mode, 1)
     patient.put(4, x.return_delay, 250)
@@ -94,7 +94,7 @@ def test_a_dynamixel_arm_is_examined_by_its_own_table() -> None:
     ]
 
 
-def test_a_dynamixels_voltage_limit_that_does_not_fit_its_supply() -> None:
+def test_a_wrong_dynamixel_voltage_limit_is_found() -> None:
     patient = Patient("robot_arm_dynamixel")
     patient.put(2, x.max_voltage_limit, 110)
     patient.wait(0.5)

@@ -1,4 +1,4 @@
-"""A healthy arm gets no complaint: fifty arms of differing parts, limp and under torque, with and without backlash."""
+"""Healthy arms with different tolerances and backlash have no findings, with torque on and off."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.commissioning.patient import Patient
 from tests.drivers.fault_lines import CYCLES
 
 SEEDS = range(50 if CYCLES > 1000 else 10)
-"""Fifty in make soak."""
+"""Seeds of the arms; ``make soak`` runs fifty."""
 FIFTY = ("robot_arm", "so101")
 OTHERS = [arm.name for arm in arms() if arm.name not in FIFTY]
 
@@ -16,7 +16,7 @@ OTHERS = [arm.name for arm in arms() if arm.name not in FIFTY]
 @pytest.mark.soak
 @pytest.mark.parametrize("holding", [False, True], ids=["limp", "holding"])
 @pytest.mark.parametrize("arm", FIFTY)
-def test_fifty_healthy_arms(arm: str, holding: bool) -> None:
+def test_fifty_healthy_arms_have_no_findings(arm: str, holding: bool) -> None:
     for seed in SEEDS:
         patient = Patient(arm, Build(backlash_deg=seed % 2 * 1.0, seed=seed))
         if holding:
@@ -28,14 +28,14 @@ def test_fifty_healthy_arms(arm: str, holding: bool) -> None:
 
 @pytest.mark.parametrize("holding", [False, True], ids=["limp", "holding"])
 @pytest.mark.parametrize("arm", OTHERS)
-def test_other_makes_and_voltages(arm: str, holding: bool) -> None:
+def test_healthy_arms_of_other_makes_and_voltages_have_no_findings(arm: str, holding: bool) -> None:
     patient = Patient(arm, Build(seed=1))
     if holding:
         patient.hold()
     assert patient.examine().findings == ()
 
 
-def test_a_robot_with_two_buses_and_one_without_power() -> None:
+def test_an_unpowered_bus_of_two_is_named() -> None:
     patient = Patient("robot_arm_two_buses.yaml")
     assert patient.examine().findings == ()
     for servo in patient.lines["hand"].servos:
@@ -44,7 +44,7 @@ def test_a_robot_with_two_buses_and_one_without_power() -> None:
     assert (finding.id, finding.place.bus) == ("no_power", "hand")
 
 
-def test_nothing_is_written_and_torque_stays() -> None:
+def test_the_doctor_writes_nothing_and_keeps_the_torque() -> None:
     for holding in (False, True):
         patient = Patient()
         if holding:
@@ -54,7 +54,7 @@ def test_nothing_is_written_and_torque_stays() -> None:
         assert [servo.memory.read(0, 56) for servo in patient.line.servos] == before
 
 
-def test_it_takes_seconds_however_silent_the_servos_are() -> None:
+def test_the_doctor_takes_seconds_even_with_silent_servos() -> None:
     patient = Patient()
     for servo in patient.line.servos:
         patient.line.faults.silence(servo.servo_id)

@@ -1,4 +1,4 @@
-"""Judgements over snapshots that no virtual servo lasts long enough for, or has at all."""
+"""Findings from snapshots that virtual servos cannot produce."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def ids(bus: BusSnapshot) -> list[str]:
     return [one.id for one in judge(Snapshot((bus,), perfect((STS,))))]
 
 
-def test_nothing_is_wrong_with_these() -> None:
+def test_healthy_snapshots_have_no_findings() -> None:
     assert ids(BUS) == []
 
 
@@ -32,21 +32,21 @@ def test_nothing_is_wrong_with_these() -> None:
         (("overload",), "alarm_overload", "torque_enable 0"),
     ],
 )
-def test_an_alarm_that_lasted_for_one_sample(alarms: tuple[str, ...], kind: str, command: str | None) -> None:
+def test_an_alarm_in_a_single_state_is_found(alarms: tuple[str, ...], kind: str, command: str | None) -> None:
     servo = replace(BUS.servos[0], states=(STATE, STATE._replace(alarms=alarms), STATE))
     (finding,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((STS,))))
     assert finding.id == kind
     assert command in finding.command if command and finding.command else finding.command is None
 
 
-def test_servos_of_7_v_on_5_v_are_weak() -> None:
+def test_a_low_supply_is_found() -> None:
     pan = files_of("so101").robot.joints[0]
     servo = ServoSnapshot(pan, "well", {}, (STATE._replace(voltage_v=5.0),), "/dev/ttyACM0")
     findings = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((pan,))))
     assert [(one.id, one.severity) for one in findings] == [("supply_low", "warning")]
 
 
-def test_a_dynamixel_keeps_an_alarm_until_it_is_rebooted() -> None:
+def test_a_dynamixel_alarm_is_cleared_by_a_reboot() -> None:
     servo = ServoSnapshot(DYNAMIXEL, "well", {}, (STATE._replace(alarms=("overload",)),), "/dev/ttyUSB0")
     findings = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((DYNAMIXEL,))))
     assert [(one.id, one.command) for one in findings] == [
@@ -54,41 +54,41 @@ def test_a_dynamixel_keeps_an_alarm_until_it_is_rebooted() -> None:
     ]
 
 
-def test_answers_that_come_after_the_next_question() -> None:
+def test_late_replies_are_found() -> None:
     assert ids(replace(BUS, line=replace(LINE, late=20))) == ["line_late"]
 
 
 @pytest.mark.parametrize("figure", ["lost", "corrupt", "late", "noise"])
-def test_a_single_mishap_is_no_finding(figure: str) -> None:
+def test_a_single_lost_reply_is_not_a_finding(figure: str) -> None:
     assert ids(replace(BUS, line=replace(LINE, **{figure: 1}))) == []
 
 
-def test_an_adapter_that_cannot_make_the_rate() -> None:
+def test_an_adapter_that_does_not_support_the_rate_is_found() -> None:
     text = "/dev/ttyUSB0 runs at 923076 baud instead of 1000000, which its adapter does not support"
     (finding,) = judge(Snapshot((BusSnapshot("", "/dev/ttyUSB0", 1_000_000, problem="unsuitable", problem_text=text),)))
     assert (finding.id, finding.severity, finding.cause) == ("port_unsuitable", "fault", text)
 
 
-def test_a_port_that_is_not_serial_is_called_so() -> None:
+def test_a_port_that_is_not_serial_is_found() -> None:
     bus = BusSnapshot("", "/tmp/x", 1_000_000, problem="not_serial", problem_text="/tmp/x is not a serial device")
     (finding,) = judge(Snapshot((bus,)))
     assert (finding.id, finding.symptom) == ("port_not_serial", "/tmp/x: the port is not a serial device")
 
 
-def test_a_reading_that_has_counted_a_turn_is_no_wrong_zero() -> None:
+def test_a_counted_turn_is_not_reported_as_a_wrong_zero() -> None:
     servo = replace(BUS.servos[0], states=(STATE._replace(position_counts=6144),))
     (finding,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((STS,))))
     assert finding.id == "turn_counted" and finding.command is None
     assert "it has counted a turn. Hold the arm, and switch the servos' supply off and on" in finding.cause
 
 
-def test_a_long_return_delay_is_no_slow_adapter() -> None:
+def test_a_long_return_delay_is_not_reported_as_a_slow_adapter() -> None:
     assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.006))) == ["slow_round_trip"]
     assert ids(replace(BUS, line=replace(LINE, round_trip_s=0.0025, delay_s=0.0005))) == []
 
 
 @pytest.mark.parametrize(("extended", "mode"), [(True, 4), (False, 3), (True, 3), (False, 4)])
-def test_a_dynamixel_is_to_be_in_the_mode_in_which_it_was_calibrated(extended: bool, mode: int) -> None:
+def test_a_dynamixel_in_another_mode_than_calibrated_is_found(extended: bool, mode: int) -> None:
     joint = replace(DYNAMIXEL, extended=extended)
     registers = {"model_number": joint.model.number, "operating_mode": mode, "drive_mode": 0}
     if extended:  # in that mode it does not look at them

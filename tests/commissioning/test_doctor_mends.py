@@ -1,4 +1,4 @@
-"""The command that the doctor names mends what it found: afterwards it finds that no more."""
+"""The command that the doctor recommends removes the finding."""
 
 import shlex
 from collections.abc import Callable
@@ -28,7 +28,7 @@ MENDED: list[tuple[Callable[[Patient], None], str]] = [
 
 
 def run(patient: Patient, command: str) -> None:
-    """What the verb does, on simulated time."""
+    """Apply the effect of a command in simulated time."""
     verb, *words = shlex.split(command)[1:]
     of_id: dict[str, Callable[..., Any]] = {"set-id": set_id, "set-baud": set_baud, "reboot": reboot}
     if verb in of_id:
@@ -43,7 +43,7 @@ def run(patient: Patient, command: str) -> None:
 
 
 @pytest.mark.parametrize(("spoil", "kind"), MENDED, ids=[case[0].__name__ for case in MENDED])
-def test_the_command_mends_it(spoil: Callable[[Patient], None], kind: str) -> None:
+def test_the_recommended_command_fixes_the_problem(spoil: Callable[[Patient], None], kind: str) -> None:
     patient = Patient()
     spoil(patient)
     first = patient.examine().findings[0]
@@ -55,7 +55,7 @@ def test_the_command_mends_it(spoil: Callable[[Patient], None], kind: str) -> No
     assert {one.id for one in found.values() if one.severity == "fault"} <= {"torque_lost"}, found
 
 
-def test_servos_that_were_fed_again_are_well() -> None:
+def test_servos_are_healthy_after_their_power_returns() -> None:
     patient = Patient()
     ailments.unpowered(patient)
     assert list(patient.findings()) == ["no_power"]

@@ -1,5 +1,4 @@
-"""What the doctor learns by moving joints a little: gears, gravity hold, shaking, the supply; and how it leaves "
-"the arm."""
+"""The motion test of the doctor finds gears, sag, oscillation and weak supplies, and releases the arm."""
 
 from collections.abc import Callable
 from typing import Any
@@ -33,7 +32,7 @@ def found(report: Report) -> list[tuple[str, int | None]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ["robot_arm", "so101"])
-def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
+def test_healthy_arms_have_no_motion_findings_and_are_released(arm: str) -> None:
     for seed in range(4):
         patient = Patient(arm, Build(1.0, seed))
         before = [servo.memory.read(4, 36) for servo in patient.line.servos]
@@ -45,8 +44,8 @@ def test_healthy_arms_get_no_complaint_and_are_left_limp(arm: str) -> None:
 @pytest.mark.parametrize(
     ("gear", "servo_id", "seed"), [("1:191", 5, None), ("1:191", 7, 1), ("1:147", 5, 1), ("1:147", 7, None)]
 )
-def test_another_gear_in_a_joint_is_named(gear: str, servo_id: int, seed: int | None) -> None:
-    """In the wrist and the hand: where a joint swings the whole arm, that decides what drive it needs."""
+def test_a_wrong_gear_in_a_joint_is_found(gear: str, servo_id: int, seed: int | None) -> None:
+    """Gears can be identified only in the wrist and the hand. Other joints move too much of the arm."""
     patient = Patient(build=Build(seed=seed))
     states = patient.line.servo(servo_id).firmware._states
     for constant in ("torque_constant_nm_a", "back_emf_v_s"):
@@ -54,7 +53,7 @@ def test_another_gear_in_a_joint_is_named(gear: str, servo_id: int, seed: int | 
     assert found(examine(patient)) == [("wrong_gear", servo_id)]
 
 
-def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
+def test_a_joint_that_sags_too_much_is_found() -> None:
     patient = Patient()
     patient.put(LIFT, sts.position_p, 5)
     report = examine(patient)
@@ -62,8 +61,8 @@ def test_a_joint_that_gives_way_more_than_its_gains_explain() -> None:
     assert report.healthy
 
 
-def test_a_joint_that_shakes() -> None:
-    """One that gravity does not hold at one end of its backlash."""
+def test_a_joint_that_shakes_is_found() -> None:
+    """The joint must not be held at one end of its backlash by gravity."""
     patient = Patient(build=Build(backlash_deg=3.0))
     patient.put(PAN, sts.position_p, 254)
     patient.put(PAN, sts.position_d, 0)
@@ -71,7 +70,7 @@ def test_a_joint_that_shakes() -> None:
     assert shakes.command == "servoloop register write --port /dev/ttyACM0 --id 1 position_p 16"
 
 
-def test_a_joint_that_something_holds() -> None:
+def test_a_blocked_joint_is_found() -> None:
     patient = Patient()
     ailments.block(patient, ailments.ELBOW)
     report = examine(patient)
@@ -79,7 +78,7 @@ def test_a_joint_that_something_holds() -> None:
     assert not report.healthy
 
 
-def test_a_supply_that_breaks_down_while_joints_move() -> None:
+def test_a_supply_that_sags_during_motion_is_found() -> None:
     patient = Patient()
     joints = patient.plant.joints
 
@@ -97,7 +96,7 @@ def test_an_arm_under_torque_or_with_faults_is_not_moved() -> None:
     held.hold()
     faulty = Patient()
     ailments.wheel_mode(faulty)
-    for patient, why in ((held, "hold torque, and the arm may fall"), (faulty, "as long as there are faults")):
+    for patient, why in ((held, "hold torque, and the arm may fall"), (faulty, "because there are faults")):
         before = [servo.memory.get(sts.goal_position) for servo in patient.line.servos]
         report = examine(patient)
         (finding,) = (one for one in report.findings if one.id == "not_moved")
@@ -106,7 +105,7 @@ def test_an_arm_under_torque_or_with_faults_is_not_moved() -> None:
     assert all(servo.memory.get(sts.torque_enable) for servo in held.line.servos)
 
 
-def test_somebody_who_stops_it_has_a_limp_arm() -> None:
+def test_stopping_the_motion_test_releases_the_arm() -> None:
     patient = Patient()
     start_s = patient.clock.now()
     report = examine(patient, lambda: patient.clock.now() > start_s + 8.0)
@@ -114,7 +113,7 @@ def test_somebody_who_stops_it_has_a_limp_arm() -> None:
     assert not any(servo.memory.get(sts.torque_enable) for servo in patient.line.servos)
 
 
-def test_a_lost_port_in_the_middle_is_said() -> None:
+def test_a_port_lost_during_the_motion_test_is_reported() -> None:
     patient = Patient()
     opened: list[Any] = []
     open_port = patient.open

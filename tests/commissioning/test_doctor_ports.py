@@ -1,4 +1,4 @@
-"""What keeps the doctor from the port is said with the command that mends it, on small machines of a test's own."""
+"""Port problems on simulated machines are reported with the command that fixes them."""
 
 from pathlib import Path
 
@@ -12,13 +12,13 @@ ACM, USB = "/dev/ttyACM0", "/dev/ttyUSB0"
 
 
 def patient_on(small: SmallMachine, device: str = ACM, **options: object) -> Patient:
-    """A patient whose port is this machine's, and who is asked for at ``device``."""
+    """Return a patient on this machine whose port is ``device``."""
     patient = Patient(machine=small.machine, **options)  # type: ignore[arg-type]
     patient.device = device
     return patient
 
 
-def test_an_adapter_under_another_number_is_named_with_its_lasting_name(tmp_path: Path) -> None:
+def test_a_moved_port_is_reported_with_its_permanent_name(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug("/dev/ttyACM1")
     first = patient_on(small, open_error=PortMissing(f"there is no {ACM}")).examine().findings
@@ -27,13 +27,13 @@ def test_an_adapter_under_another_number_is_named_with_its_lasting_name(tmp_path
     assert first[0].command == "servoloop doctor --port /dev/serial/by-id/usb-5A46-if00"
 
 
-def test_without_any_adapter_it_is_missing(tmp_path: Path) -> None:
+def test_a_port_without_any_adapter_is_missing(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     found = patient_on(small, open_error=PortMissing(f"there is no {ACM}: plug in the adapter")).examine().findings
     assert [one.id for one in found] == ["port_missing"]
 
 
-def test_one_that_brltty_has_taken(tmp_path: Path) -> None:
+def test_an_adapter_taken_by_brltty_is_found(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.usb("1-1", 0x1A86, 0x7523, None)
     small.file("usr/lib/udev/rules.d/85-brltty.rules", BRLTTY_RULES)
@@ -42,14 +42,14 @@ def test_one_that_brltty_has_taken(tmp_path: Path) -> None:
     assert found[0].command == "sudo apt-get remove brltty"
 
 
-def test_one_without_its_driver(tmp_path: Path) -> None:
+def test_an_adapter_without_a_driver_is_found(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.usb("1-1", 0x1A86, 0x7523, None)
     found = patient_on(small, USB, open_error=PortMissing(f"there is no {USB}")).examine().findings
     assert [(one.id, one.command) for one in found] == [("port_without_driver", "sudo modprobe ch341")]
 
 
-def test_a_denied_port_has_the_group_s_command(tmp_path: Path) -> None:
+def test_a_denied_port_is_reported_with_the_group_command(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path, STRANGER)
     small.plug(ACM, mode=0o600)
     found = patient_on(small, open_error=PortDenied(f"no permission to open {ACM}")).examine().findings
@@ -61,7 +61,7 @@ def test_a_denied_port_has_the_group_s_command(tmp_path: Path) -> None:
     ("kind", "command"),
     [("latency_timer", "latency_timer"), ("brltty_present", "brltty"), ("modem_manager", "ModemManager")],
 )
-def test_what_makes_an_open_port_slow_or_lose(tmp_path: Path, kind: str, command: str) -> None:
+def test_slow_or_unreliable_ports_are_found(tmp_path: Path, kind: str, command: str) -> None:
     small = SmallMachine(tmp_path)
     if kind == "latency_timer":
         small.plug(USB, 0x0403, 0x6014)
@@ -78,13 +78,13 @@ def test_what_makes_an_open_port_slow_or_lose(tmp_path: Path, kind: str, command
     assert report.healthy, "warnings block nothing"
 
 
-def test_a_good_adapter_is_no_word_worth(tmp_path: Path) -> None:
+def test_a_good_adapter_has_no_findings(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug(ACM)
     assert patient_on(small).examine().findings == ()
 
 
-def test_two_adapters_of_one_kind_without_serial_numbers(tmp_path: Path) -> None:
+def test_identical_adapters_without_serial_numbers_are_found(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug(ACM, serial=None)
     small.plug("/dev/ttyACM1", serial=None)

@@ -1,4 +1,4 @@
-"""The ranking of findings: the root comes first, hides what it explains, and nothing else is lost."""
+"""Findings are ranked by their most likely cause, which hides only its consequences."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ FINDINGS = st.lists(
 
 
 @given(FINDINGS)
-def test_the_likeliest_is_first_and_only_what_is_explained_is_hidden(found: list[Finding]) -> None:
+def test_the_most_likely_cause_is_first_and_only_consequences_are_hidden(found: list[Finding]) -> None:
     kept = ranked(found, KINDS)
     assert [one.rank for one in kept] == sorted((one.rank for one in kept), reverse=True)
     assert set(kept) <= set(found)
@@ -33,18 +33,18 @@ def test_the_likeliest_is_first_and_only_what_is_explained_is_hidden(found: list
 
 
 @given(FINDINGS)
-def test_a_hidden_fault_is_hidden_by_something_as_bad(found: list[Finding]) -> None:
+def test_a_fault_is_hidden_only_by_another_fault(found: list[Finding]) -> None:
     assert any(one.severity == "fault" for one in ranked(found, KINDS)) == any(one.severity == "fault" for one in found)
 
 
 @given(FINDINGS, st.randoms(use_true_random=False))
-def test_the_order_of_the_checks_is_no_matter(found: list[Finding], random: object) -> None:
+def test_the_order_of_the_checks_does_not_matter(found: list[Finding], random: object) -> None:
     mixed = list(found)
     random.shuffle(mixed)  # type: ignore[attr-defined]
     assert ranked(mixed, KINDS) == ranked(found, KINDS)
 
 
-def test_kinds_explain_only_what_is_less_likely_and_no_worse() -> None:
+def test_kinds_explain_only_less_likely_and_less_severe_kinds() -> None:
     for name, kind in KINDS.items():
         for other in kind.explains:
             assert KINDS[other].rank < kind.rank, (name, other)
@@ -84,15 +84,15 @@ def snapshots(draw: st.DrawFn) -> Snapshot:
 
 
 @given(snapshots())
-def test_whatever_was_measured_is_judged_without_an_error(snapshot: Snapshot) -> None:
+def test_any_snapshot_is_judged_without_an_exception(snapshot: Snapshot) -> None:
     for one in judge(snapshot):
         assert one.symptom and one.cause
         assert KINDS[one.id].severity == one.severity
 
 
 @pytest.mark.parametrize("count", range(1, len(JOINTS)))
-def test_silent_servos_are_each_named_or_all_by_one_cause(count: int) -> None:
-    """Whoever is silent is not forgotten: by its own finding, or in the words of the one that explains it."""
+def test_silent_servos_are_named_or_explained_by_one_cause(count: int) -> None:
+    """Every silent servo is named by its own finding or by the finding that explains it."""
     servos = tuple(
         ServoSnapshot(joint, "silent" if at < count else "well", {}, () if at < count else (STATE,))
         for at, joint in enumerate(JOINTS)

@@ -1,4 +1,4 @@
-"""``servoloop doctor`` as users type it, on a pseudo-terminal; and whether the commands that it names can be typed."""
+"""``servoloop doctor`` on a pseudo-terminal, and the commands that it recommends."""
 
 import errno
 import json
@@ -37,7 +37,7 @@ def bus(link: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ServoLine[Any]]
         yield bus
 
 
-def test_a_whole_arm_is_well_and_the_report_names_nobody(
+def test_a_healthy_arm_has_an_anonymous_report(
     bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     report = tmp_path / "doctor.md"
@@ -66,10 +66,10 @@ def test_a_report_that_cannot_be_written_hides_no_findings(
 @pytest.mark.slow
 @pytest.mark.runs(*PAGE)
 @pytest.mark.parametrize("command", PAGE)
-def test_a_command_of_the_page_finds_an_arm_that_is_well(
+def test_a_command_of_the_page_reports_a_healthy_arm(
     command: str, link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """``--move`` is told not to; test_doctor_move.py moves an arm."""
+    """``--move`` is declined here; test_doctor_move.py moves an arm."""
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     monkeypatch.chdir(tmp_path)
     robot = read_arm_files(find_arm("so101" if "so101" in command else "robot_arm")).robot
@@ -81,7 +81,7 @@ def test_a_command_of_the_page_finds_an_arm_that_is_well(
     assert ("--json" in words) == said.startswith("{") and (tmp_path / "doctor.md").exists() == ("--report" in words)
 
 
-def test_a_fault_is_json_and_a_status(
+def test_a_fault_is_printed_as_json_with_exit_status_1(
     bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bus.servo(4).memory.put(sts.operating_mode, 1)
@@ -92,7 +92,7 @@ def test_a_fault_is_json_and_a_status(
     assert said["buses"][0]["servos"][3]["registers"]["operating_mode"] == 1
 
 
-def test_it_asks_before_it_moves_and_moves_nothing_where_there_are_faults(
+def test_doctor_move_asks_first_and_refuses_with_faults(
     bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bus.servo(4).memory.put(sts.operating_mode, 1)
@@ -103,15 +103,15 @@ def test_it_asks_before_it_moves_and_moves_nothing_where_there_are_faults(
     assert {"wrong_mode", "not_moved"} <= {one["id"] for one in said["findings"]}
 
 
-def test_a_missing_port_is_a_finding_and_no_crash(
+def test_a_missing_port_is_a_finding(
     link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     assert run(monkeypatch, "doctor", "--port", str(link)) == 1
-    assert "the adapter's port is not there" in " ".join(capsys.readouterr().out.split())
+    assert "the adapter's port does not exist" in " ".join(capsys.readouterr().out.split())
 
 
-def test_the_report_has_no_name_of_user_machine_or_home() -> None:
+def test_the_report_contains_no_user_host_or_home_names() -> None:
     text = "run sudo usermod -aG dialout mira on bench-7: /home/mira/arm.yaml is mirabelle's"
     assert (
         without_names(text, "mira", "bench-7")
@@ -126,8 +126,8 @@ def verbs() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("spoil", [case[0] for case in FIRST], ids=[case[0].__name__ for case in FIRST])
-def test_each_command_that_is_named_can_be_typed(spoil: Any) -> None:
-    """All that begin with servoloop are taken by the command line, NEW being a number."""
+def test_every_recommended_command_is_valid(spoil: Any) -> None:
+    """The command line accepts every recommended command, with NEW replaced by a number."""
     patient = Patient()
     spoil(patient)
     for one in patient.examine().findings:
@@ -139,8 +139,8 @@ def test_each_command_that_is_named_can_be_typed(spoil: Any) -> None:
             command.make_context(words[1], arguments)
 
 
-def test_settings_in_a_robot_file_s_words_are_yaml() -> None:
-    """What is to be pasted into the robot file can be read there."""
+def test_recommended_settings_are_valid_yaml() -> None:
+    """Settings recommended for the robot file can be parsed."""
     patient = Patient()
     patient.put(3, sts.position_p, 16)
     cause = patient.findings()["gains_differ"].cause

@@ -1,4 +1,4 @@
-"""LeRobot's calibration JSON goes through import and export without loss, and its zero does not become the URDF's."""
+"""LeRobot's calibration file is imported and exported without loss, but its zero is not used for the URDF."""
 
 import json
 from math import tau
@@ -92,7 +92,7 @@ def import_text(robot: Path, text: str) -> list[Imported]:
     return import_calibration(path, robot, JOINTS, PLANS)[0]
 
 
-def test_a_published_file_comes_out_as_it_went_in_byte_by_byte(robot: Path) -> None:
+def test_a_published_file_is_exported_byte_for_byte(robot: Path) -> None:
     text = json.dumps(content(), indent=4)
     import_text(robot, text)
     out = robot.with_name("out.json")
@@ -118,22 +118,22 @@ def test_the_zero_is_found_in_the_travel_and_not_at_lerobots_pose() -> None:
     assert (gripper.source, gripper.made.zero_counts) == ("lower_stop", round(2025 + 0.175 * 4096 / tau))
 
 
-def test_where_it_cannot_be_found_lerobots_zero_is_taken_and_flagged() -> None:
+def test_lerobots_zero_is_used_and_flagged_if_no_other_is_known() -> None:
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
     roll = made["wrist_roll"]
     assert (roll.source, roll.made.zero_counts, roll.at_lerobot_zero) == ("lerobot", 2047, 0.0)
-    assert "LeRobot's zero stands for the URDF's" in roll.doubt
+    assert "LeRobot's zero is used instead" in roll.doubt
     by_middle = from_lerobot(theirs(), JOINTS, BUILT, PLANS | {"wrist_roll": JointPlan(positive="that way")})
     assert [one.source for one in by_middle if one.joint.name == "wrist_roll"] == ["lerobot"]
 
 
-def test_a_travel_that_is_not_the_urdfs_is_doubtful() -> None:
+def test_a_travel_that_differs_from_the_urdf_is_flagged() -> None:
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS)}
-    assert "its travel is 4.077, the URDF's 3.840" in made["shoulder_pan"].doubt
+    assert "its travel is 4.077, but 3.840 in the URDF" in made["shoulder_pan"].doubt
     assert made["elbow_flex"].doubt == ""
 
 
-def test_a_drive_mode_turns_the_joint_round_from_how_such_arms_are_built() -> None:
+def test_drive_mode_reverses_the_joint() -> None:
     entries = PUBLISHED | {"elbow_flex": (3, 1, *PUBLISHED["elbow_flex"][2:]), "gripper": (6, 1, 1256, 1000, 2080)}
     mirrored = BUILT | {"elbow_flex": -1}
     made = {one.joint.name: one.made for one in from_lerobot(theirs(entries), JOINTS, mirrored, PLANS)}
@@ -174,7 +174,7 @@ def test_import_then_export_gives_the_same_or_is_refused(
 
 @given(st.integers(-2047, 2047), st.integers(-400, 200), st.integers(-200, 200), st.sampled_from((1, -1)))
 def test_every_homing_offset_of_an_arm_that_works_is_imported(offset: int, low: int, high: int, sign: int) -> None:
-    """Whatever the offset, a travel about as long as the URDF's gives a zero in its middle."""
+    """A travel about as long as the URDF's range gives a zero in its middle, with any offset."""
     ends = 2047 - 1252 + low, 2047 + 1252 + high
     entries = {"shoulder_pan": (1, 0 if sign > 0 else 1, offset, *ends)}
     (one,) = from_lerobot(theirs(entries), JOINTS[:1], BUILT, PLANS)
@@ -191,7 +191,7 @@ calibrated = st.builds(
 
 @given(st.lists(calibrated, min_size=6, max_size=6))
 def test_export_then_import_gives_the_same_calibration(values: list[tuple[int, int, int, int, int]]) -> None:
-    """Also where a zero was found by a pose, which LeRobot's file cannot say: nothing new is said, so it stays."""
+    """A zero from a pose, which LeRobot's file cannot contain, is kept if the file is unchanged."""
     calibration = CalibrationFile(
         joints={
             joint.name: CalibratedJoint(
@@ -206,7 +206,7 @@ def test_export_then_import_gives_the_same_calibration(values: list[tuple[int, i
     assert {one.source for one in made} == {"kept"}
 
 
-def test_an_own_calibration_survives_the_way_out_and_back_in_files(robot: Path) -> None:
+def test_a_calibration_survives_export_and_import(robot: Path) -> None:
     import_text(robot, json.dumps(content()))
     stored = load_calibration(robot)
     assert stored is not None
@@ -221,26 +221,29 @@ def test_an_own_calibration_survives_the_way_out_and_back_in_files(robot: Path) 
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"gripper": (6, 0, 0, 3900, 200)}, "gripper: its range begins at 3900 and ends at 200: it goes over the seam"),
+        (
+            {"gripper": (6, 0, 0, 3900, 200)},
+            "gripper: its range begins at 3900 and ends at 200, so it crosses the seam",
+        ),
         (
             {"shoulder_pan": (1, 0, 0, 2039, 2047)},
-            r"shoulder_pan: it was moved through 0.012 of 3.840 in the URDF \(counts 2039 to 2047\), so its stops",
+            r"shoulder_pan: it was moved through only 0.012 of 3.840 in the URDF \(counts 2039 to 2047\), so its stops",
         ),
-        ({"gripper": (6, 0, 0, 2025, 2600)}, "gripper: it was moved through 0.882 of 1.920 in the URDF"),
-        ({"wrist_roll": (5, 0, 0, 2039, 2047)}, "wrist_roll: it was moved through 0.012 of 5.585 in the URDF"),
+        ({"gripper": (6, 0, 0, 2025, 2600)}, "gripper: it was moved through only 0.882 of 1.920 in the URDF"),
+        ({"wrist_roll": (5, 0, 0, 2039, 2047)}, "wrist_roll: it was moved through only 0.012 of 5.585 in the URDF"),
         ({"gripper": (6, 0, 0, 200, 200)}, "gripper: its range begins and ends at 200: the joint was not moved"),
         (
             {"gripper": (6, 0, 2048, 0, 900)},
-            r"gripper: its homing offset 2048 is none that its servo \(6\) takes, -2047 to 2047",
+            r"gripper: its homing offset 2048 is outside the range of its servo \(6\), -2047 to 2047",
         ),
         ({"gripper": (6, 2, 0, 0, 900)}, "gripper.drive_mode"),
         ({"gripper": (6, 0, 0, -30, 900)}, "gripper: its range -30 to 900 is not within the servo's counts, 0 to 4095"),
-        ({"gripper": (7, 0, 0, 30, 900)}, "gripper: it has servo 7 in LeRobot's file and 6 in the robot file"),
-        ({"claw": (7, 0, 0, 30, 900)}, "LeRobot's file has claw, which the robot file has not"),
-        ({"shoulder_pan": (1, 0, 0, 5, 2100)}, "shoulder_pan: with the zero found, its limits .* over the seam"),
+        ({"gripper": (7, 0, 0, 30, 900)}, "gripper: its servo has ID 7 in LeRobot's file, but 6 in the robot file"),
+        ({"claw": (7, 0, 0, 30, 900)}, "LeRobot's file has joint claw, but the robot file does not"),
+        ({"shoulder_pan": (1, 0, 0, 5, 2100)}, "shoulder_pan: with this zero, its limits .* crosses the seam"),
     ],
 )
-def test_what_cannot_be_right_is_said_and_nothing_is_written(
+def test_mistakes_are_reported_and_nothing_is_written(
     robot: Path, change: dict[str, tuple[int, ...]], text: str
 ) -> None:
     with pytest.raises(CalibrationError, match=text):
@@ -251,25 +254,25 @@ def test_what_cannot_be_right_is_said_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "no JSON file"),
-        ("[" * 100_000, "no JSON file"),
+        ("", "not a JSON file"),
+        ("[" * 100_000, "not a JSON file"),
         ('{"gripper": {}}', "gripper.id: Field required"),
-        ('{"gripper": 1, "gripper": 2}', "gripper stands there twice"),
-        ('{"motor_names": [], "start_pos": []}', "older LeRobot"),
+        ('{"gripper": 1, "gripper": 2}', "duplicate key: gripper"),
+        ('{"motor_names": [], "start_pos": []}', "older version of LeRobot"),
         ('{"gripper": {"id": true}}', "gripper.id: true is a boolean, but a number is required"),
     ],
 )
-def test_a_file_that_is_none_is_refused(robot: Path, text: str, said: str) -> None:
+def test_an_invalid_file_is_refused(robot: Path, text: str, said: str) -> None:
     with pytest.raises(CalibrationError, match=said):
         import_text(robot, text)
 
 
 def test_a_missing_joint_is_named(robot: Path) -> None:
-    with pytest.raises(CalibrationError, match="LeRobot's file has no gripper, which the robot file has"):
+    with pytest.raises(CalibrationError, match="the robot file has joint gripper, but LeRobot's file does not"):
         import_text(robot, json.dumps({name: entry for name, entry in content().items() if name != "gripper"}))
 
 
-def test_a_servo_without_such_an_offset_has_no_place_in_lerobots_file() -> None:
+def test_a_servo_without_a_homing_offset_cannot_be_exported() -> None:
     dynamixel = Joint("gripper", 6, X_MODELS["xl330-m288"], JOINTS[-1].limits)
     with pytest.raises(CalibrationError, match="a servo of the model xl330-m288 has no homing offset like"):
         from_lerobot({"gripper": theirs()["gripper"]}, [dynamixel], BUILT, PLANS)
@@ -279,20 +282,20 @@ def test_a_servo_without_such_an_offset_has_no_place_in_lerobots_file() -> None:
 
 
 def test_a_file_with_a_prefix_is_imported_when_the_prefix_is_named(robot: Path) -> None:
-    """As LeKiwi's, which has wheels too."""
+    """The file of LeKiwi has such a prefix, and wheels."""
     wheels = {"base_left_wheel": (7, 0, 0, 0, 4095), "base_right_wheel": (9, 0, 0, 0, 4095)}
     text = json.dumps(content({f"arm_{name}": entry for name, entry in PUBLISHED.items()} | wheels))
-    with pytest.raises(CalibrationError, match=r"^LeRobot's file names .* arm_ before .* with --prefix arm_$"):
+    with pytest.raises(CalibrationError, match=r"the names of .* joints begin with arm_: .* with --prefix arm_$"):
         import_text(robot, text)
     path = robot.with_name("theirs.json")
-    with pytest.raises(CalibrationError, match="no joint in LeRobot's file begins with leg_: it has arm_shoulder_pan"):
+    with pytest.raises(CalibrationError, match=r"no joint name in LeRobot's file begins with leg_.*: arm_shoulder_pan"):
         import_calibration(path, robot, JOINTS, PLANS, "leg_")
     made, _ = import_calibration(path, robot, JOINTS, PLANS, "arm_")
     assert [one.joint.name for one in made] == list(RANGES)
 
 
-def test_an_arm_that_no_such_file_fits_is_told_before_the_file_is_read(robot: Path) -> None:
-    """As Koch's, whose offsets are beyond a Feetech servo's register."""
+def test_an_unsupported_arm_is_refused_before_the_file_is_read(robot: Path) -> None:
+    """The Koch arm has offsets that do not fit the register of a Feetech servo."""
     joints = [Joint(one.name, one.servo_id, X_MODELS["xl330-m288"], one.limits) for one in JOINTS]
     path = robot.with_name("theirs.json")
     path.write_text(json.dumps(content(PUBLISHED | {"gripper": (6, 0, 2050, 0, 900)})))
@@ -300,18 +303,18 @@ def test_an_arm_that_no_such_file_fits_is_told_before_the_file_is_read(robot: Pa
         import_calibration(path, robot, joints, PLANS)
 
 
-def test_an_offset_that_no_servo_takes_is_named_and_imports_over_it_go_on(robot: Path) -> None:
+def test_an_invalid_offset_is_named_and_can_be_replaced_by_an_import(robot: Path) -> None:
     wild = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, homing_offset=5000, lower_counts=1, upper_counts=2)
     former = CalibrationFile(joints={"gripper": wild})
-    with pytest.raises(CalibrationError, match="gripper: the homing offset 5000 is none that its servo"):
+    with pytest.raises(CalibrationError, match="gripper: its homing offset 5000 is outside the range of its servo"):
         to_lerobot(former, BUILT)
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS, former)}
     assert made["gripper"].source == "lower_stop"
 
 
-def test_what_is_shown_is_what_was_imported(robot: Path) -> None:
+def test_the_table_shows_the_imported_values(robot: Path) -> None:
     before = calibration_rows(robot, JOINTS)
-    assert {(row.travel, row.doubt) for row in before} == {(None, "was never calibrated")}
+    assert {(row.travel, row.doubt) for row in before} == {(None, "not calibrated yet")}
     import_text(robot, json.dumps(content()))
     row = calibration_rows(robot, JOINTS)[2]
     assert (row.joint, row.servo_id) == ("elbow_flex", 3)
@@ -319,14 +322,14 @@ def test_what_is_shown_is_what_was_imported(robot: Path) -> None:
     assert (row.urdf_range, row.doubt) == (pytest.approx(3.38), "")
 
 
-def test_the_signs_of_how_arms_are_built_are_not_those_that_calibration_found(robot: Path) -> None:
+def test_built_signs_ignore_the_calibration(robot: Path) -> None:
     turned: dict[str, Any] = content(PUBLISHED | {"gripper": (6, 1, 1256, 2025, 3503)})
     import_text(robot, json.dumps(turned))
     assert load_robot_file(robot).joints["gripper"].sign == -1
     assert built_signs(robot) == BUILT
 
 
-def test_a_former_file_is_kept_and_a_failed_one_leaves_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_previous_file_is_kept_even_if_the_write_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "file"
     write_whole(path, "one")
     write_whole(path, "two")
@@ -341,7 +344,7 @@ def _no_room(fd: int) -> None:
     raise OSError("no room")
 
 
-def test_mistakes_of_both_files_are_named_with_file_and_line(robot: Path) -> None:
+def test_mistakes_in_both_files_are_reported_with_file_and_line(robot: Path) -> None:
     path = robot.with_name("theirs.json")
     path.write_text(json.dumps(content({**PUBLISHED, "gripper": (6, 0, 1256, 3503, 2025)}), indent=4))
     line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "gripper" in text)

@@ -1,4 +1,4 @@
-"""The passport on the virtual line: read whole, compared, written back; with lost packets, power cuts and torque."""
+"""Passports are read, compared and restored on a virtual bus, also with faults and torque on."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +30,7 @@ OWN = {sts.position_p: 16, sts.homing_offset: -1386, sts.protection_current: 250
 
 
 class Port(VirtualPort):
-    """``before_write`` may meddle before each packet."""
+    """A port that calls ``before_write`` before each packet."""
 
     def __init__(self, line: VirtualBus, clock: SimulatedClock) -> None:
         super().__init__(line, clock)
@@ -44,12 +44,12 @@ class Port(VirtualPort):
 
     @property
     def writes(self) -> list[int]:
-        """The addresses of all write instructions."""
+        """Addresses of all write instructions."""
         return [packet[5] for packet in self.packets if packet[4] == 3]
 
 
 class Line:
-    """A few virtual servos with settings of their own, or factory-new ones."""
+    """Virtual servos with their own settings, or factory-new ones."""
 
     def __init__(self, ids: tuple[int, ...] = IDS, model: ServoModel = sts.STS3215, own: bool = True) -> None:
         self.clock = SimulatedClock(10.0)
@@ -89,7 +89,7 @@ def passport_of(line: Line) -> Passport:
     return take_passport(line.bus)
 
 
-def test_it_has_every_persistent_register_and_comes_back_from_its_file_as_it_was(tmp_path: Path) -> None:
+def test_a_passport_contains_every_persistent_register(tmp_path: Path) -> None:
     line, path = Line(), tmp_path / "arm.passport.yaml"
     taken = take_passport(line.bus, joints={1: "shoulder_pan"}, adapter="5A68013201")
     write_passport(path, taken)
@@ -102,7 +102,7 @@ def test_it_has_every_persistent_register_and_comes_back_from_its_file_as_it_was
     assert line.port.writes == []
 
 
-def test_an_unchanged_arm_is_the_same_and_a_changed_one_is_told_register_by_register() -> None:
+def test_compare_lists_every_changed_register() -> None:
     line = Line()
     taken = passport_of(line)
     assert compare(line.bus, taken).same
@@ -116,7 +116,7 @@ def test_an_unchanged_arm_is_the_same_and_a_changed_one_is_told_register_by_regi
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_lost_packets_change_nothing_in_it(seed: int) -> None:
+def test_lost_packets_do_not_change_a_passport(seed: int) -> None:
     line = Line()
     taken = passport_of(line)
     line.lose(seed)
@@ -124,7 +124,7 @@ def test_lost_packets_change_nothing_in_it(seed: int) -> None:
     assert compare(line.bus, taken).same
 
 
-def test_what_differs_is_written_back_and_nothing_else() -> None:
+def test_restore_writes_only_different_values() -> None:
     line = Line()
     taken = passport_of(line)
     line.change(2, sts.homing_offset, 7)
@@ -141,7 +141,7 @@ def test_what_differs_is_written_back_and_nothing_else() -> None:
     assert compare(line.bus, taken).same and line.locked()
 
 
-def test_a_failure_at_one_servo_tells_what_was_written_to_the_others() -> None:
+def test_a_failed_restore_lists_what_was_written() -> None:
     line = Line()
     taken = passport_of(line)
     for servo_id in IDS:
@@ -150,10 +150,13 @@ def test_a_failure_at_one_servo_tells_what_was_written_to_the_others() -> None:
     line.servos.faults.silence(2)
     with pytest.raises(DriverError, match="servo 2") as failed:
         restore_all(line.bus, line.clock, plans)
-    assert failed.value.__notes__[-2:] == ["written before that: servo 1: position_p 32 to 17", "not yet: servo 3"]
+    assert failed.value.__notes__[-2:] == [
+        "already written to servo 1: position_p 32 to 17",
+        "not yet written: servo 3",
+    ]
 
 
-def test_a_servo_that_does_not_come_back_from_its_restart_is_said_to_have_been_written() -> None:
+def test_a_servo_silent_after_its_restart_is_listed_as_written() -> None:
     line = Line()
     taken = passport_of(line)
     line.change(2, sts.position_p, 32)
@@ -166,7 +169,7 @@ def test_a_servo_that_does_not_come_back_from_its_restart_is_said_to_have_been_w
     assert "written before this error: position_p 32 to 18" in failed.value.__notes__
 
 
-def test_a_single_servo_is_restored_whatever_the_others_are() -> None:
+def test_a_single_servo_can_be_restored() -> None:
     line = Line()
     taken = passport_of(line)
     line.change(1, sts.position_p, 32)
@@ -179,8 +182,8 @@ def test_a_single_servo_is_restored_whatever_the_others_are() -> None:
 
 @pytest.mark.parametrize("others", [(), (1, 2), (1, 2, 8)])
 @pytest.mark.parametrize("new_id", [1, 3, 8, 9])
-def test_a_new_servo_becomes_the_one_that_it_replaces(new_id: int, others: tuple[int, ...]) -> None:
-    """Alone on the line whatever its ID, or among those of the passport with an ID that is none of theirs."""
+def test_a_new_servo_replaces_an_old_one(new_id: int, others: tuple[int, ...]) -> None:
+    """The new servo may be alone with any ID, or among the others with an unknown ID."""
     taken = passport_of(Line())
     line = Line((*others, new_id), own=False)
     taken_or_unclear = (new_id in (1, 3) and others) or 8 in others
@@ -189,7 +192,7 @@ def test_a_new_servo_becomes_the_one_that_it_replaces(new_id: int, others: tuple
             plan_replacement(line.bus, taken, 3)
         return
     if others == (1, 2, 8):  # two with ID 8
-        with pytest.raises(PassportError, match="never answers in one piece"):
+        with pytest.raises(PassportError, match="all replies are corrupted"):
             plan_replacement(line.bus, taken, 3)
         return
     plan = plan_replacement(line.bus, taken, 3)
@@ -202,7 +205,7 @@ def test_a_new_servo_becomes_the_one_that_it_replaces(new_id: int, others: tuple
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_new_servo_is_set_up_over_a_line_that_loses_packets(seed: int) -> None:
+def test_a_new_servo_is_restored_over_a_lossy_bus(seed: int) -> None:
     taken, line = passport_of(Line()), Line((1,), own=False)
     line.lose(seed)
     for _ in range(3):  # what is left is done by the next run
@@ -218,7 +221,7 @@ def test_a_new_servo_is_set_up_over_a_line_that_loses_packets(seed: int) -> None
 
 
 @pytest.mark.parametrize("cut", range(2, 60, 3))
-def test_a_power_cut_in_the_middle_is_mended_by_a_second_run(cut: int) -> None:
+def test_a_second_run_completes_a_restore_after_a_power_cut(cut: int) -> None:
     taken, line = passport_of(Line()), Line((1,), own=False)
     plan = plan_replacement(line.bus, taken, 3)
     begun = len(line.port.packets)
@@ -242,7 +245,7 @@ def test_a_power_cut_in_the_middle_is_mended_by_a_second_run(cut: int) -> None:
 
 
 @pytest.mark.parametrize("lost", range(2, 40, 4))
-def test_a_lost_port_is_said_and_the_next_run_ends_it(lost: int) -> None:
+def test_a_second_run_completes_a_restore_after_a_lost_port(lost: int) -> None:
     taken, line = passport_of(Line()), Line((1,), own=False)
     plan = plan_replacement(line.bus, taken, 3)
     begun = len(line.port.packets)
@@ -256,7 +259,7 @@ def test_a_lost_port_is_said_and_the_next_run_ends_it(lost: int) -> None:
     assert take_passport(line.bus, {3: sts.STS3215}).servos[3].registers == taken.servos[3].registers
 
 
-def test_a_servo_under_torque_is_named_and_nothing_is_written_to_any() -> None:
+def test_a_servo_with_torque_on_is_named_and_nothing_is_written() -> None:
     line = Line()
     taken = passport_of(line)
     line.change(1, sts.position_p, 32)
@@ -266,7 +269,7 @@ def test_a_servo_under_torque_is_named_and_nothing_is_written_to_any() -> None:
     assert line.port.writes == []
 
 
-def test_torque_that_comes_on_behind_the_plan_stops_the_writing_too() -> None:
+def test_torque_enabled_after_planning_prevents_the_write() -> None:
     line = Line()
     taken = passport_of(line)
     line.change(2, sts.position_p, 32)
@@ -280,32 +283,32 @@ def test_torque_that_comes_on_behind_the_plan_stops_the_writing_too() -> None:
 def test_another_model_is_refused() -> None:
     taken = passport_of(Line())
     line = Line((1,), sts.STS3250, own=False)
-    with pytest.raises(PassportError, match=r"servo 1 is model 2825 \(sts3250\), not 777 \(sts3215\); nothing"):
+    with pytest.raises(PassportError, match=r"servo 1 has model number 2825 \(sts3250\), not 777 \(sts3215\); nothing"):
         plan_replacement(line.bus, taken, 3)
     with pytest.raises(
-        PassportError, match=r"servo 1 is model 2825[^$]*servo 2 does not answer[^$]*nothing was written"
+        PassportError, match=r"servo 1 has model number 2825[^$]*servo 2 does not answer[^$]*nothing was written"
     ):
         plan_restore(line.bus, taken)
 
 
-def test_all_that_is_missing_is_named_at_once() -> None:
+def test_all_missing_servos_are_named_at_once() -> None:
     line = Line()
     taken = passport_of(line)
     line.servos.faults.silence(1)
     line.servos.faults.silence(3)
-    with pytest.raises(PassportError, match="servo 1 does not answer\nservo 3 does not answer"):
+    with pytest.raises(PassportError, match=r"servo 1 does not answer: .*\nservo 3 does not answer"):
         plan_restore(line.bus, taken)
-    with pytest.raises(PassportError, match="servo 1 does not answer\nservo 3 does not answer"):
+    with pytest.raises(PassportError, match=r"servo 1 does not answer: .*\nservo 3 does not answer"):
         take_passport(line.bus, dict.fromkeys(IDS, sts.STS3215))
 
 
-def test_two_with_one_id_are_no_servo() -> None:
+def test_a_duplicate_id_is_refused() -> None:
     line = Line((1, 2, 3, 3), own=False)
-    with pytest.raises(PassportError, match="servo 3 never answers in one piece"):
+    with pytest.raises(PassportError, match="servo 3: all replies are corrupted"):
         passport_of(line)
 
 
-def test_an_empty_line_is_said() -> None:
+def test_an_empty_bus_is_reported() -> None:
     line = Line()
     for servo_id in IDS:
         line.servos.faults.silence(servo_id)
@@ -313,7 +316,7 @@ def test_an_empty_line_is_said() -> None:
         passport_of(line)
 
 
-def test_what_says_who_a_servo_is_and_where_is_not_written() -> None:
+def test_identity_registers_are_not_written() -> None:
     line = Line()
     taken = passport_of(line).model_dump()
     taken["servos"][2]["registers"] |= {"baud_rate": 1, "firmware_minor": 3, "position_p": 40}
@@ -321,7 +324,7 @@ def test_what_says_who_a_servo_is_and_where_is_not_written() -> None:
     assert {register.name for register in plan.values} == {"position_p"}
 
 
-def test_a_dynamixel_has_one_too() -> None:
+def test_a_dynamixel_has_a_passport() -> None:
     model = X_MODELS["xl430-w250"]
     clock = SimulatedClock(10.0)
     line = VirtualDynamixelBus.of(BenchPlant((1, 2)), dict.fromkeys((1, 2), model))
@@ -338,12 +341,12 @@ def test_a_dynamixel_has_one_too() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("position_p: 17", "position_p: 300", "position_p takes 0 to 255, not 300"),
+        ("position_p: 17", "position_p: 300", "position_p must be 0 to 255, not 300"),
         ("position_p: 17", "position_q: 17", "sts3215 has no persistent register position_q; register position_p is"),
         ("model: sts3215", "model: sts9", "unknown model sts9"),
-        ("model_number: 777", "model_number: 778", "model_number 778 is not that of a sts3215, 777"),
-        ("    id: 1\n", "    id: 4\n", "servo 1 has another id in its registers"),
-        ("\n...\n", "\n", "was cut off"),
+        ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),
+        ("    id: 1\n", "    id: 4\n", "servo 1: the register id has another value"),
+        ("\n...\n", "\n", "is truncated"),
         ("baud: 1000000", "baud: [", "is not YAML"),
     ],
 )
@@ -357,7 +360,7 @@ def test_a_broken_file_is_refused_with_its_mistakes(tmp_path: Path, old: str, ne
         read_passport(path)
 
 
-def test_a_file_that_was_cut_off_anywhere_is_refused(tmp_path: Path) -> None:
+def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "passport.yaml"
     write_passport(path, passport_of(Line()))
     whole = path.read_text()
@@ -379,7 +382,7 @@ def test_the_former_file_is_kept(tmp_path: Path) -> None:
 
 
 def test_only_writable_registers_are_in_a_plan() -> None:
-    """Of a servo that differs in everything."""
+    """The servo differs in every register."""
     line = Line()
     taken = passport_of(line).model_dump()
     for name, register in persistent_registers(sts.STS3215).items():

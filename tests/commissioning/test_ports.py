@@ -1,4 +1,4 @@
-"""Each thing that keeps people from their adapter is recognised on a small machine; a healthy one gets no complaint."""
+"""Each problem with adapters is recognized on a simulated machine, and a healthy machine has none."""
 
 import json
 import os
@@ -62,7 +62,7 @@ CASES: list[tuple[Callable[[SmallMachine], None], str, str | None]] = [
 
 
 @pytest.mark.parametrize(("made", "kind", "command"), CASES, ids=lambda a: getattr(a, "__name__", None))
-def test_each_trouble_is_recognised_alone(
+def test_each_port_problem_is_recognized(
     made: Callable[[SmallMachine], None], kind: str, command: str | None, tmp_path: Path
 ) -> None:
     small = SmallMachine(tmp_path)
@@ -74,7 +74,7 @@ def test_each_trouble_is_recognised_alone(
     assert (command or "") in (complaint.command or "") and bool(command) is bool(complaint.command)
 
 
-def test_a_healthy_machine_gets_no_complaint(tmp_path: Path) -> None:
+def test_a_healthy_machine_has_no_problems(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     healthy(small)
     report = ports(small.machine)
@@ -86,7 +86,7 @@ def test_a_healthy_machine_gets_no_complaint(tmp_path: Path) -> None:
     assert (first.latency_ms, second.latency_ms) == (None, 1)
 
 
-def test_a_machine_without_anything_is_healthy(tmp_path: Path) -> None:
+def test_a_machine_without_adapters_has_no_problems(tmp_path: Path) -> None:
     assert ports(SmallMachine(tmp_path).machine) == ports(SmallMachine(tmp_path / "other").machine)
     assert ports(SmallMachine(tmp_path).machine).complaints == ()
 
@@ -107,11 +107,11 @@ def test_a_machine_without_anything_is_healthy(tmp_path: Path) -> None:
         (0o000, 0, {6}, True),  # root
     ],
 )
-def test_who_may_open_is_what_the_kernel_says(mode: int, uid: int, groups: set[int], may: bool) -> None:
+def test_permission_follows_the_kernel_rule(mode: int, uid: int, groups: set[int], may: bool) -> None:
     assert permissions._may_open(User("u", uid, frozenset(groups)), 1, 5, mode) is may
 
 
-def test_who_may_not_is_told_the_group_and_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_permission_names_the_group_and_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = SmallMachine(tmp_path, STRANGER)
     small.plug(ACM)
     monkeypatch.setattr(permissions, "_group", lambda group_id: ("uucp", ["somebody"]))
@@ -120,7 +120,7 @@ def test_who_may_not_is_told_the_group_and_the_command(tmp_path: Path, monkeypat
     assert "'uucp'" in complaint.text
 
 
-def test_who_has_joined_the_group_is_told_to_log_in_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_group_member_is_told_to_log_in_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = SmallMachine(tmp_path, STRANGER)
     small.plug(ACM)
     monkeypatch.setattr(permissions, "_group", lambda group_id: ("dialout", ["stranger"]))
@@ -128,7 +128,7 @@ def test_who_has_joined_the_group_is_told_to_log_in_again(tmp_path: Path, monkey
     assert (complaint.kind, complaint.command) == ("login", "newgrp dialout")
 
 
-def test_nobody_is_sent_into_the_group_root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joining_the_group_root_is_never_recommended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = SmallMachine(tmp_path, STRANGER)
     small.plug(ACM)
     monkeypatch.setattr(permissions, "_group", lambda group_id: ("root", []))
@@ -140,7 +140,7 @@ def test_nobody_is_sent_into_the_group_root(tmp_path: Path, monkeypatch: pytest.
 # What takes ports away
 
 
-def test_an_adapter_that_brltty_took_has_no_port_and_is_named(tmp_path: Path) -> None:
+def test_an_adapter_that_brltty_took_is_named(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.usb("1-2", 0x1A86, 0x7523, None)
     small.file(RULES, BRLTTY_RULES)
@@ -149,7 +149,7 @@ def test_an_adapter_that_brltty_took_has_no_port_and_is_named(tmp_path: Path) ->
     assert "1a86:7523" in complaint.text
 
 
-def test_an_adapter_without_a_driver_is_told_from_that(tmp_path: Path) -> None:
+def test_an_adapter_without_a_driver_is_not_blamed_on_brltty(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.usb("1-2", 0x1A86, 0x7523, None)
     (complaint,) = ports(small.machine).complaints
@@ -157,21 +157,21 @@ def test_an_adapter_without_a_driver_is_told_from_that(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mask", ["", "# nothing\n"])
-def test_a_masked_rule_of_brltty_takes_nothing(mask: str, tmp_path: Path) -> None:
+def test_a_masked_brltty_rule_is_ignored(mask: str, tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     braille(small)
     small.file("etc/udev/rules.d/85-brltty.rules", mask)
     assert ports(small.machine).adapters[0].complaints == ()
 
 
-def test_a_number_in_a_comment_of_the_rule_is_no_rule(tmp_path: Path) -> None:
+def test_comments_in_udev_rules_are_ignored(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug(USB, 0x10C4, 0xEA60, "0001")
     small.file(RULES, BRLTTY_RULES)
     assert ports(small.machine).adapters[0].complaints == ()
 
 
-def test_our_own_rule_silences_the_modem_manager_and_opens_the_port(tmp_path: Path) -> None:
+def test_the_recommended_udev_rule_solves_both_problems(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     modem(small)
     small.plug(USB, 0x0403, 0x6014, "FT6S4DSP")
@@ -182,7 +182,7 @@ def test_our_own_rule_silences_the_modem_manager_and_opens_the_port(tmp_path: Pa
     assert [one.complaints for one in ports(small.machine).adapters] == [(), ()]
 
 
-def test_two_of_a_kind_without_serial_numbers_cannot_be_told_apart(tmp_path: Path) -> None:
+def test_identical_adapters_without_serial_numbers_are_reported(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug(USB, 0x1A86, 0x7523, None)
     assert ports(small.machine).complaints == ()
@@ -198,7 +198,7 @@ def test_every_chip_with_a_kernel_driver_of_its_own_is_named(numbers: tuple[int,
     assert chip_text(0x1234, 0x5678) == "unknown chip"
 
 
-def test_on_this_very_machine_another_program_is_found_by_name(tmp_path: Path) -> None:
+def test_a_program_that_has_the_port_open_is_found_by_name(tmp_path: Path) -> None:
     device = tmp_path / "device"
     device.touch()
     machine = Machine()
@@ -216,19 +216,19 @@ def test_on_this_very_machine_another_program_is_found_by_name(tmp_path: Path) -
 # Which one
 
 
-def test_the_only_adapter_is_taken_and_of_several_one_must_be_named(tmp_path: Path) -> None:
+def test_only_port_requires_exactly_one_adapter(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
-    with pytest.raises(CommissioningError, match=r"no USB adapter is plugged in: plug it in, or name the port$"):
+    with pytest.raises(CommissioningError, match=r"no USB adapter was found: plug one in, or name the port$"):
         only_port(small.machine)
     small.plug(ACM)
     assert only_port(small.machine) == ACM
     small.plug(USB)
-    with pytest.raises(CommissioningError, match="there are 2 adapters: say which: /dev/ttyACM0, /dev/ttyUSB0"):
+    with pytest.raises(CommissioningError, match="there are 2 USB adapters: choose one of /dev/ttyACM0, /dev/ttyUSB0"):
         only_port(small.machine)
 
 
 class Later(SimulatedClock):
-    """A clock at whose times things happen to the machine."""
+    """A clock that changes the machine at given times."""
 
     def __init__(self, happens: dict[float, Callable[[], Any]]) -> None:
         super().__init__(0.0)
@@ -241,7 +241,7 @@ class Later(SimulatedClock):
         super().sleep_until(deadline_s)
 
 
-def test_what_is_plugged_in_is_named_with_the_group_that_udev_gave_it(tmp_path: Path) -> None:
+def test_a_plugged_in_adapter_is_named_with_its_udev_group(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug(ACM)
     opened = lambda: (tmp_path / "dev/ttyUSB0").chmod(0o664)  # noqa: E731
@@ -252,7 +252,7 @@ def test_what_is_plugged_in_is_named_with_the_group_that_udev_gave_it(tmp_path: 
     assert clock.now() < 3.5
 
 
-def test_what_is_pulled_is_named(tmp_path: Path) -> None:
+def test_an_unplugged_adapter_is_named(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.plug(ACM)
     small.plug(USB)
@@ -260,7 +260,7 @@ def test_what_is_pulled_is_named(tmp_path: Path) -> None:
     assert (plugged.happened, plugged.adapter.device) == ("pulled", ACM)
 
 
-def test_a_port_that_vanishes_at_once_is_named_with_the_reason(tmp_path: Path) -> None:
+def test_a_vanished_port_is_named_with_the_reason(tmp_path: Path) -> None:
     small = SmallMachine(tmp_path)
     small.file(RULES, BRLTTY_RULES)
 
@@ -285,7 +285,7 @@ def test_waiting_ends(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("as_json", [True, False])
-def test_the_verb_prints_what_there_is(
+def test_the_ports_command_prints_all_adapters(
     as_json: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = SmallMachine(tmp_path)

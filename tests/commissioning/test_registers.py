@@ -1,4 +1,4 @@
-"""Registers by name on virtual servos: what is read, what is written and how, and what is refused."""
+"""Reading and writing registers by name on virtual servos, and refused writes."""
 
 from typing import Any
 
@@ -29,12 +29,12 @@ def write(line: ToolLine, name: str, value: str | int, **options: Any) -> Any:
 
 
 def writes(line: ToolLine) -> int:
-    """How many write instructions were sent, to single servos or groups."""
+    """Number of write instructions sent to single servos or groups."""
     return sum(packet[7 if packet[3] == 0 else 4] in (3, 4, 0x83) for packet in line.sent)
 
 
 @every_make
-def test_the_table_is_the_models_and_nothing_is_written_for_it(model: ServoModel) -> None:
+def test_list_registers_returns_the_model_table_without_writing(model: ServoModel) -> None:
     line = line_of(model)
     with find_servo(line.port, line.clock, 3) as servo:
         values = {one.name: one for one in list_registers(servo)}
@@ -45,7 +45,7 @@ def test_the_table_is_the_models_and_nothing_is_written_for_it(model: ServoModel
     assert writes(line) == 0
 
 
-def test_a_quantity_comes_in_its_unit_with_the_raw_value() -> None:
+def test_a_value_has_its_unit_and_raw_number() -> None:
     line = line_of(sts.STS3215)
     line.put(3, sts.max_voltage, 121)
     with find_servo(line.port, line.clock, 3) as servo:
@@ -54,7 +54,7 @@ def test_a_quantity_comes_in_its_unit_with_the_raw_value() -> None:
 
 
 @every_make
-def test_a_setting_is_written_once_under_its_lock_and_outlives_power_off(model: ServoModel) -> None:
+def test_a_setting_is_written_once_and_is_persistent(model: ServoModel) -> None:
     line = line_of(model)
     name = "max_temperature" if series_of(model).make == "feetech" else "temperature_limit"
     written = write(line, name, "61C")
@@ -75,17 +75,17 @@ def test_goals_are_refused_and_nothing_is_written(model: ServoModel) -> None:
     goals = [register.name for register in registers_of(model) if register.name in GOALS]
     assert series_of(model).goal_position.name in goals
     for name in goals:
-        with pytest.raises(CommissioningError, match=f"servo 3: {name} is an order to move"):
+        with pytest.raises(CommissioningError, match=f"servo 3: {name} cannot be written here"):
             write(line, name, 100)
     assert writes(line) == 0
 
 
 @every_make
-def test_what_can_only_be_read_or_has_a_verb_of_its_own_is_refused(model: ServoModel) -> None:
+def test_read_only_and_special_registers_are_refused(model: ServoModel) -> None:
     line = line_of(model)
     read_only = [r.name for r in registers_of(model) if r.access is Access.READ]
     for name, says in [
-        *((name, "can only be read") for name in read_only),
+        *((name, "is read-only") for name in read_only),
         ("id", "set-id"),
         ("baud_rate", "set-baud"),
     ]:
@@ -95,13 +95,13 @@ def test_what_can_only_be_read_or_has_a_verb_of_its_own_is_refused(model: ServoM
 
 
 @every_make
-def test_under_torque_nothing_but_the_switch_is_written(model: ServoModel) -> None:
+def test_only_the_torque_switch_is_written_while_torque_is_on(model: ServoModel) -> None:
     line = line_of(model)
     held = series_of(model).torque_enable
     write(line, "torque_enable", 1, torque=True)
     line.sent.clear()
     for name in ("led" if series_of(model).make == "dynamixel" else "acceleration", "return_delay"):
-        with pytest.raises((CommissioningError, ServoError), match=f"{name} is not written while it holds torque"):
+        with pytest.raises((CommissioningError, ServoError), match=f"{name} cannot be written while the torque is on"):
             write(line, name, 9)
     assert (writes(line), line.held(3, held)) == (0, 1)
     write(line, "torque_enable", 0, torque=True)
@@ -109,15 +109,15 @@ def test_under_torque_nothing_but_the_switch_is_written(model: ServoModel) -> No
 
 
 @every_make
-def test_the_torque_switch_is_not_touched_unless_said(model: ServoModel) -> None:
+def test_the_torque_switch_needs_confirmation(model: ServoModel) -> None:
     line = line_of(model)
-    with pytest.raises(CommissioningError, match="its torque is not switched unless you say so"):
+    with pytest.raises(CommissioningError, match="its torque is switched only if you confirm it"):
         write(line, "torque_enable", 1)
     assert (writes(line), line.held(3, series_of(model).torque_enable)) == (0, 0)
 
 
 @every_make
-def test_torque_goes_on_where_the_servo_stands_whatever_goal_it_had(model: ServoModel) -> None:
+def test_enabling_torque_holds_the_measured_position(model: ServoModel) -> None:
     line = line_of(model)
     series = series_of(model)
     stands = line.servos.servo(3)
@@ -132,10 +132,10 @@ def test_torque_goes_on_where_the_servo_stands_whatever_goal_it_had(model: Servo
     assert stands.memory.get(series.torque_enable) == 1
 
 
-def test_a_servo_beyond_its_limits_or_in_another_mode_is_not_switched_on() -> None:
+def test_torque_is_refused_outside_the_limits_or_in_another_mode() -> None:
     line = line_of(sts.STS3215)
     line.put(3, sts.min_position, 3000)
-    with pytest.raises(CommissioningError, match="beyond its limits 3000 to 4095, and would leap"):
+    with pytest.raises(CommissioningError, match="outside its limits 3000 to 4095, so it would jump"):
         write(line, "torque_enable", 1, torque=True)
     line.put(3, sts.operating_mode, 1)
     with pytest.raises(CommissioningError, match="is not in position mode"):
@@ -145,7 +145,7 @@ def test_a_servo_beyond_its_limits_or_in_another_mode_is_not_switched_on() -> No
 
 def test_the_value_that_moves_the_zero_is_refused() -> None:
     line = line_of(sts.STS3215)
-    with pytest.raises(CommissioningError, match=r"takes 0 .off. and 1 .on. here, not 128"):
+    with pytest.raises(CommissioningError, match=r"must be 0 .off. or 1 .on., not 128"):
         write(line, "torque_enable", 128, torque=True)
     assert line.held(3, sts.homing_offset) == 0
 
@@ -154,13 +154,13 @@ def test_ram_is_written_and_read_back() -> None:
     line = line_of(sts.STS3215)
     assert write(line, "torque_limit", "50%").after.text == "50 %"
     assert line.held(3, sts.torque_limit) == 500
-    with pytest.raises(CommissioningError, match="servo 3: acceleration stays 100, not 200"):  # cut by register 85
+    with pytest.raises(CommissioningError, match="servo 3: acceleration is still 100"):  # cut by register 85
         write(line, "acceleration", 200)
 
 
-def test_a_value_that_hides_the_servo_is_refused() -> None:
+def test_a_value_that_silences_the_servo_is_refused() -> None:
     line = line_of(sts.STS3215)
-    with pytest.raises(CommissioningError, match="status_level 0 keeps the servo from answering"):
+    with pytest.raises(CommissioningError, match="status_level must not be 0"):
         write(line, "status_level", 0)
 
 
@@ -168,7 +168,7 @@ def test_a_value_that_hides_the_servo_is_refused() -> None:
 
 
 @pytest.mark.parametrize("baud", [1_000_000, 115_200, 38_400])
-def test_a_servo_is_found_at_its_rate_and_the_port_gets_its_own_back(baud: int) -> None:
+def test_find_servo_restores_the_baud_rate_of_the_port(baud: int) -> None:
     line = line_of(sts.STS3215)
     line.put(3, sts.baud_rate, sts.BAUD_RATES.index(baud))
     with find_servo(line.port, line.clock, 3) as servo:
@@ -176,28 +176,28 @@ def test_a_servo_is_found_at_its_rate_and_the_port_gets_its_own_back(baud: int) 
     assert line.port.baud == 1_000_000
 
 
-def test_a_dynamixel_as_delivered_is_found() -> None:
+def test_a_factory_new_dynamixel_is_found() -> None:
     line = ToolLine({1: x.XL330_M077})
     line.put(1, x.baud_rate, x.BAUD_RATES.index(57_600))
     with find_servo(line.port, line.clock, 1) as servo:
         assert (servo.name, servo.port.baud) == ("xl330-m077", 57_600)
 
 
-def test_an_absent_servo_and_two_with_one_id_are_told() -> None:
+def test_absent_and_duplicate_servos_are_reported() -> None:
     line = line_of(sts.STS3215)
     with (
-        pytest.raises(CommissioningError, match="servo 9: nobody answers at any baud"),
+        pytest.raises(CommissioningError, match="no servo with ID 9 answers at any baud rate"),
         find_servo(line.port, line.clock, 9),
     ):
         pass
     with (
-        pytest.raises(CommissioningError, match="servo 3: nobody answers at 500000 baud"),
+        pytest.raises(CommissioningError, match="no servo with ID 3 answers at 500000 baud"),
         find_servo(line.port, line.clock, 3, [500_000]),
     ):
         pass
     twins = ToolLine.twins(sts.STS3215)
     with (
-        pytest.raises(CommissioningError, match=r"servo 2: .*two servos probably have ID 2"),
+        pytest.raises(CommissioningError, match=r"servo 2: .*probably two servos have ID 2"),
         find_servo(twins.port, twins.clock, 2),
     ):
         pass
@@ -205,7 +205,7 @@ def test_an_absent_servo_and_two_with_one_id_are_told() -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_bad_line_costs_no_second_write_of_the_eeprom(seed: int) -> None:
+def test_a_bad_bus_causes_no_second_eeprom_write(seed: int) -> None:
     line = line_of(sts.STS3215)
     line.servos.faults.disturbance = Disturbance(seed, drop=0.06, flip=0.02, noise=0.03, miss=0.04)
     try:

@@ -1,4 +1,4 @@
-"""A scan finds every servo at every rate, tells what is wrong with each, and changes nothing."""
+"""A scan finds every servo at every baud rate, reports its problems, and changes nothing."""
 
 import random
 from functools import reduce
@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from commissioning.registers.tables import rates_of
-from commissioning.scan.examine import ServoLook
+from commissioning.scan.examine import ScannedServo
 from commissioning.scan.identify import identity_of
 from commissioning.scan.scan import ScanReport, scan
 from commissioning.scan.steps import steps
@@ -31,7 +31,7 @@ READS_AND_PINGS = {1, 2, 0x82, 0x92, 0x8A}
 OFF_THE_FORMULA = {
     model: {115_200, 57_600, 19_200, 9_600} if series_of(model).name.endswith("1.0") else set() for model in ONE_OF_EACH
 }
-"""Virtual servos of protocol 1.0 are at the exact rate, which is up to 2 % from the usual name."""
+"""Exact baud rates of virtual servos of protocol 1.0, up to 2 % off the nominal rates."""
 
 
 def series_baud(model: ServoModel) -> Any:
@@ -42,7 +42,7 @@ def kinds(report: ScanReport) -> dict[int, list[str]]:
     return {one.servo_id: [problem.kind for problem in one.problems] for one in report.servos}
 
 
-def only(report: ScanReport) -> ServoLook:
+def only(report: ScanReport) -> ScannedServo:
     (servo,) = report.servos
     return servo
 
@@ -52,7 +52,7 @@ def instruction(packet: bytes) -> int:
 
 
 @every_make
-def test_a_sound_line_is_read_and_nothing_is_said(model: ServoModel) -> None:
+def test_a_healthy_bus_has_no_problems(model: ServoModel) -> None:
     line = ToolLine(dict.fromkeys((1, 5, 30), model))
     report = line.scan()
     assert kinds(report) == {1: [], 5: [], 30: []}
@@ -73,7 +73,7 @@ def test_a_scan_sends_pings_and_reads_and_nothing_else(model: ServoModel) -> Non
     assert {instruction(packet) for packet in line.sent} <= READS_AND_PINGS
 
 
-def test_an_empty_line_takes_half_a_minute_at_most_and_finds_nobody() -> None:
+def test_scanning_an_empty_bus_takes_at_most_half_a_minute() -> None:
     line = ToolLine({1: sts.STS3215})
     line.servos.faults.silence(1)
     began_s = line.clock.now()
@@ -82,7 +82,7 @@ def test_an_empty_line_takes_half_a_minute_at_most_and_finds_nobody() -> None:
     assert line.clock.now() - began_s < 35.0
 
 
-def test_the_usual_line_is_there_within_a_second_and_all_rates_within_five() -> None:
+def test_a_usual_bus_is_found_within_a_second() -> None:
     line = ToolLine(dict.fromkeys(range(1, 8), sts.STS3215))
     began_s, seen = line.clock.now(), []
 
@@ -96,7 +96,7 @@ def test_the_usual_line_is_there_within_a_second_and_all_rates_within_five() -> 
 
 
 @pytest.mark.parametrize("baud", sts.BAUD_RATES)
-def test_a_feetech_line_at_any_rate_is_found(baud: int) -> None:
+def test_feetech_servos_are_found_at_any_rate(baud: int) -> None:
     line = ToolLine({1: sts.STS3215, 2: sts.STS3250})
     for servo_id in (1, 2):
         line.put(servo_id, sts.baud_rate, sts.BAUD_RATES.index(baud))
@@ -109,7 +109,7 @@ def test_a_feetech_line_at_any_rate_is_found(baud: int) -> None:
 
 
 @pytest.mark.parametrize("baud", x.BAUD_RATES)
-def test_a_dynamixel_line_at_any_rate_is_found(baud: int) -> None:
+def test_dynamixels_are_found_at_any_rate(baud: int) -> None:
     line = ToolLine({1: x.XL330_M288})
     line.put(1, x.baud_rate, x.BAUD_RATES.index(baud))
     servo = only(line.scan())
@@ -117,14 +117,14 @@ def test_a_dynamixel_line_at_any_rate_is_found(baud: int) -> None:
 
 
 @pytest.mark.parametrize(("value", "baud"), [(1, 1_000_000), (4, 400_000), (9, 200_000), (250, 2_250_000)])
-def test_an_mx_of_protocol_1_at_its_own_rates_is_found(value: int, baud: int) -> None:
+def test_mx_servos_are_found_at_their_special_rates(value: int, baud: int) -> None:
     line = ToolLine({3: ax_mx.MX_28})
     line.put(3, ax_mx.baud_rate, value)
     assert (only(line.scan()).model, only(line.scan()).baud) == ("mx-28", baud)
 
 
 @pytest.mark.parametrize("seed", range(50))
-def test_a_healthy_line_gets_no_complaint_whatever_its_servos_ids_and_rate(seed: int) -> None:
+def test_random_healthy_buses_have_no_problems(seed: int) -> None:
     chance = random.Random(seed)
     model = chance.choice(ONE_OF_EACH)
     rates = {value: rate for value, rate in rates_of(model).items() if rate not in OFF_THE_FORMULA[model]}
@@ -142,14 +142,14 @@ def test_a_healthy_line_gets_no_complaint_whatever_its_servos_ids_and_rate(seed:
 # What is wrong
 
 
-def test_a_silent_servo_that_was_asked_for_is_absent() -> None:
+def test_a_silent_requested_servo_is_absent() -> None:
     line = ToolLine(dict.fromkeys((1, 2, 3), sts.STS3215))
     line.servos.faults.silence(2)
     report = line.scan(servo_ids=[1, 2, 3])
     assert (report.absent, kinds(report)) == ((2,), {1: [], 3: []})
 
 
-def test_a_servo_at_another_rate_is_found_there_and_told_from_an_absent_one() -> None:
+def test_a_servo_at_another_rate_is_not_reported_as_absent() -> None:
     line = ToolLine(dict.fromkeys((1, 2, 3, 4), sts.STS3215))
     line.put(3, sts.baud_rate, sts.BAUD_RATES.index(115_200))
     line.servos.faults.silence(4)
@@ -164,13 +164,13 @@ def test_a_servo_at_another_rate_is_found_there_and_told_from_an_absent_one() ->
 @pytest.mark.parametrize("count", [2, 3, 6])
 @pytest.mark.parametrize("seed", range(4))
 @every_make
-def test_servos_with_one_id_are_told_from_one(model: ServoModel, seed: int, count: int) -> None:
+def test_duplicate_ids_are_detected(model: ServoModel, seed: int, count: int) -> None:
     report = ToolLine.twins(model, count=count, seed=seed).scan(bauds=[1_000_000])
     assert kinds(report) == {1: [], 2: ["collision"]}
-    assert "two servos probably have ID 2" in report.servos[1].problems[0].text
+    assert "probably two servos have ID 2" in report.servos[1].problems[0].text
 
 
-def test_two_with_one_id_at_different_rates_are_both_found() -> None:
+def test_duplicate_ids_at_different_rates_are_found() -> None:
     line = ToolLine({1: sts.STS3215, 2: sts.STS3215, 3: sts.STS3215})
     line.put(3, sts.baud_rate, 4)
     line.put(3, sts.servo_id, 2)
@@ -178,18 +178,18 @@ def test_two_with_one_id_at_different_rates_are_both_found() -> None:
     assert found == [(1, 1_000_000, []), (2, 1_000_000, []), (2, 115_200, ["other_rate"])]
 
 
-def test_an_alarmed_servo_is_told_with_its_voltage_and_its_limits() -> None:
+def test_a_voltage_alarm_is_reported_with_the_limits() -> None:
     line = ToolLine({1: sts.STS3215, 2: sts.STS3215})
     line.put(2, sts.max_voltage, 80)
     line.clock.sleep_until(line.clock.now() + 1.0)
     report = line.scan()
     assert kinds(report) == {1: [], 2: ["alarmed"]}
     (problem,) = report.servos[1].problems
-    assert "reports voltage: it has 12.0 V and its limits are 4.0 to 8.0 V" in problem.text
+    assert "it reports voltage: its supply voltage is 12.0 V, and its limits are 4.0 to 8.0 V" in problem.text
     assert report.servos[1].alarms == ("voltage",)
 
 
-def test_an_alarmed_dynamixel_answers_all_the_same_and_its_error_has_a_name() -> None:
+def test_a_dynamixel_alarm_is_named() -> None:
     line = ToolLine({1: x.XL430_W250})
     line.put(1, x.max_voltage_limit, 80)
     line.servos.servo(1).firmware.load_settings()
@@ -210,9 +210,7 @@ MODES = [
 
 
 @pytest.mark.parametrize(("model", "settings", "mode"), MODES, ids=lambda a: a if isinstance(a, str) else "")
-def test_a_servo_in_another_mode_looks_healthy_and_is_told(
-    model: ServoModel, settings: dict[Any, int], mode: str
-) -> None:
+def test_a_servo_in_another_mode_is_reported(model: ServoModel, settings: dict[Any, int], mode: str) -> None:
     line = ToolLine({1: model})
     for register, value in settings.items():
         line.put(1, register, value)
@@ -221,7 +219,7 @@ def test_a_servo_in_another_mode_looks_healthy_and_is_told(
 
 
 @pytest.mark.parametrize(("model", "number"), [(sts.STS3215, sts.model_number), (x.XL430_W250, x.model_number)])
-def test_a_number_that_no_table_has_is_said_and_the_servo_is_read_all_the_same(model: ServoModel, number: Any) -> None:
+def test_an_unknown_model_number_is_reported_and_the_servo_is_read(model: ServoModel, number: Any) -> None:
     line = ToolLine({1: model})
     line.put(1, number, 3081)
     servo = only(line.scan())
@@ -229,7 +227,7 @@ def test_a_number_that_no_table_has_is_said_and_the_servo_is_read_all_the_same(m
     assert [problem.kind for problem in servo.problems] == ["unknown_model"]
 
 
-def test_a_servo_that_answers_pings_alone_is_told_so() -> None:
+def test_a_servo_that_answers_only_pings_is_reported() -> None:
     line = ToolLine({1: ax_mx.MX_28})
     line.put(1, ax_mx.status_return_level, 0)
     assert kinds(line.scan()) == {1: ["no_reads"]}
@@ -247,7 +245,7 @@ def test_torque_is_shown_and_left_on() -> None:
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("model", [sts.STS3215, scs.SCS0009, x.XL430_W250], ids=lambda model: model.name)
-def test_lost_and_noisy_packets_hide_nobody_and_make_nobody_up(model: ServoModel, seed: int) -> None:
+def test_a_bad_bus_neither_hides_nor_invents_servos(model: ServoModel, seed: int) -> None:
     line = ToolLine(dict.fromkeys((1, 2, 3, 4, 5, 6), model))
     line.servos.faults.disturbance = Disturbance(seed, drop=0.05, flip=0.02, noise=0.05, miss=0.03)
     report = line.scan(bauds=[1_000_000])
@@ -255,7 +253,7 @@ def test_lost_and_noisy_packets_hide_nobody_and_make_nobody_up(model: ServoModel
     assert all(one.model == model.name and {p.kind for p in one.problems} <= {"bad_line"} for one in report.servos)
 
 
-def test_a_line_that_garbles_nearly_everything_is_called_bad_and_not_a_collision() -> None:
+def test_a_very_bad_bus_is_not_reported_as_a_collision() -> None:
     line = ToolLine({1: sts.STS3215})
     line.servos.faults.disturbance = Disturbance(5, drop=0.3, flip=0.3)
     (found,) = kinds(line.scan(bauds=[1_000_000])).values()
@@ -264,7 +262,7 @@ def test_a_line_that_garbles_nearly_everything_is_called_bad_and_not_a_collision
 
 @pytest.mark.parametrize("hold_ms", [4, 16])
 @every_make
-def test_an_adapter_with_a_latency_timer_hides_nobody(model: ServoModel, hold_ms: int) -> None:
+def test_a_latency_timer_hides_no_servos(model: ServoModel, hold_ms: int) -> None:
     line = ToolLine(dict.fromkeys((1, 2, 5), model), WatchedPort)
     line.port.hold_s = 1e-3 * hold_ms  # type: ignore[attr-defined]
     report = line.scan(bauds=[1_000_000])
@@ -274,20 +272,20 @@ def test_an_adapter_with_a_latency_timer_hides_nobody(model: ServoModel, hold_ms
 
 @pytest.mark.parametrize("hold_ms", [25, 40, 60, 100, 200])
 @every_make
-def test_replies_that_are_held_back_are_told_from_a_bad_line(model: ServoModel, hold_ms: int) -> None:
+def test_delayed_replies_are_distinguished_from_a_bad_bus(model: ServoModel, hold_ms: int) -> None:
     line = ToolLine(dict.fromkeys((1, 2, 5), model), WatchedPort)
     line.port.hold_s = 1e-3 * hold_ms  # type: ignore[attr-defined]
     assert kinds(line.scan(bauds=[1_000_000])) == {1: ["late"], 2: ["late"], 5: ["late"]}
 
 
 @every_make
-def test_an_echo_is_no_servo(model: ServoModel) -> None:
+def test_an_echo_is_not_taken_for_a_servo(model: ServoModel) -> None:
     line = ToolLine(dict.fromkeys((1, 7), model), EchoingPort)
     assert kinds(line.scan()) == {1: [], 7: []}
 
 
 @pytest.mark.parametrize("packets", [v1, v2])
-def test_a_ping_that_only_its_echo_answers_is_heard_by_nobody(packets: Any) -> None:
+def test_an_echoed_ping_is_not_a_reply(packets: Any) -> None:
     line = ToolLine({1: sts.STS3215} if packets is v1 else {1: x.XL430_W250}, EchoingPort)
     wire = Wire(line.port, line.clock, packets)
     wire.learn_echo()
@@ -295,8 +293,8 @@ def test_a_ping_that_only_its_echo_answers_is_heard_by_nobody(packets: Any) -> N
     assert not wire.ping(2).anything
 
 
-def test_where_an_echo_looks_like_a_voltage_alarm_the_alarm_is_heard() -> None:
-    """Both are FF FF id 02 01 checksum."""
+def test_a_voltage_alarm_is_distinguished_from_an_echo() -> None:
+    """The echo and the reply are both FF FF id 02 01 checksum."""
     line = ToolLine({1: sts.STS3215, 2: sts.STS3215}, EchoingPort)
     line.put(2, sts.max_voltage, 80)
     line.clock.sleep_until(line.clock.now() + 1.0)
@@ -304,16 +302,16 @@ def test_where_an_echo_looks_like_a_voltage_alarm_the_alarm_is_heard() -> None:
         assert kinds(line.scan(**options)) == {1: [], 2: ["alarmed"]}
 
 
-def test_a_servo_of_another_model_than_the_arm_has_is_told_and_strangers_are_not_looked_for() -> None:
+def test_a_servo_of_the_wrong_model_is_reported() -> None:
     line = ToolLine({1: sts.STS3215, 2: sts.STS3250, 9: sts.STS3215})
     wanted = {1: MODELS["sts3215_c001"], 2: sts.STS3215, 3: sts.STS3215}
     report = line.scan(models=wanted, bauds=[1_000_000])
     assert (kinds(report), report.absent) == ({1: [], 2: ["wrong_model"]}, (3,))
     (problem,) = report.servos[1].problems
-    assert "is a sts3250 (model number 2825), and the arm has a sts3215 (777) with ID 2" in problem.text
+    assert "its model is sts3250 (number 2825), but servo 2 of the arm must be an sts3215 (777)" in problem.text
 
 
-def test_a_rate_that_the_adapter_cannot_make_is_named_and_the_scan_goes_on() -> None:
+def test_an_unsupported_rate_is_reported_and_the_scan_continues() -> None:
     line = ToolLine({1: sts.STS3215})
     line.put(1, sts.baud_rate, sts.BAUD_RATES.index(38_400))
     set_baud = line.port.set_baud
@@ -330,7 +328,7 @@ def test_a_rate_that_the_adapter_cannot_make_is_named_and_the_scan_goes_on() -> 
     assert 1_000_000 in report.refused_bauds
 
 
-def test_a_line_that_goes_away_ends_the_scan() -> None:
+def test_a_lost_port_ends_the_scan() -> None:
     line = ToolLine({1: sts.STS3215})
 
     def progress(number: int, count: int, text: str, found: Any) -> None:
@@ -342,7 +340,7 @@ def test_a_line_that_goes_away_ends_the_scan() -> None:
 
 
 class AllAtOncePort(VirtualPort):
-    """To a ping of protocol 1.0 that calls everybody all servos answer at the same moment."""
+    """A port on which all servos answer a broadcast ping of protocol 1.0 at the same time."""
 
     def write(self, data: bytes) -> None:
         before = len(self._coming)
@@ -354,7 +352,7 @@ class AllAtOncePort(VirtualPort):
 
 
 @pytest.mark.parametrize("ids", [(5, 66), (130, 211, 252)])
-def test_where_all_answer_the_broadcast_at_once_each_id_is_asked(ids: tuple[int, ...]) -> None:
+def test_colliding_broadcast_replies_are_resolved_by_single_pings(ids: tuple[int, ...]) -> None:
     line = ToolLine(dict.fromkeys(ids, ax_mx.AX_12A), AllAtOncePort)
     report = line.scan(bauds=[1_000_000])
     assert kinds(report) == {servo_id: [] for servo_id in ids}
@@ -363,7 +361,7 @@ def test_where_all_answer_the_broadcast_at_once_each_id_is_asked(ids: tuple[int,
 # Makes
 
 
-def test_once_somebody_has_answered_the_other_packets_are_left_out_and_that_is_said() -> None:
+def test_the_other_protocol_is_skipped_after_a_reply() -> None:
     line = ToolLine({1: sts.STS3215})
     assert line.scan().skipped == ("Dynamixel protocol 2.0",)
     assert not any(packet.startswith(v2.HEADER) for packet in line.sent)
@@ -371,7 +369,7 @@ def test_once_somebody_has_answered_the_other_packets_are_left_out_and_that_is_s
     assert any(packet.startswith(v2.HEADER) for packet in line.sent)
 
 
-def test_the_steps_have_every_rate_of_every_table_once() -> None:
+def test_the_steps_contain_every_rate_once() -> None:
     everything = steps()
     assert len(set(everything)) == len(everything)
     assert {step.baud for step in everything if step.packets is v2} == set(x.BAUD_RATES)
@@ -385,7 +383,7 @@ def test_the_steps_have_every_rate_of_every_table_once() -> None:
 
 @pytest.mark.parametrize("servo_id", [1, 3, 9, 250])
 @pytest.mark.parametrize("model", [m for m in MODELS.values() if series_of(m).protocol.packets is v1], ids=str)
-def test_the_head_of_a_table_tells_make_and_model_whatever_the_id(model: ServoModel, servo_id: int) -> None:
+def test_the_first_registers_identify_make_and_model(model: ServoModel, servo_id: int) -> None:
     series = series_of(model)
     head = bytearray(7)
     at = series.model_number.address
@@ -395,7 +393,7 @@ def test_the_head_of_a_table_tells_make_and_model_whatever_the_id(model: ServoMo
     assert (identity.series, identity.number) == (series, model.number)
 
 
-def test_replies_are_found_between_noise_and_a_broken_one_keeps_its_id() -> None:
+def test_replies_are_found_between_noise() -> None:
     good = v1.packet(4, 0, b"")
     broken = v1.packet(7, 0, b"")[:-1] + b"\x00"
     heard = _v1_replies(b"\x12\xff" + good + broken + b"\xff\xff\x03")

@@ -1,4 +1,4 @@
-"""Set-up from a box of factory-new servos: six of ID 1 become an arm's, whatever is connected wrongly meanwhile."""
+"""Six new servos with ID 1 are set up as an arm, in spite of wrong connections."""
 
 import re
 from collections.abc import Callable
@@ -19,7 +19,7 @@ WRITE = 0x03
 
 
 def assert_set_up(bench: Bench) -> None:
-    """Every servo is what its place wants, in flash, and locked."""
+    """Check that every servo has its values in flash and is locked."""
     assert bench.box.ids() == [1, 2, 3, 4, 5, 6]
     assert bench.locked()
     for number, place in enumerate(places()):
@@ -28,7 +28,7 @@ def assert_set_up(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_six_new_servos_become_an_arms(seed: int) -> None:
+def test_six_new_servos_are_set_up(seed: int) -> None:
     bench = Bench(seed)
     hands = Hands(bench)
     audit = bench.set_up(hands).run()
@@ -43,7 +43,7 @@ def test_six_new_servos_become_an_arms(seed: int) -> None:
     assert_set_up(bench)
 
 
-def test_a_second_run_over_the_chain_asks_and_writes_nothing() -> None:
+def test_a_second_run_over_the_chain_changes_nothing() -> None:
     bench = Bench()
     bench.set_up(Hands(bench)).run()
     bench.port.before_write = refuse_writes
@@ -67,7 +67,7 @@ def refuse_writes(data: bytes) -> None:
     assert data[4] != WRITE
 
 
-def test_a_second_run_over_single_servos_recognises_each() -> None:
+def test_a_second_run_recognizes_single_servos() -> None:
     bench = Bench()
     bench.set_up(Hands(bench)).run()
     bench.box.connect()
@@ -79,7 +79,7 @@ def test_a_second_run_over_single_servos_recognises_each() -> None:
 
 
 @pytest.mark.parametrize("after", range(7))
-def test_whoever_breaks_off_goes_on_where_it_was(after: int) -> None:
+def test_an_interrupted_set_up_continues_where_it_stopped(after: int) -> None:
     bench = Bench()
 
     def stop(task: Task) -> None:
@@ -102,7 +102,7 @@ def test_whoever_breaks_off_goes_on_where_it_was(after: int) -> None:
 
 
 def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
-    """Connect these instead when the joint is asked for the first time."""
+    """Connect other servos when the joint is requested the first time."""
     return lambda task: numbers if task.joint == joint and not task.problem else None
 
 
@@ -110,13 +110,13 @@ def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
     ("instead", "text"),
     [
         (once("wrist_roll"), "no servo answers on virtual at any baud rate"),
-        (once("wrist_roll", 4, 3), "never answers in one piece: several servos have ID 1"),
+        (once("wrist_roll", 4, 3), "all replies of servo 1 are corrupted: either several servos have ID 1"),
         (once("wrist_roll", 4, 5), r"several servos answer \(IDs 1, 6\): connect only one"),
-        (once("wrist_roll", 5), "has ID 6, which is that of gripper: it belongs there already"),
+        (once("wrist_roll", 5), "has ID 6, so it already belongs to gripper"),
         (once("shoulder_pan", 0, 1, 2, 3, 4, 5), "several servos answer"),
     ],
 )
-def test_what_is_connected_wrongly_is_told_and_asked_again(
+def test_a_wrong_connection_is_reported_and_requested_again(
     instead: Callable[[Task], tuple[int, ...] | None], text: str
 ) -> None:
     bench = Bench()
@@ -127,16 +127,17 @@ def test_what_is_connected_wrongly_is_told_and_asked_again(
     assert_set_up(bench)
 
 
-def test_a_chain_that_is_not_whole_is_told() -> None:
+def test_an_incomplete_chain_is_reported() -> None:
     bench = Bench()
     hands = Hands(bench, instead=lambda task: (0, 1, 3) if task.kind == "chain" and not task.problem else None)
     bench.set_up(hands).run()
     assert hands.problems == [
-        "elbow_flex (servo 3) does not answer\nwrist_roll (servo 5) does not answer\ngripper (servo 6) does not answer"
+        "elbow_flex (servo 3) does not answer: check its cable\nwrist_roll (servo 5) does not answer: check its cable\n"
+        "gripper (servo 6) does not answer: check its cable"
     ]
 
 
-def test_nobody_is_asked_for_ever() -> None:
+def test_the_number_of_requests_is_limited() -> None:
     bench = Bench()
     hands = Hands(bench, instead=lambda task: ())
     with pytest.raises(SetUpError, match="gripper: no servo answers"):
@@ -145,7 +146,7 @@ def test_nobody_is_asked_for_ever() -> None:
 
 
 @pytest.mark.parametrize("rate", [500_000, 115_200, 38_400])
-def test_a_servo_at_another_rate_is_found_and_brought_to_the_lines(rate: int) -> None:
+def test_a_servo_at_another_rate_gets_the_bus_rate(rate: int) -> None:
     bench = Bench()
     bench.servo(3).memory.save(sts.baud_rate, sts.BAUD_RATES.index(rate))
     bench.servo(3).memory.save(sts.servo_id, 77)
@@ -155,7 +156,7 @@ def test_a_servo_at_another_rate_is_found_and_brought_to_the_lines(rate: int) ->
     assert_set_up(bench)
 
 
-def test_a_servo_that_somebody_had_spun_is_set_to_position_mode() -> None:
+def test_a_servo_in_wheel_mode_is_set_to_position_mode() -> None:
     bench = Bench()
     bench.servo(2).memory.save(sts.operating_mode, 1)
     bench.servo(2).memory.save(sts.status_level, 0)
@@ -164,7 +165,7 @@ def test_a_servo_that_somebody_had_spun_is_set_to_position_mode() -> None:
     assert_set_up(bench)
 
 
-def test_another_model_is_told() -> None:
+def test_another_model_is_reported() -> None:
     bench = Bench()
     bench.servo(5).memory.save(sts.model_number, 2825)
     hands = Hands(bench)
@@ -175,19 +176,22 @@ def test_another_model_is_told() -> None:
 
     hands.instead = swap
     bench.set_up(hands).run()
-    assert hands.problems == ["servo 1 is model 2825 (sts3250), and gripper has a sts3215 (777) in the robot file"]
+    assert hands.problems == [
+        "servo 1 has model number 2825 (sts3250), but gripper needs an sts3215 (777) according to the "
+        "robot file. Connect the right servo, or correct the robot file"
+    ]
     assert_set_up(bench)
 
 
 @pytest.mark.parametrize(
     ("model", "supply_v", "text"),
     [
-        (sts.STS3215_C001, 12.0, "12.0 V is too much for a servo of 7.4 V"),
-        (sts.STS3215, 5.0, "5.0 V is too little for a servo of 12.0 V"),
-        (sts.STS3215, 16.0, "16.0 V is too much for a servo of 12.0 V"),
+        (sts.STS3215_C001, 12.0, "12.0 V is too high for an sts3215_c001, which is rated for 7.4 V"),
+        (sts.STS3215, 5.0, "5.0 V is too low for an sts3215, which is rated for 12.0 V"),
+        (sts.STS3215, 16.0, "16.0 V is too high for an sts3215, which is rated for 12.0 V"),
     ],
 )
-def test_a_wrong_supply_stops_it_before_anything_is_written(model: ServoModel, supply_v: float, text: str) -> None:
+def test_a_wrong_supply_ends_the_set_up_without_writes(model: ServoModel, supply_v: float, text: str) -> None:
     bench = Bench(model=model, supply_v=supply_v)
     bench.port.before_write = refuse_writes
     hands = Hands(bench)
@@ -196,20 +200,20 @@ def test_a_wrong_supply_stops_it_before_anything_is_written(model: ServoModel, s
     assert len(hands.asked) == 1
 
 
-def test_a_small_servo_in_the_place_of_a_large_one_is_known_by_its_own_limit() -> None:
-    """Their model numbers are the same; what it allows is not."""
+def test_a_servo_with_lower_voltage_limits_is_refused() -> None:
+    """Both have the same model number, but different voltage limits."""
     bench = Bench(model=sts.STS3215_C001, supply_v=12.0)
-    with pytest.raises(SetUpError, match=r"measures 12.0 V, and allows 4.0 to 8.0 V by its own limits"):
+    with pytest.raises(SetUpError, match=r"measures 12.0 V, but its own limits are 4.0 to 8.0 V"):
         SetUp(bench.bus, bench.clock, places(sts.STS3215), Hands(bench)).run()
 
 
-def test_small_servos_at_their_own_voltage_are_set_up() -> None:
+def test_7_v_servos_are_set_up_at_their_voltage() -> None:
     bench = Bench(model=sts.STS3215_C001)
     SetUp(bench.bus, bench.clock, places(sts.STS3215_C001), Hands(bench)).run()
     assert_set_up(bench)
 
 
-def test_a_servo_under_torque_is_left_alone() -> None:
+def test_a_servo_with_torque_on_is_not_changed() -> None:
     bench = Bench()
     hands = Hands(bench)
     bench.box.connect(5)
@@ -226,11 +230,11 @@ def test_a_servo_under_torque_is_left_alone() -> None:
     hands.instead = stay
     with pytest.raises(KeyboardInterrupt):
         bench.set_up(hands).run()
-    assert "holds torque" in hands.problems[0]
+    assert "the torque of servo 1 is on" in hands.problems[0]
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_line_that_loses_packets_only_takes_longer(seed: int) -> None:
+def test_a_lossy_bus_only_takes_longer(seed: int) -> None:
     bench = Bench(seed)
     bench.box.line.faults.disturbance = Disturbance(seed, drop=0.04, flip=0.02, miss=0.02)
     for _ in range(4):
@@ -244,7 +248,7 @@ def test_a_line_that_loses_packets_only_takes_longer(seed: int) -> None:
 
 
 class Cut:
-    """Does something in the n-th write instruction of a run."""
+    """Call a function in the n-th write instruction of a run."""
 
     def __init__(self, at: int, what: Callable[[], None]) -> None:
         self.left, self.what = at, what
@@ -261,7 +265,7 @@ def interrupt() -> None:
 
 
 @pytest.mark.parametrize("at", range(0, 20, 4))
-def test_an_interrupt_within_a_write_leaves_the_eeprom_locked_and_the_next_run_goes_on(at: int) -> None:
+def test_an_interrupted_write_leaves_the_eeprom_locked(at: int) -> None:
     bench = Bench()
     bench.servo(4).memory.save(sts.baud_rate, 4)  # the second to be asked for: there is a rate to change too
     bench.port.before_write = Cut(at, interrupt)
@@ -275,7 +279,7 @@ def test_an_interrupt_within_a_write_leaves_the_eeprom_locked_and_the_next_run_g
 
 
 @pytest.mark.parametrize("at", range(0, 20, 4))
-def test_a_lost_port_is_said_and_the_next_run_goes_on(at: int) -> None:
+def test_the_set_up_continues_after_a_lost_port(at: int) -> None:
     bench = Bench()
     bench.servo(4).memory.save(sts.baud_rate, 4)
     bench.port.before_write = Cut(at, bench.port.unplug)
@@ -288,7 +292,7 @@ def test_a_lost_port_is_said_and_the_next_run_goes_on(at: int) -> None:
 
 
 @pytest.mark.parametrize("at", range(0, 20, 4))
-def test_a_power_cut_within_a_write_is_asked_again_or_mended(at: int) -> None:
+def test_the_set_up_recovers_from_a_power_cut(at: int) -> None:
     bench = Bench()
 
     def cut() -> None:
@@ -301,7 +305,7 @@ def test_a_power_cut_within_a_write_is_asked_again_or_mended(at: int) -> None:
     assert_set_up(bench)
 
 
-def test_the_one_with_the_factorys_id_comes_last() -> None:
+def test_the_servo_with_the_factory_id_comes_last() -> None:
     odd = [Place("a", 4, sts.STS3215), Place("b", 1, sts.STS3215), Place("c", 2, sts.STS3215, GRIPPER)]
     assert [place.joint for place in in_order(odd)] == ["c", "a", "b"]
 

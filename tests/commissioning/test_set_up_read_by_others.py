@@ -1,4 +1,4 @@
-"""What set-up wrote is read by the servo maker's SDK and by rustypot, over a serial device, with their own calls."""
+"""The Feetech SDK and rustypot read the values written by the set-up over a serial device."""
 
 import importlib
 import queue
@@ -25,7 +25,7 @@ PLACES = [
 
 
 class Hands:
-    """Connects what is asked for, in the thread that serves the line."""
+    """Hands that connect the requested servo in the thread that serves the bus."""
 
     def __init__(self, box: VirtualBox) -> None:
         self.box = box
@@ -46,7 +46,7 @@ class Hands:
 
 
 @pytest.mark.slow
-def test_the_makers_sdk_and_rustypot_read_what_was_written(tmp_path: Path) -> None:
+def test_the_feetech_sdk_and_rustypot_read_the_values(tmp_path: Path) -> None:
     rustypot: Any = pytest.importorskip("rustypot")
     box, clock = VirtualBox([sts.STS3215] * 2), MonotonicClock()
     hands = Hands(box)

@@ -1,4 +1,4 @@
-"""Set-up that has loose servos turn: a servo of the wrong gear is named before it becomes a joint's."""
+"""The set-up with gear tests rejects servos with a wrong gear."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ NAMES = [place.joint for place in PLACES]
 
 @dataclass
 class Table:
-    """Two loose servos of a leader, and hands that connect the one that is asked for, or what ``instead`` says."""
+    """Two loose servos of a leader, and hands that connect the requested one or what ``instead`` returns."""
 
     instead: Callable[[Task], int | None] = lambda task: None
     asked: list[Task] = field(default_factory=list)
@@ -59,7 +59,7 @@ def the_wrong_one_first(task: Task) -> int | None:
     return LIFT if task.joint == "jaw" and not task.problem else None
 
 
-def test_a_wrong_gear_is_named_and_the_set_up_goes_on_with_the_right_one() -> None:
+def test_a_servo_with_a_wrong_gear_is_rejected() -> None:
     table = Table(the_wrong_one_first)
     held: list[tuple[int, ...]] = []
 
@@ -72,20 +72,23 @@ def test_a_wrong_gear_is_named_and_the_set_up_goes_on_with_the_right_one() -> No
     table.instead = look
     audit = table.set_up().run()
     (problem,) = (task.problem for task in table.asked if task.problem)
-    assert "servo 1 has another gear than jaw is to have" in problem
-    assert "in a sts3215_c046 (7.4 V, gear 1:147): it seems to be a sts3215_c001 (7.4 V, gear 1:345)" in problem
-    assert "this one can still become any other joint's" in problem
+    assert "servo 1 has the wrong gear for jaw" in problem
+    assert (
+        "an sts3215_c046 (7.4 V, gear 1:147) needs 0.58 V, so it is probably an sts3215_c001 (7.4 V, gear 1:345)"
+        in problem
+    )
+    assert "You can still use this one for another joint" in problem
     assert held == [(1, 32, 1000)], "as it was delivered"
     assert [(one.joint, one.gear and one.gear.verdict) for one in audit] == [("lift", "fits"), ("jaw", "fits")]
     assert table.box.ids() == [2, 3]
     for number, place in enumerate(PLACES):
         table.servo(number).power_cycle()
         assert {r: table.servo(number).memory.get(r) for r in place.wanted()} == place.wanted()
-    assert [("its horn will turn" in task.text) for task in table.asked] == [True, True, True, False]
-    assert not any("not known" in text for text in table.said)
+    assert [("Its horn will turn" in task.text) for task in table.asked] == [True, True, True, False]
+    assert not any("unknown" in text for text in table.said)
 
 
-def test_one_that_was_set_up_without_a_look_at_its_gear_is_told_how_to_become_new() -> None:
+def test_a_set_up_servo_with_a_wrong_gear_can_be_reset() -> None:
     table = Table(the_wrong_one_first)
     table.servo(LIFT).memory.save(sts.servo_id, 3)
 
@@ -97,30 +100,30 @@ def test_one_that_was_set_up_without_a_look_at_its_gear_is_told_how_to_become_ne
     table.instead = end
     with pytest.raises(KeyboardInterrupt):
         table.set_up().run()
-    assert "'servoloop factory-reset 3' and 'servoloop set-id 3 1' make this one new" in table.asked[-1].problem
+    assert "reset it with 'servoloop factory-reset 3' and 'servoloop set-id 3 1'" in table.asked[-1].problem
 
 
-def test_a_horn_that_something_pulls_at_is_said_and_set_up_all_the_same() -> None:
+def test_a_loaded_horn_is_reported_and_the_servo_is_set_up() -> None:
     table = Table()
     table.box.line.rig.plant.load_nm[JAW] = 0.3
     audit = table.set_up().run()
     assert [one.gear and one.gear.verdict for one in audit] == ["fits", "not sure"]
-    assert "jaw: its gear cannot be told: something pulls at its horn" in table.said
-    assert table.said[-1].startswith("the gears of jaw are not known")
+    assert "jaw: its gear could not be determined (something pulls at its horn)" in table.said
+    assert table.said[-1].startswith("the gears of jaw are unknown")
     assert table.box.ids() == [2, 3]
 
 
-def test_without_turning_no_torque_is_switched_and_the_end_says_that_gears_were_not_looked_at() -> None:
+def test_without_the_gear_test_torque_stays_off_and_unknown_gears_are_reported() -> None:
     table = Table(the_wrong_one_first)
     table.instead = lambda task: None
     audit = table.set_up(turn=False).run()
     assert [one.gear for one in audit] == [None, None]
-    assert table.said[-1].startswith("the gears of lift, jaw are not known")
+    assert table.said[-1].startswith("the gears of lift, jaw are unknown")
     assert not any("horn" in task.text for task in table.asked)
     assert [table.servo(number).memory.get(sts.goal_position) for number in (LIFT, JAW)] == [0, 0], "never had a goal"
 
 
-def test_a_signal_while_a_horn_turns_is_an_interruption_and_the_servo_is_limp() -> None:
+def test_a_signal_during_the_gear_test_releases_the_servo() -> None:
     table = Table()
 
     def stopped() -> bool:

@@ -1,4 +1,4 @@
-"""The slow arm of the tools: however far it has come with switching its torque on, an interrupt leaves it limp."""
+"""An interrupt at any time while the slow arm enables its torque releases the arm."""
 
 import pytest
 
@@ -10,10 +10,10 @@ from tests.commissioning.loose import Cut, Loose, interrupt
 
 LIMITS = JointLimits(-1.0, 1.0, 2.0, 10.0, 100.0)
 ENTERED = 60
-"""More packets than it takes."""
+"""More packets than the activation needs."""
 
 
-def test_an_interrupt_at_any_packet_of_its_beginning_leaves_it_limp() -> None:
+def test_an_interrupt_during_activation_releases_the_arm() -> None:
     for at in range(1, ENTERED):
         loose = Loose(sts.STS3215)
         loose.port.before_write = Cut(at, interrupt)

@@ -1,4 +1,4 @@
-"""docs/troubleshooting.md: every row names findings that there are and tests that exist; its script runs."""
+"""Every row of docs/troubleshooting.md names existing findings and tests, and its script runs."""
 
 import ast
 import re
@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
     @property
     def ids(self) -> set[str]:
-        """The findings' ids that it names."""
+        """Ids of the findings that the row names."""
         return set(re.findall(r"`([a-z_]+)`", self.says))
 
 
@@ -48,7 +48,7 @@ def functions(path: str) -> frozenset[str]:
     return frozenset(node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
 
 
-def test_the_thirty_nine_are_all_there_and_enough_of_them_are_provoked() -> None:
+def test_all_thirty_nine_problems_are_listed() -> None:
     assert [row.number for row in ROWS] == list(range(1, 40))
     assert sum(bool(row.tests) for row in ROWS) >= PROVOKED
 
@@ -67,7 +67,7 @@ def test_a_row_names_tests_that_exist(row: Row) -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: str(row.number))
-def test_a_row_names_findings_that_there_are_and_its_ailments_make_them(row: Row) -> None:
+def test_a_row_names_findings_that_its_tests_produce(row: Row) -> None:
     others = {*ScanKind.__args__, "permission", "reboot", "activate"}  # type: ignore[attr-defined]
     assert row.ids <= KINDS.keys() | others, row.ids - KINDS.keys()
     for test in row.tests:
@@ -75,8 +75,8 @@ def test_a_row_names_findings_that_there_are_and_its_ailments_make_them(row: Row
             assert AILMENTS[test][1] in row.ids, (test, AILMENTS[test][1])
 
 
-def test_no_ailment_of_the_doctor_lacks_a_test() -> None:
-    """A kind of finding that nothing provokes may never come out at all."""
+def test_every_simulated_problem_has_a_test() -> None:
+    """A kind of finding without a test may never be reported."""
     provoked = {case[1] for case in FIRST}
     sources = "".join(
         (HOME / "tests/commissioning" / f"test_doctor_{one}.py").read_text() for one in ("ports", "move", "judge")

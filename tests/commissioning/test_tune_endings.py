@@ -1,4 +1,4 @@
-"""How ``tune`` leaves the arm, whatever ends it: its own end, somebody, a servo or a port that is lost, an obstacle."""
+"""``tune`` leaves the arm as configured after success, a stop, a lost servo or port, or an obstacle."""
 
 from collections.abc import Sequence
 
@@ -14,11 +14,11 @@ from drivers.servos import sts, x
 from hal.joint import Joint
 from servoloop.stack.hardware import servo_bus
 from tests.commissioning.patient import Patient
-from tests.commissioning.tuned import HELD, LET_GO, PARK, TuneBench
+from tests.commissioning.tuned import HELD, PARK, RELEASED, TuneBench
 
 
-@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
-def test_the_arm_is_left_as_the_robot_file_says(ending: Ending) -> None:
+@pytest.mark.parametrize("ending", [RELEASED, HELD], ids=["released", "held"])
+def test_the_arm_is_left_as_the_robot_file_requires(ending: Ending) -> None:
     bench = TuneBench()
     report = tune(bench.tuner(ending=ending))
     assert bench.torque == [not ending.relax] * 3
@@ -28,13 +28,13 @@ def test_the_arm_is_left_as_the_robot_file_says(ending: Ending) -> None:
         assert bench.positions[0] == pytest.approx(report.before.plan.start, abs=0.1)
 
 
-def test_an_arm_that_is_to_be_held_is_let_go_for_the_write_alone() -> None:
+def test_a_held_arm_is_released_only_for_the_write() -> None:
     bench = TuneBench({sts.position_p: 16})
     tune(bench.tuner(ending=HELD), write={"P": 24})
     assert bench.torque == [True] * 3
 
 
-def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
+def test_gains_are_not_written_without_a_park_pose() -> None:
     bench = TuneBench({sts.torque_enable: 1})
     held = bench.tuner(ending=Ending(relax=False))
     assert len(held.held) == 3
@@ -43,16 +43,16 @@ def test_an_arm_that_nobody_may_let_go_is_not_tuned_by_writing() -> None:
     assert bench.torque == [True] * 3
 
 
-def test_whoever_stops_it_has_the_arm_at_its_park_pose_and_limp() -> None:
+def test_stopping_parks_and_releases_the_arm() -> None:
     bench = TuneBench()
     report_at_s = bench.clock.now() + 6.0
-    with pytest.raises(StoppedError, match="stopped: the arm is limp"):
+    with pytest.raises(StoppedError, match="stopped: the torque of the arm is released"):
         tune(bench.tuner(stopped=lambda: bench.clock.now() > report_at_s))
     assert bench.torque == [False] * 3
     assert bench.positions[1] == pytest.approx(PARK["elbow"], abs=0.05)
 
 
-def test_whoever_stops_it_between_has_nothing_written() -> None:
+def test_stopping_before_the_write_writes_nothing() -> None:
     bench = TuneBench({sts.position_p: 16})
     before = bench.saved
     with pytest.raises(StoppedError, match="nothing was written"):
@@ -60,8 +60,8 @@ def test_whoever_stops_it_between_has_nothing_written() -> None:
     assert bench.saved == before
 
 
-@pytest.mark.parametrize("ending", [LET_GO, HELD], ids=["let go", "held"])
-def test_a_servo_that_fails_is_named_and_the_others_are_left_on_purpose(ending: Ending) -> None:
+@pytest.mark.parametrize("ending", [RELEASED, HELD], ids=["released", "held"])
+def test_a_failed_servo_is_named_and_the_others_end_as_configured(ending: Ending) -> None:
     bench = TuneBench()
     end_s = bench.clock.now() + 5.0
 
@@ -75,7 +75,7 @@ def test_a_servo_that_fails_is_named_and_the_others_are_left_on_purpose(ending: 
     assert [bench.torque[0], bench.torque[2]] == [not ending.relax] * 2
 
 
-def test_a_port_that_is_pulled_is_said() -> None:
+def test_an_unplugged_port_is_reported() -> None:
     bench = TuneBench()
     end_s = bench.clock.now() + 5.0
 
@@ -88,7 +88,7 @@ def test_a_port_that_is_pulled_is_said() -> None:
         tune(bench.tuner())
 
 
-def test_what_was_written_is_said_where_the_second_measurement_fails() -> None:
+def test_written_gains_are_listed_if_the_second_measurement_fails() -> None:
     bench = TuneBench()
     written = False
 
@@ -101,17 +101,19 @@ def test_what_was_written_is_said_where_the_second_measurement_fails() -> None:
     bench.before = silence
     with pytest.raises(DriverError) as caught:
         tune(bench.tuner(), write={"P": 24})
-    assert caught.value.__notes__ == ["written before that: P 32 to 24 (servo 1)"]
+    assert caught.value.__notes__ == ["already written to servo 1: P changed from 32 to 24"]
 
 
-def test_a_joint_that_cannot_hold_its_load_is_said_and_the_arm_let_go() -> None:
+def test_a_joint_too_weak_for_its_load_is_reported_and_released() -> None:
     bench = TuneBench(load_nm=5.0)
-    with pytest.raises(DriverError, match=r"shoulder.* (stays|protects itself|has let go|released its torque)"):
+    with pytest.raises(
+        DriverError, match=r"shoulder.* (does not follow|reports an alarm|has let go|released its torque)"
+    ):
         tune(bench.tuner())
     assert bench.torque == [False] * 3
 
 
-def test_what_is_in_the_way_is_met_on_the_slow_pass() -> None:
+def test_an_obstacle_is_met_in_the_slow_pass() -> None:
     bench = TuneBench()
     wall = bench.plant.joints.position[0] + 0.38
     fastest_there = 0.0
@@ -123,22 +125,22 @@ def test_what_is_in_the_way_is_met_on_the_slow_pass() -> None:
             bench.plant.joints.position[0], bench.plant.joints.velocity[0] = wall, 0.0
 
     bench.before = stand_in_the_way
-    with pytest.raises(TuneError, match=r"shoulder \(servo 1\) was to move by \+0\.150 and moved by \+0\.0"):
+    with pytest.raises(TuneError, match=r"shoulder \(servo 1\) should have moved by \+0\.150, but it moved by \+0\.0"):
         tune(bench.tuner())
     assert 0.0 < fastest_there < 0.6
     assert bench.torque == [False] * 3
 
 
-def test_a_joint_that_is_not_there_and_a_servo_that_does_not_answer_are_named() -> None:
+def test_an_unknown_joint_and_a_silent_servo_are_named() -> None:
     bench = TuneBench()
-    with pytest.raises(TuneError, match="no joint wrist, but shoulder, elbow, finger"):
+    with pytest.raises(TuneError, match="no joint wrist: choose one of shoulder, elbow, finger"):
         bench.tuner("wrist")
     bench.line.faults.silence(2)
     with pytest.raises(TuneError, match="elbow: servo 2"):
         bench.tuner()
 
 
-def test_a_defect_in_the_middle_lets_the_arm_down() -> None:
+def test_an_exception_lets_the_arm_sink() -> None:
     bench = TuneBench()
     end_s = bench.clock.now() + 5.0
 
@@ -153,7 +155,7 @@ def test_a_defect_in_the_middle_lets_the_arm_down() -> None:
     assert bench.torque == [False] * 3
 
 
-def test_an_arm_on_two_buses_is_held_and_let_go_on_both() -> None:
+def test_an_arm_on_two_buses_is_held_and_released() -> None:
     patient = Patient("robot_arm_two_buses.yaml")
     file = patient.robot.file
     seen: list[list[bool]] = []

@@ -1,4 +1,4 @@
-"""The figures of a tuning, from curves whose figures are known; the plan of its motions; the words for gains."""
+"""The figures of known curves, the plan of the motions, and the parsing of gains."""
 
 import math
 from dataclasses import replace
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from commissioning.tune.figures import SHAKES_COUNTS, Trace, figures, following, response, rest_error
 from commissioning.tune.gains import TuneError, gains_of, parse_gains, with_gains
-from commissioning.tune.trial import LIFT_RAD, STEP_RAD, Plan, plan_for, said
+from commissioning.tune.trial import LIFT_RAD, STEP_RAD, Plan, plan_for, plan_question
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from hal.joint import Joint
@@ -27,7 +27,7 @@ def times(seconds: float) -> FloatArray:
 
 
 def step(over: float, off: float, decay_s: float = 0.05, swing: float = 0.0, way: float = 0.15) -> Trace:
-    """A ramp of 0.2 s, then the joint rests ``off`` its command, after an overshoot that dies away."""
+    """Return a ramp of 0.2 s with a decaying overshoot and an error ``off`` at rest."""
     time_s = times(1.7)
     command = np.clip(way * time_s / 0.2, min(way, 0.0), max(way, 0.0))
     since = np.maximum(time_s - 0.2, 0.0)
@@ -45,7 +45,7 @@ def sine(delay_s: float, off: float, hz: float, periods: int = 2) -> Trace:
 
 
 @given(st.floats(0.0, 0.2), st.floats(-0.1, 0.1), st.floats(0.3, 1.0))
-def test_the_delay_of_a_sine_is_found_whatever_the_joint_sags(delay_s: float, off: float, hz: float) -> None:
+def test_the_delay_of_a_sine_does_not_depend_on_sag(delay_s: float, off: float, hz: float) -> None:
     found = following(sine(delay_s, off, hz), hz)
     assert found.delay_s == pytest.approx(delay_s, abs=1e-3)
     assert found.gain == pytest.approx(1.0, abs=1e-3)
@@ -53,7 +53,7 @@ def test_the_delay_of_a_sine_is_found_whatever_the_joint_sags(delay_s: float, of
 
 
 @given(st.floats(0.0, 0.05), st.floats(-0.1, 0.1), st.sampled_from([0.15, -0.15]))
-def test_overshoot_counts_from_where_the_joint_comes_to_rest(over: float, off: float, way: float) -> None:
+def test_overshoot_is_relative_to_the_position_at_rest(over: float, off: float, way: float) -> None:
     found = response(step(over, off, way=way), COUNT)
     assert found.overshoot == pytest.approx(over, abs=0.03 * over + 1e-6)
     assert found.rest_error == pytest.approx(off, abs=1e-4)
@@ -67,7 +67,7 @@ def test_settling_ends_with_the_last_sample_outside_the_band() -> None:
     assert response(step(0.02, 0.0, decay_s=0.5), COUNT).settling_s is None
 
 
-def test_load_and_friction_are_told_apart_by_the_side_from_which_a_joint_comes() -> None:
+def test_load_and_friction_are_separated_by_approaching_from_both_sides() -> None:
     up, down = step(0.0, 0.03), step(0.0, 0.01, way=-0.15)
     found = figures([up, down], sine(0.03, 0.02, 1.0), 1.0, COUNT, (rest_error(up), rest_error(down)))
     assert (found.sag, found.stick) == (pytest.approx(0.02, abs=1e-6), pytest.approx(0.01, abs=1e-6))
@@ -100,23 +100,23 @@ def test_a_plan_stays_within_the_limits_and_a_quarter_of_the_speed(
     assert 0.5 * abs(plan.step) * (2.0 * math.pi * plan.sine_hz) ** 2 <= limits.acceleration
 
 
-def test_the_amplitude_shrinks_where_room_is_short_and_none_is_refused() -> None:
+def test_the_step_shrinks_with_the_room_and_no_room_is_refused() -> None:
     narrow = replace(SHOULDER, limits=replace(SHOULDER.limits, lower=-0.15, upper=0.15))
     assert abs(plan_for(narrow, 0.0).step) == pytest.approx(0.06)
-    with pytest.raises(TuneError, match="shoulder has no room"):
+    with pytest.raises(TuneError, match="shoulder has not enough room"):
         plan_for(replace(SHOULDER, limits=replace(SHOULDER.limits, lower=-0.05, upper=0.05)), 0.0)
-    with pytest.raises(TuneError, match=r"cannot go to 3\.000: its limits are -2\.000 to 2\.000"):
+    with pytest.raises(TuneError, match=r"cannot move to 3\.000: its limits are -2\.000 to 2\.000"):
         plan_for(SHOULDER, 0.0, 3.0)
 
 
-def test_whoever_is_asked_is_told_how_far_and_how_fast() -> None:
-    text = said(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
-    assert "from 0.000 to 0.350 rad" in text and "0.500 (98 counts)" in text
-    assert "no faster than 1 rad/s (its limit is 4)" in text and "elbow will be held" in text
-    assert " m/s" in said(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
+def test_the_question_states_distance_and_speed() -> None:
+    text = plan_question(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
+    assert "from 0.000 to 0.350 rad" in text and "0.350 and 0.500 rad (98 counts)" in text
+    assert "at most at 1 rad/s (its limit is 4)" in text and "elbow will hold" in text
+    assert " m/s" in plan_question(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
 
 
-def test_gains_have_the_names_that_people_use() -> None:
+def test_gains_have_their_usual_names() -> None:
     assert {name: one.address for name, one in gains_of(sts.STS3215).items()} == {
         **{"P": 21, "I": 23, "D": 22},
         **{"cw_dead_zone": 26, "ccw_dead_zone": 27, "minimum_startup_force": 24},
@@ -130,27 +130,27 @@ def test_gains_have_the_names_that_people_use() -> None:
 @pytest.mark.parametrize(
     ("model", "words", "says"),
     [
-        (sts.STS3215, ["P=0"], "P takes 1 to 255, not 0"),
-        (sts.STS3215, ["P=256", "D=300"], "P takes 1 to 255, not 256; D takes 0 to 255, not 300"),
-        (sts.STS3215, ["Q=1"], "Q=1: a gain is one of P, I, D, cw_dead_zone, ccw_dead_zone"),
-        (sts.STS3215, ["P"], "P: a gain is one of"),
-        (sts.STS3215, [""], "nothing: a gain is one of"),
+        (sts.STS3215, ["P=0"], "P must be 1 to 255, not 0"),
+        (sts.STS3215, ["P=256", "D=300"], "P must be 1 to 255, not 256; D must be 0 to 255, not 300"),
+        (sts.STS3215, ["Q=1"], "'Q=1' is not a gain: write one of P, I, D, cw_dead_zone, ccw_dead_zone"),
+        (sts.STS3215, ["P"], "'P' is not a gain: write one of"),
+        (sts.STS3215, [""], "'' is not a gain: write one of"),
         (ax_mx.AX_12A, ["P=1"], "ax-12a has no gains"),
-        (scs.SCS15, ["homing_offset=1"], "a gain is one of P, I, D"),
+        (scs.SCS15, ["homing_offset=1"], "is not a gain: write one of P, I, D"),
     ],
 )
-def test_gains_that_a_servo_cannot_have_are_named(model: ServoModel, words: list[str], says: str) -> None:
+def test_invalid_gains_are_named(model: ServoModel, words: list[str], says: str) -> None:
     with pytest.raises(TuneError) as caught:
         parse_gains(model, words)
     assert says in str(caught.value)
 
 
-def test_a_joint_with_other_gains_is_as_stiff_as_those_make_it() -> None:
+def test_stiffness_follows_the_gains() -> None:
     soft, stiff = with_gains(SHOULDER, {"P": 16}).compliance, SHOULDER.compliance
     assert soft is not None and stiff is not None and soft.stiffness == pytest.approx(0.5 * stiff.stiffness)
     joint = replace(SHOULDER, model=x.XL430_W250)
     assert with_gains(joint, {"P": 700, "D": 10}).position_p == 700
 
 
-def test_a_plan_says_its_step() -> None:
+def test_the_plan_contains_its_step() -> None:
     assert Plan("one", 0.0, 0.2, 0.05, 1.0, 1.0).step == pytest.approx(-0.15)

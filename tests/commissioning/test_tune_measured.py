@@ -1,5 +1,4 @@
-"""``tune`` on virtual servos: gains have the effects that are known of them, the laws foresee those, and the arm is
-left as it is to be left, whatever ends the measurement."""
+"""``tune`` on virtual servos: gains have their known effects, and the predictions match the measurements."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -47,7 +46,7 @@ def undamped() -> Measurement:
 
 
 def test_half_the_p_sags_twice_as_far(factory: Measurement, soft: Measurement) -> None:
-    """Behind the dead zone of one count, and the offset of 16 u, which both have."""
+    """The dead zone of one count and the minimum drive of 16 units are the same in both."""
     assert factory.gains["P"] == 32 and soft.gains["P"] == 16
     assert soft.figures.sag / factory.figures.sag == pytest.approx(2.0, abs=0.15)
     assert factory.figures.sag > 15 * COUNT
@@ -59,13 +58,13 @@ def test_without_d_it_overshoots_more_and_sags_the_same(factory: Measurement, un
     assert undamped.figures.delay_s == pytest.approx(factory.figures.delay_s, abs=0.005)
 
 
-def test_half_the_p_is_later(factory: Measurement, soft: Measurement) -> None:
+def test_half_the_p_increases_the_delay(factory: Measurement, soft: Measurement) -> None:
     assert soft.figures.delay_s > 1.3 * factory.figures.delay_s
     assert soft.figures.following_rms > 1.5 * factory.figures.following_rms
 
 
-def test_what_the_laws_foresee_is_what_is_measured(factory: Measurement, soft: Measurement) -> None:
-    """From either to the other."""
+def test_predictions_match_measurements(factory: Measurement, soft: Measurement) -> None:
+    """Each measurement predicts the other."""
     for before, after in ((factory, soft), (soft, factory)):
         bench = TuneBench({sts.position_p: before.gains["P"]})
         law = Law(bench.tuner().joint, before.plan, before.figures)
@@ -75,7 +74,7 @@ def test_what_the_laws_foresee_is_what_is_measured(factory: Measurement, soft: M
         assert found.delay_s == pytest.approx(after.figures.delay_s, abs=0.010)
 
 
-def test_what_d_does_is_foreseen(factory: Measurement, undamped: Measurement) -> None:
+def test_the_effect_of_d_is_predicted(factory: Measurement, undamped: Measurement) -> None:
     bench = TuneBench({sts.position_d: 0})
     law = Law(bench.tuner().joint, undamped.plan, undamped.figures)
     assert law.predict({}).overshoot == pytest.approx(undamped.figures.overshoot, abs=0.5 * COUNT)
@@ -112,8 +111,8 @@ def test_a_prismatic_joint_is_measured_too() -> None:
     assert 0.0 < found.figures.delay_s < 0.15
 
 
-def test_nothing_is_written_but_goals_unless_it_is_told() -> None:
-    """Not even what the robot file names, and the servo has otherwise."""
+def test_only_goals_are_written_by_default() -> None:
+    """Not even settings that differ from the robot file are written."""
     bench = TuneBench({sts.position_p: 16}, joints=(replace(JOINTS[0], settings=(("position_p", 32),)), *JOINTS[1:]))
     before = bench.saved
     report = tune(bench.tuner())
@@ -123,7 +122,7 @@ def test_nothing_is_written_but_goals_unless_it_is_told() -> None:
     assert report.proposal.values["P"] == 24 and report.predicted is not None
 
 
-def test_gains_are_written_to_a_limp_servo_read_back_locked_and_measured() -> None:
+def test_gains_are_written_with_torque_off_and_measured() -> None:
     bench = TuneBench({sts.position_p: 16})
     under_torque: list[bool] = []
     memory = bench.memories[0]
@@ -147,14 +146,14 @@ def test_gains_are_written_to_a_limp_servo_read_back_locked_and_measured() -> No
 
 
 @pytest.mark.slow
-def test_what_is_proposed_can_be_applied() -> None:
+def test_the_proposal_can_be_applied() -> None:
     report = tune(TuneBench({sts.position_d: 0}).tuner(), apply=True)
     assert {one.gain for one in report.written} == set(report.proposal.values) == {"D"}
     assert report.after is not None
     assert report.after.figures.overshoot < report.before.figures.overshoot - 2.0 * COUNT
 
 
-def test_gains_that_are_there_already_are_not_written_and_nothing_is_measured_twice() -> None:
+def test_unchanged_gains_are_neither_written_nor_measured_again() -> None:
     bench = TuneBench()
     report = tune(bench.tuner(), write={"P": 32})
     assert report.written == () and report.after is None
@@ -176,7 +175,7 @@ def test_a_joint_with_backlash_shakes_with_the_factory_s_p_and_not_with_half_of_
     assert report.after.figures.settling_s is not None
 
 
-def test_a_dynamixel_s_gains_live_in_ram_and_p_is_kept_by_the_robot_file() -> None:
+def test_dynamixel_gains_are_in_ram_and_p_is_in_the_robot_file() -> None:
     joint = replace(JOINTS[0], model=x.XL430_W250, position_p=1000)
     clock, plant = SimulatedClock(), BenchPlant([1], timestep_s=0.002)
     line = VirtualDynamixelBus.of(plant, {1: x.XL430_W250})

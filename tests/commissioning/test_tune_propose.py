@@ -1,4 +1,4 @@
-"""What is proposed for which figures, and what the laws say of other gains: tables and properties, nothing moves."""
+"""Proposals for given figures, and predictions for other gains, without motion."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -36,7 +36,7 @@ PLAN = plan_for(JOINTS[0], 0.0)
 
 
 def held(changes: Mapping[str, int]) -> Joint:
-    """The joint as ``as_held`` makes it."""
+    """Return the joint with these settings, as from ``as_held``."""
     return with_gains(JOINTS[0], {**FACTORY, **changes})
 
 
@@ -51,19 +51,29 @@ def shaking(measured: Figures) -> Figures:
 @pytest.mark.parametrize(
     ("changes", "measured", "values", "says"),
     [
-        ({}, WELL, {}, "as it should"),
-        ({}, shaking(WELL), {"P": 24}, "swings by 20 counts at rest (6.0 Hz): P is too high"),
-        ({"I": 5}, shaking(WELL), {"P": 24, "I": 0}, "I 5 adds up what friction holds"),
-        ({"P": 8}, shaking(WELL), {}, "look for play"),
-        ({"cw_dead_zone": 6}, WELL, {"cw_dead_zone": 1}, "cw_dead_zone 6 leaves errors of 6 counts alone"),
-        ({}, replace(WELL, sag=24.0 * COUNT, rest_error=25.0 * COUNT), {}, "the stack's gravity compensation"),
-        ({"P": 16}, replace(WELL, rest_error=25.0 * COUNT), {"P": 24}, "rests 25 counts off, and that goes as 1/P"),
+        ({}, WELL, {}, "are good"),
+        ({}, shaking(WELL), {"P": 24}, "swings by 20 counts at rest (6.0 Hz), because P is too high"),
+        ({"I": 5}, shaking(WELL), {"P": 24, "I": 0}, "I 5 integrates the error from friction"),
+        ({"P": 8}, shaking(WELL), {}, "for play"),
+        (
+            {"cw_dead_zone": 6},
+            WELL,
+            {"cw_dead_zone": 1},
+            "with cw_dead_zone 6, errors of up to 6 counts are not corrected",
+        ),
+        ({}, replace(WELL, sag=24.0 * COUNT, rest_error=25.0 * COUNT), {}, "the gravity compensation of the stack"),
+        (
+            {"P": 16},
+            replace(WELL, rest_error=25.0 * COUNT),
+            {"P": 24},
+            "error at rest is 25 counts, which is proportional to 1/P",
+        ),
         ({"P": 28}, replace(WELL, rest_error=25.0 * COUNT), {"P": FACTORY_P}, "1/P"),
         ({"P": 16}, replace(WELL, rest_error=9.0 * COUNT), {"P": 19}, "1/P"),
-        ({"P": 16}, replace(WELL, rest_error=8.0 * COUNT), {}, "as it should"),
+        ({"P": 16}, replace(WELL, rest_error=8.0 * COUNT), {}, "are good"),
     ],
 )
-def test_what_is_proposed_and_why(
+def test_proposals_and_their_reasons(
     changes: Mapping[str, int], measured: Figures, values: Mapping[str, int], says: str
 ) -> None:
     found = proposed(changes, replace(measured, overshoot=0.0))
@@ -72,7 +82,7 @@ def test_what_is_proposed_and_why(
     assert (found.predicted is None) == (not values)
 
 
-def test_overshoot_is_braked_with_as_little_d_as_does_it() -> None:
+def test_the_smallest_sufficient_d_is_proposed() -> None:
     measured = replace(WELL, overshoot=9.0 * COUNT)
     found = proposed({"D": 0}, measured)
     assert set(found.values) == {"D"} and 0 < found.values["D"] <= 64
@@ -82,13 +92,13 @@ def test_overshoot_is_braked_with_as_little_d_as_does_it() -> None:
     assert found.predicted.overshoot <= 0.05 * abs(PLAN.step) < less
 
 
-def test_of_servos_whose_loop_nobody_publishes_nothing_is_said() -> None:
+def test_servos_with_an_unpublished_loop_get_no_proposal() -> None:
     joint = replace(JOINTS[0], model=scs.SCS15)
     found = propose(joint, {"P": 32, "I": 0, "D": 32}, PLAN, shaking(WELL))
     assert found == Proposal(reasons=(UNKNOWN,))
 
 
-def test_a_dynamixel_has_the_laws_of_rest_and_delay() -> None:
+def test_error_at_rest_and_delay_are_predicted_for_a_dynamixel() -> None:
     joint = replace(JOINTS[0], model=x.XL430_W250, position_p=640)
     measured = replace(WELL, rest_error=20.0 * COUNT)
     found = propose(joint, {"P": 640, "I": 0, "D": 0}, PLAN, measured)
@@ -98,10 +108,10 @@ def test_a_dynamixel_has_the_laws_of_rest_and_delay() -> None:
 
 
 @given(st.integers(4, 64), st.floats(-60.0, 60.0), st.floats(0.02, 0.1))
-def test_the_present_gains_give_what_was_measured_and_more_p_never_more_sag(
+def test_predictions_are_consistent_and_more_p_means_less_sag(
     position_p: int, sag_counts: float, delay_s: float
 ) -> None:
-    """With I, of which no overshoot is computed: that takes its time."""
+    """I is set, because it disables the slow computation of the overshoot."""
     sag = sag_counts * COUNT
     law = Law(held({"P": position_p, "I": 1}), PLAN, replace(WELL, sag=sag, rest_error=abs(sag), delay_s=delay_s))
     same, stiffer = law.predict({}), law.predict({"P": position_p + 1})
@@ -113,7 +123,7 @@ def test_the_present_gains_give_what_was_measured_and_more_p_never_more_sag(
     assert law.predict({"D": 0}).sag == same.sag and law.predict({"D": 0}).delay_s == same.delay_s
 
 
-def test_twice_the_p_halves_what_lies_behind_the_dead_zone() -> None:
+def test_twice_the_p_halves_the_error_beyond_the_dead_zone() -> None:
     measured = replace(WELL, sag=41.0 * COUNT)
     found = Law(held({"P": 16}), PLAN, measured).predict({"P": 32})
     assert found.sag == pytest.approx(21.0 * COUNT)
@@ -121,7 +131,7 @@ def test_twice_the_p_halves_what_lies_behind_the_dead_zone() -> None:
     assert wide.sag == pytest.approx(45.0 * COUNT)
 
 
-def test_a_heavier_joint_overshoots_more_and_d_brakes_it() -> None:
+def test_inertia_increases_overshoot_and_d_reduces_it() -> None:
     def over(inertia: float, position_d: int) -> float:
         return Loop(32, position_d, 1, 0.016, 2900.0, inertia).overshoot(98.0, 652.0)
 
@@ -130,7 +140,7 @@ def test_a_heavier_joint_overshoots_more_and_d_brakes_it() -> None:
     assert over(4e-5, 32) < over(4e-5, 16) < heavy
 
 
-def test_what_the_robot_file_is_to_say() -> None:
+def test_the_robot_file_entries_keep_the_gains() -> None:
     assert kept(sts.STS3215, {"P": 24, "D": 16}, {"max_torque": 800, "position_p": 32}) == {
         "settings": {"max_torque": 800, "position_p": 24, "position_d": 16}
     }

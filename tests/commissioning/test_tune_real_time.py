@@ -1,4 +1,4 @@
-"""``servoloop tune`` as docs/tune.md has it, in real time on a pseudo-terminal, ended in mid-motion."""
+"""``servoloop tune`` in real time on a pseudo-terminal, stopped during the motion."""
 
 import signal
 import subprocess
@@ -15,8 +15,8 @@ from tests.commissioning.test_tune_verb import VIRTUAL
 @pytest.mark.slow
 @pytest.mark.runs(*VIRTUAL[:2])
 @pytest.mark.timeout(180)
-def test_a_tuning_that_is_ended_in_mid_motion_leaves_the_arm_held(tmp_path: Path) -> None:
-    """A virtual arm: its robot file has ``on_exit: hold`` for it."""
+def test_stopping_a_tuning_in_motion_leaves_the_arm_held(tmp_path: Path) -> None:
+    """Start a virtual arm with ``on_exit: hold``."""
     emulate, tune = (line.split() for line in VIRTUAL[:2])
     python = [sys.executable, "-m"]
     with subprocess.Popen([*python, *emulate], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as emulator:
@@ -41,7 +41,7 @@ def _position(bus: Path) -> float:
 
 
 def _lies(bus: Path) -> None:
-    """Wait until the limp arm lies still."""
+    """Wait until the released arm is at rest."""
     before, since_s = _position(bus), time.monotonic()
     while time.monotonic() - since_s < 0.5:
         if abs((now := _position(bus)) - before) > 1e-3:

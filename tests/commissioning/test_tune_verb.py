@@ -1,4 +1,4 @@
-"""``servoloop tune`` as users type it, on an arm on simulated time: the commands and the figures of docs/tune.md."""
+"""The commands and figures of docs/tune.md on an arm in simulated time."""
 
 import errno
 import json
@@ -27,12 +27,12 @@ PAGE = "tune.md"
 TEXT = " ".join((DOCS / PAGE).read_text().split())
 REAL, VIRTUAL, _ = (block.commands for block in blocks(PAGE) if block.language == "sh")
 LIFT = 2
-"""The servo of shoulder_lift."""
+"""ID of the servo of shoulder_lift."""
 
 
 @pytest.fixture
 def arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Patient:
-    """An SO-101 on simulated time behind every port; the working folder is a new one."""
+    """An SO-101 in simulated time at every port, in a new working folder."""
     patient = Patient("so101")
 
     def opened(file: RobotFile, devices: Mapping[str, str], clock: Clock) -> dict[str, Bus]:
@@ -72,7 +72,7 @@ def test_the_first_command_asks_measures_and_writes_nothing(
 
 @pytest.mark.slow
 @pytest.mark.runs(REAL[1])
-def test_gains_are_written_and_both_measurements_stand_side_by_side(
+def test_written_gains_are_shown_with_both_measurements(
     arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert typed(monkeypatch, REAL[1], answer="y\n") == 0
@@ -90,10 +90,10 @@ def test_gains_are_written_and_both_measurements_stand_side_by_side(
 @pytest.mark.slow
 @pytest.mark.runs(REAL[2], VIRTUAL[2])
 @pytest.mark.parametrize("command", [f"{REAL[2]} --json", VIRTUAL[2]], ids=["real", "virtual"])
-def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
+def test_json_output_and_applying_a_proposal(
     command: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The last of the commands; a wide dead zone is something to propose whatever the joint carries."""
+    """Run the last command of the page; a wide dead zone always gives a proposal."""
     arm.put(LIFT, sts.cw_dead_zone, 6)
     assert typed(monkeypatch, command, answer="y\n") == 0
     told = json.loads(capsys.readouterr().out)
@@ -107,7 +107,7 @@ def test_what_it_prints_for_programs_and_that_a_proposal_is_applied(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("json_", [True, False])
-def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_written(
+def test_a_failed_plot_does_not_hide_the_figures(
     json_: bool, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def no_room(fd: int) -> None:
@@ -128,18 +128,18 @@ def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_wri
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist, but shoulder_pan"),
+        ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist: choose one of shoulder_pan"),
         (
             "tune shoulder_lift P=24 --arm so101 --port ./bus --yes",
             "gains are written where --write says so: --write P=24",
         ),
         ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "give one of them"),
-        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P takes 1 to 255, not 999"),
-        ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot go to 3.000"),
+        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 255, not 999"),
+        ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot move to 3.000"),
         ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: name a file"),
     ],
 )
-def test_what_cannot_be_done_is_said_before_anything_moves(
+def test_mistakes_are_reported_before_any_motion(
     words: str, says: str, arm: Patient, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(monkeypatch, *shlex.split(words)) == 1

@@ -1,4 +1,4 @@
-"""Units agree with what the tables' own comments say, and what is printed can be written."""
+"""Units match the comments in the control tables, and printed values can be parsed."""
 
 import re
 from pathlib import Path
@@ -46,7 +46,7 @@ COMMENTS = {
     "XL330, XC330": None,
     "MX-28": Unit("rev/min²", 214.577),
 }
-"""What the comments say in front of any further words."""
+"""Units at the beginning of the comments."""
 _LINE = re.compile(r'^\w+ = Register\("(\w+)".*\)(?:  # (.*))?$', re.MULTILINE)
 TABLES = {sts: "sts", scs: "scs", x: "Dynamixel X", xl320: "Dynamixel XL-320", ax_mx: "Dynamixel protocol 1.0"}
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
@@ -58,7 +58,7 @@ def comments(table: ModuleType) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.__name__.rpartition(".")[2])
-def test_every_unit_is_the_one_that_the_table_says(table: ModuleType) -> None:
+def test_every_unit_matches_the_control_table(table: ModuleType) -> None:
     said = {name: COMMENTS.get(comment) for name, comment in comments(table).items()}
     ours = UNITS[TABLES[table]]
     known = {name: unit for name, unit in said.items() if unit and unit.symbol}
@@ -69,13 +69,13 @@ def test_every_unit_is_the_one_that_the_table_says(table: ModuleType) -> None:
     assert {name: unit for name, unit in known.items() if name not in by_model} == ours
 
 
-def test_the_units_name_only_registers_that_are_there() -> None:
+def test_units_exist_only_for_known_registers() -> None:
     for series in SERIES:
         names = {register.name for model in series.models for register in registers_of(model)}
         assert UNITS[series.name].keys() <= names
 
 
-def test_units_of_the_models_own() -> None:
+def test_units_that_depend_on_the_model() -> None:
     assert unit_of(x.XM430_W350, x.present_current) == Unit("A", 0.00269)
     assert unit_of(x.XL330_M288, x.goal_current) == Unit("A", 0.001)
     assert unit_of(ax_mx.AX_12A, ax_mx.moving_speed) == Unit("rpm", 0.111)
@@ -84,7 +84,7 @@ def test_units_of_the_models_own() -> None:
 
 @every_model
 @given(data=st.data())
-def test_what_is_printed_can_be_written_raw_or_as_a_quantity(model: ServoModel, data: st.DataObject) -> None:
+def test_printed_values_can_be_parsed(model: ServoModel, data: st.DataObject) -> None:
     register = data.draw(st.sampled_from(registers_of(model)))
     raw = data.draw(st.integers(max(register.smallest, -30_000), min(register.largest, 60_000)))
     shown = value_of(model, register, raw)
@@ -98,38 +98,38 @@ def test_what_is_printed_can_be_written_raw_or_as_a_quantity(model: ServoModel, 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("65V", "max_temperature is in °C, not in V"),
-        ("65.5", "takes a whole number .as the servo counts., or a quantity with its unit °C"),
-        ("warm", "takes a number"),
-        ("", "takes a number"),
+        ("65V", "max_temperature has the unit °C, not V"),
+        ("65.5", "must be a whole number .the raw value. or a quantity with the unit °C"),
+        ("warm", "must be a number"),
+        ("", "must be a number"),
         ("300", "max_temperature must be 0 to 255, not 300"),
         ("-1", "max_temperature must be 0 to 255, not -1"),
     ],
 )
-def test_a_value_that_is_none_is_said(text: str, says: str) -> None:
+def test_an_invalid_value_is_reported(text: str, says: str) -> None:
     with pytest.raises(CommissioningError, match=says):
         parse(sts.STS3215, sts.max_temperature, text)
 
 
-def test_a_register_without_a_unit_takes_none() -> None:
-    with pytest.raises(CommissioningError, match="position_p has no unit, not in V"):
+def test_a_register_without_a_unit_accepts_no_unit() -> None:
+    with pytest.raises(CommissioningError, match="position_p has no unit, so it cannot be set in V"):
         parse(sts.STS3215, sts.position_p, "3V")
 
 
 @pytest.mark.parametrize(
     ("text", "raw"), [("12V", 120), ("12.0 V", 120), ("12.04v", 120), ("120", 120), ("+7", 7), ("7.4V", 74)]
 )
-def test_quantities_as_people_write_them(text: str, raw: int) -> None:
+def test_usual_spellings_of_quantities_are_parsed(text: str, raw: int) -> None:
     assert parse(sts.STS3215, sts.max_voltage, text) == raw
 
 
-def test_a_typo_gets_the_names_that_come_near() -> None:
+def test_a_misspelled_register_gets_similar_names() -> None:
     with pytest.raises(CommissioningError, match="has no register presnt_voltage: did you mean present_voltage"):
         register_named(sts.STS3215, "presnt_voltage")
 
 
 @every_model
-def test_every_rate_of_a_model_has_a_value_of_its_own(model: ServoModel) -> None:
+def test_every_rate_of_a_model_has_its_own_value(model: ServoModel) -> None:
     rates = rates_of(model)
     assert len(set(rates.values())) == len(rates)
     register = register_named(model, "baud_rate")
@@ -140,7 +140,7 @@ def test_every_rate_of_a_model_has_a_value_of_its_own(model: ServoModel) -> None
             assert rate == pytest.approx(2_000_000 / (value + 1), rel=0.025)
 
 
-def test_the_smallest_x_lack_the_highest_rate() -> None:
+def test_x330_servos_lack_the_highest_rate() -> None:
     assert 4_500_000 not in rates_of(x.XL330_M288).values()
     assert 4_500_000 in rates_of(x.XL430_W250).values()
 
@@ -157,5 +157,5 @@ def test_the_smallest_x_lack_the_highest_rate() -> None:
         (sts.STS3215, "position_p", 32, ""),
     ],
 )
-def test_what_is_no_quantity_is_said_in_words(model: ServoModel, name: str, raw: int, said: str) -> None:
+def test_coded_values_have_a_meaning(model: ServoModel, name: str, raw: int, said: str) -> None:
     assert meaning(model, register_named(model, name), raw) == said

@@ -1,4 +1,4 @@
-"""The verbs on a pseudo-terminal, as users type them, by the machine's clock; and every command of docs/tools.md."""
+"""The commands of docs/tools.md on a pseudo-terminal in real time."""
 
 import json
 import os
@@ -37,7 +37,7 @@ WHOLE_ARM = (
     "servoloop passport restore arm.passport.yaml --id 6 --to-new --port /dev/ttyACM0",
     "servoloop calibration import my_arm.json --arm so101",
 )
-"""Commands of the page that are for the servos of one arm, not for any."""
+"""Commands of the page that need the servos of a certain arm."""
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ EACH = [command for command in commands(PAGE) if command not in WHOLE_ARM]
 
 @pytest.mark.slow
 @pytest.mark.runs(*EACH)
-def test_every_command_of_the_page_does_its_work_in_their_order(
+def test_every_command_of_the_page_works(
     bus: ServoLine[Any], link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = SmallMachine(tmp_path / "machine")
@@ -80,7 +80,7 @@ def test_every_command_of_the_page_does_its_work_in_their_order(
 
 @pytest.mark.slow
 @pytest.mark.runs(*WHOLE_ARM)
-def test_the_page_s_commands_for_a_whole_arm_do_their_work(
+def test_the_commands_of_the_page_for_a_whole_arm_work(
     link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where the page's files are
@@ -103,7 +103,7 @@ def test_the_page_s_commands_for_a_whole_arm_do_their_work(
 
 
 def as_lerobot_has_it(joint: Joint) -> dict[str, int]:
-    """The entry of a joint that was moved through its whole range."""
+    """Return LeRobot's entry of a joint that was moved through its whole range."""
     half = round(0.5 * (joint.limits.upper - joint.limits.lower) / abs(joint.units_per_count))
     return {
         "id": joint.servo_id,
@@ -115,7 +115,7 @@ def as_lerobot_has_it(joint: Joint) -> dict[str, int]:
 
 
 def hold_settings(bus: ServoLine[Any], joints: Sequence[Joint]) -> None:
-    """The servos have the settings of the robot file."""
+    """Give the servos the settings of the robot file."""
     for joint in joints:
         for name, value in joint.settings:
             bus.servo(joint.servo_id).memory.save(settings_of(joint.model)[name], value)
@@ -145,7 +145,7 @@ def test_a_register_is_printed_in_its_unit_and_raw(
     assert "already: nothing written" in capsys.readouterr().out
 
 
-def test_what_asks_first_does_nothing_without_an_answer(
+def test_commands_that_ask_first_do_nothing_without_an_answer(
     bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = ("--port", str(link))
@@ -163,7 +163,7 @@ def test_what_asks_first_does_nothing_without_an_answer(
 
 
 @pytest.mark.parametrize(("value", "asks"), [("01", "holds where it stands"), ("+1", "holds where"), ("00", "lets go")])
-def test_the_torque_switch_asks_for_what_it_does(
+def test_the_torque_switch_explains_its_effect(
     value: str,
     asks: str,
     bus: ServoLine[Any],
@@ -176,8 +176,8 @@ def test_the_torque_switch_asks_for_what_it_does(
     assert f"servo 3 {asks}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("value", "says"), [("2", "takes 0 (off) and 1 (on)"), ("on", "takes a number")])
-def test_the_torque_switch_takes_nothing_else_and_does_not_ask(
+@pytest.mark.parametrize(("value", "says"), [("2", "must be 0 (off) or 1 (on)"), ("on", "must be a number")])
+def test_the_torque_switch_refuses_other_values_without_asking(
     value: str,
     says: str,
     bus: ServoLine[Any],
@@ -201,7 +201,7 @@ def test_the_torque_switch_takes_nothing_else_and_does_not_ask(
     ],
     ids=" ".join,
 )
-def test_a_rate_that_no_port_has_is_refused(
+def test_an_impossible_baud_rate_is_refused(
     verb: tuple[str, ...], baud: str, says: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert run(monkeypatch, *verb, "--baud", baud) == 2
@@ -218,7 +218,7 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Also where more of them come while it is being closed."""
+    """The EEPROM is locked even if more signals arrive meanwhile."""
     put, close, former = Eeprom._put, Eeprom.close, signal.getsignal(number)
     left = [times - 1]
 
@@ -242,7 +242,7 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
     assert signal.getsignal(number) is former
 
 
-def test_an_eeprom_that_may_be_left_open_is_said_beside_the_error(
+def test_an_eeprom_that_may_be_unlocked_is_reported(
     bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def lost(memory: Eeprom, register: Register, value: int) -> None:
@@ -255,22 +255,28 @@ def test_an_eeprom_that_may_be_left_open_is_said_beside_the_error(
     assert "max_temperature (register 13) is on its way" in said and "the EEPROM may be left unlocked" in said
 
 
-def test_a_mistake_is_said_with_the_servo_and_what_to_do(
+def test_mistakes_name_the_servo_and_the_solution(
     bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = ("--port", str(link))
     for arguments, says in (
-        (("register", "write", *port, "--id", "3", "goal_position", "0"), "servo 3: goal_position is an order to move"),
+        (
+            ("register", "write", *port, "--id", "3", "goal_position", "0"),
+            "servo 3: goal_position cannot be written here",
+        ),
         (("register", "read", *port, "--id", "3", "volts"), "sts3215 has no register volts"),
         (("set-id", "3", "4", *port), "servo 3: id (register 5) cannot be changed to 4: another servo has this ID"),
-        (("register", "read", *port, "--baud", "500000", "--id", "3", "id"), "servo 3: nobody answers at 500000 baud"),
+        (
+            ("register", "read", *port, "--baud", "500000", "--id", "3", "id"),
+            "no servo with ID 3 answers at 500000 baud",
+        ),
         (("reboot", "3", "--port", "/dev/ttyACM77"), "/dev/ttyACM77 does not exist"),
     ):
         assert run(monkeypatch, *arguments) == 1
         assert says in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_scan_prints_json_and_ends_with_1_where_somebody_is_absent(
+def test_scan_exits_with_1_if_a_servo_is_absent(
     bus: ServoLine[Any], link: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bus.faults.silence(2)

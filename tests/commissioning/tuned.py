@@ -1,7 +1,6 @@
-"""Three joints on virtual servos on a bench, on simulated time, and the tuner of one of them.
+"""Three joints with virtual servos on a bench in simulated time, and the tuner of one of them.
 
-Each shaft carries an inertia as of a link, and the first one a load like gravity's, which rests on a table while the
-servo is limp.
+Each shaft carries the inertia of a link. The first one also carries a load, which is supported while the torque is off.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,12 +20,12 @@ from tests.hal.bench import JOINTS
 LOAD_NM = 0.6
 LINK_KG_M2 = 0.04
 PARK = {"shoulder": -0.5, "elbow": 0.2}
-LET_GO = Ending(relax=True, park=PARK)
+RELEASED = Ending(relax=True, park=PARK)
 HELD = Ending(relax=False, park=PARK)
 
 
 class LoadedPort(VirtualPort):
-    """Before each packet the bench is looked at: a limp shaft's load lies on something."""
+    """A port that supports the load of a released shaft before each packet."""
 
     before: Callable[[bytes], None]
 
@@ -37,7 +36,7 @@ class LoadedPort(VirtualPort):
 
 @dataclass
 class TuneBench:
-    """``gains`` of all servos, by register, saved as another program has left them."""
+    """A bench with three servos; ``gains`` are their stored values, by register."""
 
     gains: Mapping[Register, int] = field(default_factory=dict)
     load_nm: float = LOAD_NM
@@ -57,13 +56,13 @@ class TuneBench:
                 memory.save(register, value)
 
     def open(self, joints: Sequence[Joint]) -> dict[str, Bus]:
-        """The one line, opened anew."""
+        """Open the bus again."""
         self.port = LoadedPort(self.line, self.clock)
         self.port.before = self._look
         return {"": Bus(self.port, self.clock, {joint.servo_id: joint.model for joint in joints})}
 
     def tuner(
-        self, joint: str = "shoulder", ending: Ending = LET_GO, stopped: Callable[[], bool] = lambda: False
+        self, joint: str = "shoulder", ending: Ending = RELEASED, stopped: Callable[[], bool] = lambda: False
     ) -> Tuner:
         return Tuner(self.joints, joint, self.open, self.clock, ending, stopped)
 
@@ -74,16 +73,16 @@ class TuneBench:
 
     @property
     def torque(self) -> list[bool]:
-        """Whether each servo drives its motor."""
+        """Whether the torque of each servo is on."""
         return [memory.get(sts.torque_enable) == 1 for memory in self.memories]
 
     @property
     def positions(self) -> list[float]:
-        """Where the joints are, rad or m."""
+        """Joint positions, in rad or m."""
         counts = [memory.get(sts.present_position) for memory in self.memories]
         return [joint.position(at) for joint, at in zip(self.joints, counts, strict=True)]
 
     @property
     def saved(self) -> list[bytes]:
-        """The EEPROM of each servo."""
+        """Contents of the EEPROM of each servo."""
         return [bytes(memory.read(4, 36)) for memory in self.memories]

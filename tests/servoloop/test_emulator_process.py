@@ -170,4 +170,4 @@ def test_where_no_adapter_is_plugged_in_virtual_servos_are_offered(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "so101")
-    assert "no USB adapter is plugged in" in said and "; --port virtual is for virtual servos\n" in said
+    assert "no USB adapter was found" in said and "; --port virtual is for virtual servos\n" in said

@@ -75,7 +75,7 @@ def test_a_box_becomes_an_arm_over_runs_that_are_interrupted(link: Path) -> None
     words = ("setup", "--arm", "so101", "--port", str(link), "--json")
     with program(*words, "--turn") as setup:
         assert setup.stderr is not None
-        assert "only the servo of gripper (it becomes servo 6); its horn will turn" in asked(setup.stderr)
+        assert "only the servo for gripper. It gets ID 6. Its horn will turn" in asked(setup.stderr)
         plug(link, setup, "gripper")
         assert "gripper: the horn of servo 1 turns" in setup.stderr.readline()
         setup.send_signal(signal.SIGTERM)

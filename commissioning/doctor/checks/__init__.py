@@ -1,1 +1,1 @@
-"""Checks judge a snapshot: each is a pure function that yields findings."""
+"""Checks of the doctor. Each is a pure function that yields the findings in a snapshot."""

@@ -1,8 +1,8 @@
-"""The arm: where joints stand against their limits, and the calibration file against EEPROM and URDF."""
+"""Checks of the arm: joint positions against limits, and the calibration file against EEPROM and URDF."""
 
 from collections.abc import Iterator
 
-from commissioning.calibrate.result import JointCalibration, doubts
+from commissioning.calibrate.result import JointCalibration, travel_warnings
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, Place, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, write
@@ -12,7 +12,7 @@ from hal.types import far_outside
 
 
 def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
-    """What is wrong only for an arm, and would be right for a servo by itself."""
+    """Find problems of the arm as a whole, which a single servo does not have."""
     for bus in snapshot.buses:
         offsets = _wrong_offsets(bus)
         calibrate = _calibrate(snapshot, bus)
@@ -25,10 +25,10 @@ def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
             yield from _calibrated(place_of(bus, servo), servo, snapshot.calibration, calibrate)
     if snapshot.calibration is None and any(servo.answers for bus in snapshot.buses for servo in bus.servos):
         cause = (
-            "there is no calibration file beside the robot file: the servos' zeros are taken to be those that "
-            "the robot file names. Planner and simulator agree with the arm only if somebody has measured them"
+            "There is no calibration file beside the robot file, so the zeros in the robot file are used. Unless they "
+            "were measured on this arm, its pose differs from the pose in RViz. Calibrate the arm"
         )
-        yield finding("not_calibrated", Place(), "the arm stands elsewhere than in RViz or the simulator", cause,
+        yield finding("not_calibrated", Place(), "the pose of the arm differs from RViz or the simulator", cause,
                       _calibrate(snapshot, snapshot.buses[0]))  # fmt: skip
 
 
@@ -46,7 +46,7 @@ def _wrong_offsets(bus: BusSnapshot) -> list[ServoSnapshot]:
 
 
 def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding]:
-    """Two servos of which each has what was calibrated for the other one."""
+    """Find pairs of servos of which each has the homing offset of the other one."""
     for at, one in enumerate(wrong):
         for other in wrong[at + 1 :]:
             if (one.registers["homing_offset"], other.registers["homing_offset"]) == (
@@ -55,26 +55,27 @@ def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding
             ):
                 a, b = one.joint, other.joint
                 cause = (
-                    f"servo {a.servo_id} has the homing offset that {b.name} was calibrated with, and servo "
-                    f"{b.servo_id} that of {a.name}: the two have exchanged their IDs since. Give them back, the first "
-                    "by way of a free ID"
+                    f"Servo {a.servo_id} has the homing offset that belongs to {b.name}, and servo {b.servo_id} has "
+                    f"the one of {a.name}. So their IDs were exchanged after the calibration. Exchange them again: "
+                    "give the first servo a free ID, then set both to their own IDs"
                 )
                 command = on(bus.port, "set-id", a.servo_id, "NEW")
                 yield finding(
-                    "ids_exchanged", Place(bus=bus.name), f"{a.name} moves when {b.name} is sent", cause, command
+                    "ids_exchanged", Place(bus=bus.name), f"{a.name} moves instead of {b.name}", cause, command
                 )
 
 
 def _offset_differs(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     held, wanted = servo.registers["homing_offset"], servo.joint.homing_offset or 0
     cause = (
-        f"its homing_offset is {held}, and it was calibrated with {wanted}: the servo was swapped or reset, or another "
-        "program has written its own calibration. Write the register back, or calibrate again"
+        f"The homing offset in the servo is {held}, but the joint was calibrated with {wanted}. Either the servo was "
+        "replaced or reset, or another program wrote its own calibration. Write the offset back, or calibrate again"
     )
     command = write(servo, "homing_offset", wanted)
     return finding(
-        "homing_offset_differs", place_of(bus, servo), "recalibration is asked for at every run", cause, command
-    )
+        "homing_offset_differs", place_of(bus, servo), "programs request a new calibration at every start", cause,
+        command
+    )  # fmt: skip
 
 
 def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Finding]:
@@ -84,14 +85,15 @@ def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Fin
     lower, upper = joint.limits.lower, joint.limits.upper
     if far_outside(position, joint.limits):
         if turned := counted_turns(joint, counts):
-            yield finding("turn_counted", place, "the arm does not come up: a joint is a turn away", turned)
+            yield finding("turn_counted", place, "the arm does not start: a joint is off by a whole turn", turned)
             return
         cause = (
-            f"it says {position:.3f}, and its limits are {lower:.3f} to {upper:.3f}: no torque is given there. If "
-            "the joint really stands there move it by hand; if not, its zero or its direction is wrong: calibrate"
+            f"The measured position is {position:.3f}, outside the limits {lower:.3f} to {upper:.3f}, so torque is "
+            "not enabled. If the joint really is there, move it back by hand. If not, its zero or its direction is "
+            "wrong: calibrate it"
         )
         yield finding(
-            "outside_limits", place, "the arm does not come up: a joint is outside its limits", cause, calibrate
+            "outside_limits", place, "the arm does not start: a joint is outside its limits", cause, calibrate
         )
 
 
@@ -103,11 +105,12 @@ def _calibrated(
         return
     if not 0 <= found.lower_counts < found.upper_counts <= servo.joint.model.last_count:
         cause = (
-            f"its travel was measured as {found.lower_counts} to {found.upper_counts} counts, which crosses the end of "
-            "the encoder: there the reading leaps by a turn"
+            f"In the calibration file, its travel is {found.lower_counts} to {found.upper_counts} counts. This range "
+            "crosses the end of the encoder, where the reading jumps by a whole turn. Calibrate again"
         )
-        yield finding("seam_in_range", place, "the joint leaps, or its range is 0 to 4095", cause, calibrate)
+        yield finding("seam_in_range", place, "the joint jumps, or its range is 0 to 4095", cause, calibrate)
         return
     made = JointCalibration(found.sign, found.zero_counts, found.homing_offset, found.lower_counts, found.upper_counts)
-    if doubt := doubts(servo.joint.between_stops(), made):
-        yield finding("travel_differs", place, "wrong limits: a stop is hit early, or never reached", doubt, calibrate)
+    if doubt := travel_warnings(servo.joint.between_stops(), made):
+        cause = f"Calibrate this joint again, because {doubt}"
+        yield finding("travel_differs", place, "wrong limits: a stop is hit early or never reached", cause, calibrate)

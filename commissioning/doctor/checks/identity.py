@@ -1,4 +1,4 @@
-"""What servos are: the model that the robot file says, and firmware, by what it can do and not by its number."""
+"""Checks of the servos' identity: model number and firmware version."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -12,7 +12,7 @@ VERSIONS: Final = (("firmware_major", "firmware_minor"), ("firmware_version",))
 
 
 def check_identity(snapshot: Snapshot) -> Iterator[Finding]:
-    """Every servo that answers."""
+    """Check every servo that answers."""
     for bus in snapshot.buses:
         for servo in bus.servos:
             yield from _model(bus, servo)
@@ -24,14 +24,14 @@ def _model(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
     if number is None or number == model.number:
         return
     cause = (
-        f"it says model number {number} ({known_as(number, series_of(model))}), and the robot file says {model.name} "
-        f"({model.number}): correct the robot file, or swap the servo"
+        f"The servo reports model number {number} ({known_as(number, series_of(model))}), but the robot file has "
+        f"{model.name} ({model.number}). Correct the robot file, or replace the servo"
     )
-    yield finding("wrong_model", place_of(bus, servo), "refused at start-up: it is another model", cause)
+    yield finding("wrong_model", place_of(bus, servo), "the arm does not start: the servo is another model", cause)
 
 
 def firmware(servo: ServoSnapshot) -> str | None:
-    """Its version as text; None where it is unknown."""
+    """Return the firmware version of a servo as text; None if it is unknown."""
     for names in VERSIONS:
         if all(name in servo.registers for name in names):
             return ".".join(str(servo.registers[name]) for name in names)
@@ -46,6 +46,9 @@ def _firmware(bus: BusSnapshot) -> Iterator[Finding]:
     models = {model for model, _ in versions}
     if len(versions) == len(models):
         return
-    said = "; ".join(f"{model} {version}: {', '.join(ids)}" for (model, version), ids in sorted(versions.items()))
-    cause = f"servos of one model have several versions ({said}). All that is asked of them here they have answered"
-    yield finding("firmware_differs", Place(bus=bus.name), "other programs refuse the arm for its firmware", cause)
+    listed = "; ".join(f"{model} {version}: {', '.join(ids)}" for (model, version), ids in sorted(versions.items()))
+    cause = (
+        f"Servos of the same model have different firmware versions ({listed}). servoloop works with all of them. "
+        "Other programs may require a firmware update"
+    )
+    yield finding("firmware_differs", Place(bus=bus.name), "other programs reject the firmware of the arm", cause)

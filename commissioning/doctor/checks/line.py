@@ -1,4 +1,4 @@
-"""The line: does it lose, break or delay what goes over it?"""
+"""Checks of the bus: lost, corrupted and late replies, and echoes."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -8,13 +8,15 @@ from commissioning.doctor.snapshot import BusSnapshot, LineFigures, Snapshot
 from drivers.port.latency import HELD_BACK
 
 TOLERATED_SHARE: Final = 0.002
-"""Of all questions. The loop asks again, so that a few cost nothing but time."""
+"""Maximum share of failed requests. The control loop repeats a few failed requests without problems."""
 TOLERATED_LATE_S: Final = 0.0035
-"""Beside wire and return delay: USB adapters gather bytes for a millisecond, each way."""
+"""Maximum round-trip time in addition to transmission and return delay, because USB adapters buffer bytes for 1 ms in
+each direction.
+"""
 
 
 def check_line(snapshot: Snapshot) -> Iterator[Finding]:
-    """All lines over which anything could be asked."""
+    """Check every bus on which requests could be sent."""
     for bus in snapshot.buses:
         if bus.line is not None and bus.line.asked:
             yield from _lossy(bus, bus.line)
@@ -23,31 +25,34 @@ def check_line(snapshot: Snapshot) -> Iterator[Finding]:
 
 def _lossy(bus: BusSnapshot, line: LineFigures) -> Iterator[Finding]:
     place, allowed = Place(bus=bus.name), TOLERATED_SHARE * line.asked
-    where = "check the cable's plugs, the ground between supply and adapter, and what else draws on the supply"
+    advice = (
+        "Check the plugs of the cables, the ground connection between supply and adapter, and other loads on the supply"
+    )
     if line.lost > allowed:
-        cause = f"{line.lost} of {line.asked} answers were lost: {where}"
-        yield finding("line_loses", place, "'there is no status packet' now and then", cause)
+        cause = f"{line.lost} of {line.asked} replies were lost. {advice}"
+        yield finding("line_loses", place, "occasional 'there is no status packet'", cause)
     if line.corrupt + line.noise > allowed:
         cause = (
-            f"{line.corrupt} of {line.asked} answers came broken, and {line.noise} times garbage came between them: "
-            f"{where}; long cables want a lower baud rate"
+            f"{line.corrupt} of {line.asked} replies were corrupted, and noise was received {line.noise} times between "
+            f"replies. {advice}. Use a lower baud rate with long cables"
         )
-        yield finding("line_noisy", place, "'incorrect status packet' now and then", cause)
+        yield finding("line_noisy", place, "occasional 'incorrect status packet'", cause)
     if line.late > allowed:
-        cause = f"{line.late} of {line.asked} answers came after the next question: {HELD_BACK}"
-        yield finding("line_late", place, "values that are a cycle old, reads that time out", cause, "servoloop ports")
+        cause = f"{line.late} of {line.asked} replies arrived after the next request: {HELD_BACK}"
+        yield finding("line_late", place, "values are one cycle old, or reads time out", cause, "servoloop ports")
 
 
 def _slow(bus: BusSnapshot, line: LineFigures) -> Iterator[Finding]:
     place = Place(bus=bus.name)
     if line.round_trip_s is not None and line.round_trip_s - line.wire_s - line.delay_s > TOLERATED_LATE_S:
         cause = (
-            f"a single read takes {1e3 * line.round_trip_s:.1f} ms, of which its bytes need {1e3 * line.wire_s:.2f}: "
-            f"{HELD_BACK}"
+            f"A single read takes {1e3 * line.round_trip_s:.1f} ms, but its bytes need only {1e3 * line.wire_s:.2f} "
+            f"ms: {HELD_BACK}"
         )
-        yield finding(
-            "slow_round_trip", place, "the loop reaches no more than a few dozen Hz", cause, "servoloop ports"
-        )
+        yield finding("slow_round_trip", place, "the loop does not exceed a few dozen Hz", cause, "servoloop ports")
     if line.echoes:
-        cause = "the adapter gives back what is sent: that is understood here, but not by the makers' own programs"
-        yield finding("line_echoes", place, "other programs read their own questions as answers", cause)
+        cause = (
+            "The adapter echoes every byte that is sent. servoloop handles this, but the programs of the servo "
+            "manufacturers do not"
+        )
+        yield finding("line_echoes", place, "other programs read their own requests as replies", cause)

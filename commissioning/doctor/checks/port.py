@@ -1,4 +1,4 @@
-"""The port: is it there, may we open it, who else has it, and does it hold bytes back?"""
+"""Checks of the ports: missing, denied, busy or moved ports, and adapters that delay replies."""
 
 from collections.abc import Iterator
 from pathlib import PurePath
@@ -8,25 +8,25 @@ from commissioning.doctor.findings import Finding, Place, finding
 from commissioning.doctor.snapshot import BusSnapshot, PortProblem, Snapshot
 from commissioning.ports.adapters import Adapter, Complaint, PortsReport
 
-UNPLUGGED: Final = "the adapter's port is not there"
+UNPLUGGED: Final = "the adapter's port does not exist"
 SYMPTOMS: Final[dict[PortProblem, tuple[str, str]]] = {
     "missing": ("port_missing", UNPLUGGED),
     "denied": ("port_denied", "permission denied on the port"),
     "busy": ("port_busy", "the port is busy"),
     "not_serial": ("port_not_serial", "the port is not a serial device"),
-    "unsuitable": ("port_unsuitable", "the port does not take the bus's baud rate"),
-    "lost": ("port_lost", "the port vanished while the servos were asked"),
+    "unsuitable": ("port_unsuitable", "the port does not support the baud rate of the bus"),
+    "lost": ("port_lost", "the port disappeared during the examination"),
 }
 COMPLAINTS: Final = {
-    "latency": ("latency_timer", "each read takes 16 ms or so: the loop is slow or late"),
-    "brltty": ("brltty_present", "the port may vanish soon after it was plugged in"),
-    "modem_manager": ("modem_manager", "the port is busy for some seconds after it was plugged in"),
+    "latency": ("latency_timer", "each read takes about 16 ms, so the loop is slow or late"),
+    "brltty": ("brltty_present", "the port may disappear soon after the adapter is plugged in"),
+    "modem_manager": ("modem_manager", "the port is busy for some seconds after the adapter is plugged in"),
 }
-"""What an adapter may suffer from although it can be opened."""
+"""Problems of adapters whose ports can still be opened."""
 
 
 def check_ports(snapshot: Snapshot, report: PortsReport | None) -> Iterator[Finding]:
-    """``report``: what is known of the machine's adapters; None where nothing is."""
+    """Check the port of every bus; ``report`` describes the adapters of the machine, or is None if unknown."""
     adapters = report.adapters if report else ()
     for bus in snapshot.buses:
         place = Place(bus=bus.name)
@@ -39,8 +39,8 @@ def check_ports(snapshot: Snapshot, report: PortsReport | None) -> Iterator[Find
             yield from (_complaint(place, one) for one in adapter.complaints if one.kind in COMPLAINTS)
     for complaint in report.complaints if report else ():
         if complaint.kind == "alike":
-            text = "after a replug the ports may have changed places"
-            yield finding("adapters_alike", Place(), text, complaint.text, complaint.command)
+            text = "two ports may be exchanged after the adapters are plugged in again"
+            yield finding("adapters_alike", Place(), text, _sentence(complaint.text), complaint.command)
 
 
 def _not_open(bus: BusSnapshot, problem: PortProblem, own: list[Adapter]) -> Finding:
@@ -51,20 +51,21 @@ def _not_open(bus: BusSnapshot, problem: PortProblem, own: list[Adapter]) -> Fin
 
 
 def _gone(bus: BusSnapshot, place: Place, report: PortsReport | None) -> Iterator[Finding]:
-    """Where the port may be instead, or what has taken it."""
+    """Find the new name of a missing port, or the program that has taken it."""
     if report is None:
         return
     for complaint in report.complaints:
         kind = {"brltty": "port_taken_by_brltty", "no_port": "port_without_driver"}.get(complaint.kind)
         if kind:
-            symptom = f"{bus.port}: the port vanishes at once, or never appears"
-            yield finding(kind, place, symptom, complaint.text, complaint.command)
+            symptom = f"{bus.port}: the port disappears at once or never appears"
+            yield finding(kind, place, symptom, _sentence(complaint.text), complaint.command)
     others = [one for one in report.adapters if one.vid is not None]
     if len(others) == 1:
         lasting = others[0].by_id or others[0].device
         cause = (
-            f"the only adapter is {others[0].device} ({others[0].chip}, serial number {others[0].serial_number}): "
-            f"numbers of ports change with each replug, {PurePath(lasting).name} does not"
+            f"The only adapter is at {others[0].device} ({others[0].chip}, serial number {others[0].serial_number}). "
+            f"The number of a port can change whenever the adapter is plugged in; {PurePath(lasting).name} does not "
+            "change"
         )
         command = f"servoloop doctor --port {lasting}"
         yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} any more", cause, command)
@@ -72,4 +73,8 @@ def _gone(bus: BusSnapshot, place: Place, report: PortsReport | None) -> Iterato
 
 def _complaint(place: Place, complaint: Complaint) -> Finding:
     kind, symptom = COMPLAINTS[complaint.kind]
-    return finding(kind, place, symptom, complaint.text, complaint.command)
+    return finding(kind, place, symptom, _sentence(complaint.text), complaint.command)
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,4 +1,4 @@
-"""Who is on the line: nobody, some, two with one ID, at another rate, or servos that no joint has."""
+"""Checks of the servos on a bus: missing or unexpected servos, duplicate IDs, and wrong baud rates."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,12 +9,12 @@ FACTORY_ID = 1
 
 
 def place_of(bus: BusSnapshot, servo: ServoSnapshot) -> Place:
-    """The servo's place."""
+    """Return the place of a servo, for findings."""
     return Place(bus.name, servo.joint.name, servo.joint.servo_id)
 
 
 def check_presence(snapshot: Snapshot) -> Iterator[Finding]:
-    """All buses that could be opened."""
+    """Check every bus that could be opened."""
     for bus in snapshot.buses:
         silent = [servo for servo in bus.servos if servo.heard == "silent"]
         yield from _together(bus, silent)
@@ -24,36 +24,38 @@ def check_presence(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _together(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Finding]:
-    """What one cause would explain of several that are silent."""
+    """Find a common cause for several silent servos."""
     place, rates = Place(bus=bus.name), {servo.elsewhere_baud for servo in silent}
-    nobody = len(silent) == len(bus.servos) and bool(silent)
-    if nobody and rates == {None} and not bus.strangers:
+    all_silent = len(silent) == len(bus.servos) and bool(silent)
+    if all_silent and rates == {None} and not bus.strangers:
         yield finding(
             "no_power",
             place,
             "no servo answers: 'there is no status packet'",
-            "no servo answers at any rate, so most likely they have no power: check the supply, its switch and its "
-            "plug, the adapter's jumper (servos, not the computer, must be joined to the line: B on a Waveshare board) "
-            "and the first cable",
+            "No servo answers at any baud rate, so the servos probably have no power. Check the supply with its switch "
+            "and plug, the first cable, and the jumper of the adapter, which must connect USB to the servos (B on a "
+            "Waveshare board)",
             f"servoloop scan {bus.port}",
         )
-    elif nobody and len(rates) == 1 and None not in rates:
+    elif all_silent and len(rates) == 1 and None not in rates:
         (baud,) = rates
-        cause = f"all servos answer at {baud} baud, and the robot file says {bus.baud}: write baud: {baud} into it"
+        cause = (
+            f"All servos answer at {baud} baud, but the robot file has {bus.baud}. Set baud: {baud} in the robot file"
+        )
         yield finding("wrong_rate", place, "no servo answers: 'there is no status packet'", cause)
     behind = _behind_a_break(bus, silent)
     if behind:
         names = ", ".join(f"{servo.joint.name} ({servo.joint.servo_id})" for servo in behind)
         last = bus.servos[len(bus.servos) - len(behind) - 1].joint
         cause = (
-            f"{names} are silent and all before them answer. If the servos hang one behind the other in this order, "
-            f"the cable behind {last.name} (servo {last.servo_id}) is loose or broken"
+            f"{names} do not answer, but all servos before them do. If the servos are daisy-chained in this order, the "
+            f"cable after {last.name} (servo {last.servo_id}) is loose or broken"
         )
         yield finding("chain_broken", place, "missing motor IDs: the last servos do not answer", cause)
 
 
 def _behind_a_break(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Sequence[ServoSnapshot]:
-    """The servos behind a break, if those that are nowhere are the last ones, and more than one."""
+    """Return the servos after a break in the chain: at least two missing servos that are the last ones of the bus."""
     nowhere = [servo for servo in silent if servo.elsewhere_baud is None]
     if 1 < len(nowhere) < len(bus.servos) and list(bus.servos[-len(nowhere) :]) == nowhere:
         return nowhere
@@ -64,38 +66,47 @@ def _silent(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     servo_id, baud = servo.joint.servo_id, servo.elsewhere_baud
     symptom = f"missing motor ID {servo_id}"
     if baud is not None:
-        cause = f"it answers at {baud} baud, and the bus runs at {bus.baud}"
+        cause = f"The servo answers at {baud} baud, but the bus runs at {bus.baud}. Change the baud rate of the servo"
         command = on(bus.port, "set-baud", servo_id, bus.baud)
         return finding("servo_other_rate", place_of(bus, servo), symptom, cause, command)
     cause = (
-        f"it answers at no rate: its cable or plug, its supply, or nobody has ID {servo_id}. Connect it alone to see "
-        "which ID it has"
+        f"No servo with ID {servo_id} answers at any baud rate. Check its cable, plugs and supply. If they are good, "
+        "the servo may have another ID: connect it alone and scan the port"
     )
     return finding("servo_absent", place_of(bus, servo), symptom, cause, f"servoloop scan {bus.port}")
 
 
 def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
-    """Those that say something, and not as they should."""
+    """Find servos that answer, but not properly."""
     for servo in bus.servos:
         servo_id, place = servo.joint.servo_id, place_of(bus, servo)
         if servo.heard == "broken":
             cause = (
-                f"it answers, but never in one piece: two servos probably have ID {servo_id} (new ones all have "
-                f"{FACTORY_ID}). Connect one of them alone and give it another ID; if there is only one, check "
-                "its plugs"
+                f"Every reply from this ID is corrupted. Probably two servos have ID {servo_id}, because all new "
+                f"servos have ID {FACTORY_ID}. Connect one of them alone and give it another ID. If only one servo has "
+                "this ID, check its plugs"
             )
             command = on(bus.port, "set-id", servo_id, "NEW")
             yield finding("same_id", place, f"'incorrect status packet' from ID {servo_id}", cause, command)
         elif servo.heard == "mute":
-            cause = "it answers a ping and no read: its status level keeps it from answering"
-            yield finding("servo_mute", place, f"missing motor ID {servo_id}, though it is found by a scan", cause,
+            cause = (
+                "The servo answers pings but not reads, because its status level forbids it. Reset the servo to its "
+                "factory settings"
+            )
+            yield finding("servo_mute", place, f"missing motor ID {servo_id}, although a scan finds it", cause,
                           on(bus.port, "factory-reset", servo_id))  # fmt: skip
         elif servo.heard == "late":
-            cause = "its replies come after the next question: the adapter or a hub holds them back"
-            yield finding("servo_late", place, "reads time out now and then", cause, "servoloop ports")
+            cause = (
+                "Its replies arrive after the next request, because the adapter or a USB hub delays them. Check the "
+                "adapter, and plug it directly into the computer"
+            )
+            yield finding("servo_late", place, "occasional read timeouts", cause, "servoloop ports")
         elif servo.heard == "unsteady":
-            cause = "it answers only now and then: a loose plug, a bad cable, or a supply that breaks down"
-            yield finding("servo_unsteady", place, f"ID {servo_id} is missing now and then", cause)
+            cause = (
+                "The servo answers only some of the requests. Check for a loose plug, a bad cable, or a supply that "
+                "fails under load"
+            )
+            yield finding("servo_unsteady", place, f"ID {servo_id} is missing from time to time", cause)
 
 
 def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Finding]:
@@ -105,17 +116,18 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
             servo = silent[0]
             wanted = servo.joint.servo_id
             cause = (
-                f"nobody has ID {wanted}, and a {stranger.model} with ID {stranger.servo_id} is on the line that no "
-                f"joint has: it is probably that of {servo.joint.name}"
+                f"No servo has ID {wanted}, but an {stranger.model} with ID {stranger.servo_id}, which belongs to no "
+                f"joint, is on the bus. It is probably the servo of {servo.joint.name}: set its ID to {wanted}"
             )
             command = on(bus.port, "set-id", stranger.servo_id, wanted)
             yield finding("id_not_set", Place(bus.name), f"missing motor ID {wanted}", cause, command)
         cause = (
-            f"a {stranger.model or 'servo of an unknown model'} answers to an ID that no joint of the robot file has"
+            f"A servo (model {stranger.model or 'unknown'}) answers with an ID that is not in the robot file. Remove "
+            "it from the bus, or add it to the robot file"
         )
         yield finding("extra_servo", place, f"an unexpected servo with ID {stranger.servo_id}", cause)
 
 
 def _fits(stranger: Stranger, servo: ServoSnapshot) -> bool:
-    """Models with one number (other gears, other voltages) cannot be told apart by it."""
+    """Whether the servo may be the missing one. Variants with other gears or voltages share one model number."""
     return stranger.model is not None and stranger.model.partition("_")[0] == servo.joint.model.name.partition("_")[0]

@@ -1,4 +1,4 @@
-"""A servo's protections: which of them act, and whether it may drive at all."""
+"""Checks of the servos' protections and torque limits."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -10,20 +10,23 @@ from drivers.servos import sts
 from drivers.servos.catalog import series_of
 
 HOTTEST_C: Final = 80
-"""The makers set limits of 70 to 80; windings and plastic gears stand no more."""
+"""Highest safe temperature limit. The factory limits are 70 to 80; windings and plastic gears do not withstand more."""
 ACTING: Final = {name: bit for bit, name in sts.STATUS_BITS.items() if name in ("temperature", "current", "overload")}
-"""Bits of an STS's ``unloading_condition`` that save a motor."""
+"""Bits in ``unloading_condition`` of an STS that protect the motor."""
 TEMPERATURE_LIMITS: Final = ("max_temperature", "temperature_limit")
 
 
 def check_protection(snapshot: Snapshot) -> Iterator[Finding]:
-    """Every servo whose registers could be read."""
+    """Check every servo whose registers could be read."""
     for bus in snapshot.buses:
         for servo in bus.servos:
             joint, held = servo.joint, servo.registers
             gaps = list(_gaps(held, joint.model.name in sts.MODELS))
             if gaps:
-                cause = f"{'; '.join(gaps)}: a servo that is stalled, as by a gripper's goal beyond the object, burns"
+                cause = (
+                    f"Protections are disabled in the servo: {'; '.join(gaps)}. A stalled servo can burn out, for "
+                    "example when the goal of a gripper lies inside an object. Restore the factory values"
+                )
                 command = show(servo)
                 yield finding("protection_off", place_of(bus, servo), "a stalled servo gets hot and smells", cause,
                               command)  # fmt: skip
@@ -34,9 +37,15 @@ def _may_not_drive(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
     series = series_of(servo.joint.model)
     for register in (series.max_torque, series.torque_limit):
         if register is not None and servo.registers.get(register.name) == 0:
-            cause = f"its {register.name} is 0: it may not drive"
+            cause = f"Its {register.name} is 0, so its motor does not drive. Write the full torque"
             command = write(servo, register.name, series.full_torque)
-            yield finding("no_torque_allowed", place_of(bus, servo), "it has torque and no force", cause, command)
+            yield finding(
+                "no_torque_allowed",
+                place_of(bus, servo),
+                "torque is enabled, but the joint has no force",
+                cause,
+                command,
+            )
             break
 
 
@@ -50,8 +59,8 @@ def _gaps(held: Mapping[str, int], is_sts: bool) -> Iterator[str]:
     if mask is not None:
         off = [name for name, bit in ACTING.items() if not mask >> bit & 1]
         if off:
-            yield f"unloading_condition {mask} lets it go on at {' and '.join(off)}"
+            yield f"unloading_condition {mask} does not stop it at {' and '.join(off)}"
     if held.get("protection_current") == 0 or held.get("overcurrent_time") == 0:
         yield "its current is not limited (protection_current or overcurrent_time is 0)"
     if held.get("protective_torque", 0) >= 100:
-        yield f"after an overload it drives on with {held['protective_torque']} %"
+        yield f"after an overload it still drives with {held['protective_torque']} % (protective_torque)"

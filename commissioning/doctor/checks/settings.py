@@ -1,4 +1,4 @@
-"""How servos are set up, against the robot file: mode, limits, settings, gains, acknowledgement, lock."""
+"""Checks of the servos' settings against the robot file: mode, limits, gains, status level, return delay and lock."""
 
 from collections.abc import Iterator, Mapping
 from typing import Final
@@ -16,15 +16,17 @@ from hal.servos.servo_settings import mode_mistake, wanted_mode
 from hal.servos.servo_setup import check_reach
 
 WIDE_COUNTS: Final = 8
-"""A dead zone of 0.7 degrees and more."""
+"""Maximum dead zone, in counts (0.7 degrees)."""
 SLOW_COUNTS_S2: Final = 20
-"""Of ``max_acceleration``, in its units of 100 counts/s2: a fifth of what goals ask for."""
+"""Minimum of ``max_acceleration``, in its unit of 100 counts/s2: a fifth of the acceleration that goals use."""
 LONG_DELAYS: Final = {"return_delay": 25, "return_delay_time": 25}
-"""Units of 2 us. The factory's 250 of a Dynamixel is half a millisecond for each servo and cycle."""
+"""Return delays that are reported, in units of 2 us. The factory value of a Dynamixel, 250, costs half a millisecond
+per servo and cycle.
+"""
 
 
 def check_settings(snapshot: Snapshot) -> Iterator[Finding]:
-    """Every servo whose registers could be read."""
+    """Check every servo whose registers could be read."""
     for bus in snapshot.buses:
         for servo in bus.servos:
             if servo.registers and servo.registers.get("model_number") == servo.joint.model.number:
@@ -51,17 +53,17 @@ def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         wrong, odd = series.config_error(joint.model, read), series.config_warning(read)
         if not wrong and series is X:
             wrong = mode_mistake(joint, registers["operating_mode"])
-    except KeyError:  # one of them could not be read
+    except KeyError:  # A register could not be read.
         return
     if wrong:
         mode = "operating_mode" if "operating_mode" in registers else "control_mode"
         operating = wanted_mode(joint) if series is X else 0
         value = {"operating_mode": operating, "control_mode": 2}[mode]
         command = write(servo, mode, value) if mode in registers and registers[mode] != value else None
-        yield finding("wrong_mode", place, "it answers and looks healthy, and does not go to its goals", f"it {wrong}",
-                      command)  # fmt: skip
+        yield finding("wrong_mode", place, "the servo answers without an alarm, but does not move to its goals",
+                      f"The servo {wrong}", command)  # fmt: skip
     if odd:
-        yield finding("speed_unit", place, "it moves far too slowly, or far too fast", f"its {odd}")
+        yield finding("speed_unit", place, "the joint moves far too slowly or far too fast", f"Its {odd}")
 
 
 def _limits(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
@@ -71,20 +73,20 @@ def _limits(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     try:
         check_reach(servo.joint, (low, high))
     except ServoRefused as error:
-        symptom = "the joint stops before the end of its range, or forgets goals there"
-        yield finding("limits_too_narrow", place, symptom, f"it {error.text}")
+        symptom = "the joint stops before the end of its range, or ignores goals there"
+        yield finding("limits_too_narrow", place, symptom, f"The servo {error.text}")
 
 
 def _named(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
-    """Settings that the robot file names and the servo has otherwise."""
+    """Find settings whose values in the servo differ from the robot file."""
     wanted, held = dict(servo.joint.settings), servo.registers
     others = [
         f"{name} is {held[name]}, not {value}" for name, value in wanted.items() if held.get(name, value) != value
     ]
     if others:
         cause = (
-            f"{', '.join(others)}: the next start will write what the robot file says. If this comes back, another "
-            "program writes its own values at each of its runs, and the EEPROM wears with every one"
+            f"Settings differ from the robot file: {', '.join(others)}. The next start of the arm corrects them. If "
+            "they differ again later, another program overwrites them at each of its runs, which wears the EEPROM"
         )
         yield finding("settings_differ", place, "settings are written again at each start", cause)
 
@@ -97,27 +99,34 @@ def _gains(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     has = {name: held[name] for name in assumed if name in held}
     if has.get("position_p") == 0:
         command = write(servo, "position_p", assumed["position_p"])
-        yield finding("no_gain", place, "it holds nothing and goes nowhere", "its position_p is 0", command)
+        cause = "Its position_p is 0, so the servo does not react to position errors. Write the factory value"
+        yield finding("no_gain", place, "the joint neither holds its position nor moves", cause, command)
     elif others := _others(joint, assumed, named, has):
-        said = "{" + ", ".join(f"{name}: {value}" for name, value in others.items()) + "}"
+        listed = "{" + ", ".join(f"{name}: {value}" for name, value in others.items()) + "}"
         cause = (
-            f"it has other gains than the factory's, and the robot file does not name them: sag and lag are reckoned "
-            f"with the factory's. Write settings: {said} into the robot file, or what you want them to be"
+            "Its gains differ from the factory gains and are not in the robot file, so sag and lag are computed from "
+            f"the wrong gains. Add settings: {listed} to the robot file, or the values that you want"
         )
-        yield finding("gains_differ", place, "the joint follows less well than it could", cause)
+        yield finding("gains_differ", place, "the joint follows less accurately than it could", cause)
     zone = max(has.get("cw_dead_zone", 0), has.get("ccw_dead_zone", 0))
     if zone > max(WIDE_COUNTS, named.get("cw_dead_zone", 0), named.get("ccw_dead_zone", 0)):
-        cause = f"its dead zones leave errors of {zone} counts uncorrected (the factory's are 1)"
+        cause = (
+            f"Its dead zone leaves errors of up to {zone} counts uncorrected. Set cw_dead_zone and ccw_dead_zone to "
+            "the factory value of 1"
+        )
         yield finding("wide_dead_zone", place, "the joint stops short of its goals", cause)
     if 0 < has.get("max_acceleration", 0) < min(SLOW_COUNTS_S2, named.get("max_acceleration", SLOW_COUNTS_S2)):
-        cause = f"its max_acceleration is {100 * has['max_acceleration']} counts/s2 (the factory's is 10000)"
+        cause = (
+            f"Its max_acceleration is only {100 * has['max_acceleration']} counts/s2. Set it back to the factory value "
+            "of 10000 counts/s2"
+        )
         yield finding("slow_acceleration", place, "the joint starts slowly and lags behind", cause)
 
 
 def _others(
     joint: Joint, assumed: Mapping[str, int], named: Mapping[str, int], has: Mapping[str, int]
 ) -> Mapping[str, int]:
-    """Gains that nobody reckons with, where they change how the joint gives way or lags."""
+    """Return the gains that are missing in the robot file and change the sag or the lag of the joint."""
     unnamed = {name: value for name, value in has.items() if name not in named}
     if compliance_of(joint.model, settings={**named, **unnamed}) == compliance_of(joint.model, settings=dict(named)):
         return {}
@@ -128,12 +137,15 @@ def _speech(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     series = series_of(servo.joint.model)
     level = servo.registers.get(series.status_level.name)
     if level is not None and level < series.answers_all:
-        cause = f"its {series.status_level.name} is {level}: writes are not acknowledged"
+        cause = (
+            f"Its {series.status_level.name} is {level}, so it does not acknowledge writes. Set it to "
+            f"{series.answers_all}"
+        )
         command = write(servo, series.status_level.name, series.answers_all)
-        yield finding("writes_unacknowledged", place, "writes to it seem to fail", cause, command)
+        yield finding("writes_unacknowledged", place, "writes to the servo seem to fail", cause, command)
     for name, long in LONG_DELAYS.items():
         if (delay := servo.registers.get(name, 0)) >= long:
-            cause = f"it waits {2 * delay} us before each answer"
+            cause = f"The servo waits {2 * delay} us before each reply ({name} is {delay}). Set {name} to 0"
             yield finding("return_delay", place, "the loop is slower than it could be", cause,
                           write(servo, name, 0))  # fmt: skip
 
@@ -141,6 +153,9 @@ def _speech(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
 def _lock(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
     lock = series_of(servo.joint.model).lock
     if lock is not None and servo.registers.get(lock.name) == 0:
-        cause = "its EEPROM was left unlocked: a stray write lasts, and each write wears it. A restart locks it"
+        cause = (
+            "Its EEPROM is unlocked, so an accidental write is permanent, and every write wears the EEPROM. Restart "
+            "the servo to lock it"
+        )
         command = on(servo.port, "reboot", servo.joint.servo_id)
-        yield finding("lock_open", place, "settings change by themselves", cause, command)
+        yield finding("lock_open", place, "settings change unexpectedly", cause, command)
