@@ -49,8 +49,8 @@ class SmallMotions:
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
             return (), (
-                f"{torque_warning(held)}. The motion test would release the torque at its end. Support the arm, switch its "
-                "torque off, and run the doctor again"
+                f"{torque_warning(held)}. The motion test would release the torque at its end. Support the arm, switch "
+                "its torque off, and run the doctor again"
             )
         if any(finding.severity == "fault" for finding in findings):
             return (), "The joints were not moved, because there are faults. Fix the faults and run the doctor again"
