@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Mistake = tuple[tuple[str | int, ...], str]
 """Keys that lead to a mistake in its file, and a sentence."""
 SEEDS, SEEDS_S = 20, 30.0
-"""Number and length (s) of the clients that are drawn to find the acts of each kind of client."""
+"""Number of clients of each kind that are drawn to find their acts, and their duration in seconds."""
 
 
 def in_scenario(scenario: "Scenario", arms: Mapping[str, Files]) -> Iterator[Mistake]:

@@ -62,7 +62,11 @@ def write(path: Path, tally: Tally | None, kept: Sequence[KeptViolation]) -> Non
 
 
 def page(tally: Tally | None, kept: Sequence[KeptViolation]) -> str:
-    """Return the report in HTML; without a tally, only the kept violations. Call it only if ``possible()``."""
+    """Return the report in HTML. Without a tally, it contains only the kept violations.
+
+    Raises:
+        ImportError: A library is missing; see ``possible``.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -73,7 +73,7 @@ class Standstill:
         self._more_s, self._count, self._time_s = more_s, 0, -1.0
 
     def poll(self, time_s: float) -> bool:
-        """Pass the current simulated time. Return whether it has stood still for longer than its limit."""
+        """Return whether the simulated time has not changed in too many consecutive polls."""
         self._count = self._count + 1 if time_s == self._time_s else 0
         self._time_s = time_s
         return self._count >= (_limit_s(time_s) + self._more_s) / POLL_S
@@ -81,7 +81,7 @@ class Standstill:
 
 def stands(time_s: float) -> str:
     """Describe a run whose simulated time stands still."""
-    return f"its simulated time stood still for {_limit_s(time_s):g} s of the machine's time"
+    return f"its simulated time stood still for {_limit_s(time_s):g} s of real time"
 
 
 def _limit_s(time_s: float) -> float:

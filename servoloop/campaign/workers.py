@@ -47,7 +47,7 @@ def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[
 
 
 def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T:
-    """Run a seed, and once more in a new process if its process ends: another program may have killed the first one.
+    """Run a seed. If its process ends, run the seed once more, because another program may have killed the process.
 
     A run that hangs is not repeated.
     """

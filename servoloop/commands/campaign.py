@@ -71,7 +71,7 @@ def campaign(
     if (scenario is None) == (schedule is None):
         raise DriverError("give one file: --scenario for many runs, or --schedule to repeat one run")
     if schedule is not None and arm is not None:
-        raise DriverError(f"--arm needs --scenario: the schedule {schedule} has an arm of its own")
+        raise DriverError(f"--arm needs --scenario: the schedule {schedule} already names an arm")
     if schedule is not None:
         raise typer.Exit(_repeat(schedule, out, json))
     assert scenario is not None

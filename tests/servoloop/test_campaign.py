@@ -189,4 +189,4 @@ def test_the_option_arm_is_refused_with_a_schedule(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     message = complaint(capsys, monkeypatch, "campaign", "--schedule", "any.yaml", "--arm", "so101")
-    assert "--arm needs --scenario: the schedule any.yaml has an arm of its own" in message
+    assert "--arm needs --scenario: the schedule any.yaml already names an arm" in message

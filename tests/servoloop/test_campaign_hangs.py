@@ -117,7 +117,7 @@ def test_a_run_whose_time_stands_still_is_ended_and_reported(
     (violation,) = report.violations
     assert (violation.invariant, violation.text) == (
         NO_HANG,
-        "its simulated time stood still for 120 s of the machine's time",
+        "its simulated time stood still for 120 s of real time",
     )
     assert 0.2 < violation.time_s < 0.5
     assert signal.getsignal(supervised.SIGNAL) is former

@@ -250,7 +250,7 @@ class GoalsAreJudged(Invariant):
                 self.say(f"a goal within the limits was rejected: {reason}")
 
     def _beyond(self, goal: TrajectoryGoal, share: float) -> str:
-        """Describe the first joint that a goal sends beyond a limit by more than this share of its range, if any."""
+        """Describe the first joint that the goal sends beyond a limit by more than ``share`` of its range."""
         for point in goal.points:
             for joint, position in zip(goal.joints, point.positions, strict=False):
                 known = self._reference.get(joint)

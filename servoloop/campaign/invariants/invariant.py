@@ -58,7 +58,7 @@ class Invariant:
         self.stack = stack
         self.say = say
         self.examined = 0
-        """Number of times the condition was examined. An invariant that never examined it proves nothing."""
+        """Number of times the condition was examined. Zero means that the run proves nothing about it."""
         self.joints = stack.files.robot.joints
         self.commanded = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         """The joint of each command interface."""
@@ -73,7 +73,7 @@ class Invariant:
         return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
 
     def true_positions(self) -> dict[str, float]:
-        """Return the joint positions of the simulated world, in rad or m, by name, without any servo or conversion."""
+        """Return the joint positions of the simulated world, in rad or m, by name. They do not come from servos."""
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
     def deceived(self, joint: str) -> bool:
@@ -88,7 +88,7 @@ class Invariant:
         return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
 
     def torque(self, joint: Joint) -> bool:
-        """Return whether the torque of the joint's servo is really enabled, whatever the stack believes."""
+        """Return whether the torque of the joint's virtual servo is enabled. The stack may believe otherwise."""
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
     def on_write(self, bus: str, data: bytes) -> None:

@@ -14,7 +14,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 OVER_STEPS: Final = 100
 """Time over which a distance is measured, in ms. A servo moves to each goal at its own speed and waits there."""
 LAG_S: Final = 0.03
-"""Minimum lag of a servo behind its goal that it may catch up, in seconds. Soft servos lag more
+"""Time by which a servo may lag behind its goal and then catch up, in seconds. Soft servos lag more
 (hal/compensation/servo_compliance.py)."""
 OVERSHOOT_RAD: Final = 0.05
 """Overshoot of a joint that stops, in rad (benchmarks.fidelity)."""

@@ -102,7 +102,7 @@ class TakenBack(Invariant):
 class MeasuredNow(Invariant):
     """The reported position of a joint without a fault is one that its servo had since the last cycle.
 
-    An older position, the position of another servo, or the commanded position is a violation. Two servos with the same
+    Reporting an older position, the position of another servo, or the command is a violation. Two servos with the same
     ID are skipped, because it is unknown which of them answered.
     """
 

@@ -23,9 +23,9 @@ BRAKES: Final = 1.3
 PRESSES_SHARE: Final = 0.02
 """Allowed distance between command and joint, as a share of its range: servos give way, and relief is not exact."""
 RELIEVED_S: Final = 0.3
-"""Time that a joint may press after the result of a goal, in seconds. The result waits for the relief."""
+"""Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
 RELIEVED_AFTER_FAULT_S: Final = 3.0
-"""The same if a fault or a deactivation ended the goal, in seconds. The result then does not wait."""
+"""The same time after a goal that a fault or a deactivation ended, in seconds. Its result does not wait for relief."""
 
 
 @dataclass(slots=True)

@@ -110,7 +110,7 @@ class SmoothEnd(Invariant):
             share = COMMANDS_SHARE if self.stack.control_stack.releases else RELIEF_SHARE
             if change[worst] > share * self._acceleration[worst]:
                 found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
-                self.say(f"{self.commanded[worst]} is stopped or parked with an acceleration of {found}")
+                self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
 
 
 class NanHolds(Invariant):

@@ -50,7 +50,7 @@ class WireMonitor:
         self._writes = _writes_2 if second else _writes_1
         self._goals: dict[int, int] = {}
         self._placed_s: dict[int, float] = {}
-        """Time at which a servo got its current goal, if it was at that goal then, by ID."""
+        """Time at which each servo got its current goal, by servo ID, for servos that were at this goal then."""
         self._driven: set[int] = set()
         self._limp, self._activating = limp, activating
         self.broken: list[str] = []
