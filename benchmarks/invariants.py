@@ -8,9 +8,10 @@ from typing import Final
 
 from benchmarks.stopwatch import Stopwatch
 from servoloop.campaign.campaign import Scenario, files_of, read_scenario, schedule_of
-from servoloop.campaign.invariants.watch import ALL, Invariant
-from servoloop.campaign.quiet import quiet
+from servoloop.campaign.invariants import Invariant
+from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import run_schedule
+from servoloop.campaign.workers import quiet
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule
 from servoloop.stack.arm_folders import find_arm

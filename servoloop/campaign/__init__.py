@@ -1,1 +1,1 @@
-"""Campaigns: many runs with random faults on simulated time, and what must hold in each of them."""
+"""Campaigns: many simulated runs with random faults, and the invariants that each run must keep."""

@@ -1,4 +1,4 @@
-"""A campaign: one scenario with many seeds, on several processes, with the same result however many there are."""
+"""Run a campaign: one scenario with many seeds. The number of processes does not change the results."""
 
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
@@ -16,11 +16,10 @@ from hal.yaml_file import load
 from hal.yaml_nodes import compose, listed
 from servoloop.campaign.contradictions import Mistake, in_scenario, in_schedule, joints_and_hand
 from servoloop.campaign.draw_clients import draw_client
-from servoloop.campaign.hangs import ended_when_it_stands, limit
 from servoloop.campaign.promises import Promises
 from servoloop.campaign.ray_workers import on_ray
 from servoloop.campaign.run import NO_CRASH, NO_HANG, NOT_KILLED, RunReport, lost_run, run_schedule
-from servoloop.campaign.supervised import Loss, WorkerError
+from servoloop.campaign.supervised import Loss, WorkerError, ended_when_it_stands, limit
 from servoloop.campaign.workers import Stop, in_processes, in_this_process
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import job_settings, require_cell
@@ -34,71 +33,72 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
 
 KILLED_IN_A_ROW: Final = 3
-"""Number of seeds whose processes are killed one after the other, at which a campaign ends."""
+"""Number of consecutive seeds whose processes are killed after which a campaign ends."""
 
 
 class ScenarioError(DriverError):
-    """A scenario that cannot be read; all its mistakes, each with its line."""
+    """A scenario is invalid. The message lists every mistake with its line."""
 
 
 Item = TypeVar("Item")
 
 
-def _listed(value: Any) -> Any:
+def _as_list(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
 def _not_empty(items: tuple[Item, ...]) -> tuple[Item, ...]:
     if not items:
-        raise ValueError("the list is empty: name at least one, or leave out the key")
+        raise ValueError("the list is empty: add at least one item, or remove the key")
     return items
 
 
-OneOrMore = Annotated[tuple[Item, ...], AfterValidator(_not_empty), BeforeValidator(_listed)]
+OneOrMore = Annotated[tuple[Item, ...], AfterValidator(_not_empty), BeforeValidator(_as_list)]
 ClientKind = Literal["job", "moves", "plans", "streams", "switches", "jogs", "guides"]
 
 
 class Scenario(BaseModel):
-    """What all runs of a campaign have in common; the rest is drawn from each run's seed."""
+    """Properties that all runs of a campaign share. Everything else is drawn from the seed of each run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     arm: OneOrMore[str] = (OWN,)
-    """The arms; each run draws one."""
+    """Names or folders of arms. Each run draws one of them."""
     clients: OneOrMore[ClientKind] = ("job",)
-    """Kinds of clients. ``job`` does the jobs, the others move the arm as long as it is up."""
+    """Kinds of clients. Each run draws one of them. ``job`` does the jobs; the others move the arm directly."""
     on_exit: OneOrMore[ExitPolicy] | None = None
-    """How the arm is left at the end. None: as its robot file leaves virtual servos."""
-    job: Annotated[tuple[str, ...], BeforeValidator(_listed)] = ()
-    """Grades, one job each."""
+    """Policies for the end of a run. Each run draws one of them. None uses the policy of the robot file."""
+    job: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = ()
+    """Grades of the cubes. Each grade is one pick-and-place job."""
     seconds: Time = 0.0
-    """Time that the arm stays up after its jobs."""
+    """Time the arm stays up after its jobs, in seconds."""
     backlash_deg: Backlash = 1.0
+    """Backlash of each servo, in degrees."""
     faults: FaultCount = 3
-    """So many in each run."""
+    """Number of faults in each run."""
     within_s: Duration = 10.0
-    """Since the arm is up: by then all have begun that happen while it is up; without jobs within ``seconds``."""
+    """Latest start of a fault after the arm is up, in seconds. Without jobs it must not exceed ``seconds``."""
     kinds: OneOrMore[str] | None = None
-    """Of faults; None: all that the arm can have."""
+    """Kinds of faults. None means all kinds that the arm can have."""
     promises: Promises = Promises()
-    """What the campaign must have looked at; it fails if it did not."""
+    """Conditions that the campaign must examine and visit. It fails if it does not."""
 
     @field_validator("job")
     @classmethod
     def _done_by_a_client(cls, job: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if job and "job" not in info.data.get("clients", ("job",)):
-            raise ValueError("no client does these jobs: add `job` to `clients`, or leave out the jobs")
+            raise ValueError("none of the clients does jobs: add `job` to `clients`, or remove `job`")
         return job
 
     @field_validator("within_s")
     @classmethod
     def _within_the_run(cls, within_s: float, info: ValidationInfo) -> float:
-        said = info.data
-        alone = not said.get("job") and said.get("clients", ("job",)) == ("job",)
-        if alone and said.get("faults") and within_s > said.get("seconds", within_s):
+        earlier = info.data
+        idle = not earlier.get("job") and earlier.get("clients", ("job",)) == ("job",)
+        if idle and earlier.get("faults") and within_s > earlier.get("seconds", within_s):
             raise ValueError(
-                f"a fault after {said['seconds']:g} s would not happen, as the run without jobs ends then: write at "
-                "most `seconds`, or make `seconds` longer"
+                f"a run without jobs ends after {earlier['seconds']:g} s, so later faults would not happen: "
+                "set `within_s` to at most `seconds`, or increase `seconds`"
             )
         return within_s
 
@@ -106,14 +106,20 @@ class Scenario(BaseModel):
     @classmethod
     def _known_kinds(cls, kinds: tuple[str, ...] | None) -> tuple[str, ...] | None:
         if unknown := [kind for kind in kinds or () if kind not in KINDS]:
-            raise ValueError(f"there is no fault {', '.join(unknown)}: known are {', '.join(KINDS)}")
+            raise ValueError(f"unknown fault {', '.join(unknown)}: choose from {', '.join(KINDS)}")
         return kinds
 
 
 def read_scenario(path: Path, arm: str | None = None) -> Scenario:
-    """Read the scenario in this YAML file, or the same with another arm.
+    """Read a scenario from a YAML file.
 
-    Raises ScenarioError for its mistakes and for what can happen in none of its runs, ArmFileError for an unknown arm.
+    Args:
+        path: The file.
+        arm: Name or folder of an arm that replaces the arms of the scenario.
+
+    Raises:
+        ScenarioError: The scenario has a mistake, or asks for something that can happen in none of its runs.
+        ArmFileError: An arm is unknown.
     """
     scenario = load(path, Scenario, ScenarioError)
     if arm is not None:
@@ -128,9 +134,15 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
 
 
 def require_possible_schedule(path: Path, schedule: Schedule) -> None:
-    """Check that the arm can do what the schedule in this file asks for.
+    """Check that the arm of a schedule can do everything in the schedule.
 
-    Raises ScheduleError for jobs and acts, FaultError for faults.
+    Args:
+        path: File that has the schedule.
+        schedule: The schedule.
+
+    Raises:
+        ScheduleError: A job or an act is impossible.
+        FaultError: A fault is impossible.
     """
     files = files_of(schedule.arm)
     _refuse(path, in_schedule(schedule, files), ScheduleError)
@@ -138,14 +150,14 @@ def require_possible_schedule(path: Path, schedule: Schedule) -> None:
 
 
 def _refuse(path: Path, mistakes: Iterable[Mistake], error: type[DriverError]) -> None:
-    """Raise an error with file and line of each mistake, if there is one."""
+    """Raise an error with the file and line of each mistake, if there are any."""
     if found := [*mistakes]:
         file = compose(path, error)
         raise error("\n".join(listed([f"{file.place(place)}: {text}" for place, text in found])))
 
 
 def schedule_of(scenario: Scenario, seed: int) -> Schedule:
-    """Everything that happens in the run of this seed, drawn before it begins. Raises FaultError for unknown kinds."""
+    """Draw the schedule of a seed. Raises FaultError if a kind of fault is unknown."""
     random = Random(f"{seed}/scenario")
     arm, client = random.choice(scenario.arm), random.choice(scenario.clients)
     on_exit = random.choice(scenario.on_exit) if scenario.on_exit else None
@@ -173,10 +185,16 @@ def run_seed(scenario: Scenario, seed: int) -> RunReport:
 
 
 def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] = lambda stack: None) -> RunReport:
-    """Run a schedule on the arm that it names.
+    """Run a schedule on its arm.
 
-    An exception that no program may end with is a violation too, and so is a run that does not end. ``prepare`` gets
-    the stack before it comes up.
+    An unexpected exception and a run that does not end are reported as violations.
+
+    Args:
+        schedule: The schedule.
+        prepare: Called with the stack before it comes up.
+
+    Raises:
+        FaultError: A fault of the schedule cannot happen to the arm.
     """
     settings = job_settings(find_arm(schedule.arm), schedule.job)
     require_cell(files_of(schedule.arm), schedule.job)
@@ -194,45 +212,54 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
         with ended_when_it_stands(now_s):
             return run_schedule(files_of(schedule.arm), settings, schedule, prepare=prepared)
     except FaultError:
-        raise  # the schedule is wrong, not the stack
+        raise  # The schedule is wrong, not the stack.
     except Hang as hang:
         return lost_run(schedule, NO_HANG, now_s(), str(hang))
-    except (Exception, SystemExit) as error:  # a bug, and the other seeds shall be looked at as well
+    except (Exception, SystemExit) as error:  # A bug in the stack must not stop the other seeds.
         return lost_run(schedule, NO_CRASH, now_s(), f"{type(error).__name__}: {error}")
 
 
 @cache
 def files_of(arm: str) -> Files:
-    """The files of an arm by its name or folder, read once."""
+    """Return the files of an arm, by its name or folder. They are read once."""
     return read_arm_files(find_arm(arm))
 
 
 def campaign(
     scenario: Scenario, seeds: range, processes: int, stop: Stop = lambda: False, ray: str | None = None
 ) -> Iterator[RunReport]:
-    """Run all seeds; their reports come one by one, in the order of the seeds, until ``stop`` says so.
+    """Run all seeds and yield their reports in the order of the seeds.
 
-    A run that hangs or is killed is reported as a violation; without ``processes`` the runs take place in this process,
-    and one that is killed ends it. ``ray``: the address of a Ray cluster, or ``local`` for one that is started on this
-    machine. Raises FaultError for a mistake in the scenario before anything is started, and RayError and WorkerError
-    while it runs.
+    A run that hangs or is killed is reported as a violation.
+
+    Args:
+        scenario: The scenario.
+        seeds: The seeds.
+        processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends it.
+        stop: Returns whether to stop before the next report.
+        ray: Address of a Ray cluster, or ``local`` to start one on this machine. None runs without Ray.
+
+    Raises:
+        FaultError: The scenario is wrong. It is raised before the first run.
+        RayError: Ray is not installed, or the cluster does not answer.
+        WorkerError: Processes are killed repeatedly, or cannot be started.
     """
     schedule_of(scenario, seeds.start)
     run, lost = partial(run_seed, scenario), partial(_lost_seed, scenario)
     if ray is not None:
-        return _unless_all_die(on_ray(run, lost, seeds, ray, max(processes, 1), stop))
+        return _until_killed_in_a_row(on_ray(run, lost, seeds, ray, max(processes, 1), stop))
     if processes == 0:
         return in_this_process(run, seeds, stop)
-    return _unless_all_die(in_processes(run, lost, seeds, processes, stop))
+    return _until_killed_in_a_row(in_processes(run, lost, seeds, processes, stop))
 
 
 def _lost_seed(scenario: Scenario, seed: int, loss: Loss) -> RunReport:
-    """The report of a seed whose process did not come to its end."""
+    """Return the report of a seed whose run hung or was killed."""
     return lost_run(schedule_of(scenario, seed), NO_HANG if loss.hung else NOT_KILLED, loss.time_s, loss.text)
 
 
-def _unless_all_die(reports: Generator[RunReport, None, None]) -> Iterator[RunReport]:
-    """Raise WorkerError behind the report of the last of several seeds in a row whose process is killed."""
+def _until_killed_in_a_row(reports: Generator[RunReport, None, None]) -> Iterator[RunReport]:
+    """Yield the reports. Raise WorkerError after ``KILLED_IN_A_ROW`` consecutive seeds whose processes were killed."""
     in_a_row = 0
     with closing(reports):
         for report in reports:
@@ -241,6 +268,6 @@ def _unless_all_die(reports: Generator[RunReport, None, None]) -> Iterator[RunRe
             in_a_row = in_a_row + 1 if killed else 0
             if in_a_row == KILLED_IN_A_ROW:
                 raise WorkerError(
-                    f"the processes of {in_a_row} seeds in a row were killed, the last one that of seed {report.seed} "
-                    f"({killed[0]}), perhaps for want of memory: take fewer processes, with --jobs"
+                    f"the processes of {in_a_row} seeds in a row were killed, most recently for seed {report.seed} "
+                    f"({killed[0]}). If memory ran out, use fewer processes: set --jobs"
                 )

@@ -1,4 +1,4 @@
-"""What a scenario or a schedule asks for and cannot happen: its place in the file, and a sentence."""
+"""Find the parts of a scenario or a schedule that cannot happen."""
 
 from collections.abc import Iterator, Mapping
 from random import Random
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from servoloop.campaign.campaign import Scenario
 
 Mistake = tuple[tuple[str | int, ...], str]
-"""The place of a mistake within its file, and a sentence."""
+"""Keys that lead to a mistake in its file, and a sentence."""
 SEEDS, SEEDS_S = 20, 30.0
-"""Number of clients of each kind that are drawn to see what they do, and time for which they are."""
+"""Number of clients of each kind that are drawn to find their acts, and their duration in seconds."""
 
 
 def in_scenario(scenario: "Scenario", arms: Mapping[str, Files]) -> Iterator[Mistake]:
-    """What the scenario asks for and its arms, clients and faults cannot do."""
+    """Yield the parts of a scenario that its arms, clients and faults cannot do."""
     for n, (arm, files) in enumerate(arms.items()):
         yield from _in_jobs(scenario.job, arm, files, ("arm", n))
         there = inventory_of(files)
@@ -42,25 +42,25 @@ def in_scenario(scenario: "Scenario", arms: Mapping[str, Files]) -> Iterator[Mis
                 yield ("kinds", k), f"{arm} cannot have {kind!r}: {why}"
     for n, visit in enumerate(scenario.promises.visits):
         if never := _never(visit, scenario, list(arms.values())):
-            yield ("promises", "visits", n, never[0]), f"{never[1]}: change the scenario, or leave out the promise"
+            yield ("promises", "visits", n, never[0]), f"{never[1]}: change the scenario or remove the promise"
 
 
 def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
-    """What the schedule asks for and its arm cannot do, without its faults."""
+    """Yield the parts of a schedule that its arm cannot do, except for impossible faults."""
     yield from _in_jobs(schedule.job, schedule.arm, files, ("arm",))
     joints, hand = joints_and_hand(files)
     for n, act in enumerate(schedule.clients):
         known = ", ".join(joints)
         if unknown := [name for name in getattr(act, "positions", ()) if name not in joints]:
-            yield ("clients", n, "positions", unknown[0]), f"the arm has no joint {unknown[0]!r}: known are {known}"
+            yield ("clients", n, "positions", unknown[0]), f"the arm has no joint {unknown[0]!r}: choose one of {known}"
         if (joint := getattr(act, "joint", None)) is not None and joint not in joints:
-            yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: known are {known}"
+            yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: choose one of {known}"
         if act.kind == "hand" and not hand:
-            yield ("clients", n), "the arm has no hand to move: leave out this act"
+            yield ("clients", n), "the arm has no hand: remove this act"
 
 
 def joints_and_hand(files: Files) -> tuple[dict[str, JointLimits], bool]:
-    """The joints of the arm's trajectory controller with their limits, and whether there is a hand."""
+    """Return the joints of the arm's trajectory controller with their limits, and whether the arm has a hand."""
     parameters = (spec.parameters for spec in files.controllers.controllers)
     arms = [one for one in parameters if isinstance(one, TrajectoryParameters)]
     joints = arms[0].joints if arms else ()
@@ -69,7 +69,7 @@ def joints_and_hand(files: Files) -> tuple[dict[str, JointLimits], bool]:
 
 
 def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | int, ...]) -> Iterator[Mistake]:
-    """Jobs that the arm cannot do."""
+    """Yield the jobs that the arm cannot do."""
     if not job:
         return
     try:
@@ -80,31 +80,31 @@ def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | in
         return
     for n, grade in enumerate(job):
         if normal_grade(grade) not in known:
-            yield ("job", n), f"{arm} has no bin for the grade {grade!r}: known are {', '.join(known)}"
+            yield ("job", n), f"{arm} has no bin for the grade {grade!r}: choose one of {', '.join(known)}"
 
 
 def _never(visit: PromisedVisit, scenario: "Scenario", arms: list[Files]) -> tuple[str, str] | None:
-    """Why no run of the scenario can make this visit: the key of the promise, and the reason; None if one can."""
+    """Return the key and the reason for which no run of the scenario can make this visit; None if a run can."""
     kinds = KINDS if scenario.kinds is None else scenario.kinds
     if scenario.faults == 0:
-        return "fault", "no run has a fault, and each visit is one of a fault"
+        return "fault", "`faults` is 0, but every visit needs a fault"
     if visit.fault is not None and visit.fault not in kinds:
-        return "fault", f"no run has the fault {visit.fault!r}, which is not among `kinds`"
+        return "fault", f"no run has the fault {visit.fault!r}, because `kinds` does not include it"
     makes = {make for files in arms for make in _makes(visit.fault, files)}
     if not makes:
         why = impossible(visit.fault or "", inventory_of(arms[-1]))
         return "fault", f"no arm of the scenario can have {visit.fault!r} ({why})"
     if visit.make not in {None, *makes}:
         fault = "a fault" if visit.fault is None else repr(visit.fault)
-        return "make", f"{fault} cannot touch {visit.make!r}, as the makes are {', '.join(sorted(makes))}"
+        return "make", f"{fault} cannot affect the make {visit.make!r}, only {', '.join(sorted(makes))}"
     acts = {act for kind in scenario.clients for files in arms for act in _acts(kind, files)}
     if visit.client not in {None, *acts}:
-        return "client", f"no client of the scenario does {visit.client!r}: they do {', '.join(sorted(acts))}"
+        return "client", f"no client of the scenario does {visit.client!r}, only {', '.join(sorted(acts))}"
     return None
 
 
 def _makes(kind: str | None, files: Files) -> set[str]:
-    """The makes of the servos that faults of one kind, or of any kind, can touch."""
+    """Return the makes of the servos that a kind of fault can affect; None stands for all kinds."""
     if kind is None:
         return {series_of(joint.model).make for joint in files.robot.joints} | {NO_SERVO}
     there, makes = inventory_of(files), set[str]()
@@ -117,6 +117,6 @@ def _makes(kind: str | None, files: Files) -> set[str]:
 
 
 def _acts(kind: str, files: Files) -> set[str]:
-    """What a client of this kind does."""
+    """Return the kinds of acts that a kind of client does."""
     arm = joints_and_hand(files)
     return {JOB, *(act.kind for seed in range(SEEDS) for act in draw_client(kind, seed, *arm, SEEDS_S))}

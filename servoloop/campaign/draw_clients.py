@@ -1,4 +1,4 @@
-"""Random clients of a campaign: what they do is drawn from the seed before anything happens."""
+"""Draw the acts of a random client from the seed of a run."""
 
 from collections.abc import Callable, Mapping
 from random import Random
@@ -8,21 +8,26 @@ from hal.types import JointLimits
 from servoloop.simulation.acts import Act, Cancel, Guide, Hand, Jog, Move, Plan, Reactivate, Stream, Switch
 
 BEYOND: Final = 0.08
-"""Share of the goals with a position beyond a limit: such a goal is refused."""
+"""Share of goals with a position beyond a limit. The controller must reject such a goal."""
 ANYWHERE: Final = 0.3
-"""Share of the goals whose joints may go anywhere: many of these press the arm against the table or itself."""
+"""Share of goals anywhere within the limits. Many of them press the arm against the table or itself."""
 AT_LIMIT: Final = 0.3
-"""Share of the positions of such goals that are a limit."""
+"""Share of positions of these goals that are exactly at a limit."""
 NEAR: Final = 0.3
-"""Share of the way from zero to a limit that the other goals go at most."""
+"""Largest position of all other goals, as a share of the distance from zero to the limit."""
 LARGEST: Final = 7.0
-"""rad: a joint without ends is sent no further."""
+"""Largest position for a joint without limits, in rad."""
 
 
 def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: bool, seconds: float) -> tuple[Act, ...]:
-    """What one client of this kind does within ``seconds``, by time; ``joints``: those of the arm's controller.
+    """Return the acts of one client, in the order of time. A client of kind ``job`` has no acts besides its jobs.
 
-    A client of kind ``job`` does nothing beside its jobs.
+    Args:
+        kind: Kind of the client.
+        seed: Seed of the run.
+        joints: Limits of the joints of the arm's trajectory controller, by name.
+        hand: Whether the arm has a hand.
+        seconds: Time in which the acts begin, in seconds.
     """
     if kind == "job":
         return ()
@@ -36,7 +41,7 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
 
 
 def _positions(random: Random, joints: Mapping[str, JointLimits]) -> dict[str, float]:
-    """Draw positions of some or all joints: mostly near zero, or anywhere, at a limit, now and then beyond one."""
+    """Draw positions of some or all joints, mostly near zero, sometimes anywhere, at a limit or beyond a limit."""
     chosen = [name for name in joints if random.random() < 0.6] or [random.choice(list(joints))]
     draw = random.random()
     beyond = random.choice(chosen) if draw < BEYOND else None

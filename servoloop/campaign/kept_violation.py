@@ -1,4 +1,4 @@
-"""An invariant that fell: the smallest schedule that breaks it, and the last two seconds before as a trace."""
+"""Keep a violation: write the smallest schedule that shows it, and a trace of the last two seconds before it."""
 
 import shlex
 from dataclasses import dataclass
@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Final
 
 from servoloop.campaign.campaign import files_of, run_schedule_of
-from servoloop.campaign.invariants.watch import Violation
-from servoloop.campaign.quiet import quiet
+from servoloop.campaign.invariants import Violation
 from servoloop.campaign.run import NO_HANG, NOT_KILLED, RunReport
-from servoloop.campaign.shrinking import Violated, smallest, violated
-from servoloop.campaign.workers import Stop
+from servoloop.campaign.shrink import Violated, smallest, violated
+from servoloop.campaign.workers import Stop, quiet
 from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
@@ -18,39 +17,41 @@ from servoloop.simulation.trace_file import trace_text
 from servoloop.stack.robot_files import write_file
 
 BEFORE_S: Final = 2.0
+"""Length of a trace before the violation, in seconds."""
 CYCLES_BEHIND: Final = 4
+"""Length of a trace after the violation, in cycles."""
 NOTHING: Final = Recording((), (), ())
-"""The recording of a run that was not recorded."""
+"""Recording of a run that was not recorded."""
 AS_DRAWN: Final = {
-    NO_HANG: "It is not minimized: every further run of it would last until the limit.",
-    NOT_KILLED: "It is not minimized: every further run of it would end its process.",
+    NO_HANG: "The schedule is not minimized: every further run of it would last until the limit.",
+    NOT_KILLED: "The schedule is not minimized: every further run of it would end its process.",
 }
-"""Violations whose schedules are kept as they were drawn, and why."""
-UNSEEN: Final = "It is not minimized: a second run of the schedule did not show it again."
+"""Invariants whose schedules are kept as they were drawn, with the reason."""
+UNSEEN: Final = "The schedule is not minimized: the violation did not recur in a second run."
 
 
 @dataclass(frozen=True, slots=True)
 class KeptViolation:
-    """A violation as it is seen again, ``violation.time_s`` of the stack's clock, and where that is kept."""
+    """A violation with the schedule that reproduces it, and the files in which both are kept."""
 
     violation: Violation
     schedule: Schedule
     recording: Recording
-    """``BEFORE_S`` before the violation and ``CYCLES_BEHIND`` behind it."""
+    """Recording from ``BEFORE_S`` before the violation to ``CYCLES_BEHIND`` after it."""
     schedule_path: Path
     trace_path: Path | None
-    """None: the schedule was not run again."""
+    """None if the schedule was not run again."""
     note: str = ""
-    """Why the schedule is not the smallest one; empty if it is."""
+    """Reason why the schedule is not minimized; empty if it is."""
 
     @property
     def command(self) -> str:
-        """What shows it again, for a shell."""
+        """The shell command that reproduces the violation."""
         return shlex.join(["servoloop", "campaign", "--schedule", str(self.schedule_path)])
 
 
 def recorded(schedule: Schedule) -> tuple[RunReport, Recording]:
-    """Run a schedule and record all of it. Raises FaultError where a fault cannot happen to its arm."""
+    """Run a schedule and record the whole run. Raises FaultError if a fault cannot happen to the arm."""
     recorders: list[CycleRecorder] = []
 
     def prepare(stack: FaultyStack) -> None:
@@ -62,21 +63,31 @@ def recorded(schedule: Schedule) -> tuple[RunReport, Recording]:
 
 
 def violates(schedule: Schedule, invariant: str) -> bool:
-    """Whether a run of the schedule violates the invariant; one whose arm cannot have its faults does not."""
+    """Run a schedule and return whether it violates the invariant. An impossible schedule does not."""
     return invariant in violated(schedule)
 
 
 def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Violated = violated) -> KeptViolation:
-    """Shrink the run's schedule, run it again, and write schedule and trace into ``out``. Raises DriverError.
+    """Minimize the schedule of a run, run it again, and write the schedule and its trace.
 
-    A run that hangs or is killed is not run again: its schedule is kept as it was drawn. ``violated`` runs schedules.
+    A run that hangs or is killed is not repeated: its schedule is kept as it was drawn.
+
+    Args:
+        report: Report of a run that violates the invariant.
+        invariant: Name of the invariant.
+        out: Folder for the files.
+        stop: Returns whether to stop minimizing.
+        violated: Runs a schedule and returns the invariants that it violates.
+
+    Raises:
+        DriverError: A file cannot be written, or a process cannot be started.
     """
     path = out / f"{stem_of(invariant)}-seed-{report.seed}.yaml"
     if invariant in AS_DRAWN:
         return _kept_as_drawn(report, invariant, path, AS_DRAWN[invariant])
     schedule = smallest(report.schedule, invariant, violated, stop)
     again, recording = recorded(schedule)
-    violation = _of(again, invariant)
+    violation = _violation_of(again, invariant)
     if violation is None:
         return _kept_as_drawn(report, invariant, path, UNSEEN)
     _write(path, violation, schedule)
@@ -84,13 +95,13 @@ def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Vio
 
 
 def _kept_as_drawn(report: RunReport, invariant: str, path: Path, note: str) -> KeptViolation:
-    violation = _of(report, invariant)
+    violation = _violation_of(report, invariant)
     assert violation is not None
     _write(path, violation, report.schedule, note)
     return KeptViolation(violation, report.schedule, NOTHING, path, None, note)
 
 
-def _of(report: RunReport, invariant: str) -> Violation | None:
+def _violation_of(report: RunReport, invariant: str) -> Violation | None:
     return next((one for one in report.violations if one.invariant == invariant), None)
 
 
@@ -101,12 +112,20 @@ def _write(path: Path, violation: Violation, schedule: Schedule, note: str = "")
 
 
 def traced(violation: Violation, schedule: Schedule, recording: Recording, path: Path, trace: Path) -> KeptViolation:
-    """Write the trace of a violation of the schedule in the file ``path``; ``recording``: of the whole run."""
+    """Cut the trace of a violation out of the recording of the whole run and write it.
+
+    Args:
+        violation: The violation.
+        schedule: The schedule of the run.
+        recording: Recording of the whole run.
+        path: File that has the schedule.
+        trace: File to write the trace to.
+    """
     part = recording.around(violation.time_s, BEFORE_S, CYCLES_BEHIND)
     write_file(trace, trace_text(part, files_of(schedule.arm).robot.joints), keep=False)
     return KeptViolation(violation, schedule, part, path, trace)
 
 
 def stem_of(invariant: str) -> str:
-    """The invariant in a file's name."""
+    """Return the name of an invariant in the form used in file names."""
     return invariant.replace(" ", "-").replace(",", "")

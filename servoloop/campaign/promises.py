@@ -1,4 +1,4 @@
-"""The promises of a campaign: a green result means nothing for conditions that were never examined or visited."""
+"""Promises of a campaign: conditions that it must examine and visit, because a pass proves nothing about others."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -15,13 +15,13 @@ from sim_backend.faults.events import KINDS
 
 NAMES = tuple(kind.name for kind in ALL)
 MAKES = (*sorted({series.make for series in SERIES}), NO_SERVO)
-"""Makes of servos."""
+"""Makes of servos that a promise can name."""
 CLIENTS = (JOB, *(act.model_fields["kind"].default for act in get_args(get_args(Act)[0])))
-"""What clients do."""
+"""Kinds of acts of clients that a promise can name."""
 
 
 class PromisedVisit(BaseModel):
-    """A cell that must be visited. A key that is left out matches everything."""
+    """Visit that must occur. A key that is left out matches every value."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -34,62 +34,68 @@ class PromisedVisit(BaseModel):
     @classmethod
     def _known_phase(cls, phase: str | None) -> str | None:
         if phase is not None and phase not in PHASES:
-            raise ValueError(f"there is no phase {phase!r}: known are {', '.join(PHASES)}")
+            raise ValueError(f"unknown phase {phase!r}: choose one of {', '.join(PHASES)}")
         return phase
 
     @field_validator("fault")
     @classmethod
     def _known_fault(cls, fault: str | None) -> str | None:
         if fault is not None and fault not in KINDS:
-            raise ValueError(f"there is no fault {fault!r}: known are {', '.join(KINDS)}")
+            raise ValueError(f"unknown fault {fault!r}: choose one of {', '.join(KINDS)}")
         return fault
 
     @field_validator("make")
     @classmethod
     def _known_make(cls, make: str | None) -> str | None:
         if make not in (None, *MAKES):
-            raise ValueError(f"there is no make {make!r}: known are {', '.join(MAKES)}")
+            raise ValueError(f"unknown make {make!r}: choose one of {', '.join(MAKES)}")
         return make
 
     @field_validator("client")
     @classmethod
     def _known_client(cls, client: str | None) -> str | None:
         if client not in (None, *CLIENTS):
-            raise ValueError(f"no client does {client!r}: known are {', '.join(CLIENTS)}")
+            raise ValueError(f"unknown client act {client!r}: choose one of {', '.join(CLIENTS)}")
         return client
 
     def covers(self, visit: Visit) -> bool:
-        """Whether a visited cell is one of those meant."""
+        """Return whether the visit matches this promise."""
         wanted = (self.phase, self.fault, self.make, self.client)
         return all(name in (None, found) for name, found in zip(wanted, visit, strict=True))
 
     def __str__(self) -> str:
-        said = [f"phase {self.phase}" if self.phase else "", f"fault {self.fault}" if self.fault else ""]
-        said += [f"make {self.make}" if self.make else "", f"client {self.client}" if self.client else ""]
-        return ", ".join(filter(None, said)) or "any"
+        parts = [f"phase {self.phase}" if self.phase else "", f"fault {self.fault}" if self.fault else ""]
+        parts += [f"make {self.make}" if self.make else "", f"client {self.client}" if self.client else ""]
+        return ", ".join(filter(None, parts)) or "any fault"
 
 
 class Promises(BaseModel):
-    """Invariants that must have examined something, and cells that must have been visited."""
+    """Invariants that must examine something, and visits that must occur."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     examined: tuple[str, ...] = NAMES
-    """Names of invariants; by default all."""
+    """Names of invariants; all by default."""
     visits: tuple[PromisedVisit, ...] = ()
 
     @field_validator("examined")
     @classmethod
     def _known_invariants(cls, names: tuple[str, ...]) -> tuple[str, ...]:
         if unknown := [name for name in names if name not in NAMES]:
-            raise ValueError(f"there is no invariant {unknown[0]!r}: known are {', '.join(NAMES)}")
+            raise ValueError(f"unknown invariant {unknown[0]!r}: choose one of {', '.join(NAMES)}")
         return names
 
     def broken(self, runs: int, examined: Mapping[str, int], visits: Counter[Visit]) -> Iterator[str]:
-        """Each promise that a campaign of so many runs did not keep, as a sentence."""
+        """Yield a sentence for each promise that a campaign did not keep.
+
+        Args:
+            runs: Number of runs of the campaign.
+            examined: How often each invariant examined its condition, by name.
+            visits: Visits of all runs.
+        """
         for name in self.examined:
             if not examined.get(name):
-                yield f"the invariant {name!r} examined nothing in {counted(runs, 'run')}"
+                yield f"the invariant {name!r} never examined its condition in {counted(runs, 'run')}"
         for promised in self.visits:
             if not any(promised.covers(visit) for visit in visits):
-                yield f"no run visited {promised}, in {counted(runs, 'run')}"
+                yield f"no visit with {promised} in {counted(runs, 'run')}"

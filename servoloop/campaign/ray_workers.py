@@ -1,4 +1,4 @@
-"""Runs on a Ray cluster, or on a Ray that is started on this machine for them."""
+"""Do the runs of a campaign on a Ray cluster, or on a local Ray that is started for the campaign."""
 
 import os
 import socket
@@ -14,47 +14,59 @@ from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_
 from servoloop.extras import install_command
 
 LOCAL: Final = "local"
-"""The address that starts a Ray on this machine."""
+"""Address that stands for a Ray that is started on this machine."""
 STORE_BYTES: Final = 100_000_000
-"""Memory for results in flight, close to the least that Ray takes: reports have a few kilobytes."""
+"""Size of the object store, close to the minimum that Ray accepts: a report has a few kilobytes."""
 REACH_S: Final = 5.0
-TRIES_AGAIN: Final = 3
-"""So often a task is run again whose worker was killed."""
+"""Timeout for connecting to a cluster, in seconds."""
+RETRIES: Final = 3
+"""Maximum number of times a task is repeated after its worker was killed."""
 
 
 class RayError(DriverError):
-    """Ray is not installed, or no cluster answers."""
+    """Ray is not installed, or a cluster does not answer."""
 
 
 def on_ray(
     run: Run[T], lost: Lost[T], seeds: range, address: str, processes: int, stop: Stop
 ) -> Generator[T, None, None]:
-    """What the runs of all seeds return, in the order of the seeds, until ``stop``.
+    """Run the seeds on Ray and yield their results in the order of the seeds.
 
-    ``processes``: of a local Ray; a cluster has as many as it says. Each of Ray's workers supervises a process for its
-    runs: only this process ends if a run hangs or is killed. The task of a worker of Ray that is killed is run again.
-    Raises RayError, and WorkerError where the same task's worker is killed time and again.
+    Each Ray worker supervises a process for its runs. If a run hangs or is killed, only that process ends. The task of
+    a Ray worker that is killed is repeated.
+
+    Args:
+        run: Runs a seed.
+        lost: Returns the result of a seed whose run was lost.
+        seeds: The seeds.
+        address: Address of a Ray cluster, or ``local``.
+        processes: Number of processes of a local Ray. A cluster determines its own number.
+        stop: Returns whether to stop.
+
+    Raises:
+        RayError: Ray is not installed, or the cluster does not answer.
+        WorkerError: The Ray worker of one task is killed repeatedly.
     """
     ray = _ray()
     with _connected(ray, address, processes) as workers:
-        task = ray.remote(max_calls=RUNS_OF_A_PROCESS // CHUNK, max_retries=TRIES_AGAIN)(_run_there).remote
+        task = ray.remote(max_calls=RUNS_OF_A_PROCESS // CHUNK, max_retries=RETRIES)(_run_task).remote
         try:
             yield from in_order(lambda chunk: task(run, lost, chunk).future(), seeds, workers, stop)
         except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError) as error:
-            raise WorkerError(f"Ray's workers are killed again and again: {error}") from None
+            raise WorkerError(f"a Ray worker was killed {RETRIES + 1} times: {error}") from None
 
 
 def _ray() -> Any:
     try:
         import ray
     except ImportError:
-        raise RayError(f"--ray needs Ray, and Python finds none: {install_command('ray')}") from None
+        raise RayError(f"--ray needs Ray, which is not installed: {install_command('ray')}") from None
     return ray
 
 
 @contextmanager
 def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
-    """Connect, and yield how many runs the cluster can do at a time."""
+    """Connect to Ray and yield the number of runs that it can do at the same time."""
     try:
         if address == LOCAL:
             _start(ray, processes)
@@ -62,8 +74,8 @@ def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
             _reach(address)
             ray.init(address=address, log_to_driver=False, logging_level="ERROR")
     except (OSError, RuntimeError, ValueError) as error:
-        token = "if it asks for a token, set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN"
-        raise RayError(f"no Ray cluster at {address}: {error}; {token}") from None
+        token = "If the cluster needs a token, set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN."
+        raise RayError(f"cannot connect to a Ray cluster at {address}: {error}. {token}") from None
     try:
         yield max(1, int(ray.cluster_resources().get("CPU", 1)))
     finally:
@@ -71,15 +83,20 @@ def _connected(ray: Any, address: str, processes: int) -> Iterator[int]:
 
 
 def _reach(address: str) -> None:
-    """Connect once, which tells at once that nobody is there: Ray tries for minutes. Raises OSError and ValueError."""
+    """Check that a program answers at this address, because Ray itself retries for minutes.
+
+    Raises:
+        OSError: No program answers.
+        ValueError: The address has a wrong format.
+    """
     host, colon, port = address.rpartition(":")
     if not (host and colon and port.isdecimal()):
-        raise ValueError(f"an address is HOST:PORT, such as 10.0.0.1:6379, or {LOCAL}")
+        raise ValueError(f"the address must be HOST:PORT, such as 10.0.0.1:6379, or {LOCAL}")
     socket.create_connection((host, int(port)), REACH_S).close()
 
 
 def _start(ray: Any, processes: int) -> None:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray tells its makers otherwise
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # By default Ray reports its use to its developers.
     ray.init(
         address=LOCAL,
         num_cpus=processes,
@@ -87,17 +104,17 @@ def _start(ray: Any, processes: int) -> None:
         log_to_driver=False,
         logging_level="ERROR",
         object_store_memory=STORE_BYTES,
-        # a container's /dev/shm is often smaller than the store
+        # In containers /dev/shm is often smaller than the store.
         _plasma_directory=tempfile.gettempdir(),
     )
 
 
-def _run_there(run: Any, lost: Any, seeds: range) -> Any:
-    """A worker's task, there."""
+def _run_task(run: Any, lost: Any, seeds: range) -> Any:
+    """Do one task in a Ray worker."""
     return run_all(_supervisor(), run, lost, seeds)
 
 
 @cache
 def _supervisor() -> Supervisor:
-    """The supervisor of a worker's process."""
+    """Return the supervisor of this Ray worker."""
     return Supervisor()

@@ -1,34 +1,47 @@
-"""The report of a campaign: one page without scripts that opens without a network, the same bytes for the same runs."""
+"""Write the report of a campaign: one HTML page with plots, without scripts, identical for identical runs."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import pairwise
+from math import ceil
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from hal.joint import Joint
 from servoloop.campaign.campaign import files_of
 from servoloop.campaign.kept_violation import BEFORE_S, KeptViolation
-from servoloop.campaign.tally import Tally
+from servoloop.campaign.tally import INVARIANTS, Outcome, Row, Tally
 from servoloop.extras import install_command
+from servoloop.simulation.cycle_recorder import Recording
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
 from servoloop.stack.robot_files import write_file
+from sim_backend.faults.event import Event
 from sim_backend.faults.text import text_of
 
+if TYPE_CHECKING:  # servoloop.plots needs matplotlib, which may be missing
+    from servoloop.plots import Panel, Stretch
+
 NEEDED: Final = ("matplotlib", "jinja2")
-MISSING: Final = f"no page is written: it needs matplotlib and Jinja2: {install_command('report')}"
+MISSING: Final = f"the report is not written because matplotlib or Jinja2 is missing: {install_command('report')}"
 MOST_ROWS: Final = 200
-"""Violations in the table of the page; all of them are in what --json prints."""
+"""Maximum number of violations in the table of the page. ``--json`` prints all violations."""
+COLORS: Final = ("#b00020", "#7a7a7a", "#e69f00", "#0072b2")
+"""Colors of the outcomes, in the order of ``Outcome``."""
+MOST_BARS: Final = 40
+"""Maximum number of bars in the histogram of fault times."""
 
 
 def possible() -> bool:
-    """Whether what a page needs is installed."""
+    """Return whether the libraries that a page needs are installed."""
     return all(find_spec(name) is not None for name in NEEDED)
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A cycle of a trace as the page's table has it."""
+    """One cycle of a trace, as shown in the tables of the page."""
 
     time_s: float
     injected: str
@@ -39,12 +52,21 @@ class Moment:
     position: tuple[float, ...]
     velocity: tuple[float, ...]
     packets: list[str]
-    fell: bool
-    """Whether it is the first one behind the violation."""
+    violated: bool
+    """Whether this is the first cycle after the violation."""
 
 
-def page(tally: Tally | None, fallen: Sequence[KeptViolation]) -> str:
-    """The report in HTML; without ``tally`` only what fell. ``possible()`` must hold."""
+def write(path: Path, tally: Tally | None, kept: Sequence[KeptViolation]) -> None:
+    """Write the report into the file ``path``. Raises DriverError if it cannot be written."""
+    write_file(path, page(tally, kept), keep=False)
+
+
+def page(tally: Tally | None, kept: Sequence[KeptViolation]) -> str:
+    """Return the report in HTML. Without a tally, it contains only the kept violations.
+
+    Raises:
+        ImportError: A library is missing; see ``possible``.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -59,46 +81,81 @@ def page(tally: Tally | None, fallen: Sequence[KeptViolation]) -> str:
         plots=_plots(tally) if tally else [],
         most_rows=MOST_ROWS,
         before_s=BEFORE_S,
-        fallen=[_section(one) for one in fallen],
+        kept=[_section(one) for one in kept],
     )
 
 
-def write(path: Path, tally: Tally | None, fallen: Sequence[KeptViolation]) -> None:
-    """Write the report into the file ``path``. Raises DriverError."""
-    write_file(path, page(tally, fallen), keep=False)
-
-
 def _plots(tally: Tally) -> list[tuple[str, str]]:
-    """Heading and plot."""
-    from servoloop.campaign import figures
+    """Return the heading and the SVG of each plot of a campaign."""
+    from servoloop.plots import points
 
+    following = _by_outcome(tally, lambda row: row.largest_following_rad)
+    durations = _by_outcome(tally, lambda row: row.simulated_s)
     return [
-        ("Runs in which each invariant fell", figures.violations(tally)),
-        ("Faults drawn, by what came of their run", figures.fault_kinds(tally)),
-        ("When they began, in the same colours", figures.fault_times(tally)),
-        ("Largest following error of each run, in the same colours", figures.following_errors(tally)),
-        ("Simulated time of each run, in the same colours", figures.durations(tally)),
+        ("Runs that violate each invariant", _violations(tally)),
+        ("Faults by kind and outcome of their run", _fault_kinds(tally)),
+        ("Start times of the faults", _fault_times(tally)),
+        ("Largest following error of each run", points(following, COLORS, "seed", "following error (rad)")),
+        ("Simulated duration of each run", points(durations, COLORS, "seed", "duration (s)")),
     ]
 
 
-def _section(fallen: KeptViolation) -> dict[str, Any]:
-    from servoloop.campaign import figures
+def _violations(tally: Tally) -> str:
+    from servoloop.plots import stacked_bars
 
-    joints = files_of(fallen.schedule.arm).robot.joints
+    runs = Counter(violation.invariant for _, violation in tally.violations)
+    series = {"runs that violate it": [runs[name] for name in INVARIANTS]}
+    return stacked_bars(INVARIANTS, series, COLORS[:1], "runs")
+
+
+def _fault_kinds(tally: Tally) -> str:
+    from servoloop.plots import stacked_bars
+
+    kinds = sorted({kind for kind, _ in tally.drawn})
+    series = {outcome.value: [tally.drawn[kind, outcome] for kind in kinds] for outcome in Outcome}
+    return stacked_bars(kinds, series, COLORS, "faults drawn")
+
+
+def _fault_times(tally: Tally) -> str:
+    from servoloop.plots import histogram
+
+    last_s = max((second for second, _ in tally.begun), default=0)
+    width_s = ceil((last_s + 1) / MOST_BARS)
+    edges_s = [*range(0, last_s + 1 + width_s, width_s)]
+
+    def counts(outcome: Outcome) -> list[int]:
+        return [sum(tally.begun[second, outcome] for second in range(*gap)) for gap in pairwise(edges_s)]
+
+    series = {outcome.value: counts(outcome) for outcome in Outcome}
+    return histogram(edges_s, series, COLORS, "start of the fault, after the arm was up (s)", "faults")
+
+
+def _by_outcome(tally: Tally, value: Callable[[Row], float | None]) -> dict[str, list[tuple[float, float]]]:
+    found: dict[str, list[tuple[float, float]]] = {outcome.value: [] for outcome in Outcome}
+    for row in tally.rows:
+        number = value(row)
+        if number is not None:
+            found[row.outcome.value].append((row.seed, number))
+    return found
+
+
+def _section(kept: KeptViolation) -> dict[str, Any]:
+    """Return the values with which the template shows one kept violation."""
+    joints = files_of(kept.schedule.arm).robot.joints
     return {
-        "violation": fallen.violation,
-        "schedule": schedule_text(fallen.schedule),
-        "command": fallen.command,
-        "recording": fallen.recording,
-        "note": fallen.note,
-        "trace_name": fallen.trace_path.name if fallen.trace_path else "",
-        "plot": figures.trace(fallen, joints) if fallen.recording.cycles else "",
-        "moments": _moments(fallen, packet_texts(fallen.recording, joints)),
+        "violation": kept.violation,
+        "schedule": schedule_text(kept.schedule),
+        "command": kept.command,
+        "recording": kept.recording,
+        "note": kept.note,
+        "trace_name": kept.trace_path.name if kept.trace_path else "",
+        "plot": _trace(kept, joints) if kept.recording.cycles else "",
+        "moments": _moments(kept, packet_texts(kept.recording, joints)),
     }
 
 
-def _moments(fallen: KeptViolation, packets: Sequence[list[str]]) -> list[Moment]:
-    behind = [cycle for cycle in fallen.recording.cycles if cycle.time_s >= fallen.violation.time_s]
+def _moments(kept: KeptViolation, packets: Sequence[list[str]]) -> list[Moment]:
+    after = [cycle for cycle in kept.recording.cycles if cycle.time_s >= kept.violation.time_s]
     return [
         Moment(
             cycle.time_s,
@@ -109,8 +166,65 @@ def _moments(fallen: KeptViolation, packets: Sequence[list[str]]) -> list[Moment
             cycle.command,
             cycle.position,
             cycle.velocity,
-            said,
-            bool(behind) and cycle is behind[0],
+            lines,
+            bool(after) and cycle is after[0],
         )
-        for cycle, said in zip(fallen.recording.cycles, packets, strict=True)
+        for cycle, lines in zip(kept.recording.cycles, packets, strict=True)
     ]
+
+
+def _trace(kept: KeptViolation, joints: Sequence[Joint]) -> str:
+    """Plot positions, commands, following errors and velocities of a kept violation."""
+    from servoloop.plots import time_series
+
+    recording = kept.recording
+    times_s = [cycle.time_s for cycle in recording.cycles]
+    metric = {joint.name for joint in joints if joint.transmission != 1.0}
+    panels: list[Panel] = []
+    for unit, names in (
+        ("rad", [name for name in recording.joints if name not in metric]),
+        ("m", [name for name in recording.joints if name in metric]),
+    ):
+        if names:
+            panels += _panels(recording, names, unit)
+    return time_series(times_s, panels, _stretches(recording), kept.violation.time_s)
+
+
+def _panels(recording: Recording, names: Sequence[str], unit: str) -> "list[Panel]":
+    from servoloop.plots import Curve, Panel
+
+    measured = {name: _values(recording, "position", name) for name in names}
+    speeds = tuple(Curve(name, _values(recording, "velocity", name)) for name in names)
+    wanted = {name: _commands(recording, name) for name in names if f"{name}/position" in recording.interfaces}
+    errors = tuple(
+        Curve(name, [want - was for want, was in zip(values, measured[name], strict=True)])
+        for name, values in wanted.items()
+    )
+    curves = (Curve(name, values) for name, values in measured.items())
+    dashed = (Curve(name, values, dashed=True) for name, values in wanted.items())
+    return [
+        Panel(f"position ({unit})\ndashed: command", (*curves, *dashed)),
+        Panel(f"command − position ({unit})", errors),
+        Panel(f"velocity ({unit}/s)", speeds),
+    ]
+
+
+def _values(recording: Recording, quantity: str, joint: str) -> list[float]:
+    place = recording.joints.index(joint)
+    return [getattr(cycle, quantity)[place] for cycle in recording.cycles]
+
+
+def _commands(recording: Recording, joint: str) -> list[float]:
+    place = recording.interfaces.index(f"{joint}/position")
+    return [cycle.command[place] for cycle in recording.cycles]
+
+
+def _stretches(recording: Recording) -> "list[Stretch]":
+    """Return the time span of each injected fault in the recording."""
+    from servoloop.plots import Stretch
+
+    seen: dict[Event, list[float]] = {}
+    for cycle in recording.cycles:
+        for event in cycle.injected:
+            seen.setdefault(event, []).append(cycle.time_s)
+    return [Stretch(text_of(event), times[0], times[-1]) for event, times in seen.items()]

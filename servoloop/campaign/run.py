@@ -1,16 +1,16 @@
-"""One run of a campaign: a schedule from beginning to end, with all invariants looking on."""
+"""Run one schedule of a campaign from start to end while the invariants watch."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
-from controller.shutdown import shut_down
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.invariants.watch import ALL, Invariant, Violation, Watch
+from servoloop.campaign.invariants import Invariant, Violation
+from servoloop.campaign.invariants.watch import ALL, Watch
 from servoloop.campaign.visits import Visit
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -20,36 +20,36 @@ from servoloop.stack.robot_files import Files
 from sim_backend.buses.build import Build
 
 NO_CRASH: Final = "no crash"
-"""Violated by an exception that no program may end with."""
+"""Invariant that is violated by an unexpected exception."""
 NO_HANG: Final = "no hang"
-"""Violated by a run that does not end."""
+"""Invariant that is violated by a run that does not end."""
 NOT_KILLED: Final = "not killed"
-"""Violated by a run that ends its process."""
+"""Invariant that is violated by a run that ends its process."""
 WHOLE_RUN: Final = (NO_CRASH, NO_HANG, NOT_KILLED)
-"""Violations of a whole run, which is not looked at by invariants then."""
+"""Invariants on a run as a whole. They examine nothing, so they count nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunReport:
-    """What came of one schedule."""
+    """Result of one run."""
 
     schedule: Schedule
     violations: tuple[Violation, ...]
     succeeded: int
-    """Jobs whose cube is in its bin."""
+    """Number of jobs that put their cube into its bin."""
     ended: str
-    """Why the program ended early; empty where it did not."""
+    """Reason why the program ended early; empty if it did not."""
     simulated_s: float
     largest_following_rad: float | None
-    """The largest following error of any joint of the arm; None where the arm was never told to move."""
+    """Largest following error of any joint of the arm; None if the arm was never commanded to move."""
     examined: Mapping[str, int] = field(default_factory=dict)
-    """How often each invariant looked at its condition, by name."""
+    """Number of times that each invariant examined its condition, by name."""
     visits: Counter[Visit] = field(default_factory=Counter)
-    """Cycles, by what was wrong in which phase."""
+    """Number of cycles in which each fault was active, by phase, make and client."""
 
     @property
     def seed(self) -> int:
-        """The seed of a campaign's run."""
+        """The seed of the schedule, or 0 if it has no seed."""
         return self.schedule.seed or 0
 
 
@@ -60,10 +60,19 @@ def run_schedule(
     kinds: tuple[type[Invariant], ...] = ALL,
     prepare: Callable[[FaultyStack], None] = lambda stack: None,
 ) -> RunReport:
-    """Run a schedule, and end the program after it. Raises FaultError where a fault cannot happen to this arm.
+    """Run a schedule, then end the program.
 
-    ``prepare`` may change the stack before it comes up: a test plants there what an invariant is to find.
+    Args:
+        files: Files of the arm.
+        settings: Settings of the pick-and-place jobs.
+        schedule: Faults, jobs and clients of the run.
+        kinds: Invariants that watch the run.
+        prepare: Called with the stack before it comes up. Tests use it to plant a bug.
+
+    Raises:
+        FaultError: A fault of the schedule cannot happen to this arm.
     """
+    files = with_exit_policy(files, schedule.on_exit)
     stack = FaultyStack(files=files, build=Build(schedule.backlash_deg, schedule.seed), keep_alive=True)
     stack.player.plan(schedule.faults)
     prepare(stack)
@@ -74,10 +83,10 @@ def run_schedule(
         for number, grade in enumerate(schedule.job, 1):
             succeeded += run_job(stack, settings, grade, number).success
         stack.run(schedule.seconds)
-    except (DriverError, HalError) as error:  # the program ends then, as below
+    except (DriverError, HalError) as error:  # These errors end the program as usual.
         ended = str(error)
     stack.clients = None
-    end_program(stack, schedule.on_exit)
+    end_program(stack)
     watch.end()
     largest_rad = max(stack.trace.following().largest_rad, default=None)
     violations = tuple(watch.violations.values())
@@ -87,18 +96,24 @@ def run_schedule(
 
 
 def lost_run(schedule: Schedule, name: str, time_s: float, text: str) -> RunReport:
-    """Report a run that did not come to its end: nothing is known of it but this violation."""
+    """Return the report of a run that did not reach its end. It has only this violation and its time."""
     time_s = round(time_s, 4)
     return RunReport(schedule, (Violation(name, time_s, text),), 0, "", time_s, None)
 
 
-def end_program(stack: FaultyStack, on_exit: ExitPolicy | None = None) -> None:
-    """End as ``servoloop up`` with virtual servos does: held, or parked and let go."""
+def with_exit_policy(files: Files, on_exit: ExitPolicy | None) -> Files:
+    """Return the files with this ``on_exit`` for virtual servos; None keeps the policy of the robot file."""
+    if on_exit is None:
+        return files
+    policies = files.robot.file.on_exit.model_copy(update={"virtual": on_exit})
+    robot_file = files.robot.file.model_copy(update={"on_exit": policies})
+    return replace(files, robot=replace(files.robot, file=robot_file))
+
+
+def end_program(stack: FaultyStack) -> None:
+    """End the stack as ``servoloop up`` does with virtual servos: hold the arm, or park and release it."""
     stack.player.reach("end", stack.world.time_s)
-    robot = stack.files.robot.file
-    park = robot.park
-    stack.relaxes = (on_exit or robot.on_exit.virtual) == "relax"
-    relax, stack.ending = stack.relaxes, True
-    shut_down(stack.loop, relax, park.pose if park else None, park.velocity_scale if park else 1.0)
+    stack.ending = True
+    stack.control_stack.end()
     for line in stack.lines.values():
         line.advance(stack.clock.now())

@@ -1,37 +1,93 @@
-"""Minimize a schedule that violates an invariant: the few faults and acts that matter, on the simplest arm."""
+"""Minimize a schedule that violates an invariant: keep only the faults, acts and jobs that the violation needs."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
 
+from servoloop.campaign.campaign import files_of, run_schedule_of
+from servoloop.campaign.contradictions import in_schedule
+from servoloop.campaign.run import NO_HANG, NOT_KILLED
+from servoloop.campaign.supervised import Loss, Supervisor
+from servoloop.campaign.workers import Stop, quiet
 from servoloop.simulation.schedule import Schedule, behind_the_end
 from servoloop.stack.arm_folders import OWN
+from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 
 Breaks = Callable[[Schedule], bool]
-"""Whether a schedule breaks the same invariant."""
+"""Returns whether a run of the schedule violates the invariant."""
+Violated = Callable[[Schedule], set[str]]
+"""Runs a schedule and returns the invariants that it violates."""
 ROUND_S = (1.0, 0.1, 0.01)
-"""Times are tried on these grids, the coarsest first."""
-
+"""Grids to which the times of faults are rounded, coarsest first, in seconds."""
 SECONDS = (1.0, 3.0, 5.0)
-"""Times that are tried for which the arm stays up."""
+"""Shorter times that the arm may stay up, in seconds."""
+LAST: Final = {NO_HANG, NOT_KILLED}
+"""Violations that end the search, because further runs would probably hang or be killed too."""
+
+
+def smallest(schedule: Schedule, invariant: str, violated: Violated, stop: Stop) -> Schedule:
+    """Return the smallest schedule found that violates the invariant. The search ends when ``stop`` returns True."""
+    seen: set[str] = set()
+
+    def breaks(candidate: Schedule) -> bool:
+        names = violated(candidate)
+        seen.update(names)
+        return invariant in names
+
+    with quiet():
+        return shrink(schedule, breaks, lambda: bool(LAST & seen) or stop())
+
+
+def violated(schedule: Schedule) -> set[str]:
+    """Run a schedule and return the invariants that it violates. An impossible schedule violates none."""
+    if any(in_schedule(schedule, files_of(schedule.arm))):
+        return set()
+    try:
+        return {violation.invariant for violation in run_schedule_of(schedule).violations}
+    except FaultError:
+        return set()
+
+
+@contextmanager
+def violated_apart() -> Iterator[Violated]:
+    """Yield ``violated`` for a separate process, so that a run that is killed ends only that process."""
+    supervisor = Supervisor()
+
+    def names(schedule: Schedule) -> set[str]:
+        found = supervisor.run(violated, schedule)
+        if isinstance(found, Loss):
+            return {NO_HANG if found.hung else NOT_KILLED}
+        return found
+
+    try:
+        yield names
+    finally:
+        supervisor.close()
 
 
 def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda: False) -> Schedule:
-    """The smallest schedule found that still breaks it: without faults, acts, jobs and seconds that it does not need.
+    """Minimize a schedule by a greedy, deterministic search.
 
-    Deterministic; ``breaks(schedule)`` must hold at the beginning. Greedy: what a step makes smaller stays so, until
-    no step does, or until ``stop`` says so.
+    Args:
+        schedule: A schedule for which ``breaks`` returns True.
+        breaks: Returns whether a schedule still violates the invariant.
+        stop: Returns whether to end the search early.
+
+    Returns:
+        The smallest schedule found for which ``breaks`` returns True.
     """
     smaller = schedule
     while True:
-        smaller_ones = (one for one in _smaller(smaller) if one != smaller and not behind_the_end(one))
-        found = next((one for one in smaller_ones if not stop() and breaks(one)), None)
+        candidates = (one for one in _smaller(smaller) if one != smaller and not behind_the_end(one))
+        found = next((one for one in candidates if not stop() and breaks(one)), None)
         if found is None:
             return smaller
         smaller = found
 
 
 def _smaller(schedule: Schedule) -> Iterator[Schedule]:
-    """Schedules that are a little smaller, what saves most first."""
+    """Yield schedules that are one step smaller, the largest steps first."""
     faults = schedule.faults
     half = len(faults) // 2
     if half > 1:
@@ -59,12 +115,12 @@ def _smaller(schedule: Schedule) -> Iterator[Schedule]:
     if schedule.backlash_deg:
         yield schedule.model_copy(update={"backlash_deg": 0.0})
     for i, event in enumerate(faults):
-        for easier in _easier(event):
-            yield schedule.model_copy(update={"faults": (*faults[:i], easier, *faults[i + 1 :])})
+        for simpler in _simpler(event):
+            yield schedule.model_copy(update={"faults": (*faults[:i], simpler, *faults[i + 1 :])})
 
 
-def _easier(event: Event) -> Iterator[Event]:
-    """The same event while the arm is up, shorter, or at a rounder time."""
+def _simpler(event: Event) -> Iterator[Event]:
+    """Yield the event while the arm is up, the event with half its duration, and the event at a rounder time."""
     if event.since != "up":
         yield event.model_copy(update={"since": "up"})
     if event.for_s is not None and event.for_s > 0.1:

@@ -1,72 +1,159 @@
-"""A process for runs, and its supervisor, which takes a new one when a run ends it or hangs."""
+"""Detect and end runs that hang, in this process or in a supervised one that is replaced when it ends."""
 
+import logging
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from multiprocessing import Pipe, get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from multiprocessing.sharedctypes import RawValue
 from pickle import loads
+from types import FrameType
 from typing import Any, Final, TypeVar
 
 from drivers.errors import DriverError
-from servoloop.campaign import hangs
-from servoloop.campaign.hangs import SHOWN, Standstill, stands
-from servoloop.campaign.quiet import silence
+from servoloop.simulation.job import FALLS_S, LONGEST_S
+from servoloop.simulation.schedule import Schedule
 from servoloop.stack.processes import end_with_parent
+from sim_backend.clock import Hang, SimulatedClock
 
 T = TypeVar("T")
 Item = TypeVar("Item")
 
-RUNS_OF_A_PROCESS: Final = 100
-"""A new process every so often gives back what its stacks have left behind: some 200 MB after a hundred runs."""
+MARGIN_S: Final = 120.0
+"""Simulated time for activation, recovery and shutdown, in addition to twice the time of the schedule, in seconds."""
+STANDS_S: Final = 120.0
+"""Real time for which the simulated time of a run may stand still, in seconds."""
+BEGINS_S: Final = 600.0
+"""The same limit before the first cycle, when code may have to be compiled, in seconds."""
+POLL_S: Final = 5.0
+"""Interval at which the simulated time is polled, in seconds.
+
+The limits above are counted in polls: a run does not hang because its process or the machine was paused.
+"""
 GRACE_S: Final = 30.0
-"""Time for which a process may still end a run by itself whose simulated time stands still, and go on."""
+"""Time that a supervised process has to end a run whose simulated time stands still, before it is killed."""
 ENDS_S: Final = 5.0
-"""Time that an idle process may take to end."""
+"""Maximum time an idle process may take to end, in seconds."""
+RUNS_OF_A_PROCESS: Final = 100
+"""Number of runs after which a process is replaced. A hundred runs leave about 200 MB of memory behind."""
+SIGNAL: Final = signal.SIGUSR1
+ON_TIME: Final[ContextVar[Callable[[float], None] | None]] = ContextVar("ON_TIME", default=None)
+"""Function that is called with the simulated time of the runs of this process, so that a supervisor can watch them."""
 CONTEXT: Final = get_context("spawn")
 CHILDREN: Final = threading.Lock()
-"""One thread at a time starts a process or collects one: multiprocessing collects those of other threads, too."""
+"""Lock for starting and joining processes: multiprocessing also joins processes that another thread started."""
 
 
 class WorkerError(DriverError):
-    """Workers are killed again and again, or cannot be started."""
+    """Processes are killed repeatedly, or cannot be started."""
+
+
+def longest_s(schedule: Schedule) -> float:
+    """Return the simulated time after which a run of the schedule counts as hanging, in seconds."""
+    stalls_s = sum(event.for_s or 0.0 for event in schedule.faults if event.kind == "stall")
+    return MARGIN_S + 2.0 * (len(schedule.job) * (LONGEST_S + FALLS_S) + schedule.seconds + stalls_s)
+
+
+def limit(clock: SimulatedClock, schedule: Schedule) -> None:
+    """Make the clock of a run end the run after its longest time, and report its time to the supervisor."""
+    clock.last_s = longest_s(schedule)
+    clock.on_time = ON_TIME.get()
+
+
+class Standstill:
+    """Detects that a simulated time stands still for too many polls."""
+
+    def __init__(self, more_s: float = 0.0) -> None:
+        """Add ``more_s`` seconds to the limits."""
+        self._more_s, self._count, self._time_s = more_s, 0, -1.0
+
+    def poll(self, time_s: float) -> bool:
+        """Return whether the simulated time has not changed in too many consecutive polls."""
+        self._count = self._count + 1 if time_s == self._time_s else 0
+        self._time_s = time_s
+        return self._count >= (_limit_s(time_s) + self._more_s) / POLL_S
+
+
+def stands(time_s: float) -> str:
+    """Describe a run whose simulated time stands still."""
+    return f"its simulated time stood still for {_limit_s(time_s):g} s of real time"
+
+
+def _limit_s(time_s: float) -> float:
+    return STANDS_S if time_s else BEGINS_S
+
+
+@contextmanager
+def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
+    """Raise Hang in the body when the simulated time stands still.
+
+    This works only in the main thread, which receives the signals, and not in an endless loop in C: only another
+    process can end such a loop.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    over = threading.Event()
+
+    def raise_hang(number: int, frame: FrameType | None) -> None:
+        if not over.is_set():
+            raise Hang(stands(now()))
+
+    former = signal.signal(SIGNAL, raise_hang)
+    thread = threading.Thread(target=_watch, args=(now, over), name="hangs", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        signal.signal(SIGNAL, former)
+
+
+def _watch(now: Callable[[], float], over: threading.Event) -> None:
+    """Send the signal at every poll while the time stands still, because the body may catch the exception."""
+    standstill = Standstill()
+    while not over.wait(POLL_S):
+        if standstill.poll(now()):
+            signal.pthread_kill(threading.main_thread().ident or 0, SIGNAL)
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A run without a result: its process had to be killed because it hung, or it ended."""
+    """A run without a result: its process ended, or was killed because the run hung."""
 
     hung: bool
     time_s: float
-    """Simulated time of the run."""
+    """Simulated time of the run, in seconds."""
     text: str
 
 
 class Supervisor:
-    """Has runs done in a process of its own. ``close`` ends it."""
+    """Does runs in a separate process and replaces that process when it ends or hangs. ``close`` ends the process."""
 
     def __init__(self) -> None:
         self._process: SpawnProcess | None = None
         self._connection: Connection | None = None
-        self._shown: Any = None
-        """The simulated time of the run under way, which the process writes."""
+        self._time: Any = None
+        """The simulated time of the current run, written by the process."""
         self._done = 0
 
     def run(self, run: Callable[[Item], T], item: Item) -> T | Loss:
-        """Do one run. Raises what it raises, and WorkerError if no process can be started."""
+        """Do one run. Raises the run's own exception, and WorkerError if a process cannot be started."""
         if self._process is None or self._done >= RUNS_OF_A_PROCESS:
             self._renew()
         self._done += 1
-        self._shown.value = 0.0
+        self._time.value = 0.0
         assert self._connection is not None
         try:
             self._connection.send((run, item))
             if self._hangs():
-                return self._lose(stands(self._shown.value))
+                return self._lose(stands(self._time.value))
             result, error = self._connection.recv()
         except (EOFError, OSError):
             return self._lose()
@@ -83,37 +170,37 @@ class Supervisor:
         self._collect(self._process)
 
     def _hangs(self) -> bool:
-        """Wait for the result; whether none comes because the simulated time stands still."""
+        """Wait for the result. Return whether the run hangs instead."""
         assert self._connection is not None
         standstill = Standstill(GRACE_S)
-        while not self._connection.poll(hangs.LOOK_S):
-            if standstill.look(self._shown.value):
+        while not self._connection.poll(POLL_S):
+            if standstill.poll(self._time.value):
                 return True
         return False
 
     def _renew(self) -> None:
         self.close()
         self._connection, its_own = Pipe()
-        self._shown, self._done = RawValue("d", 0.0), 0
-        process = CONTEXT.Process(target=_work, args=(its_own, self._shown), daemon=True)
+        self._time, self._done = RawValue("d", 0.0), 0
+        process = CONTEXT.Process(target=_work, args=(its_own, self._time), daemon=True)
         try:
-            with CHILDREN, deaf():
+            with CHILDREN, blocked_signals():
                 process.start()
         except OSError as error:
-            raise WorkerError(f"no process can be started: {error}: take fewer, with --jobs") from None
+            raise WorkerError(f"cannot start a process: {error}. Use fewer processes: set --jobs") from None
         its_own.close()
         self._process = process
 
     def _lose(self, hang: str = "") -> Loss:
-        """Collect the process that has ended, or that is killed because of ``hang``."""
+        """Return the loss of a run whose process has ended. If ``hang`` is given, kill the process first."""
         assert self._process is not None
         if hang:
             self._process.kill()
         status = self._collect(self._process)
-        return Loss(bool(hang), self._shown.value, hang or f"its process {_ending(status)}")
+        return Loss(bool(hang), self._time.value, hang or f"its process {_ending(status)}")
 
     def _collect(self, process: SpawnProcess) -> int | None:
-        """Wait for a process that ends by itself, or kill it; its exit status."""
+        """Wait for a process to end, kill it after ``ENDS_S``, and return its exit status."""
         wait([process.sentinel], ENDS_S)
         with CHILDREN:
             process.kill()
@@ -123,7 +210,6 @@ class Supervisor:
 
 
 def _ending(status: int | None) -> str:
-    """How a process ended, from its exit status."""
     if status is None or status >= 0:
         return f"ended with status {status}"
     name = next((one.name for one in signal.Signals if one == -status), f"signal {-status}")
@@ -131,8 +217,8 @@ def _ending(status: int | None) -> str:
 
 
 @contextmanager
-def deaf() -> Iterator[None]:
-    """Threads and processes that start in the body never hear of Ctrl-C and a closed terminal."""
+def blocked_signals() -> Iterator[None]:
+    """Block Ctrl-C and the signal of a closed terminal for threads and processes that start in the body."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
@@ -140,15 +226,15 @@ def deaf() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, former)
 
 
-def _work(connection: Connection, shown: Any) -> None:
-    """Do runs as long as the supervisor sends some; the process ends with it, however that ends."""
+def _work(connection: Connection, shared_time: Any) -> None:
+    """Do runs until the supervisor closes the connection. The process also ends when its parent ends."""
     end_with_parent()
-    silence()
+    logging.disable(logging.CRITICAL)
 
-    def show(time_s: float) -> None:
-        shown.value = time_s
+    def on_time(time_s: float) -> None:
+        shared_time.value = time_s
 
-    SHOWN.set(show)
+    ON_TIME.set(on_time)
     while True:
         try:
             sent = connection.recv_bytes()

@@ -1,4 +1,4 @@
-"""What is kept of a campaign's runs: one short row each, counts, and of each invariant the first run that broke it."""
+"""Collect the results of a campaign: a short row for each run, counts, and the first violation of each invariant."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -6,28 +6,29 @@ from enum import StrEnum
 from typing import Any
 
 from servoloop.campaign.campaign import Scenario
-from servoloop.campaign.invariants.watch import ALL, Violation
+from servoloop.campaign.invariants import Violation
+from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import WHOLE_RUN, RunReport
 from servoloop.campaign.visits import PHASES, Visit
 
 EXAMINED = tuple(kind.name for kind in ALL)
-"""Invariants, which count what they examine, by name."""
+"""Names of the invariants that count how often they examine their condition."""
 INVARIANTS = (*EXAMINED, *WHOLE_RUN)
-"""All that can fall, by name."""
+"""Names of all invariants that a run can violate."""
 
 
 class Outcome(StrEnum):
-    """What came of a run, the worst first."""
+    """Outcome of a run, from worst to best."""
 
-    FELL = "an invariant fell"
-    ENDED = "ended by a lost line"
-    FAILED = "a job failed"
+    VIOLATED = "violated an invariant"
+    ENDED = "ended by a lost bus"
+    FAILED = "failed a job"
     DONE = "as planned"
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A run in short; times in seconds of the simulation."""
+    """Summary of a run."""
 
     seed: int
     outcome: Outcome
@@ -37,33 +38,33 @@ class Row:
 
 @dataclass(slots=True)
 class Tally:
-    """The tally of a campaign; 20,000 runs are a few megabytes. ``planned``: how many runs were asked for."""
+    """Results of the runs of a campaign. 20,000 runs take a few megabytes."""
 
     scenario: Scenario
     planned: int
+    """Number of runs that the campaign should do."""
     rows: list[Row] = field(default_factory=list)
     violations: list[tuple[int, Violation]] = field(default_factory=list)
-    """With their seeds."""
+    """Violations, each with the seed of its run."""
     first: dict[str, RunReport] = field(default_factory=dict)
-    """The first run that broke it, by invariant."""
+    """First run that violates each invariant, by invariant."""
     jobs: int = 0
-    """Jobs of all runs."""
+    """Number of jobs in all runs."""
     succeeded: int = 0
-    """Jobs whose cube is in its bin."""
+    """Number of jobs that put their cube into its bin."""
     ended: int = 0
-    """Runs whose program ended early."""
+    """Number of runs whose program ended early."""
     drawn: Counter[tuple[str, Outcome]] = field(default_factory=Counter)
-    """Faults by kind and outcome of their run."""
+    """Number of faults, by kind and outcome of their run."""
     begun: Counter[tuple[int, Outcome]] = field(default_factory=Counter)
-    """Faults by the second in which they began, since the arm is up, and outcome of their run."""
-
+    """Number of faults, by start time (whole seconds since the arm was up) and outcome of their run."""
     examined: Counter[str] = field(default_factory=Counter)
-    """How often each invariant looked at its condition, by name."""
+    """Number of times that each invariant examined its condition, by name."""
     visits: Counter[Visit] = field(default_factory=Counter)
-    """Cycles, by what was wrong in which phase."""
+    """Number of cycles in which each fault was active, by phase, make and client."""
 
     def add(self, report: RunReport) -> None:
-        """Count one more run."""
+        """Add the report of a run."""
         outcome = outcome_of(report)
         self.rows.append(Row(report.seed, outcome, report.simulated_s, report.largest_following_rad))
         self.jobs += len(report.schedule.job)
@@ -81,42 +82,42 @@ class Tally:
 
     @property
     def interrupted(self) -> bool:
-        """Whether it ended before all runs were done."""
+        """Whether the campaign ended before all runs were done."""
         return len(self.rows) < self.planned
 
     @property
     def simulated_s(self) -> float:
-        """Of all runs."""
+        """Simulated time of all runs, in seconds."""
         return sum(row.simulated_s for row in self.rows)
 
     @property
     def broken_promises(self) -> list[str]:
-        """What the scenario promises to look at and the campaign did not, in sentences; none if it was interrupted."""
+        """The promises that the campaign did not keep, as sentences. An interrupted campaign breaks none."""
         if self.interrupted:
             return []
         return list(self.scenario.promises.broken(len(self.rows), self.examined, self.visits))
 
     @property
     def marks(self) -> list[tuple[str, int, int]]:
-        """Each invariant with how often it examined its condition, and how many runs violate it."""
+        """Name of each invariant, how often it examined its condition, and the number of runs that violate it."""
         runs = Counter(one.invariant for _, one in self.violations)
         return [(name, self.examined[name], runs[name]) for name in EXAMINED]
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """The phases of a run."""
+        """The phases of a run, in the order of the table of visits."""
         return PHASES
 
     @property
     def visits_by_phase(self) -> list[tuple[str, list[int]]]:
-        """Each fault that was there, with the cycles in each phase."""
+        """Each fault that occurred, with the number of cycles in each phase."""
         cycles = Counter[tuple[str, str]]()
         for visit, count in self.visits.items():
             cycles[visit.fault, visit.phase] += count
         return [(fault, [cycles[fault, phase] for phase in PHASES]) for fault in sorted({fault for fault, _ in cycles})]
 
     def plain(self) -> dict[str, Any]:
-        """The tally for programs."""
+        """Return the tally as it is printed with ``--json``."""
         return {
             "runs": len(self.rows),
             "interrupted": self.interrupted,
@@ -134,9 +135,9 @@ class Tally:
 
 
 def outcome_of(report: RunReport) -> Outcome:
-    """The worst that came of a run."""
+    """Return the worst outcome that applies to a run."""
     if report.violations:
-        return Outcome.FELL
+        return Outcome.VIOLATED
     if report.ended:
         return Outcome.ENDED
     return Outcome.DONE if report.succeeded == len(report.schedule.job) else Outcome.FAILED

@@ -1,4 +1,4 @@
-"""The visits of a run: which faults it met in which phase, on which make of servo, at which act of a client."""
+"""Count the visits of a run: the cycles in which each fault was active, by phase, make of servo and client."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,15 +15,14 @@ from sim_backend.faults.event import Event
 Phase = Literal["starting", "idle", "goal", "canceling", "after a goal", "inactive", "ending"]
 PHASES: Final[tuple[Phase, ...]] = ("starting", "idle", "goal", "canceling", "after a goal", "inactive", "ending")
 NO_SERVO: Final = "none"
-"""The make where a fault touches no servo, but the machine or a program."""
-
+"""Make of a fault that affects the machine or a program instead of a servo."""
 
 JOB: Final = "job"
-"""The client before the first act of another one."""
+"""Client of a visit before the first act of any other client."""
 
 
 class Visit(NamedTuple):
-    """One cell of the table of visits."""
+    """Cell of the table of visits."""
 
     phase: str
     fault: str
@@ -32,13 +31,13 @@ class Visit(NamedTuple):
 
 
 def makes_of(event: Event, joints: Sequence[Joint]) -> set[str]:
-    """The makes of the servos that a fault touches."""
+    """Return the makes of the servos that a fault affects."""
     touched = touched_joints(event, joints)
     return {series_of(joint.model).make for joint in joints if joint.name in touched} or {NO_SERVO}
 
 
 class Visits:
-    """Counts the cycles of one run in which each cell was visited; ``update`` and ``end`` are called by the watch."""
+    """Counts the cycles of one run in which each cell was visited. The watch calls ``update`` and ``end``."""
 
     def __init__(self, stack: FaultyStack) -> None:
         self.cycles = Counter[Visit]()
@@ -52,7 +51,7 @@ class Visits:
         self._begun = True
 
     def end(self) -> None:
-        """Count what happened after the last cycle, while the program ended."""
+        """Count the faults that were active after the last cycle, while the program ended."""
         self._count("ending")
 
     def _count(self, phase: Phase) -> None:

@@ -1,43 +1,55 @@
-"""Runs on several processes, told in the order of their seeds, however many processes there are."""
+"""Do the runs of a campaign in this process or in several, and return the results in the order of the seeds."""
 
+import logging
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import takewhile
 from queue import SimpleQueue
 from threading import Event
 from typing import Final, TypeVar
 
-from servoloop.campaign.quiet import quiet
-from servoloop.campaign.supervised import Loss, Supervisor, deaf
+from servoloop.campaign.supervised import Loss, Supervisor, blocked_signals
 
 T = TypeVar("T")
 Run = Callable[[int], T]
-"""The run of a seed."""
+"""Runs a seed."""
 Lost = Callable[[int, Loss], T]
-"""The result of a seed whose run was lost."""
+"""Returns the result of a seed whose run was lost."""
 Stop = Callable[[], bool]
-"""Whether to end with what has been done."""
+"""Returns whether to stop and keep the results so far."""
 Submit = Callable[[range], Future[list[T]]]
 """Hands the seeds of one task to a worker."""
 
 CHUNK: Final = 5
-"""Runs that a worker takes at once."""
+"""Number of seeds in one task."""
 TASKS_AHEAD: Final = 4
-"""Tasks for each worker that are handed out before the first of them is done: no report waits long for its turn."""
-LOOK_S: Final = 0.1
-"""Seconds after which whoever waits for a worker looks whether to stop."""
+"""Number of tasks per worker that may be submitted before the oldest task is done. It bounds the waiting results."""
+POLL_S: Final = 0.1
+"""Interval at which ``stop`` is polled while a task is under way, in seconds."""
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Disable all logging in the body, because thousands of arms log their faults."""
+    former = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(former)
 
 
 def run_all(supervisor: Supervisor, run: Run[T], lost: Lost[T], seeds: Iterable[int]) -> list[T]:
-    """The task of a worker, in the supervisor's process."""
+    """Do one task: run its seeds in the process of this supervisor."""
     return [_run_one(supervisor, run, lost, seed) for seed in seeds]
 
 
 def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T:
-    """Run a seed. If its process ends, it is run once more, in a new process: another program may have ended the first.
+    """Run a seed. If its process ends, run the seed once more, because another program may have killed the process.
 
-    A run that hangs is not run again.
+    A run that hangs is not repeated.
     """
     result = supervisor.run(run, seed)
     if isinstance(result, Loss) and not result.hung:
@@ -46,7 +58,7 @@ def _run_one(supervisor: Supervisor, run: Run[T], lost: Lost[T], seed: int) -> T
 
 
 def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Generator[T, None, None]:
-    """What the runs of all seeds return, in the order of the seeds, until ``stop``; a few tasks are kept at a time."""
+    """Yield the results of all seeds in the order of the seeds, until ``stop`` returns True."""
     chunks = iter([seeds[at : at + CHUNK] for at in range(0, len(seeds), CHUNK)])
     waiting: deque[Future[list[T]]] = deque()
     while not stop():
@@ -54,12 +66,12 @@ def in_order(submit: Submit[T], seeds: range, workers: int, stop: Stop) -> Gener
             waiting.append(submit(chunk))
         if not waiting:
             return
-        if wait([waiting[0]], LOOK_S).done:
+        if wait([waiting[0]], POLL_S).done:
             yield from waiting.popleft().result()
 
 
 def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Generator[T, None, None]:
-    """The same without workers. A run that ends its process ends this one."""
+    """Run the seeds in this process and yield their results. A run that is killed ends this process."""
     with quiet():
         for seed in seeds:
             if stop():
@@ -68,10 +80,10 @@ def in_this_process(run: Run[T], seeds: range, stop: Stop) -> Generator[T, None,
 
 
 def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop: Stop) -> Generator[T, None, None]:
-    """The same on several processes of this machine."""
+    """Run the seeds in several processes of this machine and yield their results in the order of the seeds."""
     idle: SimpleQueue[Supervisor] = SimpleQueue()
     over = Event()
-    """Set at the end, when no task begins another run."""
+    """Set at the end, so that tasks start no further run."""
     for _ in range(processes):
         idle.put(Supervisor())
 
@@ -83,7 +95,7 @@ def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop:
             idle.put(supervisor)
 
     def submit(chunk: range) -> Future[list[T]]:
-        with deaf():
+        with blocked_signals():
             return pool.submit(task, chunk)
 
     with ThreadPoolExecutor(processes) as pool:

@@ -30,8 +30,6 @@ class FaultyStack(SimulatedStack):
 
         self._playing = False
         self.clients: SimulatedClients | None = None
-        self.relaxes = False
-        """Whether the arm is parked and released at the end of the program."""
         self.ending = False
         """Whether the program ends."""
         self.goals = GoalLog(lambda: self.clock.now())

@@ -10,7 +10,7 @@ from controller.manager.plugins import controller_types
 from controller.manager.switch import SwitchRequest
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from hal.types import JointState
-from servoloop.campaign.invariants.watch import Invariant, Violation
+from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.run import end_program
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.stack_faults import GOAL_ATTRIBUTES, Upsettable
@@ -80,7 +80,7 @@ class VirtualArm:
 
     @property
     def violations(self) -> tuple[Violation, ...]:
-        """The invariants that have fallen so far, each for the first time."""
+        """The first violation of each invariant so far."""
         return tuple(self._watch.violations.values())
 
     @property

@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Mapping
 from inspect import cleandoc
 
-from servoloop.campaign.invariants.watch import ALL, Invariant, Watch
+from servoloop.campaign.invariants import Invariant
+from servoloop.campaign.invariants.watch import ALL, Watch
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.testing.errors import ArmTestError
 

@@ -71,7 +71,7 @@ def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["V
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Iterator[None]:
-    """A test on a virtual arm is over when the program has ended, and it fails where an invariant fell."""
+    """A test on a virtual arm is over when the program has ended, and it fails if an invariant is violated."""
     result = yield
     arm = pyfuncitem.stash.get(ARM, None)
     if arm is not None and (report := arm.end()):

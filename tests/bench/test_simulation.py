@@ -9,7 +9,8 @@ from rich.console import Console
 
 from benchmarks import invariants, simulation, stopwatch
 from servoloop.campaign.campaign import Scenario, files_of
-from servoloop.campaign.invariants.watch import ALL, Invariant
+from servoloop.campaign.invariants import Invariant
+from servoloop.campaign.invariants.watch import ALL
 from servoloop.campaign.run import run_schedule
 from servoloop.simulation.job import job_settings
 from servoloop.simulation.schedule import Schedule

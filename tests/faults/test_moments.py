@@ -8,7 +8,7 @@ import pytest
 
 from hal.lifecycle import LifecycleState
 from nodes.pick_place.settings import Settings
-from servoloop.campaign.run import RunReport, end_program, run_schedule
+from servoloop.campaign.run import RunReport, end_program, run_schedule, with_exit_policy
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
@@ -143,10 +143,7 @@ def test_faults_of_the_start_are_drawn_within_the_activation(arm: str) -> None:
 
 def test_parking_takes_longer_than_holding() -> None:
     files = files_of("robot_arm")
-    relaxed = files.robot.file.model_copy(
-        update={"on_exit": files.robot.file.on_exit.model_copy(update={"virtual": "relax"})}
-    )
-    parking = replace(files, robot=replace(files.robot, file=relaxed))
+    parking = with_exit_policy(files, "relax")
     held_s, parking_s = inventory_of(files).end_s, inventory_of(parking).end_s
     assert held_s == 0.2 and parking_s is not None
     stack = FaultyStack(files=parking, keep_alive=True)

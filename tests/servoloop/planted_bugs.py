@@ -1,4 +1,4 @@
-"""Twenty-four bugs, each a change of one place of the stack, and the invariants that may name them."""
+"""Bugs that tests plant in the stack, each with the invariants that may detect it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -31,8 +31,8 @@ Plant = Callable[[pytest.MonkeyPatch], None]
 BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
 
 
-def named_by(*invariants: str) -> Callable[[Plant], Plant]:
-    """Register a bug with the invariants that may name it."""
+def detected_by(*invariants: str) -> Callable[[Plant], Plant]:
+    """Register a bug with the invariants that may detect it."""
 
     def register(plant: Plant) -> Plant:
         BUGS[plant.__name__] = plant, frozenset(invariants)
@@ -41,13 +41,13 @@ def named_by(*invariants: str) -> Callable[[Plant], Plant]:
     return register
 
 
-@named_by("goals mean commands", "success is true", "safe wire", "deviation ends a goal")
+@detected_by("goals mean commands", "success is true", "safe wire", "deviation ends a goal")
 def sign_left_out_of_goals(patch: pytest.MonkeyPatch) -> None:
     counts = Joint.counts
     patch.setattr(Joint, "counts", lambda joint, position: counts(replace(joint, sign=1), position))
 
 
-@named_by("reported truly")
+@detected_by("reported truly")
 def sign_left_out_of_positions(patch: pytest.MonkeyPatch) -> None:
     def unit(joint: Joint) -> float:
         return joint.transmission * 2.0 * np.pi / joint.model.counts_per_turn
@@ -55,8 +55,8 @@ def sign_left_out_of_positions(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Joint, "units_per_count", property(unit))
 
 
-@named_by("safe commands")
-def gate_lets_a_tenth_more_pass(patch: pytest.MonkeyPatch) -> None:
+@detected_by("safe commands")
+def gate_allows_ten_percent_more(patch: pytest.MonkeyPatch) -> None:
     limit = SafetyGate.limit
 
     def wrong(gate: SafetyGate, wanted: FloatArray, last: FloatArray, period_s: float, *more: Any) -> Gated:
@@ -65,8 +65,8 @@ def gate_lets_a_tenth_more_pass(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SafetyGate, "limit", wrong)
 
 
-@named_by("nan holds", "safe commands")
-def gate_takes_zero_for_nan(patch: pytest.MonkeyPatch) -> None:
+@detected_by("nan holds", "safe commands")
+def gate_replaces_nan_by_zero(patch: pytest.MonkeyPatch) -> None:
     limit = SafetyGate.limit
 
     def wrong(gate: SafetyGate, wanted: FloatArray, last: FloatArray, period_s: float, *more: Any) -> Gated:
@@ -75,8 +75,8 @@ def gate_takes_zero_for_nan(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SafetyGate, "limit", wrong)
 
 
-@named_by("success is true")
-def goal_tolerance_is_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+@detected_by("success is true")
+def goal_tolerance_is_ignored(patch: pytest.MonkeyPatch) -> None:
     found = execution.result_at_end
 
     def wrong(joints: Any, tolerances: Any, path: Any, after_end_s: float, error: FloatArray) -> GoalResult | None:
@@ -85,13 +85,13 @@ def goal_tolerance_is_not_looked_at(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(execution, "result_at_end", wrong)
 
 
-@named_by("deviation ends a goal")
-def path_tolerance_is_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+@detected_by("deviation ends a goal")
+def path_tolerance_is_ignored(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ActiveGoal, "off_path", lambda active, joints, now: None)
 
 
-@named_by("every goal ends")
-def goal_time_never_runs_out(patch: pytest.MonkeyPatch) -> None:
+@detected_by("every goal ends")
+def goal_time_never_elapses(patch: pytest.MonkeyPatch) -> None:
     found = execution.result_at_end
 
     def wrong(joints: Any, tolerances: Any, path: Any, after_end_s: float, error: FloatArray) -> GoalResult | None:
@@ -100,18 +100,18 @@ def goal_time_never_runs_out(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(execution, "result_at_end", wrong)
 
 
-@named_by("every goal ends")
-def fault_timeout_never_comes(patch: pytest.MonkeyPatch) -> None:
+@detected_by("every goal ends")
+def fault_timeout_never_elapses(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(FaultTimeout, "lasting", lambda timeout, faults, period_s: None)
 
 
-@named_by("cancels are followed")
+@detected_by("cancels are followed")
 def cancels_are_ignored(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Execution, "cancel", lambda execution, handle: None)
 
 
-@named_by("aborts are true")
-def abort_blames_the_joint_before(patch: pytest.MonkeyPatch) -> None:
+@detected_by("aborts are true")
+def abort_names_the_previous_joint(patch: pytest.MonkeyPatch) -> None:
     excess = active_goal.excess
 
     def wrong(joints: Sequence[str], *more: Any) -> str:
@@ -124,16 +124,16 @@ def abort_blames_the_joint_before(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(active_goal, "excess", wrong)
 
 
-@named_by("smooth reference")
-def stops_are_dead(patch: pytest.MonkeyPatch) -> None:
+@detected_by("smooth reference")
+def stops_are_abrupt(patch: pytest.MonkeyPatch) -> None:
     def wrong(sampler: TrajectorySampler, reference: Any, parameters: Any, along: bool = False) -> None:
         sampler.hold(reference.position)
 
     patch.setattr(TrajectorySampler, "stop", wrong)
 
 
-@named_by("nothing travels after the end", "every goal ends", "cancels are followed")
-def arm_goes_back_after_an_abort(patch: pytest.MonkeyPatch) -> None:
+@detected_by("nothing travels after the end", "every goal ends", "cancels are followed")
+def arm_moves_back_after_an_abort(patch: pytest.MonkeyPatch) -> None:
     def wrong(relief: Relief) -> None:
         relief.due = False
         sampler = relief._sampler
@@ -144,24 +144,24 @@ def arm_goes_back_after_an_abort(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Relief, "begin", wrong)
 
 
-@named_by("nothing presses after the end", "deviation ends a goal")
+@detected_by("nothing presses after the end", "deviation ends a goal")
 def no_joint_is_relieved(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Relief, "_relieve", lambda relief, held, now: None)
 
 
-@named_by("activated as configured")
-def torque_is_not_limited(patch: pytest.MonkeyPatch) -> None:
+@detected_by("activated as configured")
+def torque_limit_is_not_written(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ServoSetup, "limit_torque", lambda setup, joint: None)
 
 
-@named_by("safe wire")
-def torque_before_the_goal(patch: pytest.MonkeyPatch) -> None:
+@detected_by("safe wire")
+def torque_is_enabled_before_the_goal(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Activation, "_hold_goals", lambda activation: None)
     patch.setattr(Activation, "_confirm_goal", lambda activation, joint: None)
 
 
-@named_by("taken back", "every goal ends")
-def silent_servo_is_never_taken_back(patch: pytest.MonkeyPatch) -> None:
+@detected_by("taken back", "every goal ends")
+def silent_servo_never_returns(patch: pytest.MonkeyPatch) -> None:
     receive = Bus.receive
     silent: dict[int, dict[int, Any]] = {}
 
@@ -174,21 +174,21 @@ def silent_servo_is_never_taken_back(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Bus, "receive", wrong)
 
 
-@named_by("limp joints are found", "safe wire")
-def lost_torque_is_not_looked_for(patch: pytest.MonkeyPatch) -> None:
+@detected_by("limp joints are found", "safe wire")
+def lost_torque_is_not_detected(patch: pytest.MonkeyPatch) -> None:
     def wrong(bus: Bus, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         return dict.fromkeys(servo_ids, True)
 
     patch.setattr(Bus, "torque_states", wrong)
 
 
-@named_by("goals mean commands", "safe wire")
-def offsets_are_eight_times_too_large(patch: pytest.MonkeyPatch) -> None:
+@detected_by("goals mean commands", "safe wire")
+def gravity_offsets_are_eight_times_too_large(patch: pytest.MonkeyPatch) -> None:
     sag = GravityCompensation._sag
     patch.setattr(GravityCompensation, "_sag", lambda compensation, position: 8.0 * sag(compensation, position))
 
 
-@named_by("safe wire", "goals mean commands")
+@detected_by("safe wire", "goals mean commands")
 def goals_go_to_the_next_servo(patch: pytest.MonkeyPatch) -> None:
     write_goals = Bus.write_goals
 
@@ -199,8 +199,8 @@ def goals_go_to_the_next_servo(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Bus, "write_goals", wrong)
 
 
-@named_by("feedback is true")
-def feedback_is_a_cycle_old(patch: pytest.MonkeyPatch) -> None:
+@detected_by("feedback is true")
+def feedback_is_one_cycle_old(patch: pytest.MonkeyPatch) -> None:
     update = JointTrajectoryController.update
 
     def wrong(controller: JointTrajectoryController, state: JointState, now_s: float, period_s: float) -> None:
@@ -213,28 +213,28 @@ def feedback_is_a_cycle_old(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(JointTrajectoryController, "update", wrong)
 
 
-@named_by("goals are judged")
-def limits_of_goals_are_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+@detected_by("goals are judged")
+def limits_of_goals_are_not_checked(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(goal_planner, "limits_reason", lambda *_: None)
 
 
-@named_by("ends as chosen")
+@detected_by("ends as chosen")
 def arm_is_not_parked(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(shutdown, "_park", lambda *_: True)
 
 
-@named_by("ends as chosen")
+@detected_by("ends as chosen")
 def arm_is_not_released(patch: pytest.MonkeyPatch) -> None:
     switch_off = shutdown.deactivate_all
     patch.setattr(shutdown, "deactivate_all", lambda hardware, relax: switch_off(hardware, False))
 
 
-@named_by("smooth end")
-def arm_stops_dead_at_the_end(patch: pytest.MonkeyPatch) -> None:
+@detected_by("smooth end")
+def arm_stops_abruptly_at_the_end(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(shutdown, "_stop", lambda loop: None)
 
 
-@named_by("safe commands", "safe wire", "goals mean commands")
+@detected_by("safe commands", "safe wire", "goals mean commands")
 def arm_is_taken_over_at_zero(patch: pytest.MonkeyPatch) -> None:
     take_over = ControlLoop.take_over
 

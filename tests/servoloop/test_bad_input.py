@@ -224,7 +224,7 @@ def test_a_default_of_the_robot_file_is_named_with_its_own_place(
     [
         (("simulate", "--schedule"), "arm: nobody", ":1: there is no arm nobody"),
         (("campaign", "--scenario"), "faults: 1\narm: nobody", ":2: there is no arm nobody"),
-        (("campaign", "--scenario"), "kinds: [silence]", ":1: kinds: there is no fault silence: known are silent"),
+        (("campaign", "--scenario"), "kinds: [silence]", ":1: kinds: unknown fault silence: choose from silent"),
         (("campaign", "--scenario"), "faults: 1000000000", ":1: faults: 1e+09 is not a plausible number of faults"),
         (
             ("campaign", "--schedule"),

@@ -1,4 +1,4 @@
-"""``servoloop campaign``: the same result however many processes, and of what fell the smallest schedule."""
+"""Tests of campaigns: equal results with any number of processes, and minimized schedules of violations."""
 
 import json
 from pathlib import Path
@@ -40,18 +40,20 @@ def test_any_number_of_processes_gives_the_same_reports_in_the_same_order() -> N
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(CYCLES // 100))
-def test_no_invariant_falls_whatever_happens_during_a_job(seed: int) -> None:
+def test_no_invariant_is_violated_whatever_faults_happen(seed: int) -> None:
     scenario = read_scenario(ROOT / "docs" / "campaign.yaml")
     assert run_schedule_of(schedule_of(scenario, seed)).violations == ()
 
 
 @pytest.mark.parametrize("file", KEPT, ids=lambda file: file.stem)
-def test_what_a_campaign_once_found_stays_mended(file: Path) -> None:
+def test_a_violation_that_was_fixed_does_not_return(file: Path) -> None:
     assert run_schedule_of(read_schedule(file)).violations == ()
 
 
 @pytest.mark.slow
-def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_violation_of_a_broken_gate_is_found_minimized_and_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def broken(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
         return Gated(wanted, {})
 
@@ -68,7 +70,7 @@ def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch,
     assert "safe commands" in {violation.invariant for violation in run_schedule_of(kept).violations}
 
 
-def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
+def test_a_campaign_without_a_violation_ends_with_0(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3, promises: {examined: [safe wire]}}")
     arguments = ["--scenario", str(scenario), "--seeds", "2", "--jobs", "0", "--out", str(tmp_path / "out")]
@@ -76,27 +78,27 @@ def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
     assert ran.exit_code == 0 and "no invariant was violated" in ran.output
 
 
-def test_a_page_that_cannot_be_written_takes_no_result_with_it(
+def test_results_are_printed_even_if_the_report_cannot_be_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario, out = tmp_path / "scenario.yaml", tmp_path / "out"
     scenario.write_text("{seconds: 0.1, faults: 0, promises: {examined: []}}")
     (out / "report.html").mkdir(parents=True)
     arguments = ("--scenario", str(scenario), "--seeds", "1", "--jobs", "0", "--out", str(out))
-    said = complaint(capsys, monkeypatch, "campaign", *arguments)
-    assert f"cannot write {out / 'report.html'}: Is a directory" in said
+    message = complaint(capsys, monkeypatch, "campaign", *arguments)
+    assert f"cannot write {out / 'report.html'}: Is a directory" in message
     with pytest.raises(SystemExit):
         cli.main()
     assert "no invariant was violated" in capsys.readouterr().out
 
 
-def test_the_page_names_every_invariant_and_every_key() -> None:
+def test_the_documentation_lists_every_invariant_and_every_key() -> None:
     page = (ROOT / "docs" / "campaigns.md").read_text()
     assert [invariant.name for invariant in ALL if f"| {invariant.name} |" not in page] == []
     assert [key for key in Scenario.model_fields if f"| `{key}` |" not in page] == []
 
 
-def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> None:
+def test_a_campaign_that_breaks_its_promises_fails_and_lists_them(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(
         "seconds: 0.5\nfaults: 1\nwithin_s: 0.3\nkinds: [noise]\n"
@@ -106,29 +108,29 @@ def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> 
     ran = CliRunner().invoke(cli.app, ["campaign", *arguments])
     assert ran.exit_code == 1
     assert json.loads(ran.stdout)["broken_promises"] == [
-        "the invariant 'nan holds' examined nothing in 2 runs",
-        "no run visited phase canceling, fault noise, in 2 runs",
+        "the invariant 'nan holds' never examined its condition in 2 runs",
+        "no visit with phase canceling, fault noise in 2 runs",
     ]
 
 
 @pytest.mark.parametrize(
     ("promise", "text"),
     [
-        ("{examined: [nan hold]}", "there is no invariant 'nan hold'"),
-        ("{visits: [{phase: resting}]}", "there is no phase 'resting'"),
-        ("{visits: [{fault: silence}]}", "there is no fault 'silence'"),
-        ("{visits: [{make: dynamo}]}", "there is no make 'dynamo': known are dynamixel, feetech, none"),
-        ("{visits: [{client: moves}]}", "no client does 'moves': known are job, move, plan, "),
+        ("{examined: [nan hold]}", "unknown invariant 'nan hold'"),
+        ("{visits: [{phase: resting}]}", "unknown phase 'resting'"),
+        ("{visits: [{fault: silence}]}", "unknown fault 'silence'"),
+        ("{visits: [{make: dynamo}]}", "unknown make 'dynamo': choose one of dynamixel, feetech, none"),
+        ("{visits: [{client: moves}]}", "unknown client act 'moves': choose one of job, move, plan, "),
     ],
 )
-def test_a_promise_that_cannot_be_kept_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:
+def test_a_promise_with_an_unknown_name_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(f"faults: 1\npromises: {promise}\n")
     with pytest.raises(ScenarioError, match=f"scenario.yaml:2: .*{text}"):
         read_scenario(scenario)
 
 
-def test_each_seed_draws_an_arm_a_client_and_an_end() -> None:
+def test_each_seed_draws_an_arm_a_client_and_an_exit_policy() -> None:
     scenario = Scenario(arm=("robot_arm", "koch"), clients=("moves", "plans"), on_exit=("hold", "relax"), within_s=4.0)
     drawn = [schedule_of(scenario, seed) for seed in range(20)]
     assert {one.arm for one in drawn} == {"robot_arm", "koch"} and {one.on_exit for one in drawn} == {"hold", "relax"}
@@ -136,7 +138,7 @@ def test_each_seed_draws_an_arm_a_client_and_an_end() -> None:
     assert drawn == [schedule_of(scenario, seed) for seed in range(20)]
 
 
-def test_what_clients_do_is_kept_in_a_schedule(tmp_path: Path) -> None:
+def test_a_saved_schedule_has_the_acts_of_its_client(tmp_path: Path) -> None:
     scenario = Scenario(clients=("moves", "switches", "streams"), on_exit=("relax",), within_s=4.0)
     for seed in range(10):
         schedule = schedule_of(scenario, seed)
@@ -144,14 +146,14 @@ def test_what_clients_do_is_kept_in_a_schedule(tmp_path: Path) -> None:
         assert read_schedule(tmp_path / "kept.yaml") == schedule
 
 
-def test_mistakes_in_a_scenario_are_told_before_anything_runs(
+def test_mistakes_in_a_scenario_are_reported_before_the_first_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text("{seconds: -1, kind: [silent]}")
-    said = complaint(capsys, monkeypatch, "campaign", "--scenario", str(scenario))
-    assert "seconds" in said and "kind" in said
-    with pytest.raises(ValueError, match="there is no fault silence"):
+    message = complaint(capsys, monkeypatch, "campaign", "--scenario", str(scenario))
+    assert "seconds" in message and "kind" in message
+    with pytest.raises(ValueError, match="unknown fault silence"):
         Scenario(kinds=("silence",))
 
 
@@ -163,8 +165,8 @@ EVENTS = st.lists(
 
 
 @given(events=EVENTS)
-def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, float]]) -> None:
-    """Here: that servo 3 is silent at all, at whatever time."""
+def test_minimizing_leaves_only_the_fault_that_matters(events: list[tuple[str, float]]) -> None:
+    """Any silent servo at any time counts as a violation here."""
     faults = tuple(parse(f"{text} at={at_s}s for=1s") for text, at_s in (*events, ("silent id=3", 4.321)))
 
     def breaks(schedule: Schedule) -> bool:
@@ -174,7 +176,7 @@ def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, 
     assert left.kind == "silent" and left.at_s == round(left.at_s) and left.for_s is not None and left.for_s <= 0.1
 
 
-def test_the_arm_on_the_command_line_takes_the_place_of_the_scenarios(tmp_path: Path) -> None:
+def test_the_arm_on_the_command_line_replaces_the_arms_of_the_scenario(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text("{arm: nowhere, seconds: 0.3, faults: 0, promises: {examined: []}}")
     arguments = ["--scenario", str(scenario), "--arm", "so101", "--seeds", "1", "--jobs", "0"]
@@ -183,6 +185,8 @@ def test_the_arm_on_the_command_line_takes_the_place_of_the_scenarios(tmp_path: 
     assert json.loads(ran.stdout)["runs"] == 1
 
 
-def test_a_schedule_names_its_arm_itself(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    said = complaint(capsys, monkeypatch, "campaign", "--schedule", "any.yaml", "--arm", "so101")
-    assert "--arm goes with --scenario: any.yaml names its arm itself" in said
+def test_the_option_arm_is_refused_with_a_schedule(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    message = complaint(capsys, monkeypatch, "campaign", "--schedule", "any.yaml", "--arm", "so101")
+    assert "--arm needs --scenario: the schedule any.yaml already names an arm" in message

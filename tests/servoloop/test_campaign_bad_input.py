@@ -1,14 +1,13 @@
-"""Contradictions in scenarios and schedules: one sentence with file and line before anything runs."""
+"""Contradictions in scenarios and schedules are reported in one sentence with file and line before the first run."""
 
 from pathlib import Path
 
 import pytest
 
 from hal.errors import ArmFileError
-from servoloop.campaign import shrinking
+from servoloop.campaign import shrink as minimizing
 from servoloop.campaign.campaign import Scenario, ScenarioError, read_scenario, schedule_of
-from servoloop.campaign.shrink import shrink
-from servoloop.campaign.shrinking import violated
+from servoloop.campaign.shrink import shrink, violated
 from servoloop.simulation.clients import Cancel, Move
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from sim_backend.faults.text import parse
@@ -21,7 +20,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_duration_of_a_fault_that_is_over_at_once_is_refused(tmp_path: Path) -> None:
+def test_a_momentary_fault_with_a_duration_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, "seconds: 2\nfaults:\n- kind: brown_out\n  servo_id: 3\n  for_s: 1.0\n")
     with pytest.raises(ScheduleError) as refused:
         read_schedule(path)
@@ -40,7 +39,7 @@ def test_a_fault_after_the_end_of_a_run_without_jobs_is_refused(tmp_path: Path) 
     assert len(read_schedule(written(tmp_path, f"seconds: 2\njob: [A]\nfaults:\n{late}")).faults) == 3
 
 
-def test_shrinking_keeps_schedules_that_can_be_read_again(tmp_path: Path) -> None:
+def test_minimizing_yields_only_schedules_that_can_be_read(tmp_path: Path) -> None:
     faults = (parse("silent id=3 at=1s"), parse("echo at=5s"))
     left = shrink(Schedule(seconds=2.0, job=("A",), faults=faults), lambda one: len(one.faults) == 2)
     assert left.job == ("A",)
@@ -51,8 +50,8 @@ def test_faults_of_a_scenario_without_jobs_are_drawn_within_its_run(tmp_path: Pa
     with pytest.raises(ScenarioError) as refused:
         read_scenario(path)
     assert str(refused.value) == (
-        f"{path}:2: within_s: a fault after 2 s would not happen, as the run without jobs ends then: write at most "
-        "`seconds`, or make `seconds` longer"
+        f"{path}:2: within_s: a run without jobs ends after 2 s, so later faults would not happen: "
+        "set `within_s` to at most `seconds`, or increase `seconds`"
     )
     drawn = [event for seed in range(20) for event in schedule_of(Scenario(seconds=0.5), seed).faults]
     assert max(event.at_s for event in drawn if event.since == "up") <= 0.5
@@ -67,19 +66,19 @@ def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
     assert f"{path}:6: koch cannot have 'dead_encoder': servo " in str(refused.value)
     assert "which does not report the state of its encoder" in str(refused.value)
     assert read_scenario(path, "so101").kinds == ("silent", "dead_encoder")
-    said = refusal(capsys, monkeypatch, "campaign", "--scenario", str(path), "--arm", "robot_arm_dynamixel")
-    assert "robot_arm_dynamixel cannot have 'dead_encoder'" in said
+    message = refusal(capsys, monkeypatch, "campaign", "--scenario", str(path), "--arm", "robot_arm_dynamixel")
+    assert "robot_arm_dynamixel cannot have 'dead_encoder'" in message
 
 
 def test_a_fault_that_the_arm_cannot_have_is_refused_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nfaults:\n- {kind: echo}\n- {kind: dead_encoder, servo_id: 3}\n")
-    said = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
-    assert f"{path}:5: dead_encoder at 0 s: servo 3 is a " in said
+    message = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
+    assert f"{path}:5: dead_encoder at 0 s: servo 3 is a " in message
 
 
-CHANGE = ": change the scenario, or leave out the promise"
+CHANGE = ": change the scenario or remove the promise"
 
 
 @pytest.mark.parametrize(
@@ -87,16 +86,16 @@ CHANGE = ": change the scenario, or leave out the promise"
     [
         ("faults: 2\nspeed: 3\n", "2: speed: Extra inputs are not permitted"),
         ("faults: 2\narm: [koch,\n  coch]\n", "3: there is no arm coch: name one of "),
-        ("arm: []\n", "1: arm: the list is empty: name at least one, or leave out the key"),
-        ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: name at least one, or leave out the key"),
+        ("arm: []\n", "1: arm: the list is empty: add at least one item, or remove the key"),
+        ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: add at least one item, or remove the key"),
         (
             "clients: [jobs]\n",
             "1: clients.0: Input should be 'job', 'moves', 'plans', 'streams', 'switches', 'jogs' or 'guides'",
         ),
-        ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': known are A, B, C"),
+        ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': choose one of A, B, C"),
         (
             "clients: [moves]\njob: [A]\n",
-            "2: job: no client does these jobs: add `job` to `clients`, or leave out the jobs",
+            "2: job: none of the clients does jobs: add `job` to `clients`, or remove `job`",
         ),
     ],
 )
@@ -110,17 +109,17 @@ def test_a_scenario_is_refused_with_one_sentence_and_its_line(tmp_path: Path, te
 @pytest.mark.parametrize(
     ("scenario", "visit", "reason"),
     [
-        ("faults: 0", "phase: idle", "no run has a fault, and each visit is one of a fault"),
-        ("kinds: [noise]", "fault: silent", "no run has the fault 'silent', which is not among `kinds`"),
+        ("faults: 0", "phase: idle", "`faults` is 0, but every visit needs a fault"),
+        ("kinds: [noise]", "fault: silent", "no run has the fault 'silent', because `kinds` does not include it"),
         ("arm: koch", "fault: dead_encoder", "no arm of the scenario can have 'dead_encoder' (servo "),
-        ("faults: 3", "make: dynamixel", "a fault cannot touch 'dynamixel', as the makes are feetech, none"),
+        ("faults: 3", "make: dynamixel", "a fault cannot affect the make 'dynamixel', only feetech, none"),
         (
             "arm: [robot_arm, koch]",
             "{fault: dead_encoder, make: dynamixel}",
-            "'dead_encoder' cannot touch 'dynamixel', as the makes are feetech",
+            "'dead_encoder' cannot affect the make 'dynamixel', only feetech",
         ),
-        ("arm: koch", "{fault: stall, make: dynamixel}", "'stall' cannot touch 'dynamixel', as the makes are none"),
-        ("clients: [plans]", "client: switch", "no client of the scenario does 'switch': they do cancel, job, plan"),
+        ("arm: koch", "{fault: stall, make: dynamixel}", "'stall' cannot affect the make 'dynamixel', only none"),
+        ("clients: [plans]", "client: switch", "no client of the scenario does 'switch', only cancel, job, plan"),
     ],
 )
 def test_a_promise_that_no_run_can_keep_is_refused(tmp_path: Path, scenario: str, visit: str, reason: str) -> None:
@@ -131,7 +130,7 @@ def test_a_promise_that_no_run_can_keep_is_refused(tmp_path: Path, scenario: str
     assert text.startswith(f"{path}:5: {reason}") and text.endswith(CHANGE) and text.count("\n") == 0
 
 
-def test_a_promise_that_some_run_can_keep_is_taken(tmp_path: Path) -> None:
+def test_a_promise_that_some_run_can_keep_is_accepted(tmp_path: Path) -> None:
     visits = "[{fault: dead_encoder, make: feetech}, {make: none}, {fault: silent, make: dynamixel, client: hand}]"
     path = written(tmp_path, f"arm: [robot_arm, koch]\nclients: [job, streams]\npromises: {{visits: {visits}}}\n")
     assert len(read_scenario(path).promises.visits) == 3
@@ -146,13 +145,13 @@ def test_a_promise_that_some_run_can_keep_is_taken(tmp_path: Path) -> None:
         ),
         (
             "seconds: 2\nclients:\n- kind: jog\n  share: 0.5\n  joint: joint9\n",
-            "5: the arm has no joint 'joint9': known are joint1, joint2, joint3, joint4, joint5, joint6",
+            "5: the arm has no joint 'joint9': choose one of joint1, joint2, joint3, joint4, joint5, joint6",
         ),
         (
             "seconds: 2\nclients:\n- kind: move\n  positions: {joint1: 0.1,\n    joint9: 0.1}\n",
-            "5: the arm has no joint 'joint9': known are joint1, joint2, joint3, joint4, joint5, joint6",
+            "5: the arm has no joint 'joint9': choose one of joint1, joint2, joint3, joint4, joint5, joint6",
         ),
-        ("seconds: 2\njob:\n- F\n", "3: robot_arm has no bin for the grade 'F': known are A, B, C"),
+        ("seconds: 2\njob:\n- F\n", "3: robot_arm has no bin for the grade 'F': choose one of A, B, C"),
         ("seconds: 2\nspeed: 2\n", "2: speed: Extra inputs are not permitted"),
         ("seconds: 2\nclients: [{kind: moves}]\n", "2: clients.0: Input tag 'moves' found using 'kind' does not match"),
     ],
@@ -161,12 +160,12 @@ def test_a_schedule_is_refused_with_one_sentence_and_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, text: str, complaint: str
 ) -> None:
     path = written(tmp_path, text)
-    told = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
-    assert told.startswith(f"servoloop: {path}:{complaint}") and told.count("\n") == 1
+    message = refusal(capsys, monkeypatch, "campaign", "--schedule", str(path))
+    assert message.startswith(f"servoloop: {path}:{complaint}") and message.count("\n") == 1
 
 
-def test_shrinking_tries_no_arm_that_cannot_do_the_acts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shrinking, "run_schedule_of", None)
+def test_minimizing_does_not_run_an_arm_that_cannot_do_the_acts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(minimizing, "run_schedule_of", None)
     move = Move(positions={"shoulder_pan": 0.1})
     assert violated(Schedule(arm="robot_arm", seconds=2.0, clients=(move,))) == set()
     late = Schedule(seconds=4.0, clients=(Cancel(at_s=3.5),))

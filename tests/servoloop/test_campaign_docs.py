@@ -1,4 +1,4 @@
-"""docs/campaigns.md: its commands, run with fewer seeds, and its table of a trace's columns."""
+"""Tests of docs/campaigns.md: its commands, run with fewer seeds, and its tables."""
 
 import re
 import shlex
@@ -25,7 +25,7 @@ KEPT = "out/campaign/safe-commands-seed-0.yaml"
 @pytest.mark.slow
 @pytest.mark.runs(*COMMANDS)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_commands_do_their_work(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_work(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if "--ray" in command:
         pytest.importorskip("ray", reason="Ray is not installed: pip install 'servoloop[ray]'")
     monkeypatch.chdir(tmp_path)
@@ -35,7 +35,7 @@ def test_the_commands_do_their_work(command: str, tmp_path: Path, monkeypatch: p
     words = shlex.split(command.replace("--seeds 1000", "--seeds 2 --jobs 2"))
     assert words[:2] == ["servoloop", "campaign"]
     ran = CliRunner().invoke(app, words[1:])
-    assert ran.exit_code == 0 or "not looked at: " in ran.output, ran.output  # in two runs
+    assert ran.exit_code == 0 or "not examined: " in ran.output, ran.output  # Two runs rarely examine every condition.
     assert "no invariant was violated" in ran.output and list((tmp_path / "out" / "campaign").glob("*.html"))
 
 
@@ -46,7 +46,7 @@ def test_the_table_has_every_column_of_a_trace() -> None:
     assert len(header) > 20
     for name in header:
         shown = re.sub(r"(hand_right_)?joint\d?", "joint1", name)
-        assert f"`{shown}`" in TEXT, f"docs/campaigns.md says nothing of the column {name}"
+        assert f"`{shown}`" in TEXT, f"docs/campaigns.md does not describe the column {name}"
 
 
 def section(heading: str) -> str:
@@ -54,7 +54,7 @@ def section(heading: str) -> str:
 
 
 def rows(heading: str) -> list[list[str]]:
-    """The cells of all tables of a section."""
+    """Return the cells of all tables of a section."""
     found = re.findall(r"^\| (.*) \|$", section(heading), re.MULTILINE)
     return [row.split(" | ") for row in found]
 
@@ -72,7 +72,7 @@ def test_the_page_explains_every_phase_of_a_visit() -> None:
 
 
 @pytest.mark.runs(f"{PAGE} yaml 1")
-def test_the_promises_of_the_page_are_those_of_a_scenario(tmp_path: Path) -> None:
+def test_the_promises_on_the_page_can_be_read(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(code(PAGE, "yaml"))
     promises = read_scenario(scenario).promises

@@ -1,4 +1,4 @@
-"""The report of a campaign and its traces: on one page, the same for the same runs, and to be seen again."""
+"""Tests of the report of a campaign and of its traces."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ JUMPS = Schedule(
 
 
 class Page(HTMLParser):
-    """What a browser would load, and what stands in the elements of a class; raises where tags do not match."""
+    """Links and tags of a page, and the texts by class of their element. Raises an error if tags do not match."""
 
     VOID = ("meta", "br", "hr", "img", "link", "input")
 
@@ -47,13 +47,13 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        said = dict(attributes)
+        found = dict(attributes)
         self.links += [
-            said[name] or "" for name in said if name.rpartition(":")[2] in ("src", "href", "srcset", "data")
+            found[name] or "" for name in found if name.rpartition(":")[2] in ("src", "href", "srcset", "data")
         ]
         if tag in self.VOID:
             return
-        self._open.append((tag, said.get("class") or ""))
+        self._open.append((tag, found.get("class") or ""))
         self.texts.setdefault(self._open[-1][1], []).append("")
 
     def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
@@ -71,7 +71,7 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def open_gate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> pytest.MonkeyPatch:
-    """A fixture that has the gate let everything pass, in an empty folder."""
+    """Make the gate pass every command, and change to an empty folder."""
 
     def limit(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
         return Gated(wanted, {})
@@ -91,7 +91,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 def commanded(schedule: Schedule) -> dict[float, dict[str, float]]:
-    """What the loop commanded in each cycle of a run, by the cycle's time."""
+    """Return the commands of each cycle of a run, by the time of the cycle."""
     found: dict[float, dict[str, float]] = {}
 
     def prepare(stack: FaultyStack) -> None:
@@ -105,26 +105,26 @@ def commanded(schedule: Schedule) -> dict[float, dict[str, float]]:
     return found
 
 
-def test_a_trace_has_the_two_seconds_before_and_what_the_stack_commanded(
+def test_a_trace_has_the_two_seconds_before_the_violation_with_the_commands(
     open_gate: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "jumps.yaml").write_text(schedule_text(JUMPS))
     result = json.loads(run("--schedule", "jumps.yaml", "--json").stdout)
-    (fell_s,) = (one["time_s"] for one in result["violations"] if one["invariant"] == "safe commands")
+    (violated_s,) = (one["time_s"] for one in result["violations"] if one["invariant"] == "safe commands")
     rows = rows_of(Path(result["traces"]["safe commands"]))
     times = [float(row["time_s"]) for row in rows]
-    assert times[0] == pytest.approx(fell_s - BEFORE_S, abs=PERIOD_S)
-    assert times[-1] == pytest.approx(fell_s + CYCLES_BEHIND * PERIOD_S, abs=PERIOD_S)
+    assert times[0] == pytest.approx(violated_s - BEFORE_S, abs=PERIOD_S)
+    assert times[-1] == pytest.approx(violated_s + CYCLES_BEHIND * PERIOD_S, abs=PERIOD_S)
     assert all(later - earlier == pytest.approx(PERIOD_S, abs=0.01) for earlier, later in pairwise(times))
     truth = commanded(JUMPS)
     assert len(times) > BEFORE_S / PERIOD_S and set(times) <= set(truth)
     for time_s, row in zip(times, rows, strict=True):
-        said = {name.removeprefix("command/"): float(value) for name, value in row.items() if "command/" in name}
-        assert said == truth[time_s]
+        traced = {name.removeprefix("command/"): float(value) for name, value in row.items() if "command/" in name}
+        assert traced == truth[time_s]
 
 
 @pytest.mark.parametrize("blocked", ["jumps.html", "jumps-safe-commands.csv"])
-def test_what_fell_is_told_though_a_file_cannot_be_written(
+def test_violations_are_printed_even_if_a_file_cannot_be_written(
     open_gate: pytest.MonkeyPatch, tmp_path: Path, blocked: str
 ) -> None:
     (tmp_path / "jumps.yaml").write_text(schedule_text(JUMPS))
@@ -142,7 +142,7 @@ def test_a_trace_names_faults_states_and_packets(open_gate: pytest.MonkeyPatch, 
     assert len(silent) >= 8 and {row["faults"] for row in silent} == {"joint3: silent"}
     assert rows[0]["faults"] == rows[-1]["faults"] == ""
     assert all("< " in row["packets"] and "> SYNC_READ present_position" in row["packets"] for row in rows)
-    assert not any("; 3: " in row["packets"] for row in silent), "who is silent has answered"
+    assert not any("; 3: " in row["packets"] for row in silent), "a silent servo has answered"
     assert {row["injected"] for row in rows} == {
         "",
         "silent id=3 at=1.2s for=0.5s",
@@ -153,7 +153,7 @@ def test_a_trace_names_faults_states_and_packets(open_gate: pytest.MonkeyPatch, 
 
 
 @pytest.mark.slow
-def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_page_needs_no_network_and_shows_the_violations(open_gate: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "scenario.yaml").write_text(
         "{seconds: 1.5, faults: 6, within_s: 1.2, kinds: [controller_jumps, noise, silent, hot]}"
     )
@@ -178,7 +178,7 @@ def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyP
 
 
 @pytest.mark.slow
-def test_the_command_on_the_page_shows_it_again_until_it_is_mended(
+def test_the_command_on_the_page_reproduces_the_violation_until_it_is_fixed(
     open_gate: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "scenario.yaml").write_text("{seconds: 1.5, faults: 2, within_s: 1.2, kinds: [controller_jumps]}")
@@ -191,12 +191,12 @@ def test_the_command_on_the_page_shows_it_again_until_it_is_mended(
     assert "safe commands" in Path("out/campaign/safe-commands-seed-0.html").read_text()
     open_gate.undo()
     open_gate.chdir(tmp_path)
-    mended = run(*shlex.split(command)[2:])
-    assert mended.exit_code == 0 and "no invariant was violated" in mended.output
+    fixed = run(*shlex.split(command)[2:])
+    assert fixed.exit_code == 0 and "no invariant was violated" in fixed.output
 
 
 @pytest.mark.slow
-def test_an_exception_is_traced_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_crash_is_traced_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     limit, calls = SafetyGate.limit, []
 
     def breaks(*arguments: Any) -> Gated:
@@ -213,56 +213,58 @@ def test_an_exception_is_traced_too(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     Page((tmp_path / "still.html").read_text())
 
 
-def test_interrupted_it_reports_what_was_done_and_ends_with_130(
+def test_an_interrupted_campaign_reports_the_completed_runs_and_ends_with_130(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenario.yaml").write_text("{seconds: 0.3, faults: 1, within_s: 0.3, promises: {examined: []}}")
     add: Callable[..., None] = Tally.add
 
-    def add_and_ask(tally: Tally, report: Any) -> None:
+    def add_and_interrupt(tally: Tally, report: Any) -> None:
         add(tally, report)
         if len(tally.rows) == 2:
             signals[0].ask()
 
-    signals = asked_signals(monkeypatch)
-    monkeypatch.setattr(Tally, "add", add_and_ask)
+    signals = signals_of_the_command(monkeypatch)
+    monkeypatch.setattr(Tally, "add", add_and_interrupt)
     ran = run("--scenario", "scenario.yaml", "--seeds", "50", "--jobs", "0", "--json")
-    assert isinstance(ran.exception, Interrupted)  # which ends the program with 130
-    assert "interrupted: 2 of 50 runs were done" in str(ran.exception)
+    assert isinstance(ran.exception, Interrupted)  # The program then ends with 130.
+    assert "interrupted: 2 of 50 runs were completed" in str(ran.exception)
     assert json.loads(ran.stdout)["interrupted"] and json.loads(ran.stdout)["runs"] == 2
-    assert "Interrupted: 2 of 50 runs were done." in Path("out/campaign/report.html").read_text()
+    assert "Interrupted: 2 of 50 runs were completed." in Path("out/campaign/report.html").read_text()
 
 
-def asked_signals(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The Signals of the verb, once it has made them."""
-    from servoloop.commands import campaign as verb
+def signals_of_the_command(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return a list that will have the Signals object of the command."""
+    from servoloop.commands import campaign as command
 
     made: list[Any] = []
-    enter = verb.Signals.__enter__
+    enter = command.Signals.__enter__
 
-    def noted(signals: Any) -> Any:
+    def enter_and_keep(signals: Any) -> Any:
         made.append(signals)
         return enter(signals)
 
-    monkeypatch.setattr(verb.Signals, "__enter__", noted)
+    monkeypatch.setattr(command.Signals, "__enter__", enter_and_keep)
     return made
 
 
-def test_a_campaign_that_was_ended_at_once_has_a_page_too() -> None:
+def test_a_campaign_that_is_interrupted_at_once_has_a_page_too() -> None:
     scenario = Scenario(seconds=0.5, faults=1, within_s=0.3)
     page = reports.page(Tally(scenario, 10), [])
-    assert "Interrupted: 0 of 10 runs were done." in page
+    assert "Interrupted: 0 of 10 runs were completed." in page
     Page(page)
     assert list(campaign(scenario, range(10), 0, lambda: True)) == []
 
 
-def test_what_a_fault_says_is_no_markup(tmp_path: Path) -> None:
+def test_names_are_escaped_on_the_page(tmp_path: Path) -> None:
     tally = Tally(Scenario(arm=("<b>arm</b>",)), 0)
     assert "<b>arm" not in reports.page(tally, [])
 
 
-def test_without_the_plots_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_library_is_reported_with_the_command_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(reports, "NEEDED", ("matplotlib", "a_library_that_is_not_there"))
     (tmp_path / "still.yaml").write_text("seconds: 0.5\n")
     ran = run("--schedule", str(tmp_path / "still.yaml"), "--out", str(tmp_path))
@@ -270,12 +272,12 @@ def test_without_the_plots_library_it_says_what_to_install(monkeypatch: pytest.M
     assert not list(tmp_path.glob("*.html"))
 
 
-def test_one_of_scenario_and_schedule_is_needed(
+def test_exactly_one_of_scenario_and_schedule_is_needed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert "name one file: --scenario" in complaint(capsys, monkeypatch, "campaign")
+    assert "give one file: --scenario" in complaint(capsys, monkeypatch, "campaign")
     both = ("campaign", "--scenario", "a.yaml", "--schedule", "b.yaml")
-    assert "name one file: --scenario" in complaint(capsys, monkeypatch, *both)
+    assert "give one file: --scenario" in complaint(capsys, monkeypatch, *both)
 
 
 def test_every_fault_is_counted_by_its_kind_and_its_time() -> None:

@@ -1,4 +1,4 @@
-"""Workers: results in the order of the seeds, an end when told so, and what is said of a worker that is killed."""
+"""Tests of workers: results in the order of the seeds, interruption, and reports of killed processes."""
 
 import os
 import signal
@@ -18,13 +18,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servoloop.campaign import hangs, supervised, workers
+from servoloop.campaign import supervised, workers
 from servoloop.campaign.campaign import Scenario, campaign, run_seed, schedule_of
-from servoloop.campaign.hangs import SHOWN
-from servoloop.campaign.invariants.watch import Violation
+from servoloop.campaign.invariants import Violation
 from servoloop.campaign.ray_workers import LOCAL, RayError, on_ray
 from servoloop.campaign.run import RunReport
-from servoloop.campaign.supervised import Loss, Supervisor, WorkerError
+from servoloop.campaign.supervised import ON_TIME, Loss, Supervisor, WorkerError
 from servoloop.campaign.workers import CHUNK, TASKS_AHEAD, in_order, in_processes, run_all
 from servoloop.simulation.schedule import Schedule
 from tests.complaint import complaint
@@ -35,7 +34,7 @@ SCENARIO = Scenario(seconds=1.0, faults=2, within_s=0.8)
 
 
 def with_ray(test: Any) -> Any:
-    """A test on a local Ray, which takes ten seconds to come and go."""
+    """Mark a test that needs a local Ray, which takes ten seconds to start and stop."""
     reason = "Ray is not installed: pip install 'servoloop[ray]'"
     return pytest.mark.slow(pytest.mark.timeout(240)(pytest.mark.skipif(not RAY, reason=reason)(test)))
 
@@ -45,7 +44,7 @@ def never() -> bool:
 
 
 class OtherOrder:
-    """Workers that are done with their tasks in an order of their own."""
+    """Workers that complete their tasks in a drawn order."""
 
     def __init__(self, order: Callable[[list[int]], int]) -> None:
         self._order = order
@@ -59,7 +58,7 @@ class OtherOrder:
         return future
 
     def work(self) -> bool:
-        """One task is done; called where ``in_order`` looks whether to stop."""
+        """Complete one task. ``in_order`` calls it to find out whether to stop."""
         if self._open:
             future, chunk = self._open.pop(self._order(list(range(len(self._open)))))
             future.set_result([seed * seed for seed in chunk])
@@ -68,9 +67,9 @@ class OtherOrder:
 
 @pytest.fixture(scope="module")
 def without_waiting() -> Iterator[None]:
-    """A fixture that has whoever waits for a worker look at once: these workers work only when they are looked at."""
+    """Poll without waiting, because these workers do their work only when they are polled."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers, "LOOK_S", 0.0)
+        patch.setattr(workers, "POLL_S", 0.0)
         yield
 
 
@@ -78,13 +77,13 @@ def without_waiting() -> Iterator[None]:
 def test_results_come_in_the_order_of_the_seeds_and_few_are_kept(
     without_waiting: None, seeds: int, first: int, many: int, data: st.DataObject
 ) -> None:
-    there = OtherOrder(lambda open_ones: data.draw(st.sampled_from(open_ones)))
-    asked = range(first, first + seeds)
-    assert list(in_order(there.submit, asked, many, there.work)) == [seed * seed for seed in asked]
+    there = OtherOrder(lambda open_tasks: data.draw(st.sampled_from(open_tasks)))
+    requested = range(first, first + seeds)
+    assert list(in_order(there.submit, requested, many, there.work)) == [seed * seed for seed in requested]
     assert there.most <= many * TASKS_AHEAD
 
 
-def test_told_to_stop_nothing_more_is_handed_out() -> None:
+def test_no_further_task_is_submitted_after_a_stop() -> None:
     handed: list[range] = []
 
     def submit(chunk: range) -> "Future[list[int]]":
@@ -112,7 +111,7 @@ def lost(seed: int, loss: Loss) -> int:
 
 
 class Replies:
-    """A supervisor that gives the results of this list, one after the other."""
+    """Supervisor that returns these results one after the other."""
 
     def __init__(self, *results: int | Loss) -> None:
         self._results = list(results)
@@ -137,7 +136,7 @@ HUNG = Loss(True, 0.5, "its simulated time stood still")
         ((DIED, HUNG, 4), ["its simulated time stood still", 4], [3, 3, 4]),
     ],
 )
-def test_a_run_whose_process_dies_is_run_once_more_and_one_that_hangs_is_not(
+def test_a_run_whose_process_ends_is_repeated_once_but_a_run_that_hangs_is_not(
     results: tuple[int | Loss, ...], reported: list[Any], seeds: list[int]
 ) -> None:
     replies: Any = Replies(*results)
@@ -146,12 +145,12 @@ def test_a_run_whose_process_dies_is_run_once_more_and_one_that_hangs_is_not(
 
 
 @pytest.mark.slow
-def test_a_run_that_is_killed_is_lost_alone_and_in_its_place() -> None:
+def test_a_killed_run_is_the_only_lost_result_and_keeps_its_place() -> None:
     assert list(in_processes(kill_at_7, lost, range(20), 2, never)) == [*range(7), -7, *range(8, 20)]
 
 
-def test_at_the_end_no_task_begins_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A chunk whose runs hang would otherwise last for minutes after Ctrl-C."""
+def test_after_a_stop_no_task_starts_another_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a task whose runs hang would last for minutes after Ctrl-C."""
     begun, goes_on, ran = Event(), Event(), list[int]()
 
     class Waits(Supervisor):
@@ -176,16 +175,16 @@ def test_at_the_end_no_task_begins_another_run(monkeypatch: pytest.MonkeyPatch) 
 
 
 def killed_at(*seeds: int) -> Any:
-    """The runs of ten seeds in place of those of processes; those of ``seeds`` are killed."""
+    """Return a replacement of ``in_processes`` that loses the runs of these seeds."""
 
-    def runs(run: object, lost: Callable[[int, Loss], RunReport], asked: range, *_: object) -> Iterator[RunReport]:
-        for seed in asked:
+    def runs(run: object, lost: Callable[[int, Loss], RunReport], requested: range, *_: object) -> Iterator[RunReport]:
+        for seed in requested:
             yield lost(seed, DIED) if seed in seeds else RunReport(Schedule(seed=seed), (), 0, "", 1.0, None)
 
     return runs
 
 
-def test_a_campaign_goes_on_after_runs_that_were_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_campaign_continues_after_killed_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("servoloop.campaign.campaign.in_processes", killed_at(0, 1, 3, 4, 9))
     reports = list(campaign(SCENARIO, range(10), 2))
     assert [report.seed for report in reports] == [*range(10)]
@@ -203,20 +202,22 @@ def test_a_campaign_ends_when_the_processes_of_three_seeds_in_a_row_are_killed(
     with pytest.raises(WorkerError) as ended:
         seen.extend(report.seed for report in campaign(SCENARIO, range(10), 2))
     assert str(ended.value) == (
-        "the processes of 3 seeds in a row were killed, the last one that of seed 6 "
-        "(its process was ended by SIGKILL), perhaps for want of memory: take fewer processes, with --jobs"
+        "the processes of 3 seeds in a row were killed, most recently for seed 6 "
+        "(its process was ended by SIGKILL). If memory ran out, use fewer processes: set --jobs"
     )
     (tmp_path / "scenario.yaml").write_text("{seconds: 1.0, faults: 2, within_s: 0.8}")
     words = ("--scenario", str(tmp_path / "scenario.yaml"), "--seeds", "10", "--out", str(tmp_path))
     assert "3 seeds in a row were killed" in complaint(capsys, monkeypatch, "campaign", *words)
     assert (tmp_path / "not-killed-seed-2.yaml").exists()
-    assert "Interrupted: 7 of 10 runs were done." in (tmp_path / "report.html").read_text()
+    assert "Interrupted: 7 of 10 runs were completed." in (tmp_path / "report.html").read_text()
 
 
 def loops_at_7(seed: int) -> int:
     if seed == 7:
-        signal.pthread_sigmask(signal.SIG_BLOCK, {hangs.SIGNAL})  # as an endless loop in C
-        SHOWN.get()(1.25)  # type: ignore[misc]
+        signal.pthread_sigmask(
+            signal.SIG_BLOCK, {supervised.SIGNAL}
+        )  # Like an endless loop in C, the loop ignores the signal.
+        ON_TIME.get()(1.25)  # type: ignore[misc]
         while True:
             pass
     if seed == 8:
@@ -227,15 +228,15 @@ def loops_at_7(seed: int) -> int:
 
 
 @pytest.mark.slow
-def test_a_supervisor_ends_a_process_that_hangs_and_goes_on_with_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_supervisor_replaces_a_process_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
     supervisor = Supervisor()
     assert supervisor.run(loops_at_7, 6) == 6
     with monkeypatch.context() as patch:
-        patch.setattr(hangs, "LOOK_S", 0.01)
-        patch.setattr(hangs, "STANDS_S", 0.3)
+        patch.setattr(supervised, "POLL_S", 0.01)
+        patch.setattr(supervised, "STANDS_S", 0.3)
         patch.setattr(supervised, "GRACE_S", 0.2)
         hung = supervisor.run(loops_at_7, 7)
-    assert hung == Loss(True, 1.25, "its simulated time stood still for 0.3 s of the machine's time")
+    assert hung == Loss(True, 1.25, "its simulated time stood still for 0.3 s of real time")
     with pytest.raises(WorkerError, match="seed 8"):
         supervisor.run(loops_at_7, 8)
     assert supervisor.run(loops_at_7, 9) == Loss(False, 0.0, "its process ended with status 3")
@@ -249,7 +250,7 @@ def no_loss(seed: int, loss: Loss) -> RunReport:
 
 
 def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> RunReport:
-    """The run of a seed, but the victim's worker is killed the first time."""
+    """Run a seed. The process of the victim is killed the first time."""
     if seed == victim and not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -257,15 +258,15 @@ def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> Run
 
 
 @with_ray
-def test_a_local_ray_gives_the_same_reports_though_a_worker_is_killed(tmp_path: Path) -> None:
+def test_a_local_ray_returns_the_same_reports_even_if_a_worker_is_killed(tmp_path: Path) -> None:
     marker, seeds = tmp_path / "killed", range(3, 18)
     run = partial(killed_once, marker, 9, SCENARIO)
     assert list(on_ray(run, no_loss, seeds, LOCAL, 2, never)) == list(campaign(SCENARIO, seeds, 0))
-    assert marker.exists(), "nobody was killed"
+    assert marker.exists(), "no worker was killed"
 
 
 @with_ray
-def test_a_run_that_is_killed_on_ray_is_lost_alone_and_in_its_place() -> None:
+def test_a_run_killed_on_ray_is_the_only_lost_result_and_keeps_its_place() -> None:
     assert list(on_ray(kill_at_7, lost, range(6, 9), LOCAL, 1, never)) == [6, -7, 8]
 
 
@@ -275,12 +276,12 @@ def kill_parent(seed: int) -> int:
 
 
 @with_ray
-def test_a_task_whose_worker_of_ray_is_always_killed_ends_the_campaign() -> None:
-    with pytest.raises(WorkerError, match="killed again and again"):
+def test_a_task_whose_ray_worker_is_always_killed_ends_the_campaign() -> None:
+    with pytest.raises(WorkerError, match="a Ray worker was killed 4 times"):
         list(on_ray(kill_parent, lost, range(6, 9), LOCAL, 1, never))
 
 
-def test_without_ray_the_option_says_what_to_install(
+def test_a_missing_ray_is_reported_with_the_command_that_installs_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = tmp_path / "scenario.yaml"
@@ -293,19 +294,19 @@ def test_without_ray_the_option_says_what_to_install(
 @pytest.mark.parametrize(
     ("address", "words"),
     [
-        ("127.0.0.1:1", r"no Ray cluster at 127\.0\.0\.1:1: .*refused"),
-        ("the cluster", r"an address is HOST:PORT, such as 10\.0\.0\.1:6379, or local"),
+        ("127.0.0.1:1", r"cannot connect to a Ray cluster at 127\.0\.0\.1:1: .*refused"),
+        ("the cluster", r"the address must be HOST:PORT, such as 10\.0\.0\.1:6379, or local"),
     ],
 )
-def test_an_address_where_no_cluster_is_is_named(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
-    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # is not asked for a cluster before somebody answers
+def test_an_address_without_a_cluster_is_refused(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # It is not used before the address answers.
     with pytest.raises(RayError, match=words):
         list(on_ray(kill_at_7, lost, range(3), address, 1, never))
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_the_processes_and_reports_what_was_done(tmp_path: Path) -> None:
-    """In real time: the whole group gets the signal, as from a terminal."""
+def test_ctrl_c_ends_the_processes_and_reports_the_completed_runs(tmp_path: Path) -> None:
+    """This test uses real time. The whole process group gets the signal, as from a terminal."""
     (tmp_path / "scenario.yaml").write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
     words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "100000", "--jobs", "2"]
     command = [sys.executable, "-m", "servoloop", *words]
@@ -313,12 +314,14 @@ def test_ctrl_c_ends_the_processes_and_reports_what_was_done(tmp_path: Path) -> 
         command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         children: list[psutil.Process] = []
-        while process.poll() is None and len(children) < 3:  # two workers, and multiprocessing's resource tracker
+        while (
+            process.poll() is None and len(children) < 3
+        ):  # There are two workers and the resource tracker of multiprocessing.
             children = psutil.Process(process.pid).children(recursive=True)
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=100)
     assert process.returncode == 130, err
-    assert "Traceback" not in err and "of 100000 runs were done, and are reported" in err
+    assert "Traceback" not in err and "of 100000 runs were completed and are reported" in err
     assert "Interrupted: " in (tmp_path / "out" / "campaign" / "report.html").read_text()
     assert "report: out/campaign/report.html" in out
     _, left = psutil.wait_procs(children, timeout=20)

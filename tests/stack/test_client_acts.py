@@ -1,4 +1,4 @@
-"""Actions of simulated clients: each does to the arm what the real program does."""
+"""Tests of jogging and guiding by simulated clients."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from servoloop.simulation.schedule import Schedule
 
 
 def turned(arm: str, act: Act, joint: str) -> tuple[list[float], tuple[str, ...]]:
-    """Angles of a joint while the client acts and afterwards, each 0.05 s, and what invariants say."""
+    """Run one act. Return the angle of the joint in each cycle of 0.05 s, and the violations."""
     angles: list[float] = []
 
     def prepare(stack: FaultyStack) -> None:
@@ -33,7 +33,7 @@ def test_a_jogged_joint_turns_while_its_key_is_held_and_stops_soon_afterwards(ar
 @pytest.mark.parametrize(
     ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
 )
-def test_a_guided_joint_goes_with_the_hand_and_is_held_where_it_was_left(arm: str, joint: str) -> None:
+def test_a_guided_joint_follows_the_hand_and_is_then_held(arm: str, joint: str) -> None:
     angles, violations = turned(arm, Guide(at_s=0.3, joint=joint, share=1.0, for_s=1.5), joint)
     assert not violations
     assert angles[36] - angles[6] > 0.2

@@ -3,8 +3,9 @@
 import pytest
 
 from drivers.servos import sts
-from servoloop.campaign.run import end_program
+from servoloop.campaign.run import end_program, with_exit_policy
 from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 
 SWITCHES_ON = bytes([3, sts.torque_enable.address, 1])
@@ -12,8 +13,8 @@ SWITCHES_ON = bytes([3, sts.torque_enable.address, 1])
 
 
 def up(*faults: str) -> FaultyStack:
-    """A stack 1.5 s after it was up, with these faults."""
-    stack = FaultyStack(keep_alive=True)
+    """Return a stack with ``on_exit: relax`` 1.5 s after it is up, with these faults."""
+    stack = FaultyStack(files=with_exit_policy(read_files(), "relax"), keep_alive=True)
     stack.player.plan(map(parse, faults))
     stack.up()
     stack.run(1.5)
@@ -21,9 +22,9 @@ def up(*faults: str) -> FaultyStack:
 
 
 def ended(*faults: str) -> FaultyStack:
-    """The same after it has ended with ``on_exit: relax``."""
+    """Return such a stack after its program has ended."""
     stack = up(*faults)
-    end_program(stack, "relax")
+    end_program(stack)
     return stack
 
 
@@ -55,7 +56,7 @@ def test_an_arm_that_has_fallen_meanwhile_lies_where_it_is() -> None:
     """A hand may be at it: nobody has asked for a motion."""
     stack = up("adapter_unplugged at=0.5s for=0.5s", "cable_cut at=0.6s for=0.2s")
     before = len(stack.port.sent)
-    end_program(stack, "relax")
+    end_program(stack)
     assert torque(stack) == {0}
     sent = [data for _, data in stack.port.sent[before:]]
     assert sent and not any(data[4:7] == SWITCHES_ON for data in sent)

@@ -1,4 +1,4 @@
-"""Each invariant falls where it is broken on purpose, and none does where nothing is."""
+"""Tests of the invariants: each detects its planted bug, and none is violated without a bug."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -15,7 +15,7 @@ from nodes.pick_place.settings import Settings
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.goals import GoalsEnd
 from servoloop.campaign.invariants.watch import Watch
-from servoloop.campaign.run import RunReport, run_schedule
+from servoloop.campaign.run import RunReport, run_schedule, with_exit_policy
 from servoloop.simulation.acts import Act, Cancel, Move
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
@@ -32,7 +32,7 @@ def run(*faults: str, prepare: Callable[[FaultyStack], None] = lambda stack: Non
     return run_schedule(FILES, Settings(), schedule, prepare=prepare)
 
 
-def fallen(report: RunReport) -> set[str]:
+def violated(report: RunReport) -> set[str]:
     return {violation.invariant for violation in report.violations}
 
 
@@ -48,12 +48,12 @@ def fallen(report: RunReport) -> set[str]:
     ],
     ids=" and ".join,
 )
-def test_none_falls_where_the_stack_is_whole(faults: tuple[str, ...]) -> None:
+def test_no_invariant_is_violated_without_a_bug(faults: tuple[str, ...]) -> None:
     assert run(*faults).violations == ()
 
 
 def without_faults(stack: FaultyStack) -> None:
-    """What is wrong with the joints is not reported."""
+    """Plant a bug: the faults of joints are not reported."""
     read = stack.hardware.read
 
     def blind() -> JointState:
@@ -63,6 +63,7 @@ def without_faults(stack: FaultyStack) -> None:
 
 
 def with_nan(stack: FaultyStack) -> None:
+    """Plant a bug: measured velocities become NaN."""
     read = stack.hardware.read
 
     def wrong() -> JointState:
@@ -72,12 +73,12 @@ def with_nan(stack: FaultyStack) -> None:
     stack.hardware.read = wrong  # type: ignore[method-assign]
 
 
-def test_a_silent_servo_that_nothing_names() -> None:
-    assert "named, and it alone" in fallen(run("silent id=3 at=0.5s for=0.6s", prepare=without_faults))
+def test_a_silent_servo_that_is_not_reported() -> None:
+    assert "named, and it alone" in violated(run("silent id=3 at=0.5s for=0.6s", prepare=without_faults))
 
 
-def test_a_servo_that_is_named_for_another_one() -> None:
-    def blames(stack: FaultyStack) -> None:
+def test_a_working_servo_that_is_reported_with_a_silent_one() -> None:
+    def reports_joint5(stack: FaultyStack) -> None:
         read = stack.hardware.read
 
         def wrong() -> JointState:
@@ -88,17 +89,17 @@ def test_a_servo_that_is_named_for_another_one() -> None:
 
         stack.hardware.read = wrong  # type: ignore[method-assign]
 
-    (violation,) = run("silent id=3 at=0.5s for=0.6s", prepare=blames).violations
-    assert violation.text.startswith("joint5 is named, and well")
+    (violation,) = run("silent id=3 at=0.5s for=0.6s", prepare=reports_joint5).violations
+    assert violation.text.startswith("joint5 works but is reported")
 
 
-def test_a_limp_joint_that_nothing_names() -> None:
+def test_a_joint_without_torque_that_is_not_reported() -> None:
     report = run("brown_out id=2 at=0.5s", prepare=without_faults)
-    assert "limp joints are found" in fallen(report)
+    assert "limp joints are found" in violated(report)
 
 
-def test_a_velocity_that_is_no_number() -> None:
-    assert "safe commands" in fallen(run(prepare=with_nan))
+def test_a_velocity_that_is_nan() -> None:
+    assert "safe commands" in violated(run(prepare=with_nan))
 
 
 def no_limits(gate: SafetyGate, wanted: FloatArray, last: FloatArray, *_: object) -> Gated:
@@ -112,23 +113,23 @@ def no_nan(gate: SafetyGate, wanted: FloatArray, last: FloatArray, *_: object) -
 @pytest.mark.parametrize(
     ("broken", "fault", "text"),
     [
-        (no_limits, "controller_jumps by=0.8 at=0.3s for=0.5s", "leap within a cycle"),
+        (no_limits, "controller_jumps by=0.8 at=0.3s for=0.5s", "leap in one cycle"),
         (no_nan, "controller_jumps by=6 at=0.3s for=1.5s", "beyond the limits"),
-        (no_nan, "controller_nan at=0.3s for=0.5s", "no number"),
+        (no_nan, "controller_nan at=0.3s for=0.5s", "not a number"),
     ],
 )
-def test_a_gate_that_lets_it_pass(
+def test_a_gate_that_passes_a_wrong_command(
     monkeypatch: pytest.MonkeyPatch, broken: Callable[..., Gated], fault: str, text: str
 ) -> None:
-    """Also where the layers below make it harmless."""
+    """The violation is found even if the layers below make the command harmless."""
     monkeypatch.setattr(SafetyGate, "limit", broken)
     violations = run(fault).violations
     assert any(one.invariant == "safe commands" and text in one.text for one in violations), violations
 
 
 @pytest.mark.parametrize(("off", "text"), [(300, "leaps"), (4000, "is outside")])
-def test_a_driver_that_sends_another_goal(monkeypatch: pytest.MonkeyPatch, off: int, text: str) -> None:
-    """Seen on the wire, whatever the layers above believe to have sent."""
+def test_a_driver_that_sends_a_wrong_goal(monkeypatch: pytest.MonkeyPatch, off: int, text: str) -> None:
+    """The violation is found in the bytes on the bus."""
     stacks: list[FaultyStack] = []
     write_goals = JointBuses.write_goals
 
@@ -144,16 +145,15 @@ def test_a_driver_that_sends_another_goal(monkeypatch: pytest.MonkeyPatch, off: 
     assert "joint2: goal" in violations["goals mean commands"]
 
 
-def test_a_goal_without_an_end_and_torque_behind_the_end() -> None:
-    stack = FaultyStack(files=FILES)
-    stack.relaxes = True
+def test_a_goal_that_does_not_end_and_torque_after_the_end() -> None:
+    stack = FaultyStack(files=with_exit_policy(FILES, "relax"))
     watch = Watch(stack, (GoalsEnd, EndsAsChosen))
     stack.up()
     stack.go(PICK)
     stack.run(0.2)
     watch.end()
     assert set(watch.violations) == {GoalsEnd.name, EndsAsChosen.name}
-    assert watch.violations[GoalsEnd.name].text == "1 of 1 goals have no end"
+    assert watch.violations[GoalsEnd.name].text == "1 of 1 goals did not end"
 
 
 MOVES = (
@@ -170,22 +170,22 @@ JAMMED = (Move(at_s=0.1, positions={"joint1": 1.2}, seconds=3.0),)
         ("sign_left_out_of_goals", "goals mean commands", MOVES, ()),
         ("sign_left_out_of_positions", "reported truly", MOVES, ()),
         ("cancels_are_ignored", "cancels are followed", MOVES, ()),
-        ("stops_are_dead", "smooth reference", (Move(positions={"joint1": 1.5}, seconds=0.5), Cancel(at_s=0.4)), ()),
-        ("feedback_is_a_cycle_old", "feedback is true", MOVES, ()),
-        ("arm_goes_back_after_an_abort", "nothing travels after the end", MOVES, ()),
-        ("limits_of_goals_are_not_looked_at", "goals are judged", (Move(positions={"joint1": 9.0}),), ()),
-        ("goal_tolerance_is_not_looked_at", "success is true", JAMMED, ("jammed id=1 at=2.8s",)),
-        ("path_tolerance_is_not_looked_at", "deviation ends a goal", JAMMED, ("jammed id=1",)),
-        ("abort_blames_the_joint_before", "aborts are true", JAMMED, ("jammed id=1",)),
+        ("stops_are_abrupt", "smooth reference", (Move(positions={"joint1": 1.5}, seconds=0.5), Cancel(at_s=0.4)), ()),
+        ("feedback_is_one_cycle_old", "feedback is true", MOVES, ()),
+        ("arm_moves_back_after_an_abort", "nothing travels after the end", MOVES, ()),
+        ("limits_of_goals_are_not_checked", "goals are judged", (Move(positions={"joint1": 9.0}),), ()),
+        ("goal_tolerance_is_ignored", "success is true", JAMMED, ("jammed id=1 at=2.8s",)),
+        ("path_tolerance_is_ignored", "deviation ends a goal", JAMMED, ("jammed id=1",)),
+        ("abort_names_the_previous_joint", "aborts are true", JAMMED, ("jammed id=1",)),
         ("no_joint_is_relieved", "nothing presses after the end", JAMMED, ("jammed id=1",)),
-        ("silent_servo_is_never_taken_back", "taken back", (), ("silent id=3 for=0.3s",)),
-        ("gate_takes_zero_for_nan", "nan holds", MOVES, ("controller_nan at=0.5s for=0.3s",)),
+        ("silent_servo_never_returns", "taken back", (), ("silent id=3 for=0.3s",)),
+        ("gate_replaces_nan_by_zero", "nan holds", MOVES, ("controller_nan at=0.5s for=0.3s",)),
     ],
 )
-def test_a_planted_bug_is_named_and_its_schedule_is_well_without_it(
+def test_a_planted_bug_is_detected_and_its_schedule_passes_without_the_bug(
     monkeypatch: pytest.MonkeyPatch, bug: str, invariant: str, clients: tuple[Act, ...], faults: tuple[str, ...]
 ) -> None:
     schedule = Schedule(seconds=6.0, clients=clients, faults=tuple(map(parse, faults)))
     assert run_schedule(FILES, Settings(), schedule).violations == ()
     BUGS[bug][0](monkeypatch)
-    assert invariant in fallen(run_schedule(FILES, Settings(), schedule))
+    assert invariant in violated(run_schedule(FILES, Settings(), schedule))

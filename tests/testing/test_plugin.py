@@ -13,7 +13,7 @@ from controller.parameters import Parameters
 from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 from controller.trajectory.tolerances import Tolerances
 from hal.types import FloatArray, JointState
-from servoloop.campaign.invariants.watch import Invariant
+from servoloop.campaign.invariants import Invariant
 from servoloop.testing.arm import ArmTestError, VirtualArm
 from sim_backend.faults.errors import FaultError
 
@@ -163,8 +163,8 @@ def test_an_invariant_that_examined_nothing_is_named_with_what_it_looks_at() -> 
     arm.up()
     assert arm.end().splitlines()[-2:] == [
         "cancels are followed: this invariant examined nothing: let the test bring its condition about, or remove the "
-        "name from `examined`. The invariant: A goal that its client cancels ends as canceled, unless it had ended; "
-        "soon, and having only braked.",
+        "name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, "
+        "unless it has already ended.",
         "never: this invariant examined nothing: let the test bring its condition about, or remove the name from "
         "`examined`. An invariant of your own counts in `self.examined`.",
     ]

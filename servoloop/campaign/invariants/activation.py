@@ -1,4 +1,4 @@
-"""What must hold when servos have been activated: they are set up as the arm's files say, by a second reading."""
+"""Invariant on activation: the servos have the settings that a second reader finds in the arm's files."""
 
 from collections.abc import Callable
 from typing import Final
@@ -13,11 +13,11 @@ from servoloop.simulation.faulty_stack import FaultyStack
 CHANGES: Final = frozenset(
     {"brown_out", "cable_cut", "weak_supply", "eeprom_gone", "wrong_mode", "wrong_setting", "wrong_id", "wrong_rate"}
 )
-"""Faults after which a servo's registers are no longer those that the activation wrote."""
+"""Faults after which a servo's registers may differ from the values written by the activation."""
 
 
 class ActivatedAsConfigured(Invariant):
-    """In the first cycle after an activation every servo has the torque limit, gains and settings of the robot file."""
+    """After an activation, every servo has the torque limit, gains and settings of the robot file."""
 
     name = "activated as configured"
 
@@ -33,9 +33,9 @@ class ActivatedAsConfigured(Invariant):
         for joint in self.joints:
             touched = self.stack.touches.kinds(joint.name) & CHANGES
             if joint.name in self._reference and joint.name not in state.faults and not touched:
-                self._judge(joint, self._reference[joint.name])
+                self._examine(joint, self._reference[joint.name])
 
-    def _judge(self, joint: Joint, wanted: ReferenceJoint) -> None:
+    def _examine(self, joint: Joint, wanted: ReferenceJoint) -> None:
         series, memory = series_of(joint.model), self.servos[joint.name].memory
         by_name = {register.name: register for register in series.registers}
         for name, value in wanted.registers.items():
@@ -43,11 +43,11 @@ class ActivatedAsConfigured(Invariant):
             if register is not None:
                 self.examined += 1
                 if (held := memory.get(register)) != value:
-                    self.say(f"{joint.name}: {name} is {held}, and the robot file says {value}")
+                    self.say(f"{joint.name}: {name} is {held}, but the robot file has {value}")
         if series.torque_limit is not None:
             self.examined += 1
             held, most = memory.get(series.torque_limit), round(wanted.torque_limit * series.full_torque)
             if not 0 < held <= most or (held < 0.9 * most and held < 0.9 * memory.get(series.max_torque)):
-                self.say(f"{joint.name}: its torque limit is {held}, and the robot file says {most}")
+                self.say(f"{joint.name}: the torque limit is {held}, but the robot file has {most}")
         if not self.torque(joint):
-            self.say(f"{joint.name} is active, and its servo has no torque")
+            self.say(f"{joint.name} is active, but its servo has no torque")

@@ -1,4 +1,4 @@
-"""What must hold of the commands: on the wires, and where they leave the safety gate."""
+"""Invariants on commands: on the bus, and after the safety gate."""
 
 import math
 from collections import Counter
@@ -15,19 +15,19 @@ from servoloop.simulation.faulty_stack import FaultyStack
 
 ROUNDING: Final = 1e-9
 TAKEN_OVER_S: Final = 0.05
-"""A joint that moves is taken over where it was measured: by now it may be further by its way in this time."""
+"""Maximum age of the measured position at which a moving joint is taken over, in seconds."""
 OFF_CYCLES: Final = 6
-"""A servo that lost its power is deaf for longer; one that switched itself off is found in fewer."""
+"""Cycles in which the stack finds a servo that switched its torque off. A servo without power is silent for longer."""
 FOUND_CYCLES: Final = 12
-"""The same for servos that a goal does not switch on: their torque is asked for less often on a bad line."""
+"""The same for servos that a goal does not switch on: on a bad bus their torque is read less often."""
 
 
 class SafeWire(Invariant):
-    """No goal outside the limits, none that leaps, and torque only with the goal at the measured position.
+    """No goal is outside the limits or leaps, and torque is enabled only with the goal at the measured position.
 
-    Read along on the wire, whatever the layers above believe to have sent. A servo that has been limp for longer than
-    a restart stays unnoticed gets a goal only where it stands: to an STS servo a goal is the order to switch on. Two
-    servos with one ID are left out: which of them says that it has torque nobody can know.
+    The bytes on the bus are examined, whatever the layers above believe they have sent. A servo without torque may get
+    only a goal at its own position once the stack must know of the lost torque: on an STS servo any goal enables the
+    torque. Two servos with the same ID are skipped, because it is unknown which of them reports its torque.
     """
 
     name = "safe wire"
@@ -49,10 +49,10 @@ class SafeWire(Invariant):
 
     def on_write(self, bus: str, data: bytes) -> None:
         monitor = self._monitors[bus]
-        told, seen = len(monitor.broken), monitor.goals_seen + monitor.torque_on_seen
+        reported, seen = len(monitor.broken), monitor.goals_seen + monitor.torque_on_seen
         monitor.see(data)
         self.examined += monitor.goals_seen + monitor.torque_on_seen - seen
-        for text in monitor.broken[told:]:
+        for text in monitor.broken[reported:]:
             self.say(text)
 
     def on_state(self, state: JointState) -> None:
@@ -63,10 +63,10 @@ class SafeWire(Invariant):
 
 
 class SafeCommands(Invariant):
-    """What passed the gate is finite, within the limits, and no further from the last than velocity times period.
+    """Commands after the safety gate are finite, within the limits, and change by at most velocity limit times period.
 
-    The layers below hold some of this as well: they must not be needed. Where joints are taken over, after an
-    activation, the last command is where the simulated world has them. A joint without a fault has finite values.
+    The layers below the gate also check some of this, but it must hold without them. After an activation, a joint is
+    taken over at its position in the simulated world. The state of a joint without a fault is finite.
     """
 
     name = "safe commands"
@@ -85,7 +85,7 @@ class SafeCommands(Invariant):
             self.stack.loop.hardware.joints, state.position.tolist(), state.velocity.tolist(), strict=True
         ):
             if name not in state.faults and not (math.isfinite(position) and math.isfinite(velocity)):
-                self.say(f"{name} is measured, and its position or its velocity is no number")
+                self.say(f"{name} has no fault, but its position or velocity is not a number")
 
     def on_command(self, values: FloatArray) -> None:
         command, last, before = values.copy(), self._last, self.stack.loop.previous_command
@@ -94,17 +94,17 @@ class SafeCommands(Invariant):
             return
         self.examined += 1
         if not np.isfinite(command).all():
-            self.say("the loop commands what is no number")
+            self.say("a command of the loop is not a number")
         if last is None or not np.array_equal(before, last):
             self._taken_over(before, last)
-        # A joint that stood outside its limits when it was switched on may be on its way back.
+        # A joint that was outside its limits when its torque was enabled may be on its way back.
         outside = np.maximum(self._lower - command, command - self._upper)
         was_outside = np.maximum(self._lower - before, before - self._upper)
         if (outside > np.maximum(was_outside, 0.0) + ROUNDING).any():
             self.say(f"commands beyond the limits: {command.round(4).tolist()}")
         reach = self._velocity * self.stack.loop.period_s
         if (np.abs(command - before) > reach + ROUNDING).any():
-            self.say(f"commands leap within a cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
+            self.say(f"commands leap in one cycle from {before.round(4).tolist()} to {command.round(4).tolist()}")
 
     def _taken_over(self, taken: FloatArray, last: FloatArray | None) -> None:
         true = self.true_positions()
@@ -113,4 +113,4 @@ class SafeCommands(Invariant):
             if unchanged or name not in true or self.deceived(name) or not math.isfinite(taken[place]):
                 continue
             if abs(taken[place] - true[name]) > TAKEN_OVER_S * self._velocity[place]:
-                self.say(f"{name} is taken over at {taken[place]:.4f}, and stands at {true[name]:.4f}")
+                self.say(f"{name} is taken over at {taken[place]:.4f}, but it is at {true[name]:.4f}")

@@ -1,4 +1,4 @@
-"""What must hold of the arm when the program has ended."""
+"""Invariant on the state of the arm after the program has ended."""
 
 from collections.abc import Callable
 from typing import Final
@@ -7,19 +7,19 @@ import numpy as np
 
 from hal.lifecycle import LifecycleState
 from hal.types import JointState
-from servoloop.campaign.invariants.invariant import Invariant, complains
+from servoloop.campaign.invariants.invariant import Invariant, reports_error
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.touches import touched_joints
 
 LASTING: Final = frozenset({"eeprom_gone", "wrong_id", "wrong_rate", "wrong_mode", "wrong_setting", "collision"})
-"""Faults after which a component may not be activated again: it is left as it is."""
+"""Faults after which a component cannot be activated again, so it keeps its state."""
 
 
 class EndsAsChosen(Invariant):
-    """At the end the arm is held, or parked and released, as its robot file says, as far as its servos are reached.
+    """At the end the arm is held, or parked and released, as ``on_exit`` specifies, if its servos can be reached.
 
-    A servo that holds may still release itself, to protect itself, and complains. Faults that begin while the program
-    ends, or last until then, excuse the joints that they touch.
+    A servo that should hold may still release itself for protection and report an error. Faults that are active while
+    the program ends excuse the joints that they affect.
     """
 
     name = "ends as chosen"
@@ -27,40 +27,40 @@ class EndsAsChosen(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._driven: set[str] = set()
-        """Joints that were driven in the last cycle, and nothing wrong with them."""
+        """Joints without a fault that were driven in the last cycle."""
         self._inactive = False
-        """Whether a client had deactivated the hardware by then: its torque stays as it is."""
+        """Whether a client had deactivated the hardware by the last cycle. Its torque then stays as it is."""
         self._happened = 0
-        """So many faults had begun or ended by then."""
+        """Number of faults that had begun or ended by the last cycle."""
 
     def on_state(self, state: JointState) -> None:
         self._happened = len(self.stack.player.happened)
         self._inactive = self.stack.loop.hardware.state is LifecycleState.INACTIVE
-        sound = {joint.name for joint in self.joints if joint.name not in state.faults and self.torque(joint)}
-        self._driven = sound if self.active else set()
+        healthy = {joint.name for joint in self.joints if joint.name not in state.faults and self.torque(joint)}
+        self._driven = healthy if self.active else set()
 
     def at_end(self) -> None:
-        touched = self._touched_at_the_end()
+        affected = self._affected_at_the_end()
         on = {joint.name for joint in self.joints if self.torque(joint)}
-        judged = self._driven - touched
-        self.examined += len(judged)
-        if not self.stack.relaxes:
-            quiet = {joint.name for joint in self.joints if not complains(joint, self.servos[joint.name])}
-            self._tell("released", (judged & quiet) - on)
+        driven = self._driven - affected
+        self.examined += len(driven)
+        if not self.stack.control_stack.releases:
+            without_error = {joint.name for joint in self.joints if not reports_error(joint, self.servos[joint.name])}
+            self._report("released instead of held", (driven & without_error) - on)
             return
-        reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - touched
-        if not self._unfit() and not self._inactive and len(reached) == len(self.joints):
+        reached = {joint.name for joint in self.joints if self.stack.adapters[joint.bus].reachable} - affected
+        if not self._cannot_return() and not self._inactive and len(reached) == len(self.joints):
             self.examined += len(reached)
-            self._tell("under torque", on & reached)
-        if len(judged) == len(self.joints):
-            self._tell("not parked", self._not_parked())
+            self._report("still under torque", on & reached)
+        if len(driven) == len(self.joints):
+            self._report("not parked", self._not_parked())
 
-    def _unfit(self) -> bool:
-        """Whether a servo is not as the robot file has it: then no component that was lost comes back."""
+    def _cannot_return(self) -> bool:
+        """Return whether a servo differs from the robot file, so that a lost component cannot be activated again."""
         return self.shared_id or any(self.stack.touches.kinds(joint.name) & LASTING for joint in self.joints)
 
-    def _touched_at_the_end(self) -> set[str]:
-        """The joints that faults touch now, or have touched since the last cycle."""
+    def _affected_at_the_end(self) -> set[str]:
+        """Return the joints that faults have affected since the last cycle."""
         events = (*self.stack.player.happened[self._happened :], *self.stack.player.active.values())
         if any(event.kind == "stall" for event in events):
             return {joint.name for joint in self.joints}
@@ -72,6 +72,6 @@ class EndsAsChosen(Invariant):
         pose = park.pose if park else {}
         return {name for name, position in pose.items() if not np.isclose(commands[name], position, atol=1e-6)}
 
-    def _tell(self, what: str, joints: set[str]) -> None:
+    def _report(self, state: str, joints: set[str]) -> None:
         if joints:
-            self.say(f"{what}: {', '.join(sorted(joints))}")
+            self.say(f"{state}: {', '.join(sorted(joints))}")

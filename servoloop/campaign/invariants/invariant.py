@@ -1,4 +1,4 @@
-"""The form of an invariant: what looks on at one simulated stack and says what must not be."""
+"""Base class of invariants: a condition that is examined while a simulated stack runs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,31 +23,42 @@ DECEIVING: Final = frozenset(
         "collision",
     }
 )
-"""Faults with which a servo's position and its joint's are two things, for a time or from then on."""
-
+"""Faults after which the position that a servo reports differs from its joint's, temporarily or permanently."""
 COMPLAINTS: Final = ("status", "hardware_error_status")
-"""Registers that are 0 as long as a servo has nothing to complain of."""
+"""Registers that are 0 unless the servo reports an error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """An invariant that fell, when (s of the stack's clock), and how."""
+    """Violation of an invariant in a run."""
 
     invariant: str
+    """Name of the invariant."""
     time_s: float
+    """Time on the clock of the stack, in seconds."""
     text: str
+    """Description of the violation."""
 
 
 class Invariant:
-    """What looks on at one stack; a subclass overrides what it has a use for, and ``say``\\ s what must not be."""
+    """Condition that must hold in a run of a simulated stack.
+
+    A subclass sets ``name``, overrides the methods for the events that it needs, counts each examination in
+    ``examined``, and calls ``say`` with a description of each violation.
+
+    Args:
+        stack: The stack, not yet up.
+        say: Reports a violation. Only the first violation of an invariant is kept.
+    """
 
     name = ""
+    """Name of the invariant, as printed and as used in scenarios."""
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         self.stack = stack
         self.say = say
         self.examined = 0
-        """How often the condition was really looked at: an invariant that examined nothing has shown nothing."""
+        """Number of times the condition was examined. Zero means that the run proves nothing about it."""
         self.joints = stack.files.robot.joints
         self.commanded = [name.rpartition("/")[0] for name in stack.loop.hardware.command_interfaces]
         """The joint of each command interface."""
@@ -57,45 +68,45 @@ class Invariant:
 
     @property
     def active(self) -> bool:
-        """Whether the hardware drives its joints, and no component is being switched."""
+        """Whether the hardware is active and none of its components is in a transition."""
         hardware = self.stack.loop.hardware
         return hardware.state is LifecycleState.ACTIVE and not any(one.switching for one in hardware.components)
 
     def true_positions(self) -> dict[str, float]:
-        """Where the joints of the simulated world are, rad or m, by name: no servo and no conversion is asked."""
+        """Return the joint positions of the simulated world, in rad or m, by name. They do not come from servos."""
         return dict(zip(self.stack.world.joints, self.stack.world.position().tolist(), strict=True))
 
     def deceived(self, joint: str) -> bool:
-        """Whether the joint's servo has ever reported another position than its joint had."""
+        """Return whether a fault may have made the joint's servo report a position different from the joint's."""
         return bool(DECEIVING & self.stack.touches.kinds(joint))
 
     @property
     def shared_id(self) -> bool:
-        """Whether two servos answer to one ID: one of them was given another's, or its EEPROM forgot its own."""
+        """Whether two servos have the same ID, because of a collision or a lost EEPROM."""
         if any(one.kind == "collision" for one in self.stack.player.active.values()):
             return True
         return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
 
     def torque(self, joint: Joint) -> bool:
-        """Whether the joint's servo drives its motor, as it is and not as the stack knows it."""
+        """Return whether the torque of the joint's virtual servo is enabled. The stack may believe otherwise."""
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
     def on_write(self, bus: str, data: bytes) -> None:
-        """Called with every packet, before the servos of this line hear it."""
+        """Called with every packet before the servos on this bus receive it."""
 
     def on_command(self, values: FloatArray) -> None:
-        """Called with each command that leaves the safety gate, shape (m,), while the program ends too."""
+        """Called with each command after the safety gate, shape (m,), also while the program ends."""
 
     def on_step(self, time_s: float) -> None:
-        """Called after each step of the physics, a millisecond."""
+        """Called after each physics step of one millisecond."""
 
     def on_state(self, state: JointState) -> None:
-        """Called at the end of each cycle with its measurement."""
+        """Called at the end of each cycle with the measured state."""
 
     def at_end(self) -> None:
-        """Called when the program has ended and the hardware is released."""
+        """Called after the program has ended and the hardware was released."""
 
 
-def complains(joint: Joint, servo: Any) -> bool:
-    """Whether a virtual servo reports that it has protected itself."""
+def reports_error(joint: Joint, servo: Any) -> bool:
+    """Return whether a virtual servo reports an error, for example overload protection."""
     return any(servo.memory.get(one) for one in series_of(joint.model).registers if one.name in COMPLAINTS)

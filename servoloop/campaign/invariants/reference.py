@@ -1,6 +1,6 @@
-"""A second, simple reader of an arm's files: what invariants compare the stack with must not come from the stack.
+"""Read the files of an arm independently of the stack, so that invariants do not compare the stack with itself.
 
-It reads the files as plain YAML and XML. It knows nothing of mistakes: the stack's own reader has refused those.
+The files are read as plain YAML and XML. They are not validated, because the reader of the stack has done that.
 """
 
 import math
@@ -17,35 +17,35 @@ from servoloop.stack.robot_files import ServoFiles
 
 @dataclass(frozen=True, slots=True)
 class ReferenceJoint:
-    """One joint as its files describe it: rad and rad/s, or m and m/s."""
+    """Joint as described in the files, in rad and rad/s, or m and m/s."""
 
     name: str
     bus: str
     servo_id: int
     zero_counts: int
     units_per_count: float
-    """With the sign."""
+    """Units per count, negative if the servo turns against the joint."""
     counts_per_turn: int
     lower: float
     upper: float
     velocity: float
     torque_limit: float
-    """Share of full drive."""
+    """Share of the full torque."""
     registers: dict[str, int]
-    """Registers of the servo that the robot file gives values to."""
+    """Values of servo registers that the robot file sets, by name."""
 
     def position(self, counts: int) -> float:
-        """The joint's position at a servo's reading."""
+        """Return the position of the joint at a reading of its servo, in counts."""
         return (counts - self.zero_counts) * self.units_per_count
 
     def apart(self, one: float, other: float) -> float:
-        """The distance of two positions; a servo that reports its place within a turn may be whole turns off."""
+        """Return the distance between two positions, ignoring whole turns of the servo."""
         turn = abs(self.units_per_count) * self.counts_per_turn
         return abs(math.remainder(one - other, turn))
 
 
 def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
-    """Read every joint that has a servo, by name."""
+    """Read every joint that has a servo. Return the joints by name."""
     limits = _limits(files.urdf_path)
     joints: dict[str, ReferenceJoint] = {}
     for path in dict.fromkeys(files.robot_paths.values()):
@@ -84,7 +84,7 @@ def _gain(entry: dict[str, Any]) -> dict[str, int]:
 
 
 def _limits(urdf: Path) -> dict[str, tuple[float, float, float]]:
-    """Lower, upper and velocity limit of each joint whose limits are plain numbers."""
+    """Return the lower, upper and velocity limit of each joint whose limits are plain numbers."""
     found: dict[str, tuple[float, float, float]] = {}
     for joint in ElementTree.parse(urdf).getroot().iter("joint"):
         limit = joint.find("limit")
@@ -96,7 +96,7 @@ def _limits(urdf: Path) -> dict[str, tuple[float, float, float]]:
                 float(limit.get("upper", "0")),
                 float(limit.get("velocity", "0")),
             )
-        except ValueError:  # an expression of xacro
+        except ValueError:  # The limit is a xacro expression.
             continue
     return found
 

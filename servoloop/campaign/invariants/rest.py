@@ -1,4 +1,4 @@
-"""What must hold after a goal has ended: the arm comes to rest, stays there, and presses against nothing."""
+"""Invariants after the end of a goal: the arm comes to rest, stays there, and does not press against anything."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -13,33 +13,33 @@ from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
-"""Largest change of a command (share of the joint's range) once a goal has ended and its joints have come to rest."""
+"""Largest change of a command after the joints of an ended goal rest, as a share of the joint's range."""
 RESTS: Final = 0.1
-"""Speed (rad/s) below which a joint counts as held."""
+"""Speed below which a joint counts as at rest, in rad/s."""
 CREEPS: Final = 0.01
-"""Speed (rad/s or m/s) above which a joint moves, and nothing holds it."""
+"""Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
-"""Factor on the shortest time in which the arm's slowest joint can brake: the others brake with it along the path."""
+"""Factor on the shortest braking time of the slowest joint: the others brake with it along the path."""
 PRESSES_SHARE: Final = 0.02
-"""Share of a joint's range by which its command may stay away from it: servos give way, and relief leaves a rest."""
+"""Allowed distance between command and joint, as a share of its range: servos give way, and relief is not exact."""
 RELIEVED_S: Final = 0.3
-"""Time after a goal's result in which no joint presses: the result waits until the joints are relieved."""
+"""Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
 RELIEVED_AFTER_FAULT_S: Final = 3.0
-"""The same after a goal that a fault ended, or whose controller was deactivated: the result does not wait."""
+"""The same time after a goal that a fault or a deactivation ended, in seconds. Its result does not wait for relief."""
 
 
 @dataclass(slots=True)
 class _End:
-    """The commands (rad or m) between which joints may come to rest."""
+    """Range of commands (rad or m) in which the joints may come to rest after a goal."""
 
     lowest: FloatArray
     highest: FloatArray
     since_s: float
     here: FloatArray
-    """Where the joints were in the cycle before."""
+    """Joint positions in the previous cycle."""
 
-    def give_way(self, here: FloatArray, period_s: float) -> None:
-        """A joint that rests beside its command may be held: its command may go to where it is."""
+    def extend(self, here: FloatArray, period_s: float) -> None:
+        """Extend the range to the positions of joints at rest: they may be blocked, and their commands may give way."""
         rests = np.abs(here - self.here) < RESTS * period_s
         self.lowest = np.where(rests, np.minimum(self.lowest, here), self.lowest)
         self.highest = np.where(rests, np.maximum(self.highest, here), self.highest)
@@ -47,7 +47,7 @@ class _End:
 
 
 class NothingTravels(Invariant):
-    """After a goal has ended no joint is commanded to go anywhere: it brakes, or gives way towards where it is held."""
+    """After a goal has ended, commands only brake the joints or give way to an obstacle."""
 
     name = "nothing travels after the end"
 
@@ -70,17 +70,19 @@ class NothingTravels(Invariant):
             self._end = self._begun(command, loop.previous_command[self._places])
         if self._end is None:
             return
-        self._end.give_way(self._true(), self.stack.loop.period_s)
+        self._end.extend(self._true(), self.stack.loop.period_s)
         self.examined += 1
         slack = STAYS * self._range
         away = (command < self._end.lowest - slack) | (command > self._end.highest + slack)
         if away.any():
             joint = self.stack.arm.joints[int(np.flatnonzero(away)[0])]
             after_s = state.stamp_s - self._end.since_s
-            self.say(f"{joint} is sent to {command[away][0]:.4f} by no goal, {after_s:.2f} s after the last one ended")
+            self.say(
+                f"{joint} is commanded to {command[away][0]:.4f} without a goal, {after_s:.2f} s after the last one"
+            )
 
     def _disturbed(self, state: JointState) -> bool:
-        """Whether something else than the last goal's end moves the arm: a goal, a fault, an activation."""
+        """Return whether a goal, a fault or an activation moves the arm."""
         stack = self.stack
         entry = stack.manager.registry.loaded[stack.arm.name]
         upset = any(one.upsets for one in stack.controllers.values())
@@ -101,7 +103,7 @@ class NothingTravels(Invariant):
 
 
 class NothingPresses(Invariant):
-    """Some time after a goal has ended, no joint of the arm is driven against what holds it."""
+    """Some time after a goal has failed, no joint of the arm is driven against an obstacle."""
 
     name = "nothing presses after the end"
 
@@ -133,19 +135,17 @@ class NothingPresses(Invariant):
             self._off_s[joint] = self._off_s[joint] + period_s if known and off else 0.0
             if self._off_s[joint] > relieved_s and not self._pulled(joint):
                 command = self.stack.loop.command[place]
-                self.say(
-                    f"{joint} is held at {true[joint]:.4f} and commanded to {command:.4f}, and no goal is under way"
-                )
+                self.say(f"{joint} is blocked at {true[joint]:.4f} but commanded to {command:.4f} without a goal")
 
         self._before = true
 
     def _pulled(self, joint: str) -> bool:
-        """Whether a fault other than jammed gears touches the joint now."""
+        """Return whether a fault other than jammed gears affects the joint now."""
         touches = self.stack.touches
         return touches.since_s(joint, touches.kinds(joint) - {"jammed"}) <= 0.0
 
     def torque_of(self, joint: str) -> bool:
-        """Whether the joint's servo drives its motor."""
+        """Return whether the torque of the joint's servo is enabled."""
         return any(one.name == joint and self.torque(one) for one in self.joints)
 
 

@@ -1,4 +1,4 @@
-"""What must hold of how commands change: acceleration and jerk, and what becomes of a command that is no number."""
+"""Invariants on changes of commands: acceleration, jerk and NaN."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -11,22 +11,22 @@ from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.simulation.faulty_stack import FaultyStack
 
 LATE: Final = 1.5
-"""Periods after which a cycle comes late."""
+"""Number of periods after which a cycle counts as late."""
 SHARE: Final = 1.02
-"""Largest share of a limit that the differences of a sampled reference come to: they are means."""
+"""Tolerance factor on a limit, for derivatives computed as differences of the sampled reference."""
 STOP_JERK_SHARE: Final = 3.0
-"""Jerk of a stop on a path as a share of the limit: the path's own jerk, and that of braking on it."""
+"""Allowed jerk of a stop on a path, as a factor on the limit: the jerk of the path adds to that of braking."""
 RELIEF_SHARE: Final = 2.0
-"""The same where joints are relieved at the end: commands are ahead of the way by the servos' lag."""
+"""Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
-"""The same for the commands at the end: each is sent for the end of the coming period."""
+"""Allowed acceleration at the end otherwise, as a factor on the limit: a command applies to the end of its period."""
 
 
 class SmoothReference(Invariant):
-    """The reference of a jerk-limited trajectory controller keeps the acceleration and the jerk of its joints.
+    """The reference of a jerk-limited trajectory controller keeps the acceleration and jerk limits of its joints.
 
-    That counts for the way to a goal and for every stop. Cycles that come late are left out: the reference goes on by
-    at most two periods then.
+    This applies to motions and to stops. Late cycles are skipped, because the reference then advances by up to two
+    periods.
     """
 
     name = "smooth reference"
@@ -42,7 +42,7 @@ class SmoothReference(Invariant):
 
     def on_state(self, state: JointState) -> None:
         arm, tracking = self.stack.arm, self.stack.arm.tracking
-        waits = all(joint in state.faults for joint in arm.joints)  # the goal waits, and its reference stands
+        waits = all(joint in state.faults for joint in arm.joints)  # The reference stands still until a joint answers.
         late = state.stamp_s - self._times[-1] > LATE * self.stack.loop.period_s if self._times else False
         if tracking is None or waits or late or arm.parameters.interpolation_method != "ruckig":
             self._times.clear()
@@ -56,20 +56,28 @@ class SmoothReference(Invariant):
         if len(self._references) == 4:
             self.examined += 1
             times, references = list(self._times), np.array(self._references)
-            self._compare("accelerates", divided(references[1:], times[1:]), self._acceleration)
+            self._compare("an acceleration", divided(references[1:], times[1:]), self._acceleration)
             most = STOP_JERK_SHARE if any(self._stops) else 1.0
-            self._compare("jerks", divided(references, times), most * self._jerk)
+            self._compare("a jerk", divided(references, times), most * self._jerk)
 
-    def _compare(self, what: str, value: FloatArray, limits: FloatArray) -> None:
+    def _compare(self, quantity: str, value: FloatArray, limits: FloatArray) -> None:
         shares = np.abs(value) / limits
         worst = int(shares.argmax())
         if shares[worst] > SHARE:
-            found = f"{shares[worst] * limits[worst]:.1f}, allowed is {limits[worst]:.1f}"
-            self.say(f"the reference of {self.stack.arm.joints[worst]} {what} with {found}")
+            found = f"{shares[worst] * limits[worst]:.1f}, but its limit is {limits[worst]:.1f}"
+            self.say(f"the reference of {self.stack.arm.joints[worst]} has {quantity} of {found}")
 
 
 def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
-    """The mean of the highest derivative that so many values (m, n) at these times determine, shape (n,)."""
+    """Return the mean derivative of order m - 1 of m sampled values.
+
+    Args:
+        values: Samples, shape (m, n).
+        times_s: Times of the samples, length m.
+
+    Returns:
+        Derivative, shape (n,).
+    """
     order = 1
     while len(values) > 1:
         values = np.array(
@@ -81,7 +89,7 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 
 
 class SmoothEnd(Invariant):
-    """While the program ends, every joint is stopped and parked within its acceleration limit."""
+    """While the program ends, every joint stops and parks within its acceleration limit."""
 
     name = "smooth end"
 
@@ -99,14 +107,14 @@ class SmoothEnd(Invariant):
             self.examined += 1
             change = np.abs(np.diff(np.array(self._commands), 2, axis=0)[0]) / self.stack.loop.period_s**2
             worst = int((change / self._acceleration).argmax())
-            share = COMMANDS_SHARE if self.stack.relaxes else RELIEF_SHARE
+            share = COMMANDS_SHARE if self.stack.control_stack.releases else RELIEF_SHARE
             if change[worst] > share * self._acceleration[worst]:
-                found = f"{change[worst]:.1f}, its limit is {self._acceleration[worst]:.1f}"
-                self.say(f"{self.commanded[worst]} is stopped or parked with an acceleration of {found}")
+                found = f"{change[worst]:.1f}, but its limit is {self._acceleration[worst]:.1f}"
+                self.say(f"{self.commanded[worst]} stops or parks with an acceleration of {found}")
 
 
 class NanHolds(Invariant):
-    """While a controller commands NaN its joints hold: no command of theirs changes."""
+    """While a controller commands NaN, its joints hold: their commands do not change."""
 
     name = "nan holds"
 
@@ -127,5 +135,7 @@ class NanHolds(Invariant):
         for place in held.keys() & self._held.keys():
             self.examined += 1
             if held[place] != self._held[place]:
-                self.say(f"{self._names[place]} is commanded NaN and moves from {self._held[place]} to {held[place]}")
+                self.say(
+                    f"{self._names[place]} changes from {self._held[place]} to {held[place]}, but it is commanded NaN"
+                )
         self._held = held

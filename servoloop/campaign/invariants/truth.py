@@ -1,4 +1,4 @@
-"""What must hold against the simulated world itself, and against a second reading of the arm's files."""
+"""Invariants that compare the stack with the simulated world and with a second reading of the arm's files."""
 
 from collections.abc import Callable
 from typing import Final
@@ -15,17 +15,17 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
 READING_COUNTS: Final = 4.0
-"""Difference between a servo's reading and its joint: resolution and noise."""
+"""Tolerance of a servo's reading for resolution and noise, in counts."""
 READING_AGE_S: Final = 0.004
-"""Age of a position in a servo's register, by which the joint has moved on."""
+"""Maximum age of a position in a servo's register, in seconds."""
 OFFSET_SHARE: Final = 0.03
-"""Largest share of its range by which a joint's goal may differ from its command, to make up for what it gives way."""
+"""Largest compensation offset between goal and command, as a share of the joint's range."""
 ARRIVED: Final = 0.02
-"""rad or m by which a joint may be further off than its goal tolerance: the tolerance is compared with a reading."""
+"""Deviation in rad or m that is allowed on top of the goal tolerance, which the stack compares with a reading."""
 
 
 class ReportedTruly(Invariant):
-    """A joint that is reported without a fault is where the simulated world has it, with its sign and its scale."""
+    """The reported position of a joint without a fault is its position in the simulated world, in sign and scale."""
 
     name = "reported truly"
 
@@ -33,10 +33,10 @@ class ReportedTruly(Invariant):
         super().__init__(stack, say)
         reference = read_reference(stack.files)
         names = stack.loop.hardware.joints
-        self._judged = [joint for joint in names if joint in reference]
-        self._reference = [reference[joint] for joint in self._judged]
-        self._reported = [names.index(joint) for joint in self._judged]
-        self._world = [stack.world.joints.index(joint) for joint in self._judged]
+        self._names = [joint for joint in names if joint in reference]
+        self._reference = [reference[joint] for joint in self._names]
+        self._reported = [names.index(joint) for joint in self._names]
+        self._world = [stack.world.joints.index(joint) for joint in self._names]
         self._slack = [
             READING_COUNTS * abs(joint.units_per_count) + READING_AGE_S * joint.velocity for joint in self._reference
         ]
@@ -52,13 +52,13 @@ class ReportedTruly(Invariant):
         true = np.array(steps)[:, self._world]
         lowest, highest = true.min(axis=0).tolist(), true.max(axis=0).tolist()
         reported = state.position[self._reported].tolist()
-        for place, name in enumerate(self._judged):
+        for place, name in enumerate(self._names):
             if name in state.faults or self.deceived(name) or self.servos[name].on_read:
                 continue
             self.examined += 1
             low, high = lowest[place] - self._slack[place], highest[place] + self._slack[place]
             if not low <= reported[place] <= high and self._wrong(self._reference[place], reported[place], low, high):
-                self.say(f"{name} is reported at {reported[place]:.4f}; it was between {low:.4f} and {high:.4f}")
+                self.say(f"{name} is reported at {reported[place]:.4f}, but was between {low:.4f} and {high:.4f}")
 
     @staticmethod
     def _wrong(joint: ReferenceJoint, reported: float, low: float, high: float) -> bool:
@@ -67,9 +67,9 @@ class ReportedTruly(Invariant):
 
 
 class GoalsMeanCommands(Invariant):
-    """A goal on the wire, read with a second conversion, is the joint's command, or lies between it and the joint.
+    """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
 
-    It may differ by what the servo gives way under load, within narrow bounds.
+    It may differ by the compensation for the compliance of the servo, within narrow bounds.
     """
 
     name = "goals mean commands"
@@ -101,11 +101,13 @@ class GoalsMeanCommands(Invariant):
             ends = (commands[joint.name], before[joint.name], true[joint.name])
             slack = OFFSET_SHARE * (joint.upper - joint.lower)
             if not min(ends) - slack <= meant <= max(ends) + slack:
-                self.say(f"{joint.name}: goal {counts} is {meant:.4f}, and the command is {commands[joint.name]:.4f}")
+                self.say(
+                    f"{joint.name}: goal {counts} means {meant:.4f}, but the command is {commands[joint.name]:.4f}"
+                )
 
 
 class SuccessIsTrue(Invariant):
-    """When a goal succeeds the joints of the simulated world are where its client sent them."""
+    """When a goal succeeds, the joints of the simulated world are at the positions that its client sent."""
 
     name = "success is true"
 
@@ -125,4 +127,4 @@ class SuccessIsTrue(Invariant):
             self.examined += 1
             off = abs(true[joint] - wanted)
             if off > allowed + ARRIVED:
-                self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}; its client sent it to {wanted:.4f}")
+                self.say(f"a goal succeeded with {joint} at {true[joint]:.4f}, but its client sent it to {wanted:.4f}")

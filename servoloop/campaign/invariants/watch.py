@@ -1,4 +1,4 @@
-"""All invariants, and the watch that calls them during a run."""
+"""The list of all invariants, and the watch that calls them during a run."""
 
 from collections.abc import Callable
 from functools import partial
@@ -24,8 +24,6 @@ from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, Smooth
 from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
 from servoloop.campaign.visits import Visits
 from servoloop.simulation.faulty_stack import FaultyStack
-
-__all__ = ["ALL", "Invariant", "Violation", "Watch"]
 
 ALL: Final[tuple[type[Invariant], ...]] = (
     SafeWire,
@@ -55,13 +53,18 @@ ALL: Final[tuple[type[Invariant], ...]] = (
 
 
 class Watch:
-    """Has invariants look on at a stack that is not up yet; ``violations``: the first of each that fell."""
+    """Connects invariants to a stack that is not up yet, and collects the first violation of each.
+
+    Args:
+        stack: The stack, not yet up.
+        kinds: Classes of the invariants.
+    """
 
     def __init__(self, stack: FaultyStack, kinds: tuple[type[Invariant], ...] = ALL) -> None:
         self.violations: dict[str, Violation] = {}
         self._stack = stack
         self._error: Exception | None = None
-        """Raised by an invariant. ``end`` raises it again."""
+        """Exception that an invariant raised. ``end`` raises it again."""
         self._invariants = [kind(stack, self._sayer(kind.name)) for kind in kinds]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
@@ -89,11 +92,11 @@ class Watch:
 
     @property
     def examined(self) -> dict[str, int]:
-        """How often each invariant looked at its condition, by name."""
+        """Number of times that each invariant examined its condition, by name."""
         return {one.name: one.examined for one in self._invariants}
 
     def end(self) -> None:
-        """The program has ended. Raises what an invariant has raised."""
+        """Finish after the program has ended. Raises the exception of an invariant that failed during the run."""
         if self._error is not None:
             raise self._error
         self.visits.end()
@@ -101,7 +104,7 @@ class Watch:
             one.at_end()
 
     def _guarded(self, hook: str) -> Callable[..., None]:
-        """Call this hook of the invariants that have it; the stack never meets what one of them raises."""
+        """Return a function that calls this method of all invariants and keeps their exceptions from the stack."""
         kept = [one for one in self._invariants if getattr(type(one), hook) is not getattr(Invariant, hook)]
         hooks = [getattr(one, hook) for one in kept]
 

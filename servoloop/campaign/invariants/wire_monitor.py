@@ -1,4 +1,4 @@
-"""Reads along on the wire and holds every byte against what an arm must never be told."""
+"""Monitor the bytes on a bus for goals and torque commands that an arm must never receive."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from math import inf, pi
@@ -16,14 +16,14 @@ from sim_backend.packets.dynamixel_groups import bulk_entries, sync_entries
 from sim_backend.packets.instructions import Instruction, Parser
 
 MEASURED_WITHIN_COUNTS: Final = 3
-"""Free joints sag between the measurement and the torque."""
+"""Tolerance for joints that sag between the measurement and the enabling of the torque, in counts."""
 SWITCHED_ON_S: Final = 0.02
-"""Time in which the servos of an arm are measured, told their goals and switched on: no stack knows what happens in it,
-to a joint in motion for instance."""
+"""Time in which the servos of an arm are read, get their goals and are switched on, in seconds. The stack cannot know
+how far a moving joint gets in this time."""
 
 
 class WireMonitor:
-    """``see`` is called with every packet before the servos hear it; ``broken`` lists what was wrong."""
+    """Examines each packet in ``see``, before the servos receive it. ``broken`` lists the violations."""
 
     def __init__(
         self,
@@ -33,9 +33,14 @@ class WireMonitor:
         limp: Collection[str] = (),
         activating: Callable[[], bool] = lambda: False,
     ) -> None:
-        """``limp``: the joints that have had no torque for longer than may stay unknown, as they are at each packet.
+        """Monitor the servos of one bus.
 
-        ``activating``: whether the hardware is about to take servos over where they stand, with or without torque.
+        Args:
+            joints: Joints whose servos are on the bus.
+            line: The simulated bus.
+            period_s: Period of the control loop, in seconds.
+            limp: Names of joints that the stack must know to be without torque. The caller keeps it up to date.
+            activating: Returns whether the hardware is being activated, with or without torque on its servos.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
         self._line = line
@@ -45,7 +50,7 @@ class WireMonitor:
         self._writes = _writes_2 if second else _writes_1
         self._goals: dict[int, int] = {}
         self._placed_s: dict[int, float] = {}
-        """When the servo was told the goal that it has, where it was at that goal then."""
+        """Time at which each servo got its current goal, by servo ID, for servos that were at this goal then."""
         self._driven: set[int] = set()
         self._limp, self._activating = limp, activating
         self.broken: list[str] = []
@@ -53,7 +58,7 @@ class WireMonitor:
         self.torque_on_seen = 0
 
     def see(self, data: bytes) -> None:
-        """One write of the master."""
+        """Examine one write to the bus."""
         for instruction in self._parser.feed(data):
             for servo_id, address, content in self._writes(instruction):
                 if servo_id in self._joints:
@@ -85,11 +90,11 @@ class WireMonitor:
             self.broken.append(f"{joint.name}: goal leaps from {before} to {goal}, more than {reach:.1f}")
         known_limp = joint.name in self._limp and abs(goal - position) > MEASURED_WITHIN_COUNTS
         if limp and (known_limp or (self._activating() and not begins)):
-            self.broken.append(f"{joint.name}: is limp at {position}, and told to go to {goal}")
+            self.broken.append(f"{joint.name}: has no torque at {position} but gets goal {goal}")
         self._goals[joint.servo_id] = goal
 
     def _torque(self, joint: Joint, value: int, position: int, limp: bool) -> None:
-        """Some servos have torque since they were told their goal, and have given way to their load meanwhile."""
+        """Examine a write to the torque register. Some servos have had torque since their goal and may have sagged."""
         if value != 1:
             self._driven.discard(joint.servo_id)
             return
@@ -102,7 +107,7 @@ class WireMonitor:
         self._driven.add(joint.servo_id)
 
     def _within_counts(self, joint: Joint) -> float:
-        """How far a free joint may be from where it was measured."""
+        """Return the distance by which a joint without torque may have moved since it was measured, in counts."""
         servo = self._joints[joint.servo_id][1]
         velocity_rad_s = self._line.rig.plant.velocities()[self._line.servos.index(servo)]
         turns = abs(velocity_rad_s) * SWITCHED_ON_S / (2.0 * pi)
@@ -110,10 +115,10 @@ class WireMonitor:
 
 
 class GoalReader:
-    """Reads the goal positions off a line's instructions, in counts."""
+    """Extracts goal positions from the instructions on a bus, in counts."""
 
     def __init__(self, line: ServoLine[Any], series: Mapping[int, Series]) -> None:
-        """``series``: of the servos whose goals are read, by ID."""
+        """Read the goals of the servos in ``series``, which has the series of each servo by ID."""
         second = isinstance(line, VirtualDynamixelBus)
         self._parser: Parser = dynamixel_wire.InstructionParser() if second else sts_wire.InstructionParser()
         self._writes = _writes_2 if second else _writes_1
@@ -121,7 +126,7 @@ class GoalReader:
         self._memories = {servo_id: line.servo(servo_id).memory for servo_id in series}
 
     def read(self, data: bytes) -> dict[int, int]:
-        """The goals of one write of the master, by servo."""
+        """Return the goals in one write to the bus, by servo ID."""
         goals: dict[int, int] = {}
         for instruction in self._parser.feed(data):
             for servo_id, address, content in self._writes(instruction):
@@ -136,18 +141,18 @@ class GoalReader:
 
 
 def _value(register: Register, order: ByteOrder, memory: Any, address: int, content: bytes) -> int | None:
-    """The value that a write gives to a register; None where it does not write all of it."""
-    # Dynamixels have cells that stand for bytes elsewhere.
-    meant = memory.resolved(address, len(content)) if hasattr(memory, "resolved") else range(address, 1 << 16)
-    told = dict(zip(meant, content, strict=False))
+    """Return the value that a write stores in a register; None if it does not write the whole register."""
+    # Dynamixels have indirect addresses, which stand for bytes elsewhere.
+    addresses = memory.resolved(address, len(content)) if hasattr(memory, "resolved") else range(address, 1 << 16)
+    written = dict(zip(addresses, content, strict=False))
     places = range(register.address, register.address + register.size)
-    if not all(place in told for place in places):
+    if not all(place in written for place in places):
         return None
-    return register.decode(bytes(told[place] for place in places), order)
+    return register.decode(bytes(written[place] for place in places), order)
 
 
 def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
-    """Servo, address and bytes of everything that an instruction of Feetech's protocols or Dynamixel 1.0 writes."""
+    """Yield servo ID, address and bytes of each write in an instruction of the Feetech protocols or Dynamixel 1.0."""
     parameters, code = instruction.parameters, sts_wire.Code
     if instruction.code in (code.WRITE, code.REG_WRITE) and parameters:
         yield instruction.servo_id, parameters[0], parameters[1:]
@@ -158,7 +163,7 @@ def _writes_1(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
 
 
 def _writes_2(instruction: Instruction) -> Iterator[tuple[int, int, bytes]]:
-    """The same of Dynamixel 2.0."""
+    """Yield servo ID, address and bytes of each write in an instruction of Dynamixel 2.0."""
     parameters, code = instruction.parameters, dynamixel_wire.Code
     if instruction.code in (code.WRITE, code.REG_WRITE):
         yield instruction.servo_id, int.from_bytes(parameters[:2], "little"), parameters[2:]

@@ -1,4 +1,4 @@
-"""A controller for the wrist: whatever shoulder and elbow do, the hand keeps its pitch."""
+"""A controller for the wrist that keeps the pitch of the hand while shoulder and elbow move."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from controller.parameters import Parameters
 
 class LevelHandParameters(Parameters):
     wrist: str
-    others: list[str]  # their axes are parallel to the wrist's
+    others: list[str]  # Joints with axes parallel to the wrist's.
 
     def claims(self):
         return (f"{self.wrist}/position",)
@@ -33,7 +33,7 @@ class LevelHand:
 
     def activate(self, state, command):
         self.command = command
-        self.turned = 0.0  # by shoulder and elbow since then, rad
+        self.turned = 0.0  # Angle of shoulder and elbow since then, rad.
         self.start = command
 
     def deactivate(self, reason=""): ...

@@ -1,9 +1,9 @@
-"""The hand stays level on a virtual SO-101, whatever happens to its servos."""
+"""Tests of the level hand on a virtual SO-101, with and without silent servos."""
 
 import pytest
 from level_hand.controller import LevelHand
 
-from servoloop.campaign.invariants.watch import Invariant
+from servoloop.campaign.invariants import Invariant
 
 PITCH = ("shoulder_lift", "elbow_flex", "wrist_flex")
 CONTROLLERS = "controllers.yaml"
@@ -12,7 +12,7 @@ SETTLES_S = 1.5
 
 
 class StaysLevel(Invariant):
-    """The hand has its pitch, but for moments in which a servo is not heard, and shortly after."""
+    """The hand keeps its pitch, except while a servo is silent and shortly after that."""
 
     name = "stays level"
 
@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.virtual_arm("so101", controllers=CONTROLLERS), pytest.
 
 @pytest.fixture
 def arm(virtual_arm):
-    """Up and level, ten seconds of work before it."""
+    """Return an arm that is up and whose hand is level."""
     virtual_arm.up()
     virtual_arm.load_controller("level_hand", LevelHand, wrist="wrist_flex", others=["shoulder_lift", "elbow_flex"])
     virtual_arm.switch_controllers(activate=["level_hand"])
@@ -56,5 +56,5 @@ def test_the_hand_stays_level(arm):
 
 @pytest.mark.seeds(12)
 @pytest.mark.random_faults(3, within_s=6.0, kinds=["silent"])
-def test_the_hand_stays_level_when_servos_are_not_heard(arm):
+def test_the_hand_stays_level_with_silent_servos(arm):
     work(arm)
