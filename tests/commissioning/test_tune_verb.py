@@ -136,7 +136,7 @@ def test_a_picture_that_cannot_be_written_hides_neither_figures_nor_what_was_wri
         ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "give one of them"),
         ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P takes 1 to 255, not 999"),
         ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot go to 3.000"),
-        ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: name a file"),
+        ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: choose the name of a file"),
     ],
 )
 def test_what_cannot_be_done_is_said_before_anything_moves(

@@ -1,4 +1,4 @@
-"""The poses of the pick-and-place job, and the job as a foreign node may send it: without waiting for the hand."""
+"""Poses of the pick-and-place job, and the job as another node may send it, without waiting for the hand."""
 
 from controller.trajectory.goal import GoalHandle
 from nodes.pick_place.settings import Settings
@@ -17,7 +17,7 @@ ROBOT_ARM = Settings()
 
 
 class UnpacedJob:
-    """The pick-place node's job by the letter: the hand is told, and the arm in the same instant."""
+    """Pick-and-place job that sends the arm goal immediately after the hand command."""
 
     def __init__(self, rig: SimulatedStack, grade: str, settings: Settings = ROBOT_ARM) -> None:
         self._rig = rig

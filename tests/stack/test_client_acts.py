@@ -1,4 +1,4 @@
-"""Actions of simulated clients: each does to the arm what the real program does."""
+"""Actions of simulated clients have the same effect as the real programs."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from servoloop.simulation.schedule import Schedule
 
 
 def turned(arm: str, act: Act, joint: str) -> tuple[list[float], tuple[str, ...]]:
-    """Angles of a joint while the client acts and afterwards, each 0.05 s, and what invariants say."""
+    """Return the angles of a joint during and after the action, every 0.05 s, and the violated invariants."""
     angles: list[float] = []
 
     def prepare(stack: FaultyStack) -> None:
@@ -23,7 +23,7 @@ def turned(arm: str, act: Act, joint: str) -> tuple[list[float], tuple[str, ...]
 @pytest.mark.parametrize(
     ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
 )
-def test_a_jogged_joint_turns_while_its_key_is_held_and_stops_soon_afterwards(arm: str, joint: str) -> None:
+def test_jogged_joint_moves_while_key_is_held_and_stops_soon_after(arm: str, joint: str) -> None:
     angles, violations = turned(arm, Jog(at_s=0.5, joint=joint, share=1.0, for_s=1.0), joint)
     assert not violations
     assert angles[32] - angles[10] > 0.2
@@ -33,7 +33,7 @@ def test_a_jogged_joint_turns_while_its_key_is_held_and_stops_soon_afterwards(ar
 @pytest.mark.parametrize(
     ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
 )
-def test_a_guided_joint_goes_with_the_hand_and_is_held_where_it_was_left(arm: str, joint: str) -> None:
+def test_guided_joint_follows_the_hand_and_holds_its_last_position(arm: str, joint: str) -> None:
     angles, violations = turned(arm, Guide(at_s=0.3, joint=joint, share=1.0, for_s=1.5), joint)
     assert not violations
     assert angles[36] - angles[6] > 0.2

@@ -1,4 +1,4 @@
-"""Each invariant falls where it is broken on purpose, and none does where nothing is."""
+"""Each invariant is violated by its own defect, and none without a defect."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -48,12 +48,12 @@ def fallen(report: RunReport) -> set[str]:
     ],
     ids=" and ".join,
 )
-def test_none_falls_where_the_stack_is_whole(faults: tuple[str, ...]) -> None:
+def test_no_invariant_is_violated_without_defects(faults: tuple[str, ...]) -> None:
     assert run(*faults).violations == ()
 
 
 def without_faults(stack: FaultyStack) -> None:
-    """What is wrong with the joints is not reported."""
+    """Suppress the faults of the joints."""
     read = stack.hardware.read
 
     def blind() -> JointState:
@@ -72,11 +72,11 @@ def with_nan(stack: FaultyStack) -> None:
     stack.hardware.read = wrong  # type: ignore[method-assign]
 
 
-def test_a_silent_servo_that_nothing_names() -> None:
+def test_detects_silent_servo_that_is_not_reported() -> None:
     assert "named, and it alone" in fallen(run("silent id=3 at=0.5s for=0.6s", prepare=without_faults))
 
 
-def test_a_servo_that_is_named_for_another_one() -> None:
+def test_detects_servo_reported_in_place_of_another() -> None:
     def blames(stack: FaultyStack) -> None:
         read = stack.hardware.read
 
@@ -92,12 +92,12 @@ def test_a_servo_that_is_named_for_another_one() -> None:
     assert violation.text.startswith("joint5 is named, and well")
 
 
-def test_a_limp_joint_that_nothing_names() -> None:
+def test_detects_limp_joint_that_is_not_reported() -> None:
     report = run("brown_out id=2 at=0.5s", prepare=without_faults)
     assert "limp joints are found" in fallen(report)
 
 
-def test_a_velocity_that_is_no_number() -> None:
+def test_detects_nan_velocity() -> None:
     assert "safe commands" in fallen(run(prepare=with_nan))
 
 
@@ -117,18 +117,18 @@ def no_nan(gate: SafetyGate, wanted: FloatArray, last: FloatArray, *_: object) -
         (no_nan, "controller_nan at=0.3s for=0.5s", "no number"),
     ],
 )
-def test_a_gate_that_lets_it_pass(
+def test_detects_safety_gate_that_passes_bad_commands(
     monkeypatch: pytest.MonkeyPatch, broken: Callable[..., Gated], fault: str, text: str
 ) -> None:
-    """Also where the layers below make it harmless."""
+    """This holds even if lower layers make the command harmless."""
     monkeypatch.setattr(SafetyGate, "limit", broken)
     violations = run(fault).violations
     assert any(one.invariant == "safe commands" and text in one.text for one in violations), violations
 
 
 @pytest.mark.parametrize(("off", "text"), [(300, "leaps"), (4000, "is outside")])
-def test_a_driver_that_sends_another_goal(monkeypatch: pytest.MonkeyPatch, off: int, text: str) -> None:
-    """Seen on the wire, whatever the layers above believe to have sent."""
+def test_detects_driver_that_sends_a_wrong_goal(monkeypatch: pytest.MonkeyPatch, off: int, text: str) -> None:
+    """The bytes on the wire count, whatever the upper layers report."""
     stacks: list[FaultyStack] = []
     write_goals = JointBuses.write_goals
 
@@ -144,7 +144,7 @@ def test_a_driver_that_sends_another_goal(monkeypatch: pytest.MonkeyPatch, off: 
     assert "joint2: goal" in violations["goals mean commands"]
 
 
-def test_a_goal_without_an_end_and_torque_behind_the_end() -> None:
+def test_detects_goal_without_result_and_torque_after_shutdown() -> None:
     stack = FaultyStack(files=FILES)
     stack.relaxes = True
     watch = Watch(stack, (GoalsEnd, EndsAsChosen))
@@ -182,7 +182,7 @@ JAMMED = (Move(at_s=0.1, positions={"joint1": 1.2}, seconds=3.0),)
         ("gate_takes_zero_for_nan", "nan holds", MOVES, ("controller_nan at=0.5s for=0.3s",)),
     ],
 )
-def test_a_planted_bug_is_named_and_its_schedule_is_well_without_it(
+def test_planted_bug_is_reported_and_its_schedule_passes_without_it(
     monkeypatch: pytest.MonkeyPatch, bug: str, invariant: str, clients: tuple[Act, ...], faults: tuple[str, ...]
 ) -> None:
     schedule = Schedule(seconds=6.0, clients=clients, faults=tuple(map(parse, faults)))
