@@ -80,5 +80,5 @@ def test_a_field_takes_neither_truth_values_nor_nonsense_for_a_number(model: typ
 
 def test_the_models_of_all_kinds_of_files_are_looked_at() -> None:
     names = {model.__qualname__ for model in MODELS}
-    assert {"JointFile", "CalibratedJoint", "LerobotJoint", "TaughtFile", "Scenario", "Schedule", "Silent"} <= names
+    assert {"JointFile", "CalibratedJoint", "LerobotJoint", "MotionFile", "Scenario", "Schedule", "Silent"} <= names
     assert {"TrajectoryParameters", "GripperParameters", "Passport", "PosesFile", "PickPlace", "JointPlan"} <= names

@@ -1,4 +1,4 @@
-"""A virtual arm under gravity on simulated time, and a hand of limited force that moves it."""
+"""Virtual arm under gravity in simulated time, moved by a hand with limited force."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
 from servoloop.teach.arm import add_freedrive, build_arm
 from servoloop.teach.record import Recording
-from servoloop.teach.taught import Taught
+from servoloop.teach.taught import RecordedMotion
 from servoloop.teleop.arms import Side
 from sim_backend.clock import SimulatedClock
 from sim_backend.scene.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
@@ -21,14 +21,14 @@ from tests.teleop.rig import Lines
 
 SO101 = read_arm_files(find_arm("so101"))
 FREE: Mapping[str, float] = {"shoulder_lift": -0.9, "elbow_flex": 0.3, "wrist_flex": 0.6}
-"""A pose with nothing around it."""
+"""Collision-free pose."""
 RATE_HZ = 50
 
 Pose = Mapping[str, float]
 
 
 class Rig:
-    """The arm under its loop, not yet configured: its controller comes first."""
+    """Arm with its loop, not yet configured, so that a controller can be added first."""
 
     def __init__(self, soft: bool = False, pose: Pose = FREE, files: Files = SO101) -> None:
         self.clock = SimulatedClock()
@@ -98,11 +98,11 @@ class Rig:
 
 
 class Lesson:
-    """A recording on a rig of its own. ``kept`` are the motions and their warnings."""
+    """Recording on a rig of its own. ``kept`` has the saved motions and their warnings."""
 
     def __init__(self, soft: bool, poses: bool = False, pose: Pose = FREE) -> None:
         self.rig = Rig(soft, pose)
-        self.kept: list[tuple[Taught, Sequence[str]]] = []
+        self.kept: list[tuple[RecordedMotion, Sequence[str]]] = []
         self.asked: list[str] = []
         freedrive = add_freedrive(self.rig.arm) if soft else None
         self.recording = Recording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
@@ -119,7 +119,7 @@ class Lesson:
 
     def go_on(self, seconds: float) -> bool:
         """So long, or until the recording's end; whether it has not come."""
-        return self.rig.run(seconds, lambda: self.recording.look(self.rig.clock.now()))
+        return self.rig.run(seconds, lambda: self.recording.update(self.rig.clock.now()))
 
     def show(self, seconds: float, size: float = 1.0) -> None:
         """The hand goes a way of so long, and stands."""
@@ -130,7 +130,7 @@ class Lesson:
 
 
 def way(here: Pose, share: float, size: float = 1.0) -> Pose:
-    """A way in free air that begins and ends at rest, at its share (0 to 1), from the pose ``here``."""
+    """Return a collision-free motion from the pose ``here``, starting and ending at rest, at a share (0 to 1) of it."""
     rests = math.sin(math.pi * share) ** 2
     arrives = 0.2 * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     return {

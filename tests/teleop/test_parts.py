@@ -1,4 +1,4 @@
-"""The parts of teleoperation: the dead-man key, which joints belong together, what is refused."""
+"""Parts of teleoperation: the dead-man key, the mapping of joints, and refused combinations."""
 
 from dataclasses import replace
 
@@ -21,12 +21,12 @@ from tests.teleop.rig import FOLLOWER, LEADER, Rig
 
 @pytest.fixture
 def key(monkeypatch: pytest.MonkeyPatch) -> DeadMansKey:
-    """A key on a terminal on which nobody types."""
+    """Return a dead-man key on a terminal without input."""
     monkeypatch.setattr(dead_man, "typed", lambda wait_s: [])
     return DeadMansKey()
 
 
-def test_a_key_counts_as_held_until_its_repeats_stay_out(key: DeadMansKey) -> None:
+def test_key_counts_as_held_until_its_repeats_stop(key: DeadMansKey) -> None:
     assert not key.allowed(0.0)
     key.press("space", 1.0)
     assert key.allowed(1.0 + FIRST_S) and not key.allowed(1.0 + FIRST_S + 0.01), "a tap is no more than that"
@@ -35,14 +35,14 @@ def test_a_key_counts_as_held_until_its_repeats_stay_out(key: DeadMansKey) -> No
     assert key.allowed(3.57 + REPEAT_S) and not key.allowed(3.58 + REPEAT_S)
 
 
-def test_q_ends_and_the_key_is_let_go_with_it(key: DeadMansKey) -> None:
+def test_q_ends_the_teleoperation_and_releases_the_key(key: DeadMansKey) -> None:
     key.press("x", 1.0)
     key.press("q", 1.0)
     assert key.ended() and not key.allowed(1.0)
     assert HandsFree().allowed(0.0) and not HandsFree().ended()
 
 
-def test_a_command_key_is_no_key_that_is_held(key: DeadMansKey) -> None:
+def test_command_key_does_not_count_as_held(key: DeadMansKey) -> None:
     with_commands = DeadMansKey("a")
     with_commands.press("x", 1.0)
     with_commands.press("a", 1.1)
@@ -66,7 +66,7 @@ def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
 
 
 def test_a_follower_with_other_joints_is_refused() -> None:
-    with pytest.raises(TeleopError, match="so101_leader has no joint1, joint2"):
+    with pytest.raises(TeleopError, match="so101_leader lacks joint1, joint2"):
         followed_joints(LEADER, read_arm_files(find_arm("robot_arm")), Rig().teleop.stack.setup)
 
 
