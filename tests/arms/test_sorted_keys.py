@@ -1,4 +1,4 @@
-"""The files of an arm mean the same when another program has saved them with their keys in another order."""
+"""The files of an arm keep their meaning if another program saves them with their keys in another order."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +20,7 @@ from sim_backend.faults.servos import Silent
 
 
 def sort_keys(folder: Path, backwards: bool = False) -> None:
-    """Save every YAML file below the folder again with its keys sorted."""
+    """Rewrite every YAML file in a folder with sorted keys."""
 
     def ordered(content: Any) -> Any:
         if isinstance(content, Mapping):
@@ -33,7 +33,7 @@ def sort_keys(folder: Path, backwards: bool = False) -> None:
 
 @pytest.fixture(scope="module", params=[False, True], ids=["sorted", "backwards"])
 def resaved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder ``config`` with all arms that ship, their files saved in another order."""
+    """Return the folder ``config`` with all included arms and sorted keys."""
     home = tmp_path_factory.mktemp("home")
     copytree(CONFIG, home / "config")
     copytree(URDF.parent, home / "urdf")
@@ -42,7 +42,7 @@ def resaved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 @pytest.mark.parametrize("name", sorted(path.parent.name for path in ARMS.glob("*/arm.yaml")))
-def test_an_arm_is_the_same(resaved: Path, name: str) -> None:
+def test_arm_with_sorted_keys_is_equal(resaved: Path, name: str) -> None:
     before, after = find_arm(name), find_arm(str(resaved / "arms" / name))
     auto, auto_after = before.file.calibration.auto, after.file.calibration.auto
     assert after.file.calibration == before.file.calibration
