@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from servoloop.simulation.schedule import Schedule, behind_the_end
+from servoloop.simulation.schedule import Schedule, after_the_end
 from servoloop.stack.arm_folders import OWN
 from sim_backend.faults.event import Event
 
@@ -23,7 +23,7 @@ def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda
     """
     smaller = schedule
     while True:
-        smaller_ones = (one for one in _smaller(smaller) if one != smaller and not behind_the_end(one))
+        smaller_ones = (one for one in _smaller(smaller) if one != smaller and not after_the_end(one))
         found = next((one for one in smaller_ones if not stop() and breaks(one)), None)
         if found is None:
             return smaller

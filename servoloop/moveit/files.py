@@ -14,7 +14,7 @@ import yaml
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
 from servoloop.moveit.collision_matrix import SAMPLES, reasons
-from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
+from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import Objects, Shape, surroundings
 from servoloop.stack.arm_folders import Arm, read_arm_files
@@ -39,7 +39,7 @@ def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
     """
     files = read_arm_files(arm)
     unchecked = reasons(arm.scene, samples)
-    lying = lying_poses(arm)
+    lying = rest_poses(arm)
     poses = {**lying, **working_poses(arm)}
     for padding_m in PADDINGS_M:
         objects = surroundings(arm.scene, padding_m, list(lying.values()))

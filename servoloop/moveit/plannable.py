@@ -17,7 +17,7 @@ from servoloop.stack.arm_folders import Arm
 from servoloop.stack.pick_place import PickPlace, load_pick_place
 from sim_backend.scene.world import World
 
-FALLING_S: Final = 4.0
+SETTLE_S: Final = 4.0
 """Time for a limp arm to come to rest, in seconds of the simulation."""
 FAR_M: Final = 1.0
 
@@ -26,7 +26,7 @@ class PaddedArm:
     """Arm with padding, as checked by MoveIt."""
 
     def __init__(self, scene: Path, objects: Objects, padding_m: float, unchecked: Collection[Pair] = ()) -> None:
-        """``unchecked``: pairs of links excluded by the SRDF."""
+        """``unchecked`` are the pairs of links excluded by the SRDF."""
         self._links = LinkModel(scene)
         self._unchecked = set(unchecked)
         spec, names = spec_with(scene, objects, padding_m)
@@ -66,26 +66,26 @@ class PaddedArm:
         return sorted(around) + [f"{one} - {other}" for one, other in sorted(itself)]
 
 
-def fallen(scene: Path, pose: Pose) -> Pose:
+def released_pose(scene: Path, pose: Pose) -> Pose:
     """Return the pose in which an arm comes to rest after it is released in a pose."""
     start = World(scene)
     world = World(scene, initial_position=[pose.get(joint, 0.0) for joint in start.joints])
-    for _ in range(round(FALLING_S / world.timestep_s)):
+    for _ in range(round(SETTLE_S / world.timestep_s)):
         world.advance()
     return dict(zip(world.joints, world.position().tolist(), strict=True))
 
 
-def lying_poses(arm: Arm) -> dict[str, Pose]:
+def rest_poses(arm: Arm) -> dict[str, Pose]:
     """Return the poses of rest: at the start of the stack and parked, each with torque and released."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
     poses: dict[str, Pose] = {"the start": begin}
     if world.lies:
-        poses["the start, limp"] = fallen(arm.scene, begin)
+        poses["the start, limp"] = released_pose(arm.scene, begin)
     if park is not None:
         for hand, at in _hands(arm, world.joints[-1]):
             poses[f"park, {hand}"] = {**at, **park.pose}
-            poses[f"park, {hand}, limp"] = fallen(arm.scene, {**at, **park.pose})
+            poses[f"park, {hand}, limp"] = released_pose(arm.scene, {**at, **park.pose})
     return poses
 
 

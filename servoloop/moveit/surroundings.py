@@ -16,7 +16,7 @@ from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
 """Clearance between the padded arm and the objects that it stands on, lies on or works at, in m."""
-LIES_M: Final = 0.03
+REST_MARGIN_M: Final = 0.03
 """Maximum distance between the actual and the computed pose of rest of an arm, in m."""
 REACH_M: Final = 0.7
 """Half the side length of the table, in m."""
@@ -142,7 +142,7 @@ def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) ->
     pits: list[Pit] = []
     for positions in lying:
         arm.place(arm.pose(dict(positions)))
-        pit = _pit(arm, moved, level, padding_m, LIES_M)
+        pit = _pit(arm, moved, level, padding_m, REST_MARGIN_M)
         for other in [other for other in pits if pit is not None and pit.meets(other)]:
             pits.remove(other)
             pit = pit.joined(other) if pit else other

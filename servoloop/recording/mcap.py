@@ -22,7 +22,7 @@ class McapStream:
     """
 
     def __init__(self, output: IO[bytes], chunked: bool) -> None:
-        """``chunked``: whether to write compressed chunks and an index, as in a file. Otherwise each message is written
+        """Start the stream. With ``chunked``, write compressed chunks and an index; otherwise write each message
         immediately.
         """
         compression = CompressionType.ZSTD if chunked else CompressionType.NONE
@@ -32,7 +32,7 @@ class McapStream:
         self._schemas: dict[str, int] = {}
 
     def has_channel(self, topic: str) -> bool:
-        """Whether the topic has a channel."""
+        """Return whether a topic has a channel."""
         return topic in self._channels
 
     def add_channel(self, topic: str, kind: str, definition: str) -> None:
@@ -86,7 +86,7 @@ class McapFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises RecordingError if the file cannot be created or already exists."""
+        """Create the file. Raises RecordingError if it cannot be created or already exists."""
         self.path = path
         with self._errors():
             self._stream: IO[bytes] = path.open("xb")

@@ -74,7 +74,7 @@ class _Numbers:
     """Converts the messages of a run to arrays."""
 
     def __init__(self, received: dict[str, list[Received]], command_rows: Sequence[int]) -> None:
-        """``command_rows``: index of the joint state that belongs to each command."""
+        """``command_rows`` has the index of the joint state for each command."""
         self._received = received
         self._states = received[STATES]
         self._stamped = _are_stamped(self._states)

@@ -136,7 +136,7 @@ class RecordingFile:
     eager = False
 
     def __init__(self, path: Path, messages: Messages) -> None:
-        """Raises RecordingError if the file cannot be created or already exists."""
+        """Create the file. Raises RecordingError if it cannot be created or already exists."""
         self.path = path
         self._messages = messages
         self._begun = False

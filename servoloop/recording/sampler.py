@@ -44,7 +44,7 @@ class LinkPoses:
     """Poses of all links of a robot description, including links of mimic joints."""
 
     def __init__(self, joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> None:
-        """``measured``: joints of the hardware, in the order of its states."""
+        """``measured`` lists the joints of the hardware in the order of its states."""
         self.fixed = [_pose(joint, 0.0) for joint in joints.values() if joint.kind == "fixed"]
         self._moving = list(_moving(joints, measured))
 

@@ -35,7 +35,7 @@ class StackRecording:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """``path``: path of the recording. None: record only faults."""
+        """Record to the file ``path``, or only faults if ``path`` is None."""
         self._path = path
         self._taps = BusTaps()
 

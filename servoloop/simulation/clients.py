@@ -35,7 +35,7 @@ class SimulatedClients:
     """Clients that carry out ``acts`` on an active stack. Call ``cycle`` after every cycle."""
 
     def __init__(self, stack: SimulatedStack, arm: Any, acts: tuple[Act, ...]) -> None:
-        """``arm``: trajectory controller that receives the goals."""
+        """``arm`` is the trajectory controller that receives the goals."""
         self._stack, self._arm = stack, arm
         self._since_s = stack.clock.now()
         self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._action(act)) for act in acts]

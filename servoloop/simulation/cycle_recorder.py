@@ -54,11 +54,11 @@ class Recording:
     joints: tuple[str, ...]
     cycles: tuple[CycleRecord, ...]
 
-    def around(self, time_s: float, before_s: float, cycles_behind: int) -> "Recording":
-        """Return the cycles of ``before_s`` seconds before a time, and ``cycles_behind`` cycles after it."""
+    def around(self, time_s: float, before_s: float, cycles_after: int) -> "Recording":
+        """Return the cycles of ``before_s`` seconds before a time, and ``cycles_after`` cycles after it."""
         times = [cycle.time_s for cycle in self.cycles]
         begin = bisect_left(times, time_s - before_s - ROUNDING_S)
-        end = bisect_left(times, time_s + ROUNDING_S) + cycles_behind
+        end = bisect_left(times, time_s + ROUNDING_S) + cycles_after
         return replace(self, cycles=self.cycles[begin:end])
 
 

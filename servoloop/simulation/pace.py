@@ -85,7 +85,7 @@ class Pace:
 
     @property
     def summary(self) -> str:
-        """Simulated time, real time and their ratio as a sentence, without pauses."""
+        """Sentence with the simulated time, the real time without pauses, and their ratio."""
         simulated_s = self._now_s - self._begun_s
         times = f", {simulated_s / self._running_s:.1f} times real time" if self._running_s > 0.0 else ""
         return f"{simulated_s:.1f} s simulated in {self._running_s:.1f} s{times}"

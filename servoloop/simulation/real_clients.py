@@ -28,7 +28,7 @@ class SimulatedTime:
     """
 
     def __init__(self, pace: Pace, build: Build) -> None:
-        """``build``: build of the virtual servos."""
+        """``build`` describes the virtual servos."""
         self.clock = SimulatedClock()
         self.pace = pace
         self.worker = SameThreadWorker()

@@ -51,13 +51,13 @@ def read_schedule(path: Path) -> Schedule:
     """
     schedule = load(path, Schedule, ScheduleError)
     arm_in(path, schedule.arm)
-    if late := behind_the_end(schedule):
+    if late := after_the_end(schedule):
         file = compose(path, ScheduleError)
         raise ScheduleError("\n".join(f"{file.place((*place, 'at_s'))}: {text}" for place, text in late))
     return schedule
 
 
-def behind_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
+def after_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
     """Return the position and a message for each fault or action that starts after the end of the run.
 
     Return nothing for schedules with jobs, as the length of their runs is unknown.

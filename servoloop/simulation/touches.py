@@ -57,14 +57,14 @@ def touched_joints(event: Event, joints: Sequence[Joint]) -> set[str]:
         return set()
     on_line = [joint for joint in joints if bus in (None, joint.bus)]
     if servo_id is None:
-        return {joint.name for joint in _behind(getattr(event, "after", None), on_line)}
+        return {joint.name for joint in _downstream(getattr(event, "after", None), on_line)}
     also = {getattr(event, "to", None), getattr(event, "other", None)}
     if event.kind == "eeprom_gone":
         also.add(FACTORY_ID)
     return {joint.name for joint in on_line if joint.servo_id in {servo_id, *also}}
 
 
-def _behind(after: int | None, joints: Sequence[Joint]) -> Sequence[Joint]:
+def _downstream(after: int | None, joints: Sequence[Joint]) -> Sequence[Joint]:
     """Return the joints after a servo in the daisy chain, or all joints if the cable breaks before the first servo."""
     places = [place for place, joint in enumerate(joints) if joint.servo_id == after]
     return joints[places[0] + 1 :] if places else joints

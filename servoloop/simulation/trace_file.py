@@ -22,7 +22,7 @@ class PacketText:
     """Converts the packets of one bus to text. Packets must be passed in order."""
 
     def __init__(self, joints: Iterable[Joint]) -> None:
-        """``joints``: joints with a servo on the bus, at least one."""
+        """``joints`` are the joints with a servo on the bus; there must be at least one."""
         models = {joint.servo_id: joint.model for joint in joints}
         self._registers = {r.address: r.name for model in models.values() for r in series_of(model).registers}
         self._v1 = wire_protocol(models).packets is v1

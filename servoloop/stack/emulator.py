@@ -149,7 +149,7 @@ class EmulatedArm:
     """Virtual arm: simulated world, virtual servos on pseudo-terminals, fault injection and pictures."""
 
     def __init__(self, files: ServoFiles, link: Path, build: Build, pictured: bool) -> None:
-        """Raises ArmFileError if the scene lacks joints of the servos."""
+        """Build the virtual arm. Raises ArmFileError if the scene lacks joints of the servos."""
         ways = build.mounted(couplings(files.robot))
         require_scene(files.scene, [one.joint for one in ways])
         self.world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))

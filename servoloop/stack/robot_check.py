@@ -36,7 +36,7 @@ class _Check:
     """
 
     def __init__(self, arm: Arm, names_known: bool = True) -> None:
-        """``names_known``: whether ``arm.yaml`` was readable. Otherwise a missing file may have another name."""
+        """``names_known`` tells whether ``arm.yaml`` was readable. Otherwise a missing file may have another name."""
         self.problems: list[str] = []
         self._arm = arm
         self._names_known = names_known

@@ -31,7 +31,7 @@ class Signals:
     """
 
     def __init__(self, left: str = "") -> None:
-        """``left``: sentence about the state of the hardware if the program ends at once."""
+        """``left`` describes the state of the hardware after an immediate end, for the message."""
         self.count = 0
         self._left = left
         self._former: dict[int, object] = {}

@@ -32,7 +32,7 @@ class HeldKey:
     """
 
     def __init__(self, tap_s: float) -> None:
-        """``tap_s``: time for which a key counts as held after a single press, until its repeats start."""
+        """``tap_s`` is the time for which a key counts as held after a single press, until its repeats start."""
         self._tap_s = tap_s
         self._key = ""
         self._pressed_s = self._until_s = -1.0

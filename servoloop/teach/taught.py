@@ -217,7 +217,7 @@ class MotionStore:
     """
 
     def __init__(self, folder: Path) -> None:
-        """``folder``: folder of the arm."""
+        """``folder`` is the folder of the arm."""
         self._folder = folder / FOLDER
 
     def all(self) -> dict[str, RecordedMotion]:

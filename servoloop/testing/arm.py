@@ -180,7 +180,7 @@ class VirtualArm:
         self._faults += draw(self.seed or 0, there, within_s, count, None if kinds is None else tuple(kinds))
 
     def fault(self, text: str) -> None:
-        """Inject a fault now, or at the time from now given by its ``at``."""
+        """Inject a fault now, or after the delay given by its ``at``."""
         self._require_up()
         event, now_s = parse(text), self.stack.world.time_s
         self.stack.player.play([event], now_s)

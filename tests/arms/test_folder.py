@@ -49,7 +49,7 @@ def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
     assert (arm.name, arm.urdf, arm.robot) == ("mine", URDF, folder / "robot.yaml")
 
 
-def test_a_path_is_never_the_arm_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_path_is_never_read_as_the_name_of_an_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ArmFileError, match=r"there is no arm \./so101"):
         find_arm("./so101")
@@ -135,7 +135,7 @@ def test_leader_differs_only_in_its_gears() -> None:
     }
 
 
-def test_both_voltages_of_the_so101_are_mounted_alike() -> None:
+def test_both_so101_variants_are_mounted_alike() -> None:
     low, high = (read_arm_files(find_arm(name)).robot for name in ("so101", "so101_12v"))
     assert {joint.model.rated_voltage_v for joint in low.joints} == {7.4}
     assert {joint.model.rated_voltage_v for joint in high.joints} == {12.0}

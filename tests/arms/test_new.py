@@ -115,12 +115,12 @@ def test_any_range_is_mapped_to_the_counts_of_the_servo(tmp_path: Path, lower: f
 
 
 @pytest.mark.parametrize("name", ["1", "yes", "null", "größe", "a: b"])
-def test_a_joint_may_have_any_name_that_yaml_would_read_as_another_value(tmp_path: Path, name: str) -> None:
+def test_joint_names_that_look_like_other_yaml_values_are_kept(tmp_path: Path, name: str) -> None:
     folder = made(tmp_path, TWO_JOINTS.replace('"lift"', f'"{name}"'))
     assert read_arm_files(read_arm(folder)).robot.joints[0].name == name
 
 
-def test_fingers_that_mimic_have_no_servo_and_the_hand_comes_last(tmp_path: Path) -> None:
+def test_mimic_fingers_have_no_servo_and_the_hand_is_last(tmp_path: Path) -> None:
     text = BLOCK.sub("", find_arm("robot_arm").urdf.read_text()).replace('"joint6"', '"wrist"')
     files = read_arm_files(read_arm(made(tmp_path, text)))
     assert files.robot.joints[-1].name == "hand_right_joint"

@@ -56,13 +56,13 @@ def test_arm_with_sorted_keys_is_equal(resaved: Path, name: str) -> None:
         assert load_pick_place(before.pick_place) == load_pick_place(after.pick_place)
 
 
-def test_a_seed_draws_the_same_faults(resaved: Path) -> None:
+def test_seed_draws_the_same_faults_with_sorted_keys(resaved: Path) -> None:
     name = "robot_arm_two_buses.yaml"
     there = [inventory_of(read_files(robot=folder / name)) for folder in (CONFIG, resaved)]
     assert draw(3, there[0], 10.0, 20) == draw(3, there[1], 10.0, 20)
 
 
-def test_the_order_of_a_calibration_is_a_list_and_a_mapping_is_refused(tmp_path: Path) -> None:
+def test_order_of_calibration_must_be_a_list(tmp_path: Path) -> None:
     text = (ARMS / "so101" / "arm.yaml").read_text()
     ordered = "stops: [{elbow_flex: -1.65}, {wrist_flex: 0.0}, {shoulder_lift: 0.0}]"
     assert ordered in text
@@ -72,7 +72,7 @@ def test_the_order_of_a_calibration_is_a_list_and_a_mapping_is_refused(tmp_path:
         find_arm(str(tmp_path))
 
 
-def test_poses_and_schedules_are_the_same_with_sorted_keys(tmp_path: Path) -> None:
+def test_poses_and_schedules_are_equal_with_sorted_keys(tmp_path: Path) -> None:
     pose = {"wrist": 0.1, "elbow": -0.2, "base": 0.3}
     Poses(tmp_path).save("over", pose)
     schedule = Schedule(

@@ -78,7 +78,7 @@ def ended_after(seconds: float) -> Iterator[None]:
 
 
 @pytest.mark.slow
-def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
+def test_documented_topics_match_a_recording(tmp_path: Path) -> None:
     simulate(read_files(), Settings(), Schedule(job=("B",)), tmp_path / "job.mcap")
     found = {re.sub("^/(arm|hand)_controller/", "/NAME/", topic) for topic in by_mcap(tmp_path / "job.mcap")}
     first_cells = [row.split("|")[1] for row in TEXT.splitlines() if row.startswith("| `/")]

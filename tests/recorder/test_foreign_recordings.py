@@ -68,7 +68,7 @@ def test_several_publishers_are_merged_by_name(tmp_path: Path) -> None:
     assert np.isfinite(recording.robot.state.snapshot.position).all()
 
 
-def test_a_joint_of_a_slow_publisher_is_interpolated(tmp_path: Path) -> None:
+def test_joint_of_a_slow_publisher_is_interpolated(tmp_path: Path) -> None:
     states = []
     for number, (at, row) in enumerate(ROWS):
         states.append(state(at, row, NAMES[1:]))

@@ -160,7 +160,7 @@ def test_one_false_reading_moves_no_joint(way: Callable[[TrackedStack], None], c
     counts=st.integers(100, 4096).flatmap(lambda size: st.sampled_from((size, -size))),
     share=st.floats(0.0, 1.0),
 )
-def test_no_false_reading_at_any_time_moves_a_joint(
+def test_false_reading_at_any_time_moves_no_joint(
     way: Callable[[TrackedStack], None], joint: int, counts: int, share: float
 ) -> None:
     deceived(way, joint, counts, share)

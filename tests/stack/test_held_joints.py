@@ -76,7 +76,7 @@ def test_pressing_arm_is_relieved_when_its_controller_is_deactivated(end: Callab
         assert max(loads(state).values()) < WEIGHT
 
 
-def test_a_joint_that_jams_at_full_speed_is_relieved_before_its_servo_releases() -> None:
+def test_jammed_joint_is_relieved_before_its_servo_releases() -> None:
     start, end = LIFTED_FAST
     stack = at(start)
     goal = TrajectoryGoal(stack.arm.joints, tuple(trapezoid(here(stack).tolist(), end, LIMITS)))

@@ -59,7 +59,7 @@ def test_arm_goals_end_before_their_client_times_out() -> None:
     assert max(took_s) < 1.1 * 2.0 + 1.5
 
 
-def test_the_same_run_gives_the_same_bytes() -> None:
+def test_equal_runs_give_equal_bytes() -> None:
     def run() -> tuple[object, ...]:
         rig = SimulatedStack().up()
         rig.bus.faults.corrupt_next(3)

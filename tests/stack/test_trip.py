@@ -65,7 +65,7 @@ def test_a_reply_passes_few_files_of_controller() -> None:
     assert len(trip) <= 4, trip
 
 
-def test_a_goal_ends_at_the_wire_and_a_reply_begins_there() -> None:
+def test_goal_path_ends_and_reply_path_begins_at_the_port() -> None:
     down = goal_to_wire(up())
     assert down[-1].startswith("drivers/") and "hal/gate.py" in down
     assert not any(name.startswith(("tests/", "sim_backend/")) for name in down)

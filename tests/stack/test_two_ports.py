@@ -102,7 +102,7 @@ def test_lost_port_is_reported_and_the_exit_policy_is_followed(lost: str, joint:
     assert driven == [not relax] * len(driven)
 
 
-def test_the_same_run_gives_the_same_bytes() -> None:
+def test_equal_runs_give_equal_bytes() -> None:
     def run() -> tuple[object, ...]:
         rig = two_ports()
         rig.lines["arm"].faults.corrupt_next(3)

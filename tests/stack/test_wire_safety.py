@@ -136,7 +136,7 @@ class Scenario:
 @pytest.mark.soak
 @pytest.mark.parametrize("rogue", [False, True], ids=["sane", "rogue"])
 @pytest.mark.parametrize("seed", range(CYCLES // 100))
-def test_nothing_unsafe_goes_over_the_wire(seed: int, rogue: bool) -> None:
+def test_no_unsafe_command_reaches_the_bus(seed: int, rogue: bool) -> None:
     scenario = Scenario(seed, rogue)
     scenario.play()
     assert scenario.monitor.broken == []

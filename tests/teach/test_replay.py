@@ -94,7 +94,7 @@ def test_positions_beyond_this_arms_limits_are_limited_with_a_warning(recordings
     assert taught.position[:, 0].max() <= 0.3
 
 
-def test_a_recording_without_a_movement_or_without_a_run_is_refused(tmp_path: Path) -> None:
+def test_recording_without_motion_or_joint_states_is_refused(tmp_path: Path) -> None:
     rig, path = RecordedRig(HERE), tmp_path / "still.mcap"
     rig.run(2.0)
     file = RecordingFile(path, rig.messages)

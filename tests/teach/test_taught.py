@@ -104,16 +104,14 @@ def test_another_version_is_refused(motions: MotionStore) -> None:
 
 
 @pytest.mark.parametrize("head", ["version: 1\n", "", "version: 2\n"])
-def test_joints_in_a_mapping_are_refused_as_without_an_order(motions: MotionStore, head: str) -> None:
+def test_joints_in_a_mapping_are_refused(motions: MotionStore, head: str) -> None:
     motions.path("wave").write_text(f"{head}joints: {{wrist: rad, arm: rad}}\npoints: [{{positions: [0.0, 1.0]}}]\n")
     with pytest.raises(TeachError, match=r"wave.yaml.*another program may have changed the order.*record the motion"):
         motions.get("wave")
 
 
 @pytest.mark.parametrize("taught", [POSES, PATH])
-def test_a_file_means_the_same_when_another_program_has_sorted_its_keys(
-    motions: MotionStore, taught: RecordedMotion
-) -> None:
+def test_sorted_keys_do_not_change_the_meaning_of_a_file(motions: MotionStore, taught: RecordedMotion) -> None:
     motions.save("wave", taught, JOINTS)
     content = yaml.safe_load(motions.path("wave").read_text())
     motions.path("wave").write_text(yaml.safe_dump(content, sort_keys=True))
@@ -153,7 +151,7 @@ def test_joints_are_reordered_and_unknown_joints_are_refused() -> None:
         PATH.of([*NAMES[:-1], "wrist"], "wave")
 
 
-def test_positions_beyond_the_limits_are_refused_with_each_joint() -> None:
+def test_positions_beyond_the_limits_are_refused_and_name_each_joint() -> None:
     POSES.check(LIMITS, "wave")
     far = POSITION.copy()
     far[0, 0], far[1, 2] = -3.0, 2.5
@@ -205,7 +203,7 @@ def test_errors_have_the_lines_of_the_points(motions: MotionStore) -> None:
         motions.get("wave").check_units(SO101.robot.joints, "wave")
 
 
-def test_a_motion_longer_than_a_goal_may_be_is_refused_when_it_is_read_or_made() -> None:
+def test_motion_longer_than_the_longest_goal_is_refused() -> None:
     check_duration(3600.0, "wave")
     with pytest.raises(TeachError, match=r"wave would take 3700 s, .* 3600 s: play it faster, or record it in parts"):
         check_duration(3700.0, "wave")

@@ -27,7 +27,7 @@ def commands(rig: Rig, since: int = 0) -> FloatArray:
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100])
-def test_the_follower_follows_half_a_hertz_within_sixty_milliseconds(rate_hz: int) -> None:
+def test_follower_lags_less_than_sixty_milliseconds_at_half_a_hertz(rate_hz: int) -> None:
     rig = Rig(rate_hz).follow()
     begun_s, cycle = rig.clock.now(), len(rig.states)
     hand = sine(PAN, 0.5, 0.5)
@@ -42,7 +42,7 @@ def test_the_follower_follows_half_a_hertz_within_sixty_milliseconds(rate_hz: in
     assert 0.0 < max(rig.teleop.latency.ages_s) <= 1.0 / rate_hz
 
 
-def test_the_leader_never_gets_torque_and_the_follower_keeps_its_own() -> None:
+def test_leader_never_has_torque_and_follower_keeps_its_torque() -> None:
     rig = Rig().follow()
     rig.run(1.0)
     memories = [servo.memory for line in rig.leader.lines.values() for servo in line.servos]

@@ -51,7 +51,7 @@ def test_command_key_does_not_count_as_held(key: DeadMansKey) -> None:
     assert key.allowed(1.0) and not key.commands()
 
 
-def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
+def test_joints_follow_by_angle_and_hands_by_share_of_range() -> None:
     trigger = next(joint for joint in LEADER.robot.joints if joint.name == "gripper")
     pulled = replace(trigger, limits=replace(trigger.limits, lower=0.0, upper=0.5))
     robot = replace(LEADER.robot, joints=(*LEADER.robot.joints[:-1], pulled))
@@ -78,7 +78,7 @@ def test_a_leader_is_never_driven() -> None:
 
 
 @given(st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=6))
-def test_a_ramp_is_never_faster_than_its_share_wherever_the_leader_goes(targets: list[float]) -> None:
+def test_joining_never_exceeds_its_share_of_the_velocity_limit(targets: list[float]) -> None:
     limits = [joint.limits for joint in FOLLOWER.robot.joints[:1]]
     ramp = RampIn(np.array([0.0]), limits, 0.02)
     for target in targets:
