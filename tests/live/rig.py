@@ -27,7 +27,7 @@ class LiveRig(Rig):
     """Active stack with its feed. ``play`` sends cycles to the feed."""
 
     def __init__(self, arm: str = "robot_arm", pid: int = 1, folder: Path | None = None) -> None:
-        """``folder``: the arm's own, if the stack tells it."""
+        """``folder`` is the folder of the arm, if the stack publishes it."""
         super().__init__()
         make_live_folder()
         self.feed = LiveFeed(socket_path(arm, pid), self.messages, folder)
@@ -41,7 +41,7 @@ class LiveRig(Rig):
         return len(samples)
 
     def wait_until_read(self) -> None:
-        """Whoever looks on has taken all that was played."""
+        """Wait until all viewers have received all cycles."""
         eventually(lambda: self.feed.flush() or not any(viewer._waiting for viewer in self.feed._viewers))
 
 
@@ -59,7 +59,7 @@ class LiveViewer:
             self.state.take(received)
 
     def to_its_end(self) -> RobotState:
-        """All that came until the stream ended."""
+        """Return the robot state at the end of the stream."""
         self._thread.join(30.0)
         assert not self._thread.is_alive()
         return self.state

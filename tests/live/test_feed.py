@@ -201,7 +201,7 @@ def test_starting_stack_is_not_mistaken_for_a_dead_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Slow(socket.socket):
-        """A socket whose program is looked for between its name and its listening."""
+        """Socket that is probed after it is bound but before it listens."""
 
         def listen(self, backlog: int = 0) -> None:
             assert running_stacks() == []

@@ -63,10 +63,10 @@ def test_default_file_name_has_date_and_arm_and_the_end_of_the_stack_is_reported
 def test_record_prints_json() -> None:
     rig = LiveRig()
     result = called(rig, "run.mcap", "--arm", "robot_arm", "--seconds", "0.2", "--json")
-    said = json.loads(result.stdout)
-    assert said.pop("length_s") == pytest.approx(0.2, abs=0.051)
-    assert said.pop("cycles") in (4, 5)
-    assert said == {"file": "run.mcap", "lost_cycles": 0, "stack_ended": False}
+    output = json.loads(result.stdout)
+    assert output.pop("length_s") == pytest.approx(0.2, abs=0.051)
+    assert output.pop("cycles") in (4, 5)
+    assert output == {"file": "run.mcap", "lost_cycles": 0, "stack_ended": False}
 
 
 def test_errors_are_reported_before_a_file_is_created(
@@ -90,13 +90,13 @@ def test_recording_is_readable_after_a_signal_or_kill(tmp_path: Path, signal: st
         eventually(lambda: rig.play(0.05) and rig.feed.eager, 60.0)
         eventually(lambda: rig.play(0.05) and path.exists() and path.stat().st_size > 20_000)
         getattr(process, signal)()
-        said, _ = process.communicate(timeout=30.0)
+        output, _ = process.communicate(timeout=30.0)
     stamps = []
     with path.open("rb") as stream, suppress(Exception):  # whatever the library makes of an end that was not written
         for _, _, message in NonSeekingReader(stream).iter_messages("/joint_states", log_time_order=False):
             stamps.append(message.log_time)
     assert len(stamps) > 2 and stamps == sorted(stamps)
     if signal == "terminate":
-        assert process.returncode == 0 and said.startswith(f"{path}: {len(stamps)} cycles in ")
+        assert process.returncode == 0 and output.startswith(f"{path}: {len(stamps)} cycles in ")
         assert len(by_mcap(path)["/joint_states"]) == len(stamps)
     rig.feed.close((), failed=False)

@@ -182,7 +182,7 @@ def test_message_that_does_not_match_its_type_is_skipped(tmp_path: Path, monkeyp
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "is an empty file, not an MCAP recording"),
         (
@@ -195,13 +195,13 @@ def test_message_that_does_not_match_its_type_is_skipped(tmp_path: Path, monkeyp
         (bytes(range(256)), "is a file of another format, not an MCAP recording"),
     ],
 )
-def test_other_file_formats_are_named_in_the_error(tmp_path: Path, content: bytes, said: str) -> None:
+def test_other_file_formats_are_named_in_the_error(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
     for read in (read_recording, Recording):
         with pytest.raises(RecordingError) as refused:
             read(path)
-        assert str(refused.value).startswith(f"{path} {said}")
+        assert str(refused.value).startswith(f"{path} {message}")
 
 
 def test_folder_instead_of_a_file_is_refused(tmp_path: Path) -> None:

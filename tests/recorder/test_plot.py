@@ -58,9 +58,9 @@ def test_faults_and_goal_results_have_times(run: RecordedRun) -> None:
 def test_page_needs_no_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:
     done = CliRunner().invoke(app, ["plot", str(recording), "--json"])
     assert done.exit_code == 0, done.output
-    said = json.loads(done.stdout)
-    text = Path(said["page"]).read_text()
-    assert said["page"] == str(recording.with_suffix(".html")) and said["cycles"] == len(run.time_s)
+    output = json.loads(done.stdout)
+    text = Path(output["page"]).read_text()
+    assert output["page"] == str(recording.with_suffix(".html")) and output["cycles"] == len(run.time_s)
     assert not re.search(r"(src|href)=\"https?:", text) and "<script" not in text
     for element in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
         ElementTree.fromstring(element)

@@ -8,7 +8,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 from sim_backend.faults.text import parse
 
 SWITCHES_ON = bytes([3, sts.torque_enable.address, 1])
-"""The instruction WRITE, the register and its value."""
+"""Packet fragment: instruction WRITE, register and value."""
 
 
 def up(*faults: str) -> FaultyStack:

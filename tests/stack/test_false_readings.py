@@ -39,7 +39,7 @@ class TrackedStack(FaultyStack):
 
     @property
     def goal(self) -> list[float]:
-        """The arm's start with the third joint further on."""
+        """Start pose with the third joint moved."""
         return [value + (REACH_RAD if index == 2 else 0.0) for index, value in enumerate(READY)]
 
     def transition(self, target: LifecycleState) -> None:

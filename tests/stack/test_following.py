@@ -36,7 +36,7 @@ class KnownOnly(GravityCompensation):
 
 
 UNKNOWN_LOAD = ('<mass value="0.11"/>', '<mass value="0.03"/>')
-"""The hand is 80 g heavier than its URDF says."""
+"""Additional mass of the hand that its URDF does not contain (80 g)."""
 
 
 def known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:

@@ -17,7 +17,7 @@ from tests.stack.rig import PICK, READY
 from tests.stack.test_full_scale import LIFTED_FAST, LIMITS, at, here
 
 WEIGHT = 0.3
-"""Share of full drive that carries the arm."""
+"""Share of the full drive needed to carry the arm."""
 
 
 def loads(state: JointState) -> dict[str, float]:

@@ -20,12 +20,12 @@ ACTIVE, UNCONFIGURED = LifecycleState.ACTIVE, LifecycleState.UNCONFIGURED
 
 
 def one_component() -> SimulatedStack:
-    """Two lines, one component."""
+    """Return a stack with two buses in one component."""
     return SimulatedStack(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml"))
 
 
 def two_components(folder: Path, keep_alive: bool = False) -> SimulatedStack:
-    """A line each."""
+    """Return a stack with two components, each on a bus of its own."""
     return SimulatedStack(files=read_files(write_servos(folder)), keep_alive=keep_alive)
 
 

@@ -71,12 +71,12 @@ def test_blocked_arm_joint_is_reported_while_it_drives_at_full_effort() -> None:
     handle = rig.arm.submit(TrajectoryGoal(rig.arm.joints, (point,), Tolerances({joint: -1.0}, {joint: 0.02}, 1.5)))
     seen: list[str] = []
 
-    def look() -> None:
+    def poll() -> None:
         assert rig.state is not None
         stall = rig.state.health[joint].stall
         seen.append(stall.text if stall else "")
 
-    rig.after_cycle = look
+    rig.after_cycle = poll
     rig.run(4.0, lambda: handle.done)
     assert any(text.startswith("servo 1 has driven with at least 80% of its torque") for text in seen)
     rig.run(1.0)

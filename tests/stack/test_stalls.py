@@ -56,13 +56,13 @@ class Job:
 
     @property
     def largest_steps(self) -> FloatArray:
-        """Of each command interface, from cycle to cycle."""
+        """Largest change of each command from cycle to cycle."""
         steps: FloatArray = np.abs(np.diff(np.array(self.commands), axis=0)).max(axis=0)
         return steps
 
     @property
     def fastest(self) -> FloatArray:
-        """Of each joint of the arm, as the world moved it."""
+        """Highest velocity of each joint of the arm in the world."""
         trace = self.rig.trace
         speeds: FloatArray = np.abs(np.diff(np.array(trace.actual), axis=0)) / np.diff(trace.world_s)[:, None]
         return speeds.max(axis=0)

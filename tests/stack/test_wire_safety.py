@@ -92,7 +92,7 @@ class Scenario:
         self.handles: list[GoalHandle] = []
 
     def play(self) -> list[str]:
-        """From configure to the end of the program; returns what could not be done at the end."""
+        """Run the scenario from configuration to shutdown, and return the failures of the shutdown."""
         self.rig.up()
         with suppress(PortLost, RuntimeError):  # the program ends then, as below
             self.rig.run(SCENARIO_S)
@@ -102,7 +102,7 @@ class Scenario:
         return shut_down(self.rig.loop, relax, park.pose, park.velocity_scale, lambda: hurried)
 
     def mischief(self) -> None:
-        """One cycle's worth of it."""
+        """Run the events of one cycle."""
         chance, rig = self.chance, self.rig
         acts: list[tuple[float, Callable[[], None]]] = [
             (0.08, self.send_goal),

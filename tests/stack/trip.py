@@ -42,7 +42,7 @@ class TripRecorder:
     def __init__(
         self, since: Function | None = None, until: Function | None = None, muted: Iterable[Function] = ()
     ) -> None:
-        """The trip begins when ``since`` first returns (None: at once), and ends when ``until`` is first called."""
+        """Record from the first return of ``since`` (None: immediately) until the first call of ``until``."""
         self.files: list[str] = []
         self._since = since.__code__ if since else None
         self._until = until.__code__ if until else None
@@ -50,11 +50,11 @@ class TripRecorder:
         self._names: dict[CodeType, str | None] = {}
         self._on, self._ended = since is None, False
         self._thread = threading.local()
-        """``muted``: the frame of the muted function that the thread is in."""
+        """``muted`` is the frame of the muted function that the thread executes, if any."""
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """While this lasts the trip can begin."""
+        """Allow the recording to start within the context."""
         threading.setprofile(self._event)
         sys.setprofile(self._event)
         try:
@@ -78,7 +78,7 @@ class TripRecorder:
             self._begin(frame)
 
     def _begin(self, frame: FrameType | None) -> None:
-        """Those who are in the middle of the call are on the way too."""
+        """Add the files of the callers, which are also on the path."""
         self._on = True
         callers: list[CodeType] = []
         while frame is not None:

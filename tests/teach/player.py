@@ -35,22 +35,22 @@ class Player:
         self.follow = add_trajectory(self.rig.arm)
         self.play = Play(self.rig.arm, self.follow, taught, speed, self.key)
         self.speeds: list[FloatArray] = []
-        """Of the references, each (n,)."""
+        """Velocities (n,) of the references."""
         self.rig.configure()
         self.play.begin()
 
     def go_on(self, seconds: float = 60.0, until: Phase | None = None) -> bool:
-        """So long, or until the end or a phase; whether the end has not come."""
+        """Run for a time, or until the end or a phase. Return whether the playback is still running."""
         going = True
 
-        def look() -> bool:
+        def poll() -> bool:
             nonlocal going
             if self.follow.tracking is not None:
                 self.speeds.append(self.follow.tracking.reference.velocity)
             going = self.play.update(self.rig.clock.now())
             return going and self.play.phase is not until
 
-        self.rig.run(seconds, look)
+        self.rig.run(seconds, poll)
         return going
 
 

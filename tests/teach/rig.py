@@ -33,7 +33,7 @@ class Rig:
     def __init__(self, soft: bool = False, pose: Pose = FREE, files: Files = SO101) -> None:
         self.clock = SimulatedClock()
         self.take_to: Callable[[float], Pose] = lambda time_s: {}
-        """Where the hand takes joints at a time; those that it does not name are free."""
+        """Positions to which the hand moves joints at a time. Other joints are free."""
         self._moved = [joint.name for joint in files.robot.joints]
         self.lines = Lines(files, pose, self._push)
         self.arm = build_arm(Side(files, self.lines.devices, self.lines), RATE_HZ, self.clock, run_at_once, soft)
@@ -42,7 +42,7 @@ class Rig:
         self.commands: list[FloatArray] = []
 
     def configure(self, take: Callable[[JointState], None] = lambda state: None) -> None:
-        """Find the servos; ``take`` is called at the end of each cycle."""
+        """Configure the arm. ``take`` is called at the end of each cycle."""
 
         def on_cycle(state: JointState) -> None:
             self.states.append(state)
@@ -52,14 +52,14 @@ class Rig:
         self.loop.on_cycle = on_cycle
         configure_all(self.loop.hardware)
 
-    def run(self, seconds: float, look: Callable[[], bool] = lambda: True) -> bool:
-        """Cycles for so long, or until somebody who looks on between them says no; whether nobody did."""
+    def run(self, seconds: float, poll: Callable[[], bool] = lambda: True) -> bool:
+        """Run cycles for a time, or until the callback between cycles returns false. Return its last result."""
         end_s = self.clock.now() + seconds - 1e-9
         going = True
 
         def stop() -> bool:
             nonlocal going
-            going = going and look()
+            going = going and poll()
             return not going or self.clock.now() >= end_s
 
         self.loop.run(stop)
@@ -67,28 +67,28 @@ class Rig:
 
     @property
     def places(self) -> FloatArray:
-        """Where the joints are in the world (n,)."""
+        """Joint positions (n,) in the world."""
         return np.array([float(self.lines.world.data.joint(name).qpos[0]) for name in self.names])
 
     def push(self, joint: str) -> float:
-        """What the hand does to a joint now, N m."""
+        """Return the current torque of the hand on a joint, in N m."""
         return float(self.lines.world.data.joint(joint).qfrc_applied[0])
 
     def register(self, joint: str, register: Register) -> int:
-        """What the joint's servo has in a register."""
+        """Return the value of a register in a joint's servo."""
         one = next(one for one in self.arm.files.robot.joints if one.name == joint)
         return int(self.lines.lines[one.bus].servo(one.servo_id).memory.get(register))
 
     def measured(self, since: int = 0) -> FloatArray:
-        """The positions in each cycle (k, n)."""
+        """Return the positions in each cycle (k, n)."""
         return np.array([state.position for state in self.states[since:]])
 
     def speeds(self, since: int = 0) -> FloatArray:
-        """How fast the commands were in each cycle (k, n)."""
+        """Return the velocity of the commands in each cycle (k, n)."""
         return np.abs(np.diff(np.array(self.commands[since:]), axis=0)) * RATE_HZ
 
     def _push(self, time_s: float) -> None:
-        """The hand pulls like a spring, and no stronger than it is."""
+        """Apply the force of the hand, a spring with a limited force."""
         taken = self.take_to(time_s)
         for joint in self._moved:
             data = self.lines.world.data.joint(joint)
@@ -108,7 +108,7 @@ class Lesson:
         self.recording = Recording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
 
     def begin(self) -> "Lesson":
-        """The arm is in the hand, which holds it still, and gives way."""
+        """Start the recording. The hand holds the arm still while it becomes free."""
         self.rig.configure(self.recording.take)
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: here
@@ -118,11 +118,11 @@ class Lesson:
         return self
 
     def go_on(self, seconds: float) -> bool:
-        """So long, or until the recording's end; whether it has not come."""
+        """Run for a time or until the end of the recording. Return whether it is still running."""
         return self.rig.run(seconds, lambda: self.recording.update(self.rig.clock.now()))
 
     def show(self, seconds: float, size: float = 1.0) -> None:
-        """The hand goes a way of so long, and stands."""
+        """Move the hand along a path in a given time, then hold it still."""
         begun_s = self.rig.clock.now()
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: way(here, min((time_s - begun_s) / seconds, 1.0), size)

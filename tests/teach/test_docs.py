@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 class Typing:
-    """Program on a terminal with typed keys. ``said`` has its output."""
+    """Program on a terminal with typed keys. ``output`` has its output."""
 
     def __init__(self, command: str, folder: Path) -> None:
         self._master, terminal = pty.openpty()
@@ -54,20 +54,20 @@ class Typing:
             words, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder
         )
         os.close(terminal)
-        self.said = ""
+        self.output = ""
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
         assert self.process.stdout is not None
         while text := self.process.stdout.read(1):
-            self.said += text
+            self.output += text
 
     def type(self, keys: str) -> None:
         os.write(self._master, keys.encode())
 
     def hears(self, word: str) -> None:
-        eventually(lambda: word in " ".join(self.said.split()) or self.process.poll() is not None, 60.0)
-        assert word in " ".join(self.said.split()), self.said
+        eventually(lambda: word in " ".join(self.output.split()) or self.process.poll() is not None, 60.0)
+        assert word in " ".join(self.output.split()), self.output
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def test_documented_commands_record_and_play_a_motion(folder: Path) -> None:
             record.type("\n")
             record.hears("the arm holds its position: release it")
             assert run(RELEASE, folder).returncode == 0
-            assert record.process.wait(60.0) == 0 and "wave: a path of" in record.said
+            assert record.process.wait(60.0) == 0 and "wave: a path of" in record.output
         with typing(of_mine(PLAY), folder) as play:
             play.hears("waiting: hold a key")
             assert abs(place("shoulder_pan", folder) - 0.5) < 0.05, "nothing moves yet"
@@ -113,7 +113,7 @@ def test_documented_commands_record_and_play_a_motion(folder: Path) -> None:
                 return play.process.poll() is not None
 
             eventually(held, 90.0)
-            assert play.process.wait() == 0 and "playing" in play.said
+            assert play.process.wait() == 0 and "playing" in play.output
         assert abs(place("shoulder_pan", folder) - 0.5) < 0.05 and abs(place("elbow_flex", folder) - 1.2) < 0.06
         listing, forgetting = map(of_mine, REAL[2:])
         assert run(listing, folder).stdout.startswith("wave: a path of")
@@ -131,7 +131,7 @@ def test_ctrl_c_saves_the_motion_and_the_arm_holds_its_position(folder: Path) ->
         eventually(lambda: abs(place("elbow_flex", folder) - 1.2) < 0.03)
         record.process.send_signal(signal.SIGINT)
         record.hears("the arm holds its position: release it")
-        assert record.process.wait(60.0) == 0 and "wave: a path of" in record.said
+        assert record.process.wait(60.0) == 0 and "wave: a path of" in record.output
         assert run(RELEASE, folder).returncode == 0
         assert abs(place("elbow_flex", folder) - 1.2) < 0.1
 

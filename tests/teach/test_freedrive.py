@@ -60,15 +60,15 @@ def test_soft_joint_follows_a_light_hand_and_stays_there(joint: str) -> None:
     here = float(rig.places[index])
     pushes: list[float] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         pushes.append(abs(rig.push(joint)))
         return True
 
     rig.take_to = lambda time_s: {joint: here - min(0.5 * (time_s - begun_s), 0.5)}
-    rig.run(2.0, look)
+    rig.run(2.0, poll)
     taken = rig.places[index]
     assert taken == pytest.approx(here - 0.5, abs=0.03)
-    # It slips at 0.29 N m, by the servo's data sheet; the virtual one is 1.7 times as strong, and has friction.
+    # By its data sheet the servo slips at 0.29 N m. The virtual servo is 1.7 times as strong and has friction.
     assert max(pushes) < 1.0
     rig.take_to = lambda time_s: {}
     rig.run(3.0)
@@ -109,12 +109,12 @@ def test_set_points_stay_within_the_limits() -> None:
     upper = SO101.limits["wrist_roll"].upper
     wanted: list[float] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         wanted.append(float(freedrive.command[index]))
         return True
 
     rig.take_to = lambda time_s: {"wrist_roll": min(1.0 * (time_s - begun_s), upper + 0.04)}
-    rig.run(4.0, look)
+    rig.run(4.0, poll)
     assert max(wanted) == pytest.approx(upper, abs=1e-6) and rig.push("wrist_roll") > 0.2, "there it is a wall"
 
 
@@ -131,12 +131,12 @@ def test_silent_servo_keeps_its_set_point_and_other_joints_stay_soft() -> None:
     line.faults.silence(1)
     commands: list[float] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         if PAN in rig.states[-1].faults:
             commands.append(float(freedrive.command[0]))
         return True
 
-    rig.run(0.9, look)
+    rig.run(0.9, poll)
     assert len(commands) > 30 and np.ptp(commands) == 0.0, "whatever it was doing"
     assert rig.places[elbow] == pytest.approx(here - 0.3, abs=0.03)
 

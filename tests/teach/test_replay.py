@@ -58,12 +58,12 @@ def test_arm_replays_the_recording(recordings: tuple[Path, Path]) -> None:
     play.begin()
     cycles: list[int] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         if play.phase is Phase.PLAYING:
             cycles.append(len(rig.states))
         return play.update(rig.clock.now())
 
-    assert not rig.run(60.0, look) and play.phase is Phase.DONE
+    assert not rig.run(60.0, poll) and play.phase is Phase.DONE
     done = rig.measured(cycles[0])
     for mine, other in ((done, recorded), (recorded, done)):
         assert max(np.abs(other - place).max(axis=1).min() for place in mine) < 0.02

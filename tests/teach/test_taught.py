@@ -63,7 +63,7 @@ def test_unknown_and_invalid_names_are_explained(motions: MotionStore) -> None:
 
 
 @pytest.mark.parametrize(
-    ("points", "said"),
+    ("points", "message"),
     [
         ("[]", r":4: points"),
         ("[{positions: [0.0, 1.0]}]", "points.0 needs 1 positions"),
@@ -90,9 +90,9 @@ def test_unknown_and_invalid_names_are_explained(motions: MotionStore) -> None:
         ),
     ],
 )
-def test_file_with_a_mistake_is_refused_with_its_line(motions: MotionStore, points: str, said: str) -> None:
+def test_file_with_a_mistake_is_refused_with_its_line(motions: MotionStore, points: str, message: str) -> None:
     motions.path("wave").write_text(f"version: 2\njoints: [wrist]\nunits: {{wrist: rad}}\npoints: {points}\n")
-    with pytest.raises(TeachError, match=said) as refused:
+    with pytest.raises(TeachError, match=message) as refused:
         motions.get("wave")
     assert str(motions.path("wave")) in str(refused.value)
 
@@ -120,16 +120,16 @@ def test_sorted_keys_do_not_change_the_meaning_of_a_file(motions: MotionStore, t
 
 
 @pytest.mark.parametrize(
-    ("head", "said"),
+    ("head", "message"),
     [
         ("joints: [wrist, wrist]\nunits: {wrist: rad}", "names a joint twice"),
         ("joints: [wrist]\nunits: {}", "units has no joint"),
         ("joints: [wrist]\nunits: {arm: rad}", "units has arm, but joints has wrist"),
     ],
 )
-def test_each_joint_has_one_name_and_one_unit(motions: MotionStore, head: str, said: str) -> None:
+def test_each_joint_has_one_name_and_one_unit(motions: MotionStore, head: str, message: str) -> None:
     motions.path("wave").write_text(f"version: 2\n{head}\npoints: [{{positions: [0.0]}}]\n")
-    with pytest.raises(TeachError, match=said):
+    with pytest.raises(TeachError, match=message):
         motions.get("wave")
 
 
@@ -179,9 +179,9 @@ JUMPS = [
 ]
 
 
-@pytest.mark.parametrize(("taught", "said"), JUMPS)
-def test_implausible_path_is_refused_with_joint_and_line(taught: RecordedMotion, said: str) -> None:
-    with pytest.raises(TeachError, match=f"wave: .*{said}"):
+@pytest.mark.parametrize(("taught", "message"), JUMPS)
+def test_implausible_path_is_refused_with_joint_and_line(taught: RecordedMotion, message: str) -> None:
+    with pytest.raises(TeachError, match=f"wave: .*{message}"):
         taught.check(LIMITS, "wave")
 
 
@@ -189,13 +189,13 @@ def test_errors_have_the_lines_of_the_points(motions: MotionStore) -> None:
     """Points start in line 5. A path point takes three lines and a pose one line."""
     far = POSITION.copy()
     far[1, 0] = 4.0
-    for taught, said in (
+    for taught, message in (
         (JUMPS[0][0], r"between points 1 \(line 8\) and 2 \(line 11\)"),
         (JUMPS[3][0], r"between points 1 \(line 8\) and 2 \(line 11\), whose velocities do not fit"),
         (RecordedMotion(NAMES, far), r"shoulder_pan would go to 4.0000 at point 1 \(line 6\)"),
     ):
         motions.save("wave", taught, JOINTS)
-        with pytest.raises(TeachError, match=rf"wave.yaml: .*{said}"):
+        with pytest.raises(TeachError, match=rf"wave.yaml: .*{message}"):
             motions.get("wave").check(LIMITS, str(motions.path("wave")))
     text = motions.path("wave").read_text()
     motions.path("wave").write_text(text.replace("gripper: rad", "gripper: m"))

@@ -107,23 +107,23 @@ class Rig:
         self.loop.activate(keep_inactive=["leader"])
 
     def run(self, seconds: float) -> None:
-        """Cycles for so long; both worlds go on."""
+        """Run cycles of both worlds for a time."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s)
 
     def end(self) -> None:
-        """The person's thread ends it."""
+        """End the teleoperation, as the user interface does."""
         self.ended = True
 
     def attend(self, seconds: float) -> str:
-        """Cycles for so long, with the person at the keys; the last line that was shown."""
+        """Run cycles with the user interface for a time, and return the last displayed line."""
         for _ in range(round(seconds / 0.1)):
             self.run(0.1)
             self.attendance.update(self.clock.now())
         return self.person.shown[-1]
 
     def follow(self) -> "Rig":
-        """Let the follower join and follow."""
+        """Run until the follower has joined the leader."""
         self.controller.allowed = True
         for _ in range(100):
             self.run(0.1)
@@ -132,11 +132,11 @@ class Rig:
         raise AssertionError(self.controller.phase, self.controller.reason)
 
     def joint(self, name: str) -> int:
-        """The joint's place among the follower's commands."""
+        """Return the index of a joint in the follower's commands."""
         return self.names.index(name)
 
     def _take(self, time_s: float) -> None:
-        """A hand that is strong enough: the leader's joints are where it wants them."""
+        """Move the leader's joints exactly to the positions of the hand."""
         data = self.leader.world.data
         for name, position in self.hand(time_s).items():
             data.joint(name).qpos[0] = position

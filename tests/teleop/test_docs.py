@@ -72,8 +72,8 @@ def test_documented_commands_make_the_follower_follow(tmp_path: Path) -> None:
             look_on(tmp_path)
             teleop.send_signal(signal.SIGINT)
             assert teleop.stdout is not None
-            said = teleop.stdout.read()
-            assert "from the leader's angles to the follower's goals: median" in " ".join(said.split())
+            output = teleop.stdout.read()
+            assert "from the leader's angles to the follower's goals: median" in " ".join(output.split())
             assert teleop.wait(30.0) == 0
         refused = run(REAL.replace("/dev/ttyACM0", "./leader").replace("/dev/ttyACM1", "./follower"), tmp_path)
         assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr

@@ -221,14 +221,14 @@ def test_violated_invariants_fail_the_test_and_unknown_options_are_named(tmp_pat
         "def test_without_a_key(virtual_arm): ...\n"
     )
     (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {Path(__file__).resolve().parents[2]}\n")
-    said = pytest_in(tmp_path).stdout
-    assert "never: it moved" in said and "to reproduce: pytest 'test_it.py::test_falls'" in said
-    assert "assert 1 == 2" in said and "virtual_arm accepts the arm and" in said and "not arms" in said
-    assert "success is true: the condition of this invariant never occurred" in said
-    assert "invariants accepts the lists also, without and examined, not examine" in said
-    assert "invariants(without='safe wire') must be a list: ['safe wire']" in said
-    assert "invariants accepts the lists also, without and examined, not 'safe wire'" in said
-    assert "3 failed" in said and "4 errors" in said
+    output = pytest_in(tmp_path).stdout
+    assert "never: it moved" in output and "to reproduce: pytest 'test_it.py::test_falls'" in output
+    assert "assert 1 == 2" in output and "virtual_arm accepts the arm and" in output and "not arms" in output
+    assert "success is true: the condition of this invariant never occurred" in output
+    assert "invariants accepts the lists also, without and examined, not examine" in output
+    assert "invariants(without='safe wire') must be a list: ['safe wire']" in output
+    assert "invariants accepts the lists also, without and examined, not 'safe wire'" in output
+    assert "3 failed" in output and "4 errors" in output
 
 
 def test_plugin_imports_nothing_on_its_own(tmp_path: Path) -> None:
