@@ -148,8 +148,8 @@ def realtime_priority() -> Iterator[None]:
     this context for programs with long computations before or after their real-time part. At real-time priority, these
     computations would block the loops of other programs.
 
-    ``PRIORITY`` would be too low: the program would share the processor with starting stacks in turns of 0.1 s, and
-    servos that answer so late count as lost.
+    ``PRIORITY`` is too low for this: the program would share the processor with starting stacks in turns of 0.1 s.
+    Servos that answer so late count as lost.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     claim_realtime_priority(LOOP_PRIORITY)

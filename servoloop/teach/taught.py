@@ -186,7 +186,7 @@ def _check_path(motion: RecordedMotion, path: HandPath, limits: Sequence[JointLi
         if by > AT_LIMIT * (limit.upper - limit.lower):
             at = path.knot_before(float(sampled.times_s[swings[:, index].argmax()]))
             raise TeachError(
-                f"{source}: {name} would swing {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f} "
+                f"{source}: {name} would exceed its limits {limit.lower:.4f} to {limit.upper:.4f} by {by:.3f} "
                 f"between {motion.points(at)}, whose velocities do not fit their positions: record the motion again"
             )
 

@@ -160,7 +160,9 @@ def test_arms_with_equal_names_are_distinguished_by_folder(tmp_path: Path) -> No
     for folder in folders:
         folder.mkdir(parents=True)
     rigs = [LiveRig("so101", pid, folder) for pid, folder in enumerate(folders, 1)]
-    with pytest.raises(LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* its folder"):
+    with pytest.raises(
+        LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* folder or process number"
+    ):
         find_stack("so101")
     for pid, folder in enumerate(folders, 1):
         found = find_stack(str(folder))

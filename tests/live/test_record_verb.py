@@ -73,7 +73,7 @@ def test_errors_are_reported_before_a_file_is_created(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     assert "no stack is running: start one" in complaint(capsys, monkeypatch, "record", "run.mcap")
-    assert "name ends in .mcap" in complaint(capsys, monkeypatch, "record", "run.bag")
+    assert "name must end in .mcap" in complaint(capsys, monkeypatch, "record", "run.bag")
     assert not list(tmp_path.iterdir())
     (tmp_path / "there.mcap").touch()
     rig = LiveRig()
