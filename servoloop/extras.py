@@ -1,4 +1,4 @@
-"""The optional parts of servoloop, and the commands that install them."""
+"""Commands that install the optional parts (extras) of servoloop."""
 
 import json
 import shlex
@@ -8,9 +8,9 @@ from pathlib import Path
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs an extra into the environment of this program.
+    """Return the command that installs an extra in the environment of this program.
 
-    servoloop is not in a package index: the command names the folder or the address that it was installed from.
+    servoloop is not on a package index, so the command contains the folder or the URL of the installation.
     """
     return f"{shlex.quote(sys.executable)} -m pip install {shlex.quote(f'{_source()}[{extra}]')}"
 

@@ -1,4 +1,4 @@
-"""Time series of joints: panels below each other on one time axis, with moments and stretches of time marked."""
+"""Draw plots as SVG: time series, bars, histograms and points."""
 
 import io
 import re
@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 WIDTH_IN: Final = 9.0
-"""Inches of 72 points; a page shows a figure as wide as itself."""
+"""Width of a figure, in inches."""
 _STYLE: Final[dict[Any, Any]] = {
-    # text stays text: a tenth of the size, and it can be searched
+    # Text instead of paths makes files ten times smaller and searchable.
     "svg.fonttype": "none",
-    # names of markers and clip paths come from their content and this, else from a random number
+    # Without a salt, the names of markers and clip paths are random.
     "svg.hashsalt": "servoloop",
     "font.size": 9.0,
     "font.family": "sans-serif",
@@ -29,24 +29,24 @@ _STYLE: Final[dict[Any, Any]] = {
     "grid.alpha": 0.3,
 }
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#f0e442")
-"""Okabe and Ito's colours, which colour-blind people tell apart too."""
+"""Color palette of Okabe and Ito, suitable for color-blind readers."""
 NO_METADATA: Final = {"Creator": None, "Date": None, "Format": None, "Type": None}
 
 
 def style() -> AbstractContextManager[None]:
-    """What a figure of ours looks like; it is drawn within this context."""
+    """Return a context in which figures are drawn in the style of servoloop."""
     return mpl.rc_context(_STYLE)
 
 
 def new_figure(height_in: float) -> Figure:
-    """An empty figure, ``height_in`` inches high."""
+    """Return an empty figure with a height in inches."""
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     return figure
 
 
 def svg(figure: Figure) -> str:
-    """The figure as an ``<svg>`` element, without names that would stand twice in a page with several."""
+    """Return a figure as an ``<svg>`` element, without IDs that would repeat in a page with several figures."""
     text = io.StringIO()
     with style():
         figure.savefig(text, format="svg", metadata=NO_METADATA)
@@ -55,22 +55,22 @@ def svg(figure: Figure) -> str:
 
 
 PANEL_IN = 1.9
-"""Inches that a panel takes."""
+"""Height of a panel, in inches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A curve is one number over the panel's time; NaN leaves a gap. Curves of one ``label`` share a colour."""
+    """Values over time. NaN leaves a gap. Curves with the same ``label`` share a color."""
 
     label: str
     values: Sequence[float]
     dashed: bool = False
-    """For what was wanted, beside what was."""
+    """Whether the curve is dashed, as for commands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Curves with one unit."""
+    """Curves with the same unit."""
 
     unit: str
     curves: tuple[Curve, ...]
@@ -78,7 +78,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A stretch of time is shaded in all panels, and named in the first."""
+    """Period of time that is shaded in all panels and labeled in the first panel."""
 
     label: str
     begin_s: float
@@ -88,13 +88,20 @@ class Stretch:
 def time_series(
     times_s: Sequence[float], panels: Sequence[Panel], stretches: Sequence[Stretch] = (), mark_s: float | None = None
 ) -> str:
-    """The panels as SVG; all curves have a value for each of ``times_s``. ``mark_s``: the moment to look at."""
+    """Return panels with a common time axis as SVG.
+
+    Args:
+        times_s: Times of the values of all curves, in seconds.
+        panels: Panels from top to bottom.
+        stretches: Periods to shade.
+        mark_s: Time to mark with a line, if any.
+    """
     with style():
         figure = new_figure(0.8 + PANEL_IN * len(panels))
         every = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-        colours: dict[str, str] = {}
+        colors: dict[str, str] = {}
         for axes, panel in zip(every, panels, strict=True):
-            _draw(axes, times_s, panel, colours)
+            _draw(axes, times_s, panel, colors)
             _shade(axes, stretches, mark_s, named=axes is every[0])
         every[-1].set_xlabel("time (s)")
         named = {label: line for axes in every for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
@@ -102,12 +109,12 @@ def time_series(
         return svg(figure)
 
 
-def _draw(axes: Axes, times_s: Sequence[float], panel: Panel, colours: dict[str, str]) -> None:
+def _draw(axes: Axes, times_s: Sequence[float], panel: Panel, colors: dict[str, str]) -> None:
     for curve in panel.curves:
-        colour = colours.setdefault(curve.label, PALETTE[len(colours) % len(PALETTE)])
-        label = f"_{curve.label}" if curve.dashed else curve.label  # matplotlib's legend leaves such names out
-        # What is wanted holds until the next cycle; what was measured went on between two cycles.
-        (line,) = axes.plot(times_s, curve.values, color=colour, linewidth=1.2, label=label)
+        color = colors.setdefault(curve.label, PALETTE[len(colors) % len(PALETTE)])
+        label = f"_{curve.label}" if curve.dashed else curve.label  # matplotlib hides labels with _ from the legend
+        # A command holds until the next cycle, so it is drawn as steps.
+        (line,) = axes.plot(times_s, curve.values, color=color, linewidth=1.2, label=label)
         if curve.dashed:
             line.set(linestyle="--", drawstyle="steps-post")
         else:
@@ -128,17 +135,17 @@ def _shade(axes: Axes, stretches: Sequence[Stretch], mark_s: float | None, named
 
 
 ROW_IN = 0.2
-"""Inches that a bar takes."""
+"""Height of a bar, in inches."""
 
 
-def stacked_bars(rows: Sequence[str], series: Mapping[str, Sequence[float]], colours: Sequence[str], unit: str) -> str:
-    """Bars as SVG, one for each of ``rows`` from top to bottom; ``series``: a number for each row, by name."""
+def stacked_bars(rows: Sequence[str], series: Mapping[str, Sequence[float]], colors: Sequence[str], unit: str) -> str:
+    """Return stacked horizontal bars as SVG, one per row from top to bottom. Each of ``series`` has a value per row."""
     with style():
         figure = new_figure(1.0 + ROW_IN * len(rows))
         axes = figure.add_subplot()
         left = [0.0] * len(rows)
-        for (name, values), colour in zip(series.items(), colours, strict=True):
-            axes.barh(rows, values, left=left, label=name, color=colour, height=0.7)
+        for (name, values), color in zip(series.items(), colors, strict=True):
+            axes.barh(rows, values, left=left, label=name, color=color, height=0.7)
             left = [before + value for before, value in zip(left, values, strict=True)]
         axes.invert_yaxis()
         axes.set(xlabel=unit, xlim=(0.0, 1.05 * max(left, default=0.0) or 1.0))
@@ -149,16 +156,16 @@ def stacked_bars(rows: Sequence[str], series: Mapping[str, Sequence[float]], col
 
 
 def histogram(
-    edges: Sequence[float], series: Mapping[str, Sequence[float]], colours: Sequence[str], axis: str, unit: str
+    edges: Sequence[float], series: Mapping[str, Sequence[float]], colors: Sequence[str], axis: str, unit: str
 ) -> str:
-    """Stacked counts between ``edges`` as SVG; ``series``: a number for each gap between two edges, by name."""
+    """Return a stacked histogram as SVG. Each of ``series`` has a count for each interval between two ``edges``."""
     with style():
         figure = new_figure(2.2)
         axes = figure.add_subplot()
         widths = [end - begin for begin, end in pairwise(edges)]
         bottom = [0.0] * len(widths)
-        for (name, values), colour in zip(series.items(), colours, strict=True):
-            axes.bar(edges[:-1], values, widths, bottom, align="edge", label=name, color=colour, edgecolor="white")
+        for (name, values), color in zip(series.items(), colors, strict=True):
+            axes.bar(edges[:-1], values, widths, bottom, align="edge", label=name, color=color, edgecolor="white")
             bottom = [before + value for before, value in zip(bottom, values, strict=True)]
         axes.set(xlabel=axis, ylabel=unit, xlim=(edges[0], edges[-1]), ylim=(0.0, 1.05 * max(bottom) or 1.0))
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -168,17 +175,17 @@ def histogram(
 
 Points = Sequence[tuple[float, float]]
 MOST = 2000
-"""Points of a group; of more, only the lowest and the highest of each stretch are shown."""
+"""Maximum number of points in a group. Larger groups show only the lowest and highest point of each interval."""
 
 
-def points(groups: Mapping[str, Points], colours: Sequence[str], axis: str, unit: str) -> str:
-    """Points (x, y) as SVG, by the name of their group; x a whole number, y in ``unit``, finite and not negative."""
+def points(groups: Mapping[str, Points], colors: Sequence[str], axis: str, unit: str) -> str:
+    """Return groups of points (x, y) as SVG. x is an integer; y is in ``unit``, finite and not negative."""
     with style():
         figure = new_figure(2.6)
         axes = figure.add_subplot()
-        for (name, group), colour in zip(groups.items(), colours, strict=True):
+        for (name, group), color in zip(groups.items(), colors, strict=True):
             shown = thinned(group)
-            axes.plot([x for x, _ in shown], [y for _, y in shown], ".", markersize=4, color=colour, label=name)
+            axes.plot([x for x, _ in shown], [y for _, y in shown], ".", markersize=4, color=color, label=name)
         highest = max((y for group in groups.values() for _, y in group), default=0.0)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(xlabel=axis, ylabel=unit, ylim=(0.0, 1.08 * highest or 1.0))
@@ -186,7 +193,7 @@ def points(groups: Mapping[str, Points], colours: Sequence[str], axis: str, unit
 
 
 def thinned(group: Points) -> Points:
-    """At most ``MOST`` points: the lowest and the highest of each stretch of x, where there are more."""
+    """Return at most ``MOST`` points, reduced to the lowest and highest point of each interval of x if necessary."""
     if len(group) <= MOST:
         return group
     ordered = sorted(group)

@@ -1,4 +1,4 @@
-"""``servoloop up``: the stack of one robot, from start to end."""
+"""Implementation of ``servoloop up``: run the stack of one robot from start to end."""
 
 import gc
 import logging
@@ -34,16 +34,16 @@ LOG = logging.getLogger("servoloop")
 
 @dataclass(frozen=True, slots=True)
 class UpOptions:
-    """Options of ``servoloop up`` beside the arm and its hardware."""
+    """Options of ``servoloop up`` other than the arm and its hardware."""
 
     keep_alive: bool = False
-    """Whether the program goes on without components that cannot be reached, at the start or later."""
+    """Whether the program continues without unreachable components, at the start and later."""
     publish_transforms: bool = True
-    """Whether the transforms of the robot's links are published with the ``robot_description``."""
+    """Whether to publish the transforms of the robot's links along with the ``robot_description``."""
     simulated: "SimulatedTime | None" = None
-    """Simulated time, with virtual servos in this process. None: the machine's clock."""
+    """Simulated time with virtual servos in this process. None: real time."""
     record: Path | None = None
-    """A new file for the recording."""
+    """Path of a new recording, if any."""
 
 
 NO_OPTIONS = UpOptions()
@@ -59,14 +59,14 @@ def up(
     """Run the stack until a signal or a fault.
 
     Args:
-        kind: The hardware of all components. None: what each component's ``<plugin>`` names.
+        kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
         ports: Devices by bus. None: virtual servos.
-        files: The robot's files.
+        files: Files of the robot.
         ready: Called with the name and the rate of the stack when clients can use it.
-        options: The other options.
+        options: Other options.
 
     Returns:
-        The exit status.
+        Exit status.
     """
     recording = StackRecording(options.record)
     if options.simulated is not None:
@@ -82,20 +82,20 @@ def up(
 def _devices(
     kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files, signals: Signals
 ) -> Iterator[Mapping[str, str]]:
-    """Yield the devices that the stack opens: those that were named, or those of a new emulator."""
+    """Yield the devices to open: the given ones, or those of a new emulator."""
     kinds = [hardware.choose(kind, component) for component in files.description.components]
     if HardwareKind.SERVOS not in kinds and ports:
-        raise DriverError("no component is driven by servos: leave out --port, or --hardware")
+        raise DriverError("--port was given, but no component uses servos: leave out --port or --hardware")
     if HardwareKind.SERVOS not in kinds or ports is not None:
         yield ports or {}
         return
     with virtual_servos(files, lambda: signals.count) as devices:
         yield devices
-    LOG.info("the virtual servos have ended with the stack")
+    LOG.info("the virtual servos have been shut down")
 
 
 class _Up:
-    """One run of the stack under ROS."""
+    """Run of the stack with its ROS interface."""
 
     def __init__(self, setup: HardwareSetup, files: Files, options: UpOptions, recording: StackRecording) -> None:
         simulated = options.simulated
@@ -107,13 +107,13 @@ class _Up:
         self._stack.load_controllers()
 
     def run(self, signals: Signals, ready: Callable[[str], None]) -> int:
-        """Configure the hardware and serve clients until the end; return the exit status."""
+        """Configure the hardware, serve clients until the end, and return the exit status."""
         thread = LoopThread(self._stack, signals)
         with self._stack.configured(self._initial.unconfigured, self._options.keep_alive, thread.hangs):
             ros_stack = self._ros_stack()
             from nodes.surface import Surface
 
-            if self._simulated is None:  # on simulated time nothing is late, and the clients need the processor too
+            if self._simulated is None:  # in simulated time no cycle is late, and the clients need the processor
                 claim_realtime_priority()
             surface = Surface(ros_stack)
             try:
@@ -141,7 +141,7 @@ class _Up:
         )
 
     def _record_and_serve(self, thread: LoopThread, surface: "Surface", ready: Callable[[str], None]) -> None:
-        """Activate the hardware and serve until the end; the loop's cycles go to ROS and into the recordings."""
+        """Activate the hardware and serve clients until the end, while cycles are published and recorded."""
         stack, loop = self._stack, self._stack.loop
         loop.on_cycle = surface.post
         if self._simulated is not None:
@@ -153,7 +153,7 @@ class _Up:
             self._serve_clients(thread, surface, ready)
 
     def _serve_clients(self, run: LoopThread, surface: "Surface", ready: Callable[[str], None]) -> None:
-        """Run the loop in its thread, and ROS in this one, until the loop has ended or hangs."""
+        """Run the loop in its thread and ROS in this thread until the loop has ended or hangs."""
         loop = self._stack.loop
         _prepare_interpreter()
         thread = run.start()
@@ -161,11 +161,11 @@ class _Up:
             ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
             surface.spin(lambda: run.done or run.hangs())
         finally:
-            run.signals.ask()  # if this side fails, the loop ends too
+            run.signals.ask()  # end the loop, too, if ROS fails
             while thread.is_alive() and not run.hangs():
                 thread.join(0.1)
             if thread.is_alive():
-                LOG.error("the control loop hangs in its hardware and is left behind: %s", LEFT)
+                LOG.error("the control loop hangs in its hardware and could not be stopped: %s", LEFT)
             if self._simulated is not None:
                 self._simulated.pace.end()
                 LOG.info("%s", self._simulated.pace.summary)
@@ -174,7 +174,7 @@ class _Up:
 
 
 def _prepare_interpreter() -> None:
-    """Keep Python's other threads and its garbage collector from making the loop late."""
-    sys.setswitchinterval(0.0001)  # the longest that the loop waits for a callback of the other thread
+    """Prevent delays of the loop by other Python threads and by the garbage collector."""
+    sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
     gc.collect()
     gc.freeze()

@@ -1,1 +1,1 @@
-"""Pictures of an arm in a pose, with its joints' names and directions."""
+"""Draw pictures of an arm with the names and directions of its joints."""

@@ -1,4 +1,4 @@
-"""Lines and texts over a picture: drawn three times as large, so that they are smooth."""
+"""Draw lines and text on a picture. They are drawn at three times the size and scaled down to be smooth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ PAPER: Final = (255, 255, 255, 215)
 COLORS: Final[tuple[Rgb, ...]] = (
     (200, 30, 90), (20, 105, 190), (20, 130, 70), (150, 60, 170), (205, 85, 10), (0, 120, 130), (110, 80, 30),
 )  # fmt: skip
-"""One for each joint, in their order, from the start again after the last."""
+"""Colors of the joints, in order. They repeat after the last color."""
 LARGER: Final = 3
 TEXT_PX: Final = 19
 SMALL_PX: Final = 15
 LINE_SHARE: Final = 1.35
 CHARACTERS: Final = 30
-"""Number of characters in a line of small text."""
+"""Maximum number of characters in a line of small text."""
 LINE_PX: Final = 4.0
 HEAD_PX: Final = 14.0
 PAD_PX: Final = 6
@@ -32,7 +32,7 @@ GAP_PX: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A text beside the picture's middle, with a line to the place (2,) that it names."""
+    """Text at the side of the picture, with a line to the labeled place (2,) in pixels."""
 
     title: str
     text: str
@@ -41,7 +41,7 @@ class Label:
 
 
 class Drawing:
-    """A picture that is drawn upon."""
+    """Picture with lines and text drawn on it."""
 
     def __init__(self, picture: Picture) -> None:
         self._image = Image.fromarray(picture)
@@ -69,7 +69,7 @@ class Drawing:
         self._pen.circle((x, y), LARGER * radius_px, fill=color, outline=(255, 255, 255), width=LARGER)
 
     def labels(self, labels: Sequence[Label]) -> None:
-        """Write labels at both sides, each at the height of its place as far as there is room."""
+        """Write labels at both sides, each as close as possible to the height of its place."""
         middle = float(np.median([label.place[0] for label in labels]))
         for left in (True, False):
             column = sorted((one for one in labels if (one.place[0] <= middle) == left), key=lambda one: one.place[1])
@@ -83,13 +83,13 @@ class Drawing:
                 self._write(label, edge, top, (width, height))
 
     def caption(self, text: str) -> None:
-        """Write a line at the lower edge."""
+        """Write a line of text at the lower edge."""
         label = Label(text, "", np.zeros(2), INK)
         width, height = self._size(label)
         self._write(label, 0.5 * (self._width - width), self._height - height - 2.0 * PAD_PX, (width, height))
 
     def image(self) -> Image.Image:
-        """The picture with everything that was drawn."""
+        """Return the picture with all drawings."""
         small = self._layer.resize(self._image.size, Image.Resampling.LANCZOS)
         return Image.alpha_composite(self._image.convert("RGBA"), small).convert("RGB")
 
@@ -111,7 +111,7 @@ class Drawing:
 
 
 def _spread(places: Sequence[float], heights: Sequence[float], room: float) -> list[float]:
-    """The upper edges of labels that do not touch each other, near their places from top to bottom."""
+    """Return the upper edges of labels near their places, from top to bottom, such that labels do not overlap."""
     tops: list[float] = []
     for place, height in zip(places, heights, strict=True):
         tops.append(max(place - 0.5 * height, tops[-1] + heights[len(tops) - 1] + GAP_PX if tops else GAP_PX))

@@ -1,4 +1,4 @@
-"""An arm in a pose: its shapes in the world, and where its joints are and turn."""
+"""Compute the shapes of an arm in a pose, and the places and directions of its joints."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.still import Solid
 
 Pose = tuple[Vector, Quaternion]
-"""Meters and a unit quaternion (x, y, z, w)."""
+"""Position in meters and unit quaternion (x, y, z, w)."""
 TURN_RAD: Final = np.radians(250.0)
-"""How far an arrow goes around its axis."""
+"""Angle covered by an arrow around an axis, in rad."""
 STEPS: Final = 48
 ARROW: Final = 0.085
 """Radius of an arrow around an axis, and half the length of one along it, as a share of the arm's reach."""
@@ -25,7 +25,7 @@ ARROW: Final = 0.085
 
 @dataclass(frozen=True, slots=True)
 class JointArrow:
-    """A joint in the world: its place (3,) in meters, and an arrow (k, 3) toward greater positions."""
+    """Place (3,) of a joint in the world, in meters, and an arrow (k, 3) in its positive direction."""
 
     name: str
     place: FloatArray
@@ -33,7 +33,7 @@ class JointArrow:
 
 
 class PosedArm:
-    """The arm of these files with its joints at ``position`` (rad or m by name); the others are at zero."""
+    """Arm with its joints at ``position``, in rad or m by name. Other joints are at zero."""
 
     def __init__(self, files: ServoFiles, position: Mapping[str, float]) -> None:
         self._files = files
@@ -43,20 +43,20 @@ class PosedArm:
         self._position = np.array([position.get(name, 0.0) for name in self._driven])
 
     def solids(self) -> Iterator[Solid]:
-        """The links' shapes: the real ones, where the arm has them."""
+        """Yield the shapes of the links, with meshes if the arm has them."""
         files = self._files
         drawn, _ = arm_shapes(files.description.xml, files.urdf_path.parent, files.scene.parent)
         for shape in drawn:
             yield solid(shape, self.pose(shape.link, (shape.position_m, shape.quaternion)))
 
     def pose(self, link: str, pose: Pose) -> Pose:
-        """The pose in the world of what has a pose in a link."""
+        """Transform a pose from a link's frame to the world."""
         (x, y, z), turn = self._model.pose(link, self._position)
         a, b, c = rotate(turn, pose[0])
         return (x + a, y + b, z + c), multiply(turn, pose[1])
 
     def arrows(self) -> list[JointArrow]:
-        """Every joint with a servo, in the order of the robot file."""
+        """Return the arrows of all joints with a servo, in the order of the robot file."""
         return [self._arrow(name) for name in self._driven]
 
     def _arrow(self, name: str) -> JointArrow:
@@ -72,13 +72,13 @@ class PosedArm:
 
 
 def solid(shape: Shape, pose: Pose) -> Solid:
-    """A shape at a pose in the world."""
+    """Return a shape at a pose in the world."""
     red, green, blue = (part / 255.0 for part in shape.rgb)
     return Solid(shape.vertices, shape.faces, pose, (red, green, blue))
 
 
 def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors (3,) that are right-handed with an axis; the first one is as low as it can be."""
+    """Return two unit vectors (3,) that form a right-handed frame with an axis. The first points down if possible."""
     down: Vector = (0.0, 0.0, -1.0) if abs(axis[2]) < 0.9 else (-1.0, 0.0, 0.0)
     first = np.array(down) - np.dot(down, axis) * axis
     first /= np.linalg.norm(first)

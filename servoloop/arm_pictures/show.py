@@ -1,4 +1,4 @@
-"""A picture of an arm with the name, the servo and the direction of each joint."""
+"""Draw an arm with the name, servo ID and direction of each joint."""
 
 import io
 from pathlib import Path
@@ -15,13 +15,13 @@ from sim_backend.scene.still import take
 
 SIZE: Final = (1200, 760)
 TOWARD: Final = np.array([0.55, -1.0, 0.5])
-"""From the right of an arm that points to the right of the picture, and from above."""
+"""View direction: from above and from the right side of the arm, which points to the right of the picture."""
 FILLED: Final = (0.6, 0.8)
-"""The share of the picture's width and height that the arm may fill: the labels are beside it."""
+"""Maximum shares of the picture's width and height for the arm. The rest is for labels."""
 
 
 def draw_arm(arm: Arm) -> Image.Image:
-    """Draw an arm, its joints at zero, with their names and directions.
+    """Draw an arm at the zero pose with the names and directions of its joints.
 
     Raises:
         ArmFileError, DescriptionError, RobotFileError: A file of the arm has mistakes.
@@ -42,7 +42,7 @@ def draw_arm(arm: Arm) -> Image.Image:
 
 
 def write_picture(image: Image.Image, path: Path) -> None:
-    """Write a picture as PNG; the former one stays, with .1 behind its name. Raises DriverError."""
+    """Write a picture as PNG. An existing file is renamed to NAME.1. Raises DriverError."""
     content = io.BytesIO()
     image.save(content, "PNG", optimize=True)
     write_file(path, content.getvalue())

@@ -1,1 +1,1 @@
-"""Arms that are ready to use: each a folder with its robot file, URDF, scene, controllers and pick-place parameters."""
+"""Create the folder of a new arm from its URDF."""

@@ -1,4 +1,4 @@
-"""A new arm from a URDF: its folder with description, robot file, controllers, ``arm.yaml`` and scene."""
+"""Write the folder of a new arm: URDF, robot file, controllers file, ``arm.yaml`` and scene."""
 
 import re
 from pathlib import Path
@@ -16,12 +16,15 @@ NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
-    """Write the folder of a new arm, whose name is that of the folder; returns the files.
+    """Write the folder of a new arm. The name of the folder is the name of the arm.
 
     Args:
-        folder: The new folder.
-        urdf: The robot description, with or without a <ros2_control> block.
-        servo: The model of every servo.
+        folder: New folder.
+        urdf: Robot description, with or without a <ros2_control> block.
+        servo: Model of all servos.
+
+    Returns:
+        Paths of the written files.
 
     Raises:
         ArmFileError: The name or the folder cannot be used, or no joint can be driven.
@@ -29,13 +32,13 @@ def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
     """
     name = folder.name
     if not NAME.fullmatch(name):
-        raise ArmFileError(f"{name!r} cannot be the name of an arm: use letters, digits and _, first a letter")
+        raise ArmFileError(f"{name!r} cannot be the name of an arm: use letters, digits and _, starting with a letter")
     if (ARMS / name).is_dir():
-        raise ArmFileError(f"an arm {name} comes with servoloop: choose another name")
+        raise ArmFileError(f"servoloop already includes an arm {name}: choose another name")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ArmFileError(f"{folder} exists already: choose another name, or remove it first")
+        raise ArmFileError(f"{folder} already exists: choose another name, or remove it first")
     if servo not in MODELS:
-        raise ArmFileError(f"unknown model {servo}: known are {', '.join(MODELS)}")
+        raise ArmFileError(f"unknown servo model {servo}: choose one of {', '.join(MODELS)}")
     model = MODELS[servo]
     made = new_description(urdf, folder, name, model)
     files = {

@@ -1,4 +1,4 @@
-"""The robot file, the controllers and ``arm.yaml`` of a new arm, as text."""
+"""Generate the robot file, the controllers file and ``arm.yaml`` of a new arm."""
 
 from collections.abc import Mapping, Sequence
 from math import pi
@@ -12,30 +12,30 @@ from hal.robot_description.urdf import UrdfJoint
 from servoloop.arms.new_urdf import NewDescription, metres_per_radian
 
 ROBOT: Final = """\
-# Which servo drives which joint. docs/hardware.md describes the fields. Correct servo_id, model and sign (-1 if the
-# servo is mounted mirrored); `servoloop calibrate` measures sign and zero_counts.
+# The servo of each joint. docs/hardware.md describes the fields. Correct servo_id, model and sign (-1 if the servo is
+# mounted mirrored). `servoloop calibrate` measures sign and zero_counts.
 """
 EXIT: Final = """\
-# The end of the torque. relax goes to the pose under park and switches the torque off: name a pose first in which the
-# arm lies safely without torque.
+# What happens at the end of the program. hold keeps the torque on. relax moves to the pose under park and switches the
+# torque off; before you use it, add a pose in which the arm lies safely without torque.
 """
 CONTROLLERS: Final = """\
-# ros2_control's own format. Add or change controllers as you like.
+# Parameter file in the format of ros2_control. Add or change controllers as you like.
 """
 ARM: Final = """\
-# The positive directions are those of the URDF: describe each as you see it, for `servoloop calibrate`.
+# The positive directions are those of the URDF. Describe each direction in your own words for `servoloop calibrate`.
 """
 WIDTH: Final = 120
 REVOLUTE: Final = (12.0, 120.0)
-"""Acceleration and jerk, rad/s² and rad/s³."""
+"""Acceleration and jerk of a revolute joint, in rad/s² and rad/s³."""
 LINEAR: Final = (1.0, 20.0)
-"""The same of a prismatic joint, m/s² and m/s³."""
+"""Acceleration and jerk of a prismatic joint, in m/s² and m/s³."""
 TOLERANCES: Final = {"trajectory": 0.3, "goal": 0.05}
 LINEAR_TOLERANCES: Final = {"trajectory": 0.03, "goal": 0.005}
 
 
 def robot_text(made: NewDescription, model: ServoModel) -> str:
-    """The robot file: one servo a joint, with IDs from 1 in the order of the joints."""
+    """Return the robot file, with one servo per joint and IDs from 1 in the order of the joints."""
     joints = {joint.name: _servo(number, joint, model) for number, joint in enumerate(made.joints, 1)}
     bus = {"protocol": series_of(model).make, "baud": 1_000_000}
     defaults = {"arm_controller": {"interpolation_method": "ruckig"}}
@@ -48,7 +48,7 @@ def robot_text(made: NewDescription, model: ServoModel) -> str:
 
 
 def controllers_text(made: NewDescription) -> str:
-    """The controllers file: a trajectory controller of the arm and a controller of the hand, if there is one."""
+    """Return the controllers file, with a trajectory controller for the arm and a controller for the hand, if any."""
     names = [joint.name for joint in made.hand if joint not in made.arm]
     types = {
         "joint_state_broadcaster": "joint_state_broadcaster/JointStateBroadcaster",
@@ -63,7 +63,7 @@ def controllers_text(made: NewDescription) -> str:
 
 
 def arm_text(description: str, joints: Sequence[UrdfJoint]) -> str:
-    """``arm.yaml``: what the arm is, and how it is calibrated."""
+    """Return ``arm.yaml``, with the description and the calibration plan of the arm."""
     plans = {joint.name: {"positive": _positive(joint)} for joint in joints}
     return ARM + _yaml({"description": description, "calibration": {"joints": plans}})
 

@@ -1,4 +1,4 @@
-"""The robot description of a new arm: a user's URDF with a <ros2_control> block for this project's servos."""
+"""Generate the URDF of a new arm: the user's URDF with a <ros2_control> block for servoloop."""
 
 import io
 import os
@@ -22,46 +22,46 @@ PLUGIN: Final = "servoloop/ServoHardware"
 ROBOT_FILE: Final = "robot.yaml"
 PROLOG: Final = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*", re.DOTALL)
 HAND: Final = re.compile(r"grip|jaw|finger|hand|claw|knuckle", re.IGNORECASE)
-"""The names of joints that open and close a hand."""
+"""Pattern for the names of joints that open and close a hand."""
 REACH_SHARE: Final = 0.98
-"""The share of the servo's range of counts that a joint may use, if its own range is wider."""
+"""Maximum share of the servo's range of counts that a joint may use."""
 HAND_TRAVEL_RAD: Final = 2.5
-"""The angle by which a servo turns to open a hand of two fingers that slide."""
+"""Angle by which a servo turns to open a hand with two sliding fingers, in rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class NewDescription:
-    """The text of the new URDF, and its driven joints, the hand's last."""
+    """New URDF and its driven joints, with the hand's joints last."""
 
     xml: str
     joints: tuple[UrdfJoint, ...]
 
     @property
     def hand(self) -> tuple[UrdfJoint, ...]:
-        """The joints of the hand."""
+        """Joints of the hand."""
         return tuple(joint for joint in self.joints if _is_hand(joint))
 
     @property
     def arm(self) -> tuple[UrdfJoint, ...]:
-        """The other joints; all of them if every one has a hand's name."""
+        """Joints of the arm without the hand, or all joints if all of them have names of a hand."""
         return tuple(joint for joint in self.joints if not _is_hand(joint)) or self.joints
 
 
 def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> NewDescription:
-    """Make the description of a new arm; nothing is written.
+    """Return the description of a new arm without writing files.
 
     Args:
-        urdf: The user's URDF.
-        folder: The folder for the new one, from which paths of meshes are relative.
-        name: The name of the <ros2_control> block.
-        model: The servo of every joint, whose range of counts limits the commands.
+        urdf: URDF of the user.
+        folder: Folder of the new URDF. Paths of meshes become relative to it.
+        name: Name of the <ros2_control> block.
+        model: Servo model of all joints. Its range of counts limits the commands.
 
     Raises:
         ArmFileError: No joint can be driven.
         DescriptionError: The URDF has mistakes.
     """
     text = read_xml(urdf, DescriptionError, "the URDF")
-    if "<ros2_control" not in text:  # which says what is wrong, with the user's own lines
+    if "<ros2_control" not in text:  # checked before changes, so that messages have the user's line numbers
         _require_sound(text, urdf)
     robot = _parsed(text, urdf)
     wanted = {joint.get("name", "") for block in robot.findall("ros2_control") for joint in block.findall("joint")}
@@ -82,7 +82,7 @@ def new_description(urdf: Path, folder: Path, name: str, model: ServoModel) -> N
 
 
 def metres_per_radian(joint: UrdfJoint) -> float | None:
-    """The transmission of a prismatic joint with which its travel takes ``HAND_TRAVEL_RAD``; None for others."""
+    """Return the transmission with which a prismatic joint travels its range in ``HAND_TRAVEL_RAD``, or None."""
     return round((joint.upper - joint.lower) / HAND_TRAVEL_RAD, 6) if joint.kind == "prismatic" else None
 
 
@@ -91,7 +91,7 @@ def _is_hand(joint: UrdfJoint) -> bool:
 
 
 def _require_sound(text: str, urdf: Path) -> None:
-    """Check a URDF without a <ros2_control> block as if it had one. Raises DescriptionError."""
+    """Check a URDF without a <ros2_control> block as if it had such a block. Raises DescriptionError."""
     end = text.rfind("</robot>")
     block = f'<ros2_control name="new" type="system"><hardware><plugin>{PLUGIN}</plugin></hardware></ros2_control>'
     try:
@@ -102,7 +102,7 @@ def _require_sound(text: str, urdf: Path) -> None:
 
 
 def _parsed(text: str, urdf: Path) -> Element:
-    """The tree with its comments."""
+    """Parse XML, keeping its comments. Raises DescriptionError."""
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     try:
         return ElementTree.parse(io.StringIO(text), parser).getroot()
@@ -111,7 +111,7 @@ def _parsed(text: str, urdf: Path) -> Element:
 
 
 def _prolog(text: str) -> str:
-    """The text before the root element: the XML declaration and comments."""
+    """Return the text before the root element: the XML declaration and comments."""
     found = PROLOG.match(text)
     return found[0] if found else ""
 
@@ -124,7 +124,7 @@ def _driven(robot: Element) -> Iterator[Element]:
 
 
 def _limit_endless(joint: Element, reach_rad: float) -> None:
-    """Make a continuous joint, which a position servo cannot be, a revolute one with the servo's range."""
+    """Turn a continuous joint into a revolute joint with the range of a position servo."""
     if joint.get("type") != "continuous":
         return
     joint.set("type", "revolute")
@@ -136,7 +136,7 @@ def _limit_endless(joint: Element, reach_rad: float) -> None:
 
 
 def _keep_meshes(robot: Element, home: Path, folder: Path) -> None:
-    """Let relative paths of meshes lead to the same files from the new folder."""
+    """Change relative paths of meshes so that they are valid in the new folder."""
     for mesh in robot.iter("mesh"):
         name = mesh.get("filename", "")
         if "://" not in name and not os.path.isabs(name) and (home / name).exists():
@@ -144,7 +144,7 @@ def _keep_meshes(robot: Element, home: Path, folder: Path) -> None:
 
 
 def _block(name: str, joints: list[Element], reach_rad: float) -> Element:
-    """The <ros2_control> block; joints whose range is wider than the servo's get narrower commands."""
+    """Return the <ros2_control> block. It limits the commands of joints with a wider range than the servo."""
     block = Element("ros2_control", {"name": name, "type": "system"})
     hardware = ElementTree.SubElement(block, "hardware")
     ElementTree.SubElement(hardware, "plugin").text = PLUGIN
@@ -162,7 +162,7 @@ def _block(name: str, joints: list[Element], reach_rad: float) -> Element:
 
 
 def _narrowed(joint: Element, reach_rad: float) -> Mapping[str, float]:
-    """The range of the commands of a joint that goes further than its servo; empty for the others."""
+    """Return the command limits of a joint with a wider range than its servo, or nothing for other joints."""
     limit = joint.find("limit")
     if joint.get("type") != "revolute" or limit is None:
         return {}

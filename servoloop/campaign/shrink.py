@@ -9,7 +9,7 @@ from servoloop.campaign.contradictions import in_schedule
 from servoloop.campaign.run import NO_HANG, NOT_KILLED
 from servoloop.campaign.supervised import Loss, Supervisor
 from servoloop.campaign.workers import Stop, quiet
-from servoloop.simulation.schedule import Schedule, behind_the_end
+from servoloop.simulation.schedule import Schedule, after_the_end
 from servoloop.stack.arm_folders import OWN
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
@@ -79,7 +79,7 @@ def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda
     """
     smaller = schedule
     while True:
-        candidates = (one for one in _smaller(smaller) if one != smaller and not behind_the_end(one))
+        candidates = (one for one in _smaller(smaller) if one != smaller and not after_the_end(one))
         found = next((one for one in candidates if not stop() and breaks(one)), None)
         if found is None:
             return smaller

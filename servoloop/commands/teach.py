@@ -22,7 +22,7 @@ from servoloop.stack.arm_folders import OWN, find_arm
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
-    from servoloop.teach.taught import Taught
+    from servoloop.teach.taught import RecordedMotion
     from servoloop.teleop.arms import Side
 
 
@@ -56,14 +56,14 @@ def record(
 
     from servoloop.teach.run import record as run
     from servoloop.teach.screen import Teacher
-    from servoloop.teach.taught import TaughtMotions
+    from servoloop.teach.taught import MotionStore
 
-    side, motions = side_of(arm, port), TaughtMotions(find_arm(arm).folder)
+    side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
     motions.require_writable()
     if motions.path(name).exists():
         confirm(f"{name} is there already. Record it anew?", yes)
 
-    def keep(taught: "Taught", warnings: Sequence[str]) -> None:
+    def keep(taught: "RecordedMotion", warnings: Sequence[str]) -> None:
         motions.save(name, taught, {joint.name: joint for joint in side.files.robot.joints})
         for warning in warnings:
             print_styled(f"! {warning}", fg="yellow")
@@ -88,10 +88,10 @@ def play(
     The arm goes slowly to where the motion begins, then follows it. Without the key it stands. In the end it is left
     as its robot file says. Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
-    from servoloop.teach.taught import TaughtMotions
+    from servoloop.teach.taught import MotionStore
 
     require_keys(hands_free)
-    side, motions = side_of(arm, port), TaughtMotions(find_arm(arm).folder)
+    side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
     joints = side.files.robot.joints
     taught = motions.get(name).of([joint.name for joint in joints], name)
     taught.check_units(joints, str(motions.path(name)))
@@ -105,9 +105,9 @@ def list_(arm: AnArm = OWN, json: JsonOption = False) -> None:
 
     Example: `servoloop teach list --arm so101`
     """
-    from servoloop.teach.taught import TaughtMotions
+    from servoloop.teach.taught import MotionStore
 
-    motions = TaughtMotions(find_arm(arm).folder).all()
+    motions = MotionStore(find_arm(arm).folder).all()
     if json:
         print_json({name: _plain(taught) for name, taught in motions.items()})
         return
@@ -121,13 +121,13 @@ def remove(name: Name, arm: AnArm = OWN) -> None:
 
     Example: `servoloop teach remove wave --arm so101`
     """
-    from servoloop.teach.taught import TaughtMotions
+    from servoloop.teach.taught import MotionStore
 
-    TaughtMotions(find_arm(arm).folder).remove(name)
+    MotionStore(find_arm(arm).folder).remove(name)
     typer.echo(f"{name} is forgotten")
 
 
-def played(side: "Side", taught: "Taught", speed: float, hands_free: bool, rate_hz: int) -> int:
+def played(side: "Side", taught: "RecordedMotion", speed: float, hands_free: bool, rate_hz: int) -> int:
     """Play a motion of the arm's joints, and show how it goes; the exit status."""
     from rich.console import Console
 
@@ -139,14 +139,14 @@ def played(side: "Side", taught: "Taught", speed: float, hands_free: bool, rate_
         return run(side, rate_hz, taught, speed, permission, screen.show)
 
 
-def said(taught: "Taught") -> str:
+def said(taught: "RecordedMotion") -> str:
     """A motion in words."""
     if taught.path is None:
         return counted(len(taught.position), "pose")
     return f"a path of {taught.path.duration_s:.1f} s through {counted(len(taught.position), 'point')}"
 
 
-def _plain(taught: "Taught") -> dict[str, object]:
+def _plain(taught: "RecordedMotion") -> dict[str, object]:
     """A motion for programs."""
     kind, duration_s = ("path", taught.path.duration_s) if taught.path else ("poses", None)
     return {"kind": kind, "joints": taught.joints, "points": len(taught.position), "duration_s": duration_s}

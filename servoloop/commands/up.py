@@ -95,7 +95,7 @@ def up(
     set_network(network)
     if ready_file is not None:
         if ready_file.is_dir():
-            raise DriverError(f"--ready-file {ready_file} is a folder: name a file")
+            raise DriverError(f"--ready-file {ready_file} is a folder: choose the name of a file")
         require_writable(ready_file.parent)
     if record is not None:
         check_path(record)

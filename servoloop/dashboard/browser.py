@@ -23,8 +23,8 @@ def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], pan
     """Show the source until ``stop`` says so, with the buttons that move it where there are some."""
     turn = 0
     while not stop():
-        watched = source.watched
-        page.status(source.status, source.well, beat=turn // BEAT)
+        watched = source.robot
+        page.status(source.status, source.up_to_date, beat=turn // BEAT)
         page.show_arm(watched)
         if panel is not None:
             panel.show()

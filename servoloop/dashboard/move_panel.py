@@ -125,7 +125,7 @@ class Mover:
         turn = 0
         while self._source.connected and not self._ended.is_set():
             if self.presses.wish() is None and turn % round(AGAIN_S / TICK_S) == 0:
-                active = self._source.watched.state.snapshot.statuses.get(CONTROLLERS)
+                active = self._source.robot.state.snapshot.statuses.get(CONTROLLERS)
                 if active is None or active.values != seen:
                     client.connect()
                     seen = active.values if active else None

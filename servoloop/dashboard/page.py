@@ -20,7 +20,7 @@ from servoloop.dashboard.scene import CHOICES, PLAIN, ArmScene, add_ground, plac
 from servoloop.dashboard.shapes import Shape, arm_shapes, scene_shapes, shapes, thing_shapes
 from servoloop.dashboard.tables import STRIPS, Cell, Strip, Table, axis_range, strip_data
 from servoloop.recording.history import KEPT_S
-from servoloop.recording.robot_state import GoalPath, Snapshot, Watched, health, servo_faults
+from servoloop.recording.robot_state import GoalPath, ObservedRobot, Snapshot, health, servo_faults
 from servoloop.stack.arm_folders import ARM_FILE, Arm, arms, read_arm
 
 HEIGHT_PX: Final = 150
@@ -33,7 +33,7 @@ class Strips:
     def __init__(self, server: viser.ViserServer) -> None:
         self._plots = [self._add(server, strip) for strip in STRIPS]
 
-    def show(self, watched: Watched, place: int) -> None:
+    def show(self, watched: ObservedRobot, place: int) -> None:
         """Draw the joint at ``place``."""
         minute = watched.minute()
         for strip, plot in zip(STRIPS, self._plots, strict=True):
@@ -46,7 +46,7 @@ class Strips:
     def _add(self, server: viser.ViserServer, strip: Strip) -> viser.GuiUplotHandle:
         axes: Any = (uplot.Axis(size=30), uplot.Axis(size=52))
         return server.gui.add_uplot(
-            strip_data(Watched().minute(), strip.columns, 0),
+            strip_data(ObservedRobot().minute(), strip.columns, 0),
             (
                 uplot.Series(label="s"),
                 *(
@@ -181,7 +181,7 @@ class Page:
         if content != self._status.content:
             self._status.content = content
 
-    def show_arm(self, watched: Watched) -> None:
+    def show_arm(self, watched: ObservedRobot) -> None:
         """Move the arm; cheap enough for every cycle."""
         snapshot = watched.state.snapshot
         if not snapshot.joints or not snapshot.description_xml:
@@ -194,7 +194,7 @@ class Page:
         self._arm.show_things(snapshot.scene)
         self._show_goal(watched, snapshot)
 
-    def show_numbers(self, watched: Watched) -> None:
+    def show_numbers(self, watched: ObservedRobot) -> None:
         """Renew texts, colours and strips; a few times a second."""
         snapshot = watched.state.snapshot
         if self._arm is None or self._description is None or snapshot.joints != self._joints:
@@ -246,7 +246,7 @@ class Page:
             self._arm.show_frames(self._frames.value)
             self._arm.show_ghost(self._ghost.value)
 
-    def _show_goal(self, watched: Watched, snapshot: Snapshot) -> None:
+    def _show_goal(self, watched: ObservedRobot, snapshot: Snapshot) -> None:
         """Draw the path of the newest goal while it is under way."""
         going = [goal for goal in snapshot.goals.values() if not goal.ended and self._can_draw(goal)]
         goal = max(going, key=lambda goal: goal.begun_s, default=None)

@@ -5,7 +5,7 @@ from typing import Final
 import viser
 
 from drivers.clock import Clock
-from servoloop.recording.robot_state import Watched
+from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sources import SPEEDS, Playback, Recording
 
 PAUSE: Final = "Pause"
@@ -15,7 +15,7 @@ PLAY: Final = "Play"
 class Player:
     """Plays a recording over and over; browsers say where and how fast."""
 
-    well = True
+    up_to_date = True
 
     def __init__(self, server: viser.ViserServer, recording: Recording, clock: Clock) -> None:
         self._playback = Playback(recording, clock)
@@ -32,11 +32,11 @@ class Player:
         self._sought = False
 
     @property
-    def watched(self) -> Watched:
+    def robot(self) -> ObservedRobot:
         """The robot at the moment that is played now."""
         self._playback.speed = self._speed.value
         sought, self._sought = self._sought, False
-        watched = self._playback.watched
+        watched = self._playback.robot
         shown = round(self._playback.time_s, 1)
         if not sought and shown != self._slider.value:  # a slider that is being drawn stays where it is
             self._slider.value = shown  # type: ignore[misc]  # its setter stands apart from its property

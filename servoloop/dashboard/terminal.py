@@ -27,7 +27,7 @@ from servoloop.dashboard.tables import (
     result_table,
 )
 from servoloop.dashboard.terminal_chart import StripChart
-from servoloop.recording.robot_state import Snapshot, Watched
+from servoloop.recording.robot_state import ObservedRobot, Snapshot
 from servoloop.recording.sources import SPEEDS, Playback, Source
 
 STYLES: Final = ("", "bold yellow", "bold red")
@@ -137,7 +137,7 @@ class MonitorApp(App[None]):
         """``stop`` is asked many times a second whether to end."""
         super().__init__()
         self._source, self._stop = source, stop
-        self._watched: Watched | None = None
+        self._watched: ObservedRobot | None = None
         self._turn = 0
         self._wrong: Table | None = None
         self._joints = JointsTable()
@@ -219,11 +219,11 @@ class MonitorApp(App[None]):
 
     def _show_joints(self) -> Snapshot:
         """The joints' numbers, above them the status line and what is wrong."""
-        self._watched = self._source.watched
+        self._watched = self._source.robot
         snapshot = self._watched.state.snapshot
         self._joints.show(snapshot)
         self._status.update(self._source.status, layout=False)
-        self._status.set_class(not self._source.well, "unwell")
+        self._status.set_class(not self._source.up_to_date, "unwell")
         wrong = fault_table(snapshot)
         if wrong != self._wrong:
             self._wrong, self._faults.display = wrong, bool(wrong.rows)

@@ -70,12 +70,12 @@ class LiveRobot:
     @property
     def snapshot(self) -> Snapshot:
         """The newest state of the robot."""
-        return self._source.watched.state.snapshot
+        return self._source.robot.state.snapshot
 
     @property
     def curves(self) -> Curves:
         """The states of the last minute."""
-        return self._source.watched.state.curves()
+        return self._source.robot.state.curves()
 
     @property
     def folder(self) -> Path:

@@ -1,1 +1,1 @@
-"""What MoveIt must know of an arm, made of the arm's folder."""
+"""Generate the MoveIt configuration of an arm from the arm's folder."""

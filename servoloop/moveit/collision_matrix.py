@@ -1,7 +1,7 @@
-"""The pairs of an arm's links that MoveIt need not check against each other: the SRDF's <disable_collisions>.
+"""Find the pairs of links that MoveIt need not check for collisions: the SRDF's <disable_collisions>.
 
-MoveIt's set-up assistant samples poses in the same way. The geometry is that of the arm's scene, which the tests keep
-equal to the URDF's.
+Poses are sampled as in MoveIt's setup assistant. The geometry comes from the arm's scene; tests ensure that it equals
+the geometry of the URDF.
 """
 
 import itertools
@@ -18,24 +18,24 @@ from sim_backend.scene.scene_file import scene_spec
 SAMPLES: Final = 100_000
 SEED: Final = 1
 ALWAYS: Final = 0.95
-"""A pair that touches in a larger share of the poses does so by design, as in MoveIt's set-up assistant."""
+"""Share of poses above which a pair of links touches by design, as in MoveIt's setup assistant."""
 
 Pair = tuple[str, str]
 
 
 def pair(one: str, other: str) -> Pair:
-    """The same for both orders."""
+    """Return a pair of links in sorted order."""
     return (one, other) if one < other else (other, one)
 
 
 def arm_links(spec: Any) -> list[Any]:
-    """The bodies of a scene's arm, the base first."""
+    """Return the bodies of the arm in a scene, starting with the base."""
     base = spec.body("base_link")
     return [base, *base.find_all(mujoco.mjtObj.mjOBJ_BODY)]
 
 
 class LinkModel:
-    """The arm of a scene alone, each link against each other link."""
+    """Model of the arm in a scene, without other objects, for collisions between its links."""
 
     def __init__(self, scene: Path) -> None:
         spec = scene_spec(scene)
@@ -50,19 +50,19 @@ class LinkModel:
         mobile = [self.model.joint(i) for i in range(self.model.njnt)]
         owned = [joint for joint in mobile if self.model.body(joint.bodyid[0]).name in self.links]
         self.joints = tuple(str(joint.name) for joint in owned)
-        """All joints, followers included, in the order of poses."""
+        """All joints, including mimic joints, in the order of poses."""
         self.followers = _followers(self.model)
-        """By follower: the joint that it follows, and the polynomial of their positions."""
+        """For each mimic joint, the joint that it follows and the polynomial of their positions."""
         self._places = [int(joint.qposadr[0]) for joint in owned]
         self._ranges = np.array([joint.range for joint in owned])
 
     def pose(self, positions: dict[str, float]) -> FloatArray:
-        """A pose of these joint positions; joints that are not named stand at 0, followers where their leaders are."""
+        """Return a pose with these joint positions. Other joints are at 0; mimic joints follow their joints."""
         values = {name: positions.get(name, 0.0) for name in self.joints}
         return self._followed(np.array(list(values.values())))
 
     def random_pose(self, random: np.random.Generator) -> FloatArray:
-        """Joint positions within the limits, followers where their leaders are."""
+        """Return random joint positions within the limits. Mimic joints follow their joints."""
         low, high = self._ranges.T
         return self._followed(random.uniform(low, high))
 
@@ -73,12 +73,12 @@ class LinkModel:
         return pose
 
     def place(self, pose: FloatArray) -> None:
-        """Bring the arm into this pose."""
+        """Move the arm to a pose."""
         self.data.qpos[self._places] = pose
         mujoco.mj_kinematics(self.model, self.data)
 
     def touching(self, pose: FloatArray) -> set[Pair]:
-        """Pairs of links that overlap in this pose, adjacent ones left out."""
+        """Return the pairs of links that overlap in a pose, without adjacent links."""
         self.place(pose)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_collision(self.model, self.data)
@@ -89,7 +89,7 @@ class LinkModel:
         return pairs - self.adjacent
 
     def meeting(self) -> set[Pair]:
-        """Pairs of links that are driven as one, as two fingers are: they are there to meet."""
+        """Return the pairs of links driven by one servo, such as two fingers. They are meant to touch."""
         link = {name: self.model.body(self.model.joint(name).bodyid[0]).name for name in self.joints}
         return {pair(link[follower], link[leader]) for follower, (leader, _) in self.followers.items()}
 
@@ -105,13 +105,13 @@ def _followers(model: Any) -> dict[str, tuple[str, FloatArray]]:
 
 
 def count(arm: LinkModel, samples: int, seed: int) -> Counter[Pair]:
-    """In how many random poses each pair touches."""
+    """Return the number of random poses in which each pair touches."""
     random = np.random.default_rng(seed)
     return Counter(itertools.chain.from_iterable(arm.touching(arm.random_pose(random)) for _ in range(samples)))
 
 
 def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair, str]:
-    """The pairs that need no check, each with MoveIt's word for the reason."""
+    """Return the pairs that need no collision check, each with MoveIt's term for the reason."""
     arm = LinkModel(scene)
     touched = count(arm, samples, seed)
     at_zero = arm.touching(np.zeros(len(arm.joints)))
@@ -133,7 +133,7 @@ def reasons(scene: Path, samples: int = SAMPLES, seed: int = SEED) -> dict[Pair,
 
 
 def lines(found: dict[Pair, str]) -> list[str]:
-    """The elements of the SRDF."""
+    """Return the <disable_collisions> elements of the SRDF."""
     return [
         f'  <disable_collisions link1="{one}" link2="{other}" reason="{why}"/>' for (one, other), why in found.items()
     ]

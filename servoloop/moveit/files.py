@@ -1,6 +1,7 @@
-"""MoveIt's configuration of an arm: ``servoloop arms moveit``.
+"""Implementation of ``servoloop arms moveit``: write the MoveIt configuration of an arm.
 
-What does not differ between arms is taken from config/moveit, with its comments; the rest is made of the arm's folder.
+The parts that are equal for all arms, and the comments, come from config/moveit. The rest is generated from the arm's
+folder.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ import yaml
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
 from servoloop.moveit.collision_matrix import SAMPLES, reasons
-from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
+from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import Objects, Shape, surroundings
 from servoloop.stack.arm_folders import Arm, read_arm_files
@@ -21,10 +22,10 @@ from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import CONFIG, Files, make_folder, write_file
 
 MOVEIT: Final = CONFIG / "moveit"
-"""MoveIt's configuration of the project's own arm."""
+"""Folder with the MoveIt configuration of the default arm."""
 COPIED: Final = ("kinematics.yaml", "ompl_planning.yaml", "moveit.rviz")
 PADDINGS_M: Final = (0.02, 0.015, 0.01)
-"""The paddings to try, widest first. The last one is still more than a hand sinks at 6 mrad in each joint."""
+"""Paddings to try, widest first, in m. Even the last one exceeds the sag of the hand at 6 mrad in each joint."""
 VELOCITY_SHARE: Final = 0.9
 ACCELERATION_SHARE: Final = 0.8
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
@@ -32,10 +33,13 @@ GRIPPERS: Final = ("position_controllers/GripperActionController", "effort_contr
 
 
 def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
-    """MoveIt's files by name. Raises HalError, with the poses in which MoveIt could not begin a plan."""
+    """Return the texts of MoveIt's files by name.
+
+    Raises HalError if MoveIt cannot start a plan in some poses. The message lists them.
+    """
     files = read_arm_files(arm)
     unchecked = reasons(arm.scene, samples)
-    lying = lying_poses(arm)
+    lying = rest_poses(arm)
     poses = {**lying, **working_poses(arm)}
     for padding_m in PADDINGS_M:
         objects = surroundings(arm.scene, padding_m, list(lying.values()))
@@ -46,8 +50,8 @@ def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
     else:
         found = "\n".join(f"{name}: {', '.join(pairs)}" for name, pairs in blocked.items() if pairs)
         raise ArmFileError(
-            f"MoveIt could not begin a plan in these poses of {arm.name}, even with a padding of {padding_m} m: "
-            f"change the poses or the scene\n{found}"
+            f"MoveIt cannot start a plan in these poses of {arm.name}, even with a padding of {padding_m} m: change "
+            f"the poses or the scene\n{found}"
         )
     groups = _groups(files)
     name = ElementTree.fromstring(files.description.xml).get("name", arm.name)
@@ -62,7 +66,7 @@ def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
 
 
 def write_moveit(arm: Arm, folder: Path) -> list[Path]:
-    """Write the files into a folder; the ones that were there stay, with .1 behind their names. Raises HalError."""
+    """Write MoveIt's files into a folder. Existing files are renamed to NAME.1. Raises HalError."""
     written = moveit_files(arm)
     make_folder(folder)
     for name, text in written.items():
@@ -71,10 +75,10 @@ def write_moveit(arm: Arm, folder: Path) -> list[Path]:
 
 
 def _groups(files: Files) -> dict[str, tuple[str, ...]]:
-    """The joints of the arm, those of the first trajectory controller, and the other driven ones, the hand's."""
+    """Return the joints of the arm (those of the first trajectory controller) and of the hand (all others)."""
     trajectories = [spec for spec in files.controllers.controllers if spec.kind == TRAJECTORY]
     if not trajectories:
-        raise ArmFileError(f"{files.controllers.path} has no {TRAJECTORY}, by which MoveIt could move the arm: add one")
+        raise ArmFileError(f"{files.controllers.path} has no {TRAJECTORY}, which MoveIt needs to move the arm: add one")
     arm = tuple(getattr(trajectories[0].parameters, "joints", ()))
     hand = tuple(joint.name for joint in files.robot.joints if joint.name not in arm)
     return {"arm": arm, "hand": hand} if hand else {"arm": arm}
@@ -93,30 +97,30 @@ def _states(arm: Arm, groups: Mapping[str, Sequence[str]]) -> States:
 
 
 def header(name: str, before: str) -> str:
-    """What stands before a line of a file in config/moveit."""
+    """Return the text before a line of a file in config/moveit."""
     text = (MOVEIT / name).read_text()
     return text[: text.index(f"\n{before}") + 1]
 
 
 def joint_limits(files: Files, padding_m: float) -> str:
-    """Shares of the URDF's velocities and of the robot file's accelerations."""
+    """Return joint_limits.yaml, with shares of the URDF's velocities and of the robot file's accelerations."""
     padding = "default_robot_padding: "
     text = header("joint_limits.yaml", padding) + f"{padding}{padding_m}\n\njoint_limits:\n"
     for joint in files.robot.joints:
         own = files.robot.file.joints[joint.name]
         velocity = files.description.joints[joint.name].velocity
         text += f"  {joint.name}:\n"
-        for what, value in (
+        for kind, value in (
             ("velocity", VELOCITY_SHARE * velocity),
             ("acceleration", ACCELERATION_SHARE * own.acceleration),
             ("jerk", own.jerk),
         ):
-            text += f"    has_{what}_limits: true\n    max_{what}: {round(float(value), 6)}\n"
+            text += f"    has_{kind}_limits: true\n    max_{kind}: {round(float(value), 6)}\n"
     return text
 
 
 def moveit_controllers(files: Files) -> str:
-    """The controllers that MoveIt can use, by the actions that they serve."""
+    """Return moveit_controllers.yaml, with the controllers that MoveIt can use and their actions."""
     entries: dict[str, str] = {}
     for spec in files.controllers.controllers:
         parameters = spec.parameters
@@ -136,7 +140,7 @@ def moveit_controllers(files: Files) -> str:
 
 
 def planning_scene(objects: Objects) -> str:
-    """The objects as a request to /apply_planning_scene."""
+    """Return planning_scene.yaml, with the objects as a request to /apply_planning_scene."""
     begin = "scene:"
     text = header("planning_scene.yaml", begin) + (
         f"{begin}\n  is_diff: true\n  robot_state: {{is_diff: true}}\n  world:\n    collision_objects:\n"
@@ -161,7 +165,7 @@ def _pose(shape: Shape) -> str:
 
 
 def read_objects(request: Mapping[str, Any]) -> Objects:
-    """The objects of a request to /apply_planning_scene."""
+    """Return the objects of a request to /apply_planning_scene."""
     found: Objects = {}
     for item in request["scene"]["world"]["collision_objects"]:
         found[item["id"]] = [
@@ -177,6 +181,6 @@ def read_objects(request: Mapping[str, Any]) -> Objects:
 
 
 def read_padding_m(folder: Path) -> float:
-    """The padding in a folder of MoveIt's files."""
+    """Return the padding in a folder with MoveIt's files, in m."""
     padding: float = yaml.safe_load((folder / "joint_limits.yaml").read_text())["default_robot_padding"]
     return padding

@@ -1,4 +1,7 @@
-"""Whether MoveIt can begin a plan in a pose: the padded arm free of its surroundings, the bare one free of itself."""
+"""Check whether MoveIt can start a plan in a pose.
+
+The padded arm must not touch the objects around it, and the arm without padding must not touch itself.
+"""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -14,16 +17,16 @@ from servoloop.stack.arm_folders import Arm
 from servoloop.stack.pick_place import PickPlace, load_pick_place
 from sim_backend.scene.world import World
 
-FALLING_S: Final = 4.0
-"""A limp arm lies still after this time, in simulated seconds."""
+SETTLE_S: Final = 4.0
+"""Time for a limp arm to come to rest, in seconds of the simulation."""
 FAR_M: Final = 1.0
 
 
 class PaddedArm:
-    """The arm as MoveIt checks it."""
+    """Arm with padding, as checked by MoveIt."""
 
     def __init__(self, scene: Path, objects: Objects, padding_m: float, unchecked: Collection[Pair] = ()) -> None:
-        """``unchecked``: the pairs of links that the SRDF leaves out."""
+        """``unchecked`` are the pairs of links excluded by the SRDF."""
         self._links = LinkModel(scene)
         self._unchecked = set(unchecked)
         spec, names = spec_with(scene, objects, padding_m)
@@ -41,10 +44,10 @@ class PaddedArm:
         ]
         meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
         self._padding_m = np.where(meshes, padding_m, 0.0)
-        """Of geometries that were not made larger."""
+        """Padding of meshes, which are not enlarged in the model. Zero for all other geometries."""
 
     def distances(self, pose: Pose) -> dict[Pair, float]:
-        """The distance of each link from each object, m; negative inside it."""
+        """Return the distance of each link from each object in m, negative if they overlap."""
         self._data.qpos[self._places] = self._links.pose(dict(pose))
         mujoco.mj_kinematics(self._model, self._data)
         found: dict[Pair, float] = {}
@@ -57,37 +60,37 @@ class PaddedArm:
         return found
 
     def collisions(self, pose: Pose) -> list[str]:
-        """The pairs for which MoveIt refuses the pose as a start or a goal; none if it can plan."""
+        """Return the pairs for which MoveIt refuses a pose, or nothing if it can plan from this pose."""
         around = [f"{link} - {thing}" for (link, thing), gap in self.distances(pose).items() if gap <= 0.0]
         itself = self._links.touching(self._links.pose(dict(pose))) - self._unchecked
         return sorted(around) + [f"{one} - {other}" for one, other in sorted(itself)]
 
 
-def fallen(scene: Path, pose: Pose) -> Pose:
-    """The position in which an arm lies after it was released in this pose."""
+def released_pose(scene: Path, pose: Pose) -> Pose:
+    """Return the pose in which an arm comes to rest after it is released in a pose."""
     start = World(scene)
     world = World(scene, initial_position=[pose.get(joint, 0.0) for joint in start.joints])
-    for _ in range(round(FALLING_S / world.timestep_s)):
+    for _ in range(round(SETTLE_S / world.timestep_s)):
         world.advance()
     return dict(zip(world.joints, world.position().tolist(), strict=True))
 
 
-def lying_poses(arm: Arm) -> dict[str, Pose]:
-    """The poses in which the arm stands without a plan: at the start of the stack, parked, and released in either."""
+def rest_poses(arm: Arm) -> dict[str, Pose]:
+    """Return the poses of rest: at the start of the stack and parked, each with torque and released."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
     poses: dict[str, Pose] = {"the start": begin}
     if world.lies:
-        poses["the start, limp"] = fallen(arm.scene, begin)
+        poses["the start, limp"] = released_pose(arm.scene, begin)
     if park is not None:
         for hand, at in _hands(arm, world.joints[-1]):
             poses[f"park, {hand}"] = {**at, **park.pose}
-            poses[f"park, {hand}, limp"] = fallen(arm.scene, {**at, **park.pose})
+            poses[f"park, {hand}, limp"] = released_pose(arm.scene, {**at, **park.pose})
     return poses
 
 
 def working_poses(arm: Arm) -> dict[str, Pose]:
-    """The poses of the pick-place job, with the hand open and closed, and all joints at zero, where the mock begins."""
+    """Return the poses of the pick-place job with open and closed hand, and the zero pose, where the mock starts."""
     world = World(arm.scene)
     poses: dict[str, Pose] = {"zero": {}}
     for name, pose in _arm_poses(load_pick_place(arm.pick_place)):

@@ -1,4 +1,4 @@
-"""The SRDF of an arm: groups, named states, end effector, and the links that need no check."""
+"""Generate the SRDF of an arm: groups, named states, end effector and disabled collision checks."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -12,7 +12,7 @@ States = Mapping[tuple[str, str], Mapping[str, float]]
 
 
 def tip(description: Description, joints: tuple[str, ...]) -> tuple[str, str] | None:
-    """The first and the last link of a chain of joints; None if they are no chain."""
+    """Return the first and the last link of a chain of joints, or None if the joints do not form a chain."""
     moved = [description.joints[name] for name in joints]
     parents = {joint.child: joint.parent for joint in description.joints.values() if joint.kind == "fixed"}
     for before, after in pairwise(moved):
@@ -25,7 +25,7 @@ def tip(description: Description, joints: tuple[str, ...]) -> tuple[str, str] | 
 
 
 def followers(description: Description, hand: tuple[str, ...]) -> list[str]:
-    """The joints that follow those of the hand."""
+    """Return the mimic joints of the hand."""
     return [j.name for j in description.joints.values() if j.mimic is not None and j.mimic.joint in hand]
 
 
@@ -36,14 +36,22 @@ def srdf(
     states: States,
     unchecked: Mapping[Pair, str],
 ) -> str:
-    """The whole file. ``groups``: the driven joints of ``arm`` and, if there is one, of ``hand``."""
+    """Return the SRDF file.
+
+    Args:
+        name: Name of the robot in the URDF.
+        description: Robot description.
+        groups: Driven joints of the groups ``arm`` and, if there is a hand, ``hand``.
+        states: Named states.
+        unchecked: Pairs of links without collision checks, with the reasons.
+    """
     arm, hand = groups["arm"], groups.get("hand", ())
     chain = tip(description, arm)
     text = [
         '<?xml version="1.0"?>',
         "<!--",
-        "  What MoveIt 2 must know of the arm beyond its URDF.",
-        "  There is no virtual joint: the root link is where the arm stands, and the frame in which MoveIt plans.",
+        "  Information for MoveIt 2 that the URDF of the arm does not contain.",
+        "  There is no virtual joint: MoveIt plans in the frame of the root link, on which the arm stands.",
         "-->",
         f'<robot name="{name}">',
         '  <group name="arm">',
@@ -74,8 +82,8 @@ def srdf(
     text += [
         "",
         "  <!--",
-        "    Computed by tools/collision_matrix.py. Adjacent: joined by a joint. Never: touch in none of its poses.",
-        "    Always: touch in most of them. Default: touch at zero. User: driven as one, the links are there to meet.",
+        "    Computed by tools/collision_matrix.py. Adjacent: connected by a joint. Never: do not touch in any sampled",
+        "    pose. Always: touch in most poses. Default: touch at zero. User: driven by one servo and meant to touch.",
         "  -->",
         *lines(dict(unchecked)),
         "</robot>",

@@ -1,4 +1,4 @@
-"""The objects around an arm for MoveIt: those of its scene, with room where the arm lies and works."""
+"""Convert the objects of an arm's scene to collision objects for MoveIt, with clearance at the arm's working poses."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,24 +15,24 @@ from servoloop.moveit.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005
-"""Room between the padded arm and what it stands on, lies on or works at."""
-LIES_M: Final = 0.03
-"""How far beside its poses of rest an arm may come to lie."""
+"""Clearance between the padded arm and the objects that it stands on, lies on or works at, in m."""
+REST_MARGIN_M: Final = 0.03
+"""Maximum distance between the actual and the computed pose of rest of an arm, in m."""
 REACH_M: Final = 0.7
-"""Half the side of the table."""
+"""Half the side length of the table, in m."""
 TABLE_M: Final = 0.04
-"""Thickness of the table."""
+"""Thickness of the table, in m."""
 BOX, SPHERE, CYLINDER = 1, 2, 3
-"""The types of shape_msgs/SolidPrimitive."""
+"""Types of shape_msgs/SolidPrimitive."""
 
 Numbers = tuple[float, ...]
 Pose = Mapping[str, float]
-"""Joint positions by name, rad or m."""
+"""Joint positions by name, in rad or m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A primitive of an object: dimensions in the order of shape_msgs/SolidPrimitive, the middle, the orientation."""
+    """Primitive shape of an object with its center and orientation. Dimensions are as in shape_msgs/SolidPrimitive."""
 
     kind: int
     dimensions: Numbers
@@ -42,7 +42,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Pit:
-    """A rectangle in which the table is lower, m."""
+    """Rectangle in which the table is lowered, in m."""
 
     x_from: float
     x_to: float
@@ -51,12 +51,12 @@ class Pit:
     depth: float
 
     def meets(self, other: "Pit") -> bool:
-        """Whether the two overlap."""
+        """Return whether two pits overlap."""
         along = self.x_from < other.x_to and other.x_from < self.x_to
         return along and self.y_from < other.y_to and other.y_from < self.y_to
 
     def joined(self, other: "Pit") -> "Pit":
-        """The pit around both."""
+        """Return the smallest pit that contains both."""
         x_from, y_from = min(self.x_from, other.x_from), min(self.y_from, other.y_from)
         x_to, y_to = max(self.x_to, other.x_to), max(self.y_to, other.y_to)
         return Pit(x_from, x_to, y_from, y_to, max(self.depth, other.depth))
@@ -64,21 +64,21 @@ class Pit:
 
 Objects = dict[str, list[Shape]]
 BASE: Final = "base_link"
-"""The arm's first body and link."""
+"""First body and link of the arm."""
 
 
 def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Objects:
-    """The objects of a scene that do not move, by name.
+    """Return the fixed objects of a scene, by name.
 
-    The table is lower where the padded arm is in it: below the foot, and where the arm lies in the poses ``lying``. The
-    stand, at which the arm works, is lower by the padding and ROOM_M. Raises ArmFileError.
+    The table has pits below the foot and where the padded arm would touch it in the poses of rest ``lying``. The stand,
+    at which the arm works, is lowered by the padding and ROOM_M. Raises ArmFileError.
     """
     model = scene_model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, BASE)
     if base < 0:
-        raise ArmFileError(f"{scene}:1: the scene has no body {BASE}, on which the arm stands: name the first body so")
+        raise ArmFileError(f"{scene}:1: the scene has no body {BASE}: give the first body of the arm this name")
     around = [geom for geom in range(model.ngeom) if _stands(model, geom, base)]
     found: Objects = {}
     for geom in around:
@@ -92,7 +92,7 @@ def surroundings(scene: Path, padding_m: float, lying: Sequence[Pose]) -> Object
 
 
 def _stands(model: Any, geom: int, base: int) -> bool:
-    """Whether something can touch it, and no joint moves it."""
+    """Return whether a geometry is fixed and can collide."""
     fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
     return bool(fixed and model.body_rootid[model.geom_bodyid[geom]] != base) and bool(
         model.geom_contype[geom] or model.geom_conaffinity[geom]
@@ -101,12 +101,12 @@ def _stands(model: Any, geom: int, base: int) -> bool:
 
 def _level(data: Any, geom: int, name: str) -> float:
     if abs(data.geom_xmat[geom][8] - 1.0) > 1e-6:
-        raise ArmFileError(f"the plane {name} is not level: give the scene a level table")
+        raise ArmFileError(f"the plane {name} of the scene is tilted: make it level")
     return float(data.geom_xpos[geom][2])
 
 
 def _shape(model: Any, data: Any, geom: int, lower_m: float) -> Shape | None:
-    """The geometry as a primitive, its top lower by ``lower_m``; None if nothing of it is left."""
+    """Return a geometry as a primitive with its top lowered by ``lower_m``, or None if nothing remains."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
     middle, turn = data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3)
     primitive, dimensions = BOX, 2.0 * size
@@ -116,7 +116,7 @@ def _shape(model: Any, data: Any, geom: int, lower_m: float) -> Shape | None:
         primitive, dimensions = CYLINDER, np.array([2.0 * size[1], size[0]])
     elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         primitive, dimensions = CYLINDER, np.array([2.0 * (size[0] + size[1]), size[0]])
-    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # a mesh or an ellipsoid: the box around it
+    elif kind != mujoco.mjtGeom.mjGEOM_BOX:  # a mesh or an ellipsoid becomes its bounding box
         middle, dimensions = middle + turn @ model.geom_aabb[geom][:3], 2.0 * model.geom_aabb[geom][3:]
     if lower_m and primitive == BOX and turn[2, 2] > 1.0 - 1e-6:
         dimensions[2] -= lower_m
@@ -133,7 +133,7 @@ def _rounded(values: FloatArray) -> Numbers:
 
 
 def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) -> list[Pit]:
-    """Where the padded arm is in the table: below its foot, and where it lies."""
+    """Return the pits of the table below the foot of the arm and at its poses of rest."""
     arm = LinkModel(scene)
     foot = arm.model.body(BASE).id
     moved = [body for body in range(1, arm.model.nbody) if body != foot and arm.model.body(body).name in arm.links]
@@ -142,7 +142,7 @@ def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) ->
     pits: list[Pit] = []
     for positions in lying:
         arm.place(arm.pose(dict(positions)))
-        pit = _pit(arm, moved, level, padding_m, LIES_M)
+        pit = _pit(arm, moved, level, padding_m, REST_MARGIN_M)
         for other in [other for other in pits if pit is not None and pit.meets(other)]:
             pits.remove(other)
             pit = pit.joined(other) if pit else other
@@ -151,7 +151,7 @@ def _pits(scene: Path, level: float, padding_m: float, lying: Sequence[Pose]) ->
 
 
 def _pit(arm: LinkModel, bodies: Sequence[int], level: float, padding_m: float, margin_m: float) -> Pit | None:
-    """The pit in the table that these bodies need, ``margin_m`` wider than they are; None if they are above it."""
+    """Return the pit that these bodies need, with a margin, or None if they are above the table."""
     found = []
     for geom in range(arm.model.ngeom):
         if arm.model.geom_bodyid[geom] in bodies and arm.model.geom_contype[geom]:
@@ -165,7 +165,7 @@ def _pit(arm: LinkModel, bodies: Sequence[int], level: float, padding_m: float, 
 
 
 def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, FloatArray]:
-    """The lowest and the highest x, y and z of a padded geometry."""
+    """Return the lowest and the highest x, y and z of a padded geometry."""
     turn = arm.data.geom_xmat[geom].reshape(3, 3)
     middle = arm.data.geom_xpos[geom] + turn @ arm.model.geom_aabb[geom][:3]
     half = np.abs(turn) @ (arm.model.geom_aabb[geom][3:] + padding_m)
@@ -173,7 +173,7 @@ def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, Fl
 
 
 def _table(level: float, pits: Sequence[Pit]) -> list[Shape]:
-    """Boxes that fill the table: level, and lower in the pits. Neighbors along x are joined."""
+    """Return boxes that form the table with its pits. Neighboring boxes along x are merged."""
     xs = _edges(edge for pit in pits for edge in (pit.x_from, pit.x_to))
     ys = _edges(edge for pit in pits for edge in (pit.y_from, pit.y_to))
     bottom = level - max([TABLE_M, *(pit.depth + ROOM_M for pit in pits)])
@@ -200,9 +200,9 @@ def _depth(x: float, y: float, pits: Sequence[Pit]) -> float:
 
 
 def spec_with(scene: Path, objects: Objects, padding_m: float) -> tuple[Any, list[str]]:
-    """The scene with the arm padded as MoveIt pads it, and the objects added; the names of these, with their number.
+    """Return the scene with MoveIt's padding of the arm and with the objects, and the names of the added geometries.
 
-    Padding makes boxes, cylinders and capsules longer at each end and thicker all around.
+    Padding makes boxes, cylinders and capsules longer at each end and thicker on all sides.
     """
     spec = scene_spec(scene)
     padded = {

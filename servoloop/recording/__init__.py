@@ -1,1 +1,1 @@
-"""Recordings of a running stack as MCAP files with ROS 2 messages, without ROS."""
+"""Record a running stack in MCAP files with ROS 2 messages. ROS need not be installed."""

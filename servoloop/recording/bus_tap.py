@@ -1,4 +1,4 @@
-"""A tap on a serial line: what went over it in each call, and when."""
+"""Record the bytes and the time of every read and write on a serial port."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -8,39 +8,40 @@ from drivers.clock import Clock
 from drivers.port import Port
 
 KEPT: Final = 20_000
-"""So many transfers wait for a loop that does not run: those of setting up a line of servos are some hundred."""
+"""Maximum number of transfers kept before the loop runs. The set-up of a bus needs several hundred."""
 
 
 class Transfer(NamedTuple):
-    """The bytes of one call, written or read."""
+    """Bytes of one call to a port."""
 
     stamp_s: float
-    """When they were handed over to be sent, or when the call that read them came back; on the loop's clock."""
+    """Time before a write or after a read, in seconds on the loop's clock."""
     port: str
     sent: bool
+    """Whether the bytes were written."""
     data: bytes
-    """Empty where nothing came in the time that there was."""
+    """Bytes of the call. Empty after a read that timed out."""
 
 
 class BusTaps:
-    """The taps on all lines of a stack. They share one list, in which the transfers stand in their order."""
+    """Taps on all ports of a stack. They share one list of transfers in chronological order."""
 
     def __init__(self) -> None:
         self._transfers: deque[Transfer] = deque(maxlen=KEPT)
 
     def tap(self, port: Port, clock: Clock) -> Port:
-        """The same port, with a tap."""
+        """Return a port that records its transfers and otherwise behaves as ``port``."""
         return BusTap(port, clock, self._transfers)
 
     def take(self) -> tuple[Transfer, ...]:
-        """All transfers since the last time. For one thread; another may use the ports meanwhile."""
+        """Return all transfers since the last call. Only one thread may call this; another thread may use the ports."""
         transfers = self._transfers
         return tuple(transfers.popleft() for _ in range(len(transfers)))
 
 
 @dataclass(slots=True)
 class BusTap:
-    """A port that notes what goes over it, and else is the port below."""
+    """Port that records all transfers of another port."""
 
     port: Port
     clock: Clock

@@ -1,4 +1,4 @@
-"""Recordings of faults: the last half minute is kept in memory, and written when something goes wrong."""
+"""Record faults. The last 30 seconds are kept in memory and written to a file when a fault occurs."""
 
 import logging
 import re
@@ -20,52 +20,57 @@ LOG = logging.getLogger("servoloop")
 
 FOLDER: Final = Path("out/faults")
 KEPT_S: Final = 30.0
-"""So much is kept. What goes wrong soon after a file is in the next one, which has no gap to it."""
-APART_S: Final = KEPT_S - 1.0
-"""The least time between the ends of two files; a second less, because samples come half a second at a time."""
+"""Time kept in memory, in seconds.
+
+A fault shortly after a file was written is recorded in the next file, which continues without a gap.
+"""
+MIN_INTERVAL_S: Final = KEPT_S - 1.0
+"""Minimum time between the ends of two files, in seconds. It is 1 s shorter because samples arrive every 0.5 s."""
 FILES: Final = 20
-"""The oldest file goes when there is one more."""
+"""Maximum number of files. The oldest file is deleted first."""
 LARGEST_FOLDER: Final = 100_000_000
-"""Bytes of all files together; the oldest files go when there are more. The newest file stays, however large."""
-LASTS_S: Final = 0.25
-"""A joint that is measured again sooner has had no fault: a machine or a line that is late for a moment is normal."""
+"""Maximum size of all files together, in bytes. The oldest files are deleted first, the newest file never."""
+MIN_DURATION_S: Final = 0.25
+"""Minimum duration of a fault, in seconds. Shorter gaps in the measurements are normal on a busy computer or bus."""
 LOST: Final = "lost"
-AT_ONCE: Final = ("no_torque", LOST)
-"""The kinds of faults that are recorded without waiting."""
+IMMEDIATE: Final = ("no_torque", LOST)
+"""Kinds of faults that are recorded without a minimum duration."""
 NAME: Final = "????-??-??_??-??-??.???_*" + SUFFIX
 
 
 class FaultFiles:
-    """A sink that keeps the last ``KEPT_S`` and writes them into a new file when a fault begins.
+    """Sink that keeps the last ``KEPT_S`` seconds and writes them to a new file when a fault begins.
 
-    Faults are a joint that is not measured or not driven, a component that is lost, a goal whose joints leave their
-    tolerances, and a loop that ends by an error. A component that a client switches off is none.
+    Faults are a joint without measurement or torque, a lost component, a goal whose tolerances are violated, and a loop
+    that ends with an error. A component that a client switches off is not a fault.
     """
 
     eager = False
 
     def __init__(self, folder: Path, messages: Messages, now: Callable[[], datetime] = datetime.now) -> None:
-        """``now`` is the time of day, for the files' names."""
+        """``now`` returns the time of day for the file names."""
         self._folder, self._messages, self._now = folder, messages, now
         self._kept: deque[CycleSample] = deque()
         self._since_s: Mapping[str, float] = {}
-        """When the faults of the last cycle began, by the joint or component that has them."""
+        """Start times of the faults in the last cycle, by joint or component."""
         self._known: Mapping[str, str] = {}
-        """Those of them that are faults to be recorded."""
+        """Kinds of the faults that have lasted long enough, by joint or component."""
         self._new: list[str] = []
-        """Faults that are in no file yet."""
+        """Faults not yet written to a file."""
         self._written_s: float | None = None
-        """The last cycle that is in a file."""
+        """Time of the last cycle written to a file."""
 
     def write(self, sample: CycleSample) -> None:
-        """Keep a cycle, and note what is wrong in it that was not before."""
+        """Keep a cycle and detect new faults in it."""
         self._kept.append(sample)
         while sample.state.stamp_s - self._kept[0].state.stamp_s > KEPT_S:
             self._kept.popleft()
         stamp_s, found = sample.state.stamp_s, dict(_faults(sample))
         self._since_s = {name: self._since_s.get(name, stamp_s) for name in found}
         faults = {
-            name: kind for name, kind in found.items() if kind in AT_ONCE or stamp_s - self._since_s[name] >= LASTS_S
+            name: kind
+            for name, kind in found.items()
+            if kind in IMMEDIATE or stamp_s - self._since_s[name] >= MIN_DURATION_S
         }
         self._new += [f"{name}: {kind}" for name, kind in faults.items() if name not in self._known]
         ends = (goal for goal in sample.goals if isinstance(goal, GoalEnd))
@@ -73,13 +78,18 @@ class FaultFiles:
         self._known = faults
 
     def flush(self) -> None:
-        """Write what there is to write. Raises RecordingError, DriverError where there can be no folder."""
+        """Write a file if there are new faults.
+
+        Raises:
+            RecordingError: The file cannot be written.
+            DriverError: The folder cannot be created.
+        """
         newest_s = self._kept[-1].state.stamp_s
-        if self._new and (self._written_s is None or newest_s - self._written_s >= APART_S):
+        if self._new and (self._written_s is None or newest_s - self._written_s >= MIN_INTERVAL_S):
             self._write_file(())
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
-        """Write the faults that are in no file yet; a loop that ``failed`` is one. Raises as ``flush``."""
+        """Write the remaining faults. A failed loop counts as a fault. Raises the same errors as ``flush``."""
         if failed:
             self._new.append("loop: ended by an error")
         if self._new and self._kept:
@@ -107,16 +117,16 @@ def tidy(folder: Path) -> None:
     """Delete the oldest files until their number and their size are within the limits."""
     total = 0
     for number, path in enumerate(sorted(folder.glob(NAME), reverse=True)):
-        with suppress(FileNotFoundError):  # another stack may have taken it away
+        with suppress(FileNotFoundError):  # another stack may have deleted the file
             total += path.stat().st_size
             if number and (number >= FILES or total > LARGEST_FOLDER):
                 path.unlink()
 
 
 def _faults(sample: CycleSample) -> Iterator[tuple[str, str]]:
-    """The faults of a cycle: the joint or the component, and the kind."""
+    """Yield the joint or component and the kind of each fault in a cycle."""
     for joint, fault in sample.state.faults.items():
-        if fault.kind != "component":  # lost, which is below, or switched
+        if fault.kind != "component":  # a component that is lost is handled below; a component switched off is no fault
             yield joint, fault.kind
     for component in sample.lost:
         yield component, LOST

@@ -1,4 +1,4 @@
-"""The live feed of a stack: what a recording has, to whoever looks on, while it happens."""
+"""Stream the messages of a recording live to other programs."""
 
 import io
 import socket
@@ -15,12 +15,12 @@ from servoloop.recording.messages import Messages, Recorded
 from servoloop.recording.sampler import CycleSample
 from servoloop.recording.stream import FOLDER, LiveError
 
-BEHIND: Final = 4 * 1024 * 1024
-"""Bytes that wait for a program until it loses cycles: half a minute."""
+MAX_QUEUE_BYTES: Final = 4 * 1024 * 1024
+"""Maximum number of bytes queued for a viewer before it loses cycles. This is about 30 s of messages."""
 
 
 class Viewer:
-    """The stack's end of a connection. It never waits; ``gone`` when the other end is."""
+    """Connection to a program that receives the feed. It never blocks. ``gone`` is set when the program disconnects."""
 
     def __init__(self, connection: socket.socket) -> None:
         self.gone = False
@@ -29,16 +29,16 @@ class Viewer:
         self._waiting = bytearray()
         self._output = io.BytesIO()
         self._mcap = McapStream(self._output, chunked=False)
-        self.knows, self.add_channel = self._mcap.knows, self._mcap.add_channel
+        self.has_channel, self.add_channel = self._mcap.has_channel, self._mcap.add_channel
         self.add_message = self._mcap.add_message
 
     @property
     def ready(self) -> bool:
-        """Whether it has taken enough to be given more."""
-        return len(self._waiting) < BEHIND
+        """Whether the queue has room for more messages."""
+        return len(self._waiting) < MAX_QUEUE_BYTES
 
     def send(self) -> None:
-        """Hand over as much as the socket takes."""
+        """Send as many bytes as the socket accepts."""
         self._waiting += self._output.getvalue()
         self._output.seek(0)
         self._output.truncate()
@@ -51,33 +51,42 @@ class Viewer:
             self.close()
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self.gone = True
         self._connection.close()
 
 
 WAITING: Final = 8
-"""So many who want to look on wait until the next cycle takes them in."""
+"""Maximum number of new viewers that can wait for the next cycle."""
 
 
 class LiveFeed:
-    """A sink that gives each cycle to the programs that are connected to a Unix socket, as a stream of MCAP.
+    """Sink that sends each cycle as an MCAP stream to all programs connected to a Unix socket.
 
-    One that reads too slowly loses whole cycles, which it can count; nobody waits for it.
+    A program that reads too slowly loses whole cycles, which it can count. The stack never waits for a viewer.
     """
 
     def __init__(self, path: Path, messages: Messages, folder: Path | None = None) -> None:
-        """``path``: of the socket; ``folder``: the arm's own. Raises LiveError where there cannot be a socket."""
+        """Create the socket.
+
+        Args:
+            path: Path of the socket.
+            messages: Creates the messages.
+            folder: Folder of the arm, if any.
+
+        Raises:
+            LiveError: The socket cannot be created.
+        """
         self._path, self._messages = path, messages
         self._encode = typestore().serialize_cdr
         self._viewers: list[Viewer] = []
         self._cycles = 0
         self._goals: dict[str, Recorded] = {}
-        """The newest goal of each controller, and its result behind it, by topic: for those who come later."""
+        """Latest goal of each controller, followed by its result, by topic. New viewers receive them first."""
         self._server = socket.socket(socket.AF_UNIX)
         self._server.setblocking(False)
         try:
-            new = path.with_suffix(".new")  # under its name only when it listens: one that does not is taken for dead
+            new = path.with_suffix(".new")  # renamed once it listens, as clients delete a socket that does not listen
             new.unlink(missing_ok=True)
             path.with_suffix(FOLDER).unlink(missing_ok=True)
             if folder is not None:
@@ -87,15 +96,15 @@ class LiveFeed:
             new.rename(path)
         except OSError as error:
             self._server.close()
-            raise LiveError(f"nobody can look on, {path} cannot be made: {error.strerror or error}") from error
+            raise LiveError(f"no live feed: {path} cannot be created: {error.strerror or error}") from error
 
     @property
     def eager(self) -> bool:
-        """Whether somebody looks on, who wants each cycle as it comes."""
+        """Whether a viewer is connected. Viewers receive each cycle immediately."""
         return bool(self._viewers)
 
     def write(self, sample: CycleSample) -> None:
-        """Give a cycle to all who look on."""
+        """Send a cycle to all viewers."""
         self._cycles += 1
         new = self._accept()
         if new:
@@ -107,13 +116,13 @@ class LiveFeed:
             self._send(self._viewers, messages)
 
     def flush(self) -> None:
-        """Hand over what the sockets take, and forget those who have gone."""
+        """Send as many bytes as the sockets accept, and drop viewers that have disconnected."""
         for viewer in self._viewers:
             viewer.send()
         self._viewers = [viewer for viewer in self._viewers if not viewer.gone]
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
-        """End. Who looks on is told by the end of the stream."""
+        """Send the last transfers and close the feed. Viewers see the end of the stream."""
         self._path.unlink(missing_ok=True)
         self._path.with_suffix(FOLDER).unlink(missing_ok=True)
         self._server.close()
@@ -125,7 +134,7 @@ class LiveFeed:
     def _keep_goals(self, messages: Iterable[Recorded]) -> None:
         for one in messages:
             if one.topic.endswith(GOAL):
-                self._goals.pop(one.topic.removesuffix(GOAL) + RESULT, None)  # of the goal before
+                self._goals.pop(one.topic.removesuffix(GOAL) + RESULT, None)  # result of the previous goal
                 self._goals[one.topic] = one
             elif one.topic.endswith(RESULT):
                 self._goals[one.topic] = one
@@ -138,13 +147,13 @@ class LiveFeed:
         return new
 
     def _send(self, viewers: Sequence[Viewer], messages: Iterable[Recorded]) -> None:
-        """Encode once, for all who can take it."""
+        """Encode each message once and queue it for every viewer with room in its queue."""
         ready = [viewer for viewer in viewers if viewer.ready]
         if not ready:
             return
         for topic, kind, stamp_ns, message in messages:
             data = bytes(self._encode(message, kind))
             for viewer in ready:
-                if not viewer.knows(topic):
+                if not viewer.has_channel(topic):
                     viewer.add_channel(topic, kind, definition(kind))
                 viewer.add_message(topic, stamp_ns, data, self._cycles)

@@ -1,4 +1,4 @@
-"""The last minute of a robot's numbers, for plots."""
+"""Keep the joint values of the last minute for plots."""
 
 from collections import deque
 from typing import Final, NamedTuple
@@ -12,18 +12,18 @@ KEPT_S: Final = 60.0
 
 
 class Row(NamedTuple):
-    """The numbers of one cycle; arrays (n,) in the order of the joints, rad or m, per second, N m or N."""
+    """Joint values of one cycle: arrays (n,) in joint order, in rad or m, rad/s or m/s, and N m or N."""
 
     stamp_s: float
     position: FloatArray
     command: FloatArray
-    """NaN where none is commanded."""
+    """Commanded positions, NaN for joints without a command."""
     velocity: FloatArray
     effort: FloatArray
 
 
 class Curves(NamedTuple):
-    """The numbers of the last minute: times (k,) in s, arrays (k, n)."""
+    """Joint values of the last minute: times (k,) in seconds, and arrays (k, n) in the units of Row."""
 
     time_s: FloatArray
     position: FloatArray
@@ -33,18 +33,21 @@ class Curves(NamedTuple):
 
     @property
     def error(self) -> FloatArray:
-        """Command less position, (k, n)."""
+        """Command minus position, (k, n)."""
         return self.command - self.position
 
 
 class History:
-    """Rows of the last ``KEPT_S`` seconds, of one thread."""
+    """Rows of the last ``KEPT_S`` seconds. Not thread-safe."""
 
     def __init__(self) -> None:
         self._rows: deque[Row] = deque()
 
     def add(self, row: Row) -> None:
-        """Keep a row; time that goes back begins a new history. Rows from before a joint came have NaN for it."""
+        """Add a row. If its time is before the last row, start a new history.
+
+        Rows older than a newly added joint get NaN for this joint.
+        """
         rows = self._rows
         if rows and len(rows[-1].position) < len(row.position):
             rows = self._rows = deque(_widened(each, len(row.position)) for each in rows)
@@ -55,7 +58,7 @@ class History:
             rows.popleft()
 
     def curves(self) -> Curves:
-        """All rows as arrays."""
+        """Return all rows as arrays."""
         if not self._rows:
             empty = np.empty((0, 0))
             return Curves(np.empty(0), empty, empty, empty, empty)

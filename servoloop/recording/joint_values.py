@@ -1,4 +1,4 @@
-"""The newest values of all joints, put together by name from the messages of one or several publishers."""
+"""Combine the joint states of one or more publishers into the latest values of all joints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,7 +11,10 @@ from hal.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class JointValues:
-    """Arrays (n,) in the order of ``joints``, rad or m, per second, N m or N; NaN for values that were never given."""
+    """Latest values of all joints: arrays (n,) in the order of ``joints``, NaN for values never received.
+
+    Units are rad or m, rad/s or m/s, and N m or N.
+    """
 
     joints: tuple[str, ...] = ()
     position: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -19,9 +22,9 @@ class JointValues:
     effort: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def with_message(self, message: Any) -> Self:
-        """Return these values with those of a JointState.
+        """Return these values, updated with a JointState message.
 
-        A joint that the message lacks keeps its values. A joint without a finite position keeps its position.
+        Joints missing from the message keep their values. Joints without a finite position keep their position.
         """
         joints = tuple(dict.fromkeys((*self.joints, *message.name)))
         places = [joints.index(name) for name in message.name]
@@ -35,10 +38,10 @@ class JointValues:
 
 
 def widened(values: FloatArray, count: int) -> FloatArray:
-    """Return a copy of values (m,) with ``count`` places; the new ones are NaN."""
+    """Return a copy of ``values`` (m,) extended to length ``count`` with NaN."""
     return np.append(values, np.full(count - len(values), np.nan))
 
 
 def _given(values: Sequence[float], count: int) -> FloatArray:
-    """The values of a message's field, which may be empty or shorter than its names."""
+    """Return the values of a message field that may be shorter than the list of names, extended with NaN."""
     return widened(np.asarray(values, dtype=np.float64)[:count], count)

@@ -1,4 +1,4 @@
-"""A new MCAP file of encoded messages, in small chunks, so that what a killed program leaves can be read."""
+"""Write encoded messages to MCAP streams and files. Small chunks keep the file of a killed program readable."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,35 +12,37 @@ from mcap.writer import CompressionType, Writer
 from drivers.errors import DriverError
 
 CHUNK: Final = 256 * 1024
-"""Bytes after which a chunk ends though nobody asks for it; a cycle has some five thousand."""
+"""Maximum size of a chunk, in bytes. A cycle has about 5,000 bytes."""
 
 
 class McapStream:
-    """Writes encoded ROS 2 messages; the channels and types of a stream are in it before the first message of each.
+    """Writer of encoded ROS 2 messages. Raises the OSErrors of its output unchanged.
 
-    OSError of the output goes through.
+    The stream contains each channel and message type before the first message that uses it.
     """
 
     def __init__(self, output: IO[bytes], chunked: bool) -> None:
-        """``chunked``: compressed and with an index at its end, as a file; else each message by itself, at once."""
+        """Start the stream. With ``chunked``, write compressed chunks and an index; otherwise write each message
+        immediately.
+        """
         compression = CompressionType.ZSTD if chunked else CompressionType.NONE
         self._writer = Writer(output, CHUNK, compression, use_chunking=chunked)
         self._writer.start(profile=Profile.ROS2)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
 
-    def knows(self, topic: str) -> bool:
-        """Whether the topic has a channel."""
+    def has_channel(self, topic: str) -> bool:
+        """Return whether a topic has a channel."""
         return topic in self._channels
 
     def add_channel(self, topic: str, kind: str, definition: str) -> None:
-        """Open the channel of a topic, whose messages are of this type, with the type's text."""
+        """Add the channel of a topic with a message type and its definition."""
         if kind not in self._schemas:
             self._schemas[kind] = self._writer.register_schema(kind, SchemaEncoding.ROS2, definition.encode())
         self._channels[topic] = self._writer.register_channel(topic, MessageEncoding.CDR, self._schemas[kind])
 
     def add_message(self, topic: str, stamp_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Write an encoded message of a topic that has a channel; ``stamp_ns`` is ROS time."""
+        """Write an encoded message to an existing channel. ``stamp_ns`` is ROS time."""
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, sequence)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
@@ -48,57 +50,57 @@ class McapStream:
         self._writer.add_metadata(name, dict(values))
 
     def flush(self) -> None:
-        """Hand on all that is kept back."""
+        """Write all buffered messages to the output."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
-        """End the stream with its index."""
+        """Write the index and end the stream."""
         self._writer.finish()  # type: ignore[no-untyped-call]
 
 
 SUFFIX: Final = ".mcap"
-"""Programs know the format by it."""
+"""File name suffix of a recording."""
 RecordOption = Annotated[
     Path | None, typer.Option("--record", metavar="FILE.mcap", help="Record every cycle and all bus traffic.")
 ]
 
 
 class RecordingError(DriverError):
-    """A recording cannot be written or read."""
+    """Raised when a recording cannot be written or read."""
 
 
 def check_path(path: Path) -> None:
-    """Check that a recording can begin there. Raises RecordingError."""
+    """Raise RecordingError if no recording can be created at ``path``."""
     if path.suffix != SUFFIX:
-        raise RecordingError(f"a recording is a file whose name ends in {SUFFIX}, not {path}")
+        raise RecordingError(f"{path} is not a valid name for a recording: the name must end in {SUFFIX}")
     if path.exists():
-        raise RecordingError(f"{path} is there already: name another file, or delete it")
+        raise RecordingError(f"{path} already exists: choose another file, or delete it")
     if not path.parent.is_dir():
-        raise RecordingError(f"there is no folder {path.parent} to record into: make it first")
+        raise RecordingError(f"folder {path.parent} does not exist: create it first")
 
 
 class McapFile:
-    """One file. ``close`` ends it; a file that was not closed lacks its index, and has all that was flushed.
+    """MCAP file. A file that was not closed has no index, but contains all messages that were flushed.
 
-    Every call raises RecordingError where the disk does not take it.
+    Every method raises RecordingError if the disk cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises RecordingError where the file cannot be made, or is there already."""
+        """Create the file. Raises RecordingError if it cannot be created or already exists."""
         self.path = path
         with self._errors():
             self._stream: IO[bytes] = path.open("xb")
         self._mcap = McapStream(self._stream, chunked=True)
-        self.knows = self._mcap.knows
+        self.has_channel = self._mcap.has_channel
 
     def add_channel(self, topic: str, kind: str, definition: str) -> None:
-        """Open the channel of a topic, whose messages are of this type, with the type's text."""
+        """Add the channel of a topic with a message type and its definition."""
         with self._errors():
             self._mcap.add_channel(topic, kind, definition)
 
     def add_message(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Write an encoded message of a topic that has a channel; ``stamp_ns`` is ROS time."""
-        try:  # without the context, which costs more than the call: there are some twenty messages a cycle
+        """Write an encoded message to an existing channel. ``stamp_ns`` is ROS time."""
+        try:  # not _errors(): a context manager costs more than this call, made about 20 times per cycle
             self._mcap.add_message(topic, stamp_ns, data)
         except OSError as error:
             raise self._error(error) from error
@@ -109,12 +111,12 @@ class McapFile:
             self._mcap.add_metadata(name, values)
 
     def flush(self) -> None:
-        """Hand all to the system: from here on it outlives this program."""
+        """Hand all messages to the operating system, so that they are written even if this program is killed."""
         with self._errors():
             self._mcap.flush()
 
     def close(self) -> None:
-        """End the file with its index."""
+        """Write the index and close the file."""
         with self._errors(), self._stream:
             self._mcap.finish()
 
@@ -126,4 +128,4 @@ class McapFile:
             raise self._error(error) from error
 
     def _error(self, error: OSError) -> RecordingError:
-        return RecordingError(f"cannot record into {self.path}: {error.strerror or error}")
+        return RecordingError(f"cannot write the recording {self.path}: {error.strerror or error}")

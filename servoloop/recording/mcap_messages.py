@@ -1,4 +1,4 @@
-"""The messages of an MCAP file or stream, as far as it goes."""
+"""Read the messages of an MCAP file or stream, including files that are incomplete or damaged."""
 
 import logging
 import struct
@@ -34,7 +34,7 @@ OTHER_FORMATS: Final = {
     b"\x28\xb5\x2f\xfd": "is compressed: decompress it with `zstd -d`",
     b"\x1f\x8b": "is compressed: decompress it with `gunzip`",
 }
-"""The first bytes of files that are mistaken for recordings, and what they are."""
+"""Descriptions of other file formats, by the first bytes of the file."""
 KINDS: Final = {
     STATES: (JOINT_STATE,),
     COMMANDS: (JOINT_STATE,),
@@ -48,7 +48,7 @@ OpenFile = Callable[[Path], IO[bytes]]
 
 
 class Received(NamedTuple):
-    """A message with its topic; ``sequence`` counts the cycles of a live stack, so that a gap is seen."""
+    """Decoded message with its topic. ``sequence`` counts the cycles of a live stack, which reveals lost cycles."""
 
     topic: str
     stamp_ns: int
@@ -58,7 +58,7 @@ class Received(NamedTuple):
 
 
 def kinds_of(topic: str) -> tuple[str, ...]:
-    """Return the message types with which a topic tells a robot's state; none for all other topics."""
+    """Return the message types of a topic with robot state, or no types for any other topic."""
     if topic.endswith(GOAL):
         return TRAJECTORY, JOINT_STATE
     return (GOAL_RESULT,) if topic.endswith(RESULT) else KINDS.get(topic, ())
@@ -68,8 +68,8 @@ def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encod
     """Yield the messages of a reader until its stream ends, is closed or is damaged.
 
     Args:
-        reader: The reader of a stream.
-        file: The file's name, for the warning that the file is damaged; None for a live stream.
+        reader: Reader of a stream.
+        file: File name for the warning about a damaged file. None for a live stream.
     """
     try:
         for schema, channel, message in reader.iter_messages(log_time_order=False):
@@ -83,7 +83,7 @@ def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encod
 
 
 def decoded(messages: Iterable[Encoded]) -> Iterator[Received]:
-    """Yield the messages that tell a robot's state. A message that does not fit its type is left out."""
+    """Decode and yield the messages with robot state. Skip messages that do not match their type."""
     decode = typestore().deserialize_cdr
     for schema, channel, message in messages:
         if schema.name not in kinds_of(channel.topic) or channel.message_encoding != "cdr":
@@ -102,11 +102,11 @@ def open_file(path: Path) -> IO[bytes]:
 
 
 def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Received]:
-    """Yield the messages of a recording that tell a robot's state, also of one that was not ended.
+    """Yield the messages with robot state in a recording, which may be incomplete.
 
     Args:
-        path: The file.
-        open_file: Opens it; a caller that shows progress puts a counter around it.
+        path: Path of the file.
+        open_file: Opens the file. A caller that shows progress passes a function that counts the bytes read.
 
     Raises:
         RecordingError: The file cannot be read, or it is not an MCAP file.
@@ -121,14 +121,14 @@ def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Recei
 
 
 def _require_mcap(stream: IO[bytes], path: Path) -> None:
-    """Check the first bytes of a file. Raises RecordingError."""
+    """Raise RecordingError if a file does not start as an MCAP file."""
     head = stream.read(512)
     stream.seek(0)
     if head.startswith(MAGIC):
         return
     found = next((text for start, text in OTHER_FORMATS.items() if head.startswith(start)), None)
     if found is None:
-        found = f"is {_described(head)}, not an MCAP recording: name a file that --record has written"
+        found = f"is {_described(head)}, not an MCAP recording: choose a file written with --record"
     raise RecordingError(f"{path} {found}")
 
 

@@ -1,4 +1,4 @@
-"""The message definitions of a recording: those of ROS 2 Jazzy, and the few in ``msg/`` that Jazzy does not have."""
+"""Load the message definitions of a recording, from ROS 2 Jazzy and from ``msg/`` for types that Jazzy lacks."""
 
 from functools import cache
 from pathlib import Path
@@ -15,15 +15,15 @@ STRING = "std_msgs/msg/String"
 TF = "tf2_msgs/msg/TFMessage"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 MESSAGE_TYPES = (BUS_TRAFFIC, CYCLE, GOAL_RESULT, CONTROLLER_STATE, DIAGNOSTICS, JOINT_STATE, STRING, TF, TRAJECTORY)
-"""The types of all messages in a recording."""
+"""Types of all messages in a recording."""
 
 
 @cache
 def typestore() -> Typestore:
-    """All types by their name (``sensor_msgs/msg/JointState``); it takes a fifth of a second, once.
+    """Return all message types by name, such as ``sensor_msgs/msg/JointState``. The first call takes 0.2 s.
 
-    The functions that encode them are made here, by Python's compiler: while that runs, no other thread does, and a
-    loop under way would be late.
+    This also compiles the functions that encode the messages. The compiler blocks all other threads, so the first
+    call must come before the control loop starts.
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted(MSG.glob("*/*.msg")):
@@ -34,5 +34,5 @@ def typestore() -> Typestore:
 
 
 def definition(name: str) -> str:
-    """The text of a type with those of all types in it, as a schema of the encoding ros2msg has it."""
+    """Return the definition of a type and of all types it contains, as an MCAP schema with encoding ros2msg."""
     return typestore().generate_msgdef(name, ros_version=2)[0]

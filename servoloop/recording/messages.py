@@ -1,4 +1,4 @@
-"""The messages of a recording: topic, type and content of what a cycle's sample has."""
+"""Convert the sample of a cycle to the ROS 2 messages of a recording."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ NONE = np.empty(0)
 
 
 class Recorded(NamedTuple):
-    """One message; ``stamp_ns`` is the time under which it stands in the file."""
+    """Message of a recording with its topic, type and log time."""
 
     topic: str
     kind: str
@@ -40,12 +40,19 @@ class Recorded(NamedTuple):
 
 
 class Messages:
-    """Makes the messages of one robot's recording."""
+    """Creates the messages of a robot's recording."""
 
     def __init__(
         self, description: Description, joints: Sequence[str], command_interfaces: Sequence[str], offset_s: float
     ) -> None:
-        """``joints``, ``command_interfaces``: the hardware's. ``offset_s``: from the loop's clock to ROS time."""
+        """Create the message factory of a robot.
+
+        Args:
+            description: Robot description.
+            joints: Joints of the hardware, in the order of its states.
+            command_interfaces: Command interfaces of the hardware, in the order of its commands.
+            offset_s: ROS time minus the time of the loop's clock, in seconds.
+        """
         self._description = description
         self._joints = list(joints)
         self._commanded = list(dict.fromkeys(name.rpartition("/")[0] for name in command_interfaces))
@@ -58,12 +65,12 @@ class Messages:
         self._cycle, self._goal_result = types[CYCLE], types[GOAL_RESULT]
 
     def latched(self, stamp_s: float) -> Iterator[Recorded]:
-        """What does not change: the robot description and the links that never move."""
+        """Yield the messages that never change: the robot description and the fixed transforms."""
         yield self._of("/robot_description", STRING, stamp_s, _STRING(self._description.xml))
         yield self._of("/tf_static", TF, stamp_s, self._transforms(self._links.fixed, stamp_s))
 
     def of_cycle(self, sample: CycleSample) -> Iterator[Recorded]:
-        """All messages of one cycle."""
+        """Yield all messages of one cycle."""
         state = sample.state
         stamp_s = state.stamp_s
         yield from map(self._traffic, sample.transfers)
@@ -83,7 +90,7 @@ class Messages:
             yield self._of("/diagnostics", DIAGNOSTICS, stamp_s, self._diagnostics(sample))
 
     def of_transfers(self, transfers: Iterable[Transfer]) -> Iterator[Recorded]:
-        """Bus traffic behind the last cycle."""
+        """Return the messages for bus traffic after the last cycle."""
         return map(self._traffic, transfers)
 
     def _of(self, topic: str, kind: str, stamp_s: float, message: object) -> Recorded:
@@ -103,7 +110,7 @@ class Messages:
         return self._of("/servoloop/cycles", CYCLE, stamp_s, self._cycle(self._header(stamp_s), *figures))
 
     def _command(self, command: FloatArray, stamp_s: float) -> object:
-        """The commands as joint states: of each joint what is commanded, NaN where nothing is."""
+        """Return the commands as a JointState message, with NaN for interfaces without a command."""
         values = np.full((len(INTERFACES), len(self._commanded)), np.nan)
         for place, value in zip(self._places, command.tolist(), strict=True):
             values[place] = value

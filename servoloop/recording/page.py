@@ -1,4 +1,4 @@
-"""A recording as one page with plots: SVG without scripts, which opens without a network."""
+"""Render a recording as an HTML page with SVG plots. The page needs neither scripts nor a network."""
 
 from math import ceil
 from pathlib import Path
@@ -13,11 +13,11 @@ from servoloop.recording.reader import RecordedRun
 from servoloop.stack.robot_files import write_file
 
 MOST: Final = 3000
-"""Cycles in a plot; of a longer run every so many-th is shown."""
+"""Maximum number of cycles in a plot. Plots of longer runs show every n-th cycle."""
 
 
 def page(run: RecordedRun, name: str) -> str:
-    """The page in HTML."""
+    """Return the HTML page of a run."""
     environment = Environment(
         loader=PackageLoader("servoloop.recording", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -28,19 +28,19 @@ def page(run: RecordedRun, name: str) -> str:
 
 
 def write_page(path: Path, run: RecordedRun, name: str) -> None:
-    """Write the page into the file ``path``. Raises DriverError."""
+    """Write the HTML page of a run to the file ``path``. Raises DriverError."""
     write_file(path, page(run, name), keep=False)
 
 
 def _largest_errors(run: RecordedRun) -> list[tuple[str, float]]:
-    """By joint, where it was commanded."""
+    """Return the largest difference between command and position of each joint."""
     error = np.abs(run.command - run.position)
     largest = [float(column[~np.isnan(column)].max(initial=0.0)) for column in error.T]
     return list(zip(run.joints, largest, strict=True))
 
 
 def _plots(run: RecordedRun, step: int) -> list[tuple[str, str]]:
-    """Heading and plot."""
+    """Return the heading and the SVG of each plot."""
     stretches = [Stretch(*fault) for fault in run.faults]
 
     def curves(values: FloatArray, dashed: bool = False) -> tuple[Curve, ...]:

@@ -1,4 +1,4 @@
-"""A reader of recordings: the numbers of a run as arrays, from a whole file or from what a killed program has left."""
+"""Read a recording into arrays. Incomplete recordings of killed programs can be read, too."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,17 +23,17 @@ from servoloop.recording.mcap_messages import (
 )
 
 ERROR: Final = 2
-"""The level of diagnostic_msgs/DiagnosticStatus."""
+"""Error level in diagnostic_msgs/DiagnosticStatus."""
 BACK_S: Final = 1.0
-"""Publishers' stamps may be so far out of order; a larger step back is a clock that was set anew."""
+"""Maximum step back between the stamps of different publishers, in seconds. A larger step means a clock was reset."""
 
 
 @dataclass(slots=True)
 class RecordedRun:
-    """The numbers of a run; times in s since its first cycle, arrays (n,) or (n, joints), rad or m and per second.
+    """Values of a run: arrays (n,) or (n, joints), in rad or m and per second, with times in s since the first cycle.
 
-    Joints are matched by name, message by message. A message that lacks a joint has the value between those before and
-    after it; NaN where there are none.
+    Joints are matched by name in each message. Values missing from a message are interpolated in time, or NaN before
+    the first value of a joint.
     """
 
     joints: tuple[str, ...] = ()
@@ -45,19 +45,19 @@ class RecordedRun:
     velocity: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     effort: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     command: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    """Positions that the safety gate let pass; NaN where none is commanded."""
+    """Commanded positions after the safety gate. NaN for joints without a command."""
     cycle_s: FloatArray = field(default_factory=lambda: np.empty(0))
     late_s: FloatArray = field(default_factory=lambda: np.empty(0))
     busy_s: FloatArray = field(default_factory=lambda: np.empty(0))
     missed: int = 0
     faults: list[tuple[str, float, float]] = field(default_factory=list)
-    """What the diagnostics call an error, with its begin and end."""
+    """Errors in the diagnostics, each with its start and end time."""
     results: list[tuple[float, str]] = field(default_factory=list)
-    """The ends of goals."""
+    """End time and result of each goal."""
 
 
 def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
-    """Read a recording of servoloop or of another program, also one that was not ended. Raises RecordingError."""
+    """Read a recording of servoloop or of another program, which may be incomplete. Raises RecordingError."""
     received: dict[str, list[Received]] = {}
     command_rows: list[int] = []
     for one in read_messages(path, open_file):
@@ -66,22 +66,22 @@ def read_recording(path: Path, open_file: OpenFile = open_file) -> RecordedRun:
             command_rows.append(len(received.get(STATES, ())) - 1)
     states = [one for one in received.get(STATES, []) if len(one.message.position)]
     if not states:
-        raise RecordingError(f"{path} has no positions in {STATES}: it is no recording of a run")
+        raise RecordingError(f"{path} has no positions in {STATES}: it is not a recording of a robot")
     return _Numbers(received, command_rows).run
 
 
 class _Numbers:
-    """The messages of a run as arrays."""
+    """Converts the messages of a run to arrays."""
 
     def __init__(self, received: dict[str, list[Received]], command_rows: Sequence[int]) -> None:
-        """``command_rows``: the place of the state to which each command belongs."""
+        """``command_rows`` has the index of the joint state for each command."""
         self._received = received
         self._states = received[STATES]
         self._stamped = _are_stamped(self._states)
         times_s = self._times_s(STATES)
         order = np.argsort(times_s, kind="stable")
         sorted_s = times_s[order]
-        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]  # of equal times the last
+        self._rows = order[np.append(np.diff(sorted_s) > 0.0, True)]  # the last of several equal times
         self._time_s = times_s[self._rows]
         self._begin_s = float(self._time_s[0])
         joints = tuple(dict.fromkeys(name for one in self._states for name in one.message.name))
@@ -103,7 +103,7 @@ class _Numbers:
         )
 
     def _times_s(self, topic: str) -> FloatArray:
-        """ROS times of a topic's messages (n,): stamps, or the times of the file where stamps are of no use."""
+        """Return the ROS times (n,) of a topic's messages: their stamps, or else their log times."""
         found = self._received.get(topic, [])
         return np.array([self._time_of(one) for one in found], dtype=np.float64)
 
@@ -111,7 +111,7 @@ class _Numbers:
         return stamp_s(one.message) if self._stamped else one.stamp_ns * 1e-9
 
     def _column(self, joints: Sequence[str], kind: str) -> FloatArray:
-        """One kind of measurement of all joints (n, joints), by the names of each message."""
+        """Return one kind of measurement of all joints, (n, joints)."""
         table: FloatArray = _by_name([one.message for one in self._states], joints, kind)[self._rows]
         for column in table.T:
             known = np.isfinite(column)
@@ -149,14 +149,14 @@ class _Numbers:
 
 
 def _are_stamped(states: Iterable[Received]) -> bool:
-    """Whether the headers have times that go on: not zeros, one time for all, or the times of a clock set anew."""
+    """Return whether the header stamps are usable: nonzero, not all equal, and not from a clock that was reset."""
     stamps = np.array([stamp_s(one.message) for one in states])
     back_s = np.maximum.accumulate(stamps) - stamps
     return bool(stamps.all() and back_s.max() < BACK_S and (len(stamps) == 1 or np.ptp(stamps) > 0.0))
 
 
 def _by_name(messages: Sequence[Any], joints: Sequence[str], kind: str) -> FloatArray:
-    """A row for each JointState and a column for each joint; NaN where a message has no finite value."""
+    """Return an array with a row per JointState and a column per joint. Missing and infinite values are NaN."""
     places = {name: place for place, name in enumerate(joints)}
     found = np.full((len(messages), len(joints)), np.nan)
     for row, message in zip(found, messages, strict=True):

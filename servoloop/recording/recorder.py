@@ -1,4 +1,4 @@
-"""The recorder's thread: the loop's thread hands it samples and never waits; it encodes and writes them."""
+"""Encode and write samples in a thread of its own, so that the loop thread never waits for the disk."""
 
 import logging
 import threading
@@ -20,37 +20,37 @@ from servoloop.recording.sampler import CycleSample, Sampler, Scene, scene_poses
 
 LOG = logging.getLogger("servoloop")
 FLUSH_S: Final = 0.5
-"""So much of a recording is lost at the most when the program is killed; woken less often, writing costs less."""
+"""Period of writing, in seconds. A killed program loses at most this much. A longer period needs less CPU time."""
 CLOSE_S: Final = 5.0
-"""So long a program that ends waits for its disk."""
+"""Maximum time to wait for the disk when the program ends, in seconds."""
 WAITING: Final = 2_000
-"""So many cycles wait for a disk that is slow: 100 s at 20 Hz."""
+"""Maximum number of cycles that wait for a slow disk: 100 s at 20 Hz."""
 
 
 class Sink(Protocol):
-    """A place to which samples go. All calls come from the recorder's thread, ``close`` behind its end."""
+    """Destination of samples. The recorder thread calls all methods except ``close``, which is called after its end."""
 
     @property
     def eager(self) -> bool:
-        """Whether it is to be given each cycle at once, and flushed with it."""
+        """Whether the sink needs each cycle immediately, followed by a flush."""
         ...
 
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
-        """Some samples have been written, and there are no more for the moment."""
+        """Process the samples written so far. No more samples are available at the moment."""
         ...
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
-        """End, with the bus traffic behind the last cycle. ``failed``: the loop has ended by an error."""
+        """Write the bus traffic after the last cycle and close. ``failed``: whether the loop ended with an error."""
         ...
 
 
 class Recorder:
-    """The recorder gives each cycle to all sinks. A sink that fails is given up, and the others go on."""
+    """Passes each cycle to all sinks. A sink that fails is removed; the others continue."""
 
     def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink], scene: Scene = dict) -> None:
         self.dropped = 0
-        """Cycles that are in no recording, because the disk was too slow."""
+        """Number of cycles missing from the recordings because the disk was too slow."""
         self._sampler, self._taps, self._scene = sampler, taps, scene
         self._sinks = list(sinks)
         self._waiting: deque[CycleSample] = deque()
@@ -61,26 +61,29 @@ class Recorder:
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
 
     def start(self) -> None:
-        """Begin to write."""
+        """Start the recorder thread."""
         self._thread.start()
 
     def post(self, state: JointState) -> None:
-        """Take the cycle that has measured this state. In the loop's thread; it never waits."""
+        """Queue the cycle that measured this state. Called in the loop thread; never blocks."""
         sample = self._sampler.sample(state)
         if len(self._waiting) >= WAITING:
             self.dropped += 1
         else:
             self._waiting.append(sample)
-            if self._eager:  # now there is time until the next cycle
+            if self._eager:
                 self._wake.set()
 
     def close(self, failed: bool) -> None:
-        """Write what is left, and end. ``failed``: the loop has ended by an error. Behind the loop's last cycle."""
+        """Write all remaining samples and close the sinks. Call this after the last cycle of the loop.
+
+        ``failed``: whether the loop ended with an error.
+        """
         self._ended = True
         self._wake.set()
         self._thread.join(CLOSE_S)
         if self._thread.is_alive():
-            LOG.error("the disk has taken nothing for %.0f s: the end of the recordings is missing", CLOSE_S)
+            LOG.error("the disk did not respond for %.0f s: the end of the recordings is missing", CLOSE_S)
             return
         self.drain()
         transfers = self._taps.take()
@@ -89,9 +92,9 @@ class Recorder:
             LOG.warning("%s missing from the recordings: the disk was too slow", counted(self.dropped, "cycle"))
 
     def drain(self) -> None:
-        """Give the sinks all that waits."""
+        """Pass all queued samples to the sinks."""
         samples = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        if samples:  # the scene as it is now: of the cycles before nobody has looked
+        if samples:  # the current scene belongs to the newest sample only
             samples[-1] = replace(samples[-1], scene=scene_poses(self._scene))
 
         now_s = monotonic()
@@ -99,14 +102,14 @@ class Recorder:
         if due:
             self._flushed_s = now_s
 
-        def give(sink: Sink) -> None:
+        def write(sink: Sink) -> None:
             for sample in samples:
                 sink.write(sample)
             if due or sink.eager:
                 sink.flush()
 
         if samples:
-            self._each(give)
+            self._each(write)
         self._eager = any(sink.eager for sink in self._sinks)
 
     def _work(self) -> None:
@@ -120,20 +123,20 @@ class Recorder:
             try:
                 work(sink)
             except DriverError as error:
-                LOG.error("the recording ends here: %s", error)
+                LOG.error("recording stopped: %s", error)
                 self._sinks.remove(sink)
-            except Exception:  # a defect: the loop and the other sinks go on
-                LOG.exception("the recording ends here")
+            except Exception:  # a defect in one sink must not stop the loop or the other sinks
+                LOG.exception("recording stopped after an internal error")
                 self._sinks.remove(sink)
 
 
 class RecordingFile:
-    """One file, as McapFile."""
+    """Sink that writes one MCAP file."""
 
     eager = False
 
     def __init__(self, path: Path, messages: Messages) -> None:
-        """Raises RecordingError where the file cannot be made, or is there already."""
+        """Create the file. Raises RecordingError if it cannot be created or already exists."""
         self.path = path
         self._messages = messages
         self._begun = False
@@ -152,16 +155,19 @@ class RecordingFile:
         self._file.add_metadata(name, values)
 
     def flush(self) -> None:
-        """Hand all to the system: from here on it outlives this program. Raises RecordingError."""
+        """Hand all messages to the operating system, so that they survive the end of this program.
+
+        Raises RecordingError.
+        """
         self._file.flush()
 
     def close(self, transfers: Sequence[Transfer] = (), failed: bool = False) -> None:
-        """End the file with its index, behind the bus traffic since the last cycle. Raises RecordingError."""
+        """Write the bus traffic since the last cycle and the index, and close the file. Raises RecordingError."""
         self._write(self._messages.of_transfers(transfers))
         self._file.close()
 
     def _write(self, messages: Iterable[Recorded]) -> None:
         for topic, kind, stamp_ns, message in messages:
-            if not self._file.knows(topic):
+            if not self._file.has_channel(topic):
                 self._file.add_channel(topic, kind, definition(kind))
             self._file.add_message(topic, stamp_ns, bytes(self._encode(message, kind)))

@@ -1,4 +1,4 @@
-"""The newest state of a robot, put together from the messages of a live stream or a recording."""
+"""Collect the latest state and the last minute of a robot from the messages of a live stream or a recording."""
 
 import math
 import threading
@@ -27,12 +27,12 @@ from servoloop.recording.mcap_messages import (
 )
 
 RESULTS: Final = 50
-"""So many ends of goals are kept."""
+"""Maximum number of goal results kept."""
 NOBODY: Final = np.empty(0)
 
 
 class ScenePose(NamedTuple):
-    """The pose of a thing in the world: metres and a unit quaternion (x, y, z, w)."""
+    """Pose of an object in the world: position in meters and unit quaternion (x, y, z, w)."""
 
     position_m: Vector
     quaternion: Quaternion
@@ -40,7 +40,7 @@ class ScenePose(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StatusNow:
-    """One entry of /diagnostics, as the stack has said it last; level 0 is well, 1 a warning, 2 an error."""
+    """Latest diagnostic status with one name. Level 0 is OK, 1 a warning and 2 an error."""
 
     level: int
     message: str
@@ -50,58 +50,58 @@ class StatusNow:
 
 @dataclass(frozen=True, slots=True)
 class GoalPath:
-    """The newest goal of a controller: (k, joints) positions in rad or m and their times (k,) in s from its start."""
+    """Latest goal of a controller: positions (k, joints) in rad or m, and times (k,) in seconds from its start."""
 
     joints: tuple[str, ...]
     time_s: FloatArray
     positions: FloatArray
     begun_s: float
     ended: str = ""
-    """How it ended; empty while it is under way."""
+    """Result of the goal, empty while the goal is running."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """A robot at one moment. Arrays (n,) in the order of ``joints``, rad or m; a snapshot never changes."""
+    """Immutable state of a robot at one time. Arrays (n,) are in the order of ``joints``, in rad or m."""
 
     description_xml: str = ""
-    """The URDF; empty until it has come."""
+    """URDF of the robot, empty before it is received."""
     joints: tuple[str, ...] = ()
     stamp_s: float = 0.0
-    """ROS time of the measurement; 0 before the first."""
+    """ROS time of the measurement, in seconds; 0 before the first measurement."""
     position: FloatArray = field(default_factory=lambda: NOBODY)
     velocity: FloatArray = field(default_factory=lambda: NOBODY)
     effort: FloatArray = field(default_factory=lambda: NOBODY)
     command: FloatArray = field(default_factory=lambda: NOBODY)
-    """As the safety gate let it pass; NaN where none is commanded."""
+    """Commanded positions after the safety gate, NaN for joints without a command."""
     late_s: float = 0.0
     busy_s: float = 0.0
     cycles: int = 0
     missed: int = 0
     statuses: Mapping[str, StatusNow] = field(default_factory=dict)
-    """By name, as ``servoloop: joint1 (servo 1)``."""
+    """Diagnostic statuses by name, such as ``servoloop: joint1 (servo 1)``."""
     goals: Mapping[str, GoalPath] = field(default_factory=dict)
-    """By controller."""
+    """Latest goal of each controller."""
     results: tuple[tuple[float, str], ...] = ()
-    """The ends of goals: ROS time and text, the newest last."""
+    """ROS time and text of goal results, the newest last."""
     scene: Mapping[str, ScenePose] = field(default_factory=dict)
-    """The things around the arm, by name; empty where no simulation knows them."""
+    """Poses of the objects around the arm, by name. Empty without a simulation."""
     lost_cycles: int = 0
-    """Cycles that this program was too slow to take."""
+    """Number of cycles lost because this program was too slow."""
 
     @property
     def error(self) -> FloatArray:
-        """Command less position, (n,)."""
+        """Command minus position, (n,)."""
         return self.command - self.position
 
     @property
     def faults(self) -> dict[str, str]:
-        """What is wrong, by the status's name."""
+        """Error messages by status name."""
         return {name: status.message for name, status in self.statuses.items() if status.level >= 2}
 
 
 class RobotState:
-    """One thread gives it messages; any thread takes snapshots."""
+    """State of a robot, updated with messages from one thread and readable from any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -111,18 +111,18 @@ class RobotState:
         self._sequence: int | None = None
 
     def take(self, received: Received) -> None:
-        """Take one message; topics that are not of a robot's state are left alone."""
+        """Update the state with one message. Messages of other topics have no effect."""
         with self._lock:
             self._take(received)
 
     @property
     def snapshot(self) -> Snapshot:
-        """The robot as it is now."""
+        """Current state of the robot."""
         with self._lock:
             return self._now
 
     def curves(self) -> Curves:
-        """The last minute."""
+        """Return the joint values of the last minute."""
         with self._lock:
             return self._history.curves()
 
@@ -144,7 +144,7 @@ class RobotState:
         elif topic == STATUSES:
             self._now = replace(self._now, statuses={one.name: _status(one) for one in message.status})
         elif topic == SCENE:
-            self._now = replace(self._now, scene=dict(map(_thing, message.transforms)))
+            self._now = replace(self._now, scene=dict(map(_scene_pose, message.transforms)))
         elif topic == URDF:
             self._now = replace(self._now, description_xml=message.data)
         elif topic.endswith(GOAL):
@@ -171,10 +171,10 @@ class RobotState:
         )
 
     def _commanded(self, message: Any) -> None:
-        """The commands of the cycle that was measured just before: with them its row is whole."""
+        """Add the commands of the last measured cycle, which complete its row in the history."""
         now = self._now
-        said = dict(zip(message.name, message.position, strict=False))
-        command = np.array([said.get(joint, np.nan) for joint in now.joints])
+        positions = dict(zip(message.name, message.position, strict=False))
+        command = np.array([positions.get(joint, np.nan) for joint in now.joints])
         self._now = now = replace(now, command=command)
         self._history.add(Row(now.stamp_s, now.position, command, now.velocity, now.effort))
 
@@ -183,7 +183,7 @@ class RobotState:
         if hasattr(message, "points"):
             times = np.array([_seconds(point.time_from_start) for point in message.points])
             if {len(point.positions) for point in message.points} != {len(message.joint_names)}:
-                return  # of velocities alone, or of another program's making
+                return  # a goal with velocities only, or an invalid goal of another program
             path = GoalPath(
                 tuple(message.joint_names), times, np.array([point.positions for point in message.points]), begun_s
             )
@@ -201,7 +201,7 @@ class RobotState:
         self._now = replace(self._now, goals=goals, results=tuple(self._results))
 
 
-def _thing(transform: Any) -> tuple[str, ScenePose]:
+def _scene_pose(transform: Any) -> tuple[str, ScenePose]:
     place, turn = transform.transform.translation, transform.transform.rotation
     return transform.child_frame_id, ScenePose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
 
@@ -212,33 +212,33 @@ def _status(one: Any) -> StatusNow:
 
 
 def _seconds(time: Any) -> float:
-    """Of builtin_interfaces/Duration."""
+    """Return a builtin_interfaces/Duration in seconds."""
     return float(time.sec) + float(time.nanosec) * 1e-9
 
 
 OWN: Final = "servoloop: "
 OF_SERVO: Final = " (servo "
 FAULT: Final = 2
-"""The level of an error."""
+"""Error level of a diagnostic status."""
 
 
 def servo_status(snapshot: Snapshot, joint: str) -> StatusNow | None:
-    """The status of a joint's servo; None where it has none."""
+    """Return the diagnostic status of a joint's servo, or None if the joint has no servo."""
     prefix = f"{OWN}{joint}{OF_SERVO}"
     return next((status for name, status in snapshot.statuses.items() if name.startswith(prefix)), None)
 
 
 def servo_faults(snapshot: Snapshot) -> dict[str, str]:
-    """What is wrong with servos, by joint."""
-    said = {joint: servo_status(snapshot, joint) for joint in snapshot.joints}
-    return {joint: one.message for joint, one in said.items() if one is not None and one.level >= FAULT}
+    """Return the error messages of servos by joint."""
+    found = {joint: servo_status(snapshot, joint) for joint in snapshot.joints}
+    return {joint: one.message for joint, one in found.items() if one is not None and one.level >= FAULT}
 
 
 DIAGNOSTICS: Final = "/diagnostics"
 
 
 class Health(NamedTuple):
-    """What the servos said of themselves at one moment, by joint (n,); NaN where one has not."""
+    """Supply voltages and temperatures of the servos at one time: arrays (n,) by joint, NaN for missing values."""
 
     stamp_s: float
     voltage_v: FloatArray
@@ -246,14 +246,14 @@ class Health(NamedTuple):
 
 
 class Minute(NamedTuple):
-    """The last minute: each cycle, and what the servos said of themselves."""
+    """Joint values and servo health of the last minute."""
 
     curves: Curves
     health: Sequence[Health]
 
 
-class Watched:
-    """One thread gives it messages; any thread reads."""
+class ObservedRobot:
+    """Robot with its state and the last minute, updated with messages from one thread and readable from any thread."""
 
     def __init__(self) -> None:
         self.state = RobotState()
@@ -261,7 +261,7 @@ class Watched:
         self._health: deque[Health] = deque()
 
     def take(self, received: Received) -> None:
-        """Take one message."""
+        """Update the robot with one message."""
         self.state.take(received)
         if received.topic != DIAGNOSTICS:
             return
@@ -272,20 +272,20 @@ class Watched:
                 self._health.popleft()
 
     def minute(self) -> Minute:
-        """The last minute; of the servos' health about once a second."""
+        """Return the last minute, with the servos' health about once per second."""
         with self._lock:
-            said = list(self._health)
-        return Minute(self.state.curves(), said)
+            health_rows = list(self._health)
+        return Minute(self.state.curves(), health_rows)
 
     def start(self, goal: GoalPath) -> FloatArray | None:
-        """The joints' positions (n,) when a goal began; None where that was not seen."""
+        """Return the joint positions (n,) at the start of a goal, or None if the history does not reach back so far."""
         curves = self.state.curves()
         at = int(np.searchsorted(curves.time_s, goal.begun_s, side="right")) - 1
         return None if at < 0 else np.asarray(curves.position[at])
 
 
 def health(snapshot: Snapshot) -> Health:
-    """What the newest diagnostics say of the servos."""
+    """Return the servos' health from the latest diagnostics."""
 
     def numbers(key: str) -> FloatArray:
         found = (servo_status(snapshot, joint) for joint in snapshot.joints)
@@ -295,6 +295,6 @@ def health(snapshot: Snapshot) -> Health:
 
 
 def health_column(rows: Sequence[Health], name: str, place: int) -> FloatArray:
-    """One joint's numbers as an array (m,); NaN for rows of fewer joints."""
+    """Return one health value of a joint over time, (m,). Rows without the joint are NaN."""
     columns = [getattr(row, name) for row in rows]
     return np.array([column[place] if place < len(column) else math.nan for column in columns])

@@ -1,4 +1,4 @@
-"""The sampler takes from each cycle what is recorded: references to what is never changed, so that it costs little."""
+"""Sample each control cycle for the recording. A sample refers to immutable objects, so that it costs little time."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 
 class LinkPose(NamedTuple):
-    """The pose of a link in its parent: metres and a unit quaternion (x, y, z, w)."""
+    """Pose of a link relative to its parent: position in meters and unit quaternion (x, y, z, w)."""
 
     parent: str
     child: str
@@ -30,26 +30,26 @@ class LinkPose(NamedTuple):
 
 
 Scene = Callable[[], Mapping[str, tuple[Vector, Quaternion]]]
-"""Says where things stand around the arm, by name, in the world; nothing where no simulation knows."""
+"""Function that returns the world poses of the objects around the arm, by name. Empty without a simulation."""
 WORLD: Final = "base_link"
-"""The frame of the things in a scene, as in ROS 2's /tf."""
+"""Frame of the objects in a scene, as in /tf."""
 
 
 def scene_poses(scene: Scene) -> tuple[LinkPose, ...]:
-    """The poses of the things around the arm now."""
+    """Return the current poses of the objects around the arm."""
     return tuple(LinkPose(WORLD, name, *pose) for name, pose in scene().items())
 
 
 class LinkPoses:
-    """The links of a robot description; mimic joints follow theirs."""
+    """Poses of all links of a robot description, including links of mimic joints."""
 
     def __init__(self, joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> None:
-        """``measured``: the hardware's joints, in the order of its states."""
+        """``measured`` lists the joints of the hardware in the order of its states."""
         self.fixed = [_pose(joint, 0.0) for joint in joints.values() if joint.kind == "fixed"]
         self._moving = list(_moving(joints, measured))
 
     def moving(self, position: FloatArray) -> Iterator[LinkPose]:
-        """The links that move, at the positions (n,) of the joints in rad or m; NaN leaves a link out."""
+        """Yield the poses of moving links at joint positions (n,) in rad or m. Skip links whose position is NaN."""
         values = position.tolist()
         for joint, index, multiplier, offset in self._moving:
             at = values[index] * multiplier + offset
@@ -73,22 +73,22 @@ def _pose(joint: UrdfJoint, position: float) -> LinkPose:
 
 
 DIAGNOSTICS_S: Final = 1.0
-"""The time between two diagnostics while nothing changes, as on /diagnostics."""
+"""Period of the diagnostics while they do not change, in seconds, as on /diagnostics."""
 
 
 class CycleTiming(NamedTuple):
-    """How a cycle kept its time; it is known once the next one runs."""
+    """Timing of a cycle, which is known when the next cycle runs."""
 
     stamp_s: float
     number: int
     late_s: float
     busy_s: float
     missed: int
-    """Cycles since the loop began."""
+    """Number of cycles missed since the loop started."""
 
 
 class Tracked(NamedTuple):
-    """A trajectory controller's cycle; arrays of the tracking are in the order of ``joints``."""
+    """Tracking of a trajectory controller in one cycle. Arrays are in the order of ``joints``."""
 
     controller: str
     joints: tuple[str, ...]
@@ -96,7 +96,7 @@ class Tracked(NamedTuple):
 
 
 class GoalBegin(NamedTuple):
-    """A controller has taken a goal; ``joints`` are those of the goal."""
+    """Acceptance of a goal by a controller. ``joints`` are the joints of the goal."""
 
     controller: str
     joints: tuple[str, ...]
@@ -104,7 +104,7 @@ class GoalBegin(NamedTuple):
 
 
 class GoalEnd(NamedTuple):
-    """A goal has been decided."""
+    """End of a goal with its result."""
 
     controller: str
     status: GoalStatus
@@ -113,52 +113,52 @@ class GoalEnd(NamedTuple):
 
     @property
     def missed(self) -> bool:
-        """Whether the joints left the tolerances of their path or of their goal."""
+        """Whether the joints violated the path or goal tolerances."""
         return self.error_code in (ErrorCode.PATH_TOLERANCE_VIOLATED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
 
 @dataclass(frozen=True, slots=True)
 class CycleSample:
-    """What is recorded of one cycle; arrays are in the hardware's order, rad or m and seconds on the loop's clock."""
+    """Recorded data of one cycle. Arrays are in the hardware's order, in rad or m. Times are on the loop's clock."""
 
     state: JointState
     command: FloatArray
-    """(m,): as the safety gate has passed it."""
+    """Commands (m,) after the safety gate."""
     tracked: tuple[Tracked, ...]
-    """The trajectory controllers that were updated."""
+    """Trajectory controllers updated in this cycle."""
     goals: tuple[GoalBegin | GoalEnd, ...]
     diagnostics: tuple[Status, ...]
-    """Empty in cycles in which none are due."""
+    """Diagnostics, empty in cycles without new diagnostics."""
     lost: tuple[str, ...]
-    """The names of components that have failed."""
+    """Names of components that have failed."""
     timing: CycleTiming | None
-    """Of the cycle before."""
+    """Timing of the previous cycle."""
     transfers: tuple[Transfer, ...]
-    """Since the cycle before."""
+    """Bus traffic since the previous cycle."""
     scene: tuple[LinkPose, ...] = ()
-    """The things around the arm, where they were looked at."""
+    """Poses of the objects around the arm, empty if not sampled in this cycle."""
 
 
 class Sampler:
-    """One sampler for a loop, in the loop's thread."""
+    """Sampler of a control loop, called in the loop thread."""
 
     def __init__(self, loop: ControlLoop, hardware_id: str, servo_ids: Mapping[str, str], taps: BusTaps) -> None:
-        """``hardware_id`` and ``servo_ids`` (by joint): for the diagnostics."""
+        """``hardware_id`` and ``servo_ids`` (by joint) appear in the diagnostics."""
         self._loop = loop
         self._hardware_id = hardware_id
         self._servo_ids = servo_ids
         self._taps = taps
         self._goals: dict[str, GoalHandle | GripperHandle] = {}
         self._ended: dict[str, GoalHandle | GripperHandle] = {}
-        """The goal of each controller whose end has been recorded last."""
+        """Last goal of each controller whose end has been recorded."""
         self._last_s: float | None = None
         self._cycles = 0
         self._diagnosed_s = -DIAGNOSTICS_S
-        self._unwell: object = None
-        """The faults and losses that the last diagnostics had."""
+        self._faults: object = None
+        """Faults and lost components in the last diagnostics."""
 
     def sample(self, state: JointState) -> CycleSample:
-        """Take the cycle that has just measured this state and sent its command."""
+        """Return the sample of the cycle that measured this state and sent the current command."""
         loop = self._loop
         lost = tuple(component.name for component in loop.hardware.lost)
         return CycleSample(
@@ -174,7 +174,7 @@ class Sampler:
 
     def _tracked(self, state: JointState) -> Iterator[Tracked]:
         for entry in self._loop.manager.registry.running:
-            tracking = getattr(entry.controller, "tracking", None)  # of any controller that tracks a trajectory
+            tracking = getattr(entry.controller, "tracking", None)  # every controller that follows a trajectory has it
             if isinstance(tracking, Tracking) and tracking.stamp_s == state.stamp_s:
                 yield Tracked(entry.controller.name, _joints(entry.controller), tracking)
 
@@ -192,7 +192,7 @@ class Sampler:
             yield from self._end(name, newest)
 
     def _end(self, name: str, handle: GoalHandle | GripperHandle) -> Iterator[GoalEnd]:
-        """The end of a goal, once."""
+        """Yield the end of a goal once."""
         if not handle.done or self._ended.get(name) is handle:
             return
         self._ended[name] = handle
@@ -202,10 +202,10 @@ class Sampler:
             yield GoalEnd(name, handle.status, 0, handle.text)
 
     def _diagnostics(self, state: JointState, lost: tuple[str, ...]) -> tuple[Status, ...]:
-        unwell = {joint: fault.kind for joint, fault in state.faults.items()}, lost
-        if state.stamp_s - self._diagnosed_s < DIAGNOSTICS_S and unwell == self._unwell:
+        faults = {joint: fault.kind for joint, fault in state.faults.items()}, lost
+        if state.stamp_s - self._diagnosed_s < DIAGNOSTICS_S and faults == self._faults:
             return ()
-        self._diagnosed_s, self._unwell = state.stamp_s, unwell
+        self._diagnosed_s, self._faults = state.stamp_s, faults
         return tuple(statuses(self._loop, self._hardware_id, self._servo_ids, state))
 
     def _timing(self, state: JointState) -> CycleTiming | None:
@@ -218,5 +218,5 @@ class Sampler:
 
 
 def _joints(controller: Controller) -> tuple[str, ...]:
-    """The joints that a controller commands, in its order."""
+    """Return the joints commanded by a controller, in its order."""
     return tuple(dict.fromkeys(interface.rpartition("/")[0] for interface in controller.command_interfaces))

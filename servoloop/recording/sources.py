@@ -1,4 +1,4 @@
-"""A running stack as a source: it waits for the stack to come back when it has ended."""
+"""Sources of a robot's state for dashboards: a running stack, or a recording that is played back."""
 
 import threading
 from bisect import bisect_left, bisect_right
@@ -9,26 +9,34 @@ from drivers.clock import Clock
 from servoloop.recording.history import KEPT_S
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.mcap_messages import STATES, Received, read_messages
-from servoloop.recording.robot_state import Watched
+from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.stream import LiveError, MessageStream, RunningStack, find_stack, open_live, running_stacks
 
 AGAIN_S: Final = 1.0
-"""So long until it looks again for a stack that has ended."""
+"""Time between attempts to reconnect to a stack, in seconds."""
 SILENT_S: Final = 2.0
-"""A stack that has given no cycle for so long is not called live."""
+"""Maximum time since the last cycle of a stack that counts as live, in seconds."""
 
 
 class LiveSource:
-    """The newest state of a running stack; its thread reads the stack's feed."""
+    """Latest state of a running stack. A thread reads the feed of the stack, and reconnects when the stack returns."""
 
     def __init__(self, arm: str | None, clock: Clock) -> None:
-        """``arm``: its name or folder, None for the only one that runs. Raises LiveError where none runs."""
+        """Connect to a stack.
+
+        Args:
+            arm: Name, folder or process ID of the arm. None: the only running stack.
+            clock: Measures the time since the last message.
+
+        Raises:
+            LiveError: No stack of this arm is running, or several are.
+        """
         self._clock, self._heard_s = clock, clock.now()
         self._found = found = find_stack(arm)
         self.arm, self.folder = found.arm, found.folder
         self._ended = threading.Event()
         self._stream: MessageStream | None = None
-        self.watched = Watched()
+        self.robot = ObservedRobot()
         self.connected = False
         self.has_state = threading.Event()
         """Set once a state of the robot has arrived."""
@@ -37,30 +45,30 @@ class LiveSource:
 
     @property
     def status(self) -> str:
-        """Whether the stack runs, and whether it gives cycles."""
+        """Name of the arm, and whether its stack is running and sends cycles."""
         if not self.connected:
             return f"{self.arm}: the stack has ended. Waiting for it to come back"
-        if not self.well:
-            return f"{self.arm}: no cycle for {self.silent_s:.0f} s. The stack is paused, or it hangs"
+        if not self.up_to_date:
+            return f"{self.arm}: no cycle for {self.silent_s:.0f} s. The stack is paused or hangs"
         return f"{self.arm}: live"
 
     @property
-    def well(self) -> bool:
-        """Whether cycles come."""
+    def up_to_date(self) -> bool:
+        """Whether the stack is connected and sends cycles."""
         return self.connected and self.silent_s <= SILENT_S
 
     @property
     def silent_s(self) -> float:
-        """So long ago the stack has given a cycle."""
+        """Time since the last message of the stack, in seconds."""
         return self._clock.now() - self._heard_s
 
     @property
     def _same_arm(self) -> str:
-        """What finds this arm again: its folder, because another arm's may have the same name."""
+        """Folder of this arm, or its name. The folder is preferred, as another arm may have the same name."""
         return self.arm if self.folder is None else str(self.folder)
 
     def close(self) -> None:
-        """End."""
+        """Disconnect and end the thread."""
         self._ended.set()
         if self._stream is not None:
             self._stream.close()
@@ -79,134 +87,134 @@ class LiveSource:
                 self.connected = False
 
     def _stack(self) -> RunningStack:
-        """The stack of the beginning as long as it runs, then another one of its arm. Raises LiveError."""
+        """Return the current stack while it runs, then a new stack of the same arm. Raises LiveError."""
         if self._found not in running_stacks():
             self._found = find_stack(self._same_arm)
         return self._found
 
     def _follow(self, stream: MessageStream) -> None:
-        """Take all that a stack says until it ends."""
-        watched = Watched()
+        """Process the messages of a stack until it ends."""
+        robot = ObservedRobot()
         with stream:
             for received in stream:
-                watched.take(received)
+                robot.take(received)
                 self._heard_s = self._clock.now()
-                if not self.connected and watched.state.snapshot.joints:
-                    self.watched, self.connected = watched, True
+                if not self.connected and robot.state.snapshot.joints:
+                    self.robot, self.connected = robot, True
                     self.has_state.set()
 
 
 class Source(Protocol):
-    """Where a robot's state comes from."""
+    """Source of a robot's state."""
 
     @property
-    def watched(self) -> Watched:
-        """The robot as it is now."""
+    def robot(self) -> ObservedRobot:
+        """Current robot."""
         ...
 
     @property
     def status(self) -> str:
-        """What is shown: a running stack, a recording, or that the stack has ended."""
+        """Description of the source, such as a running stack, a stack that has ended or a recording."""
         ...
 
     @property
-    def well(self) -> bool:
-        """Whether what is shown is what the status promises, and no state that has been left behind."""
+    def up_to_date(self) -> bool:
+        """Whether the state is up to date. False after a running stack has ended or while it hangs."""
         ...
 
     def close(self) -> None:
-        """End."""
+        """Close the source."""
         ...
 
 
 class Recording:
-    """The messages of a recording in their order, and the robot at the moment up to which it is played."""
+    """Messages of a recording in order, and the robot at the current playback position."""
 
     def __init__(self, path: Path) -> None:
-        """Read the file, also one that was not ended. Raises RecordingError."""
+        """Read the file, which may be incomplete. Raises RecordingError."""
         self.name = path.name
         self._entries = sorted(read_messages(path), key=lambda one: one.stamp_ns)
         self._stamps = [one.stamp_ns for one in self._entries]
         cycles = [one.stamp_ns for one in self._entries if one.topic == STATES]
         if not cycles:
-            raise RecordingError(f"{path} has no {STATES}: it is no recording of a run")
+            raise RecordingError(f"{path} has no {STATES}: it is not a recording of a robot")
         self._begin_ns = cycles[0]
         self.length_s = (cycles[-1] - cycles[0]) * 1e-9
-        self.watched = Watched()
+        self.robot = ObservedRobot()
         self._next = 0
         self.play_to(0.0)
 
-    def play_to(self, time_s: float) -> Watched:
-        """Bring the robot to this time since the first cycle, forward or back, and return it."""
+    def play_to(self, time_s: float) -> ObservedRobot:
+        """Return the robot at a time since the first cycle, which may be before the current position."""
         stamp_ns = self._begin_ns + round(time_s * 1e9)
         until = bisect_right(self._stamps, stamp_ns)
         if until < self._next or stamp_ns - self._stamps[max(0, self._next - 1)] > KEPT_S * 1e9:
             self._jump(stamp_ns)
         for entry in self._entries[self._next : until]:
-            self.watched.take(entry)
+            self.robot.take(entry)
         self._next = until
-        return self.watched
+        return self.robot
 
     def _jump(self, stamp_ns: int) -> None:
-        """Begin anew a minute before a time, with what was said before and still holds then."""
+        """Restart one minute before a time, with the last earlier message of each topic."""
         first = bisect_left(self._stamps, stamp_ns - round(KEPT_S * 1e9))
         latest: dict[str, Received] = {one.topic: one for one in self._entries[:first]}
-        self.watched = Watched()
+        self.robot = ObservedRobot()
         for entry in sorted(latest.values(), key=lambda one: one.stamp_ns):
-            self.watched.take(entry)
+            self.robot.take(entry)
         self._next = first
 
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5", "10")
-"""Times the speed of the run."""
+"""Playback speeds, as multiples of the original speed."""
 
 
 class Playback:
-    """Plays a recording. One thread asks for ``watched``; any thread may seek, pause and change the speed."""
+    """Playback of a recording. One thread reads ``robot``; any thread may seek, pause and change the speed."""
 
-    well = True
+    up_to_date = True
 
     def __init__(self, recording: Recording, clock: Clock) -> None:
         self.playing = True
         self.speed = "1"
         """One of ``SPEEDS``."""
         self.time_s = 0.0
-        """The moment that is shown, from the first cycle."""
+        """Playback position, in seconds since the first cycle."""
         self.length_s = recording.length_s
         self.name = recording.name
         self._recording, self._clock = recording, clock
-        self._asked_s: float | None = None
+        self._seek_s: float | None = None
         self._last_s = clock.now()
 
     @property
     def status(self) -> str:
-        """The recording's name, the moment, and how it is played."""
+        """Name of the recording, playback position and speed."""
         speed = f"{self.speed} times the speed" if self.playing else "paused"
         return f"recording: {self.name}, {self.time_s:.1f} of {self.length_s:.1f} s, {speed}"
 
     @property
-    def watched(self) -> Watched:
-        """The robot at the moment that is played now."""
+    def robot(self) -> ObservedRobot:
+        """Robot at the current playback position."""
         self._advance()
         return self._recording.play_to(self.time_s)
 
     def seek(self, time_s: float) -> None:
-        """Go to a moment; beyond an end of the recording that end is meant."""
-        self._asked_s = min(max(time_s, 0.0), self.length_s)
+        """Go to a time, limited to the length of the recording."""
+        self._seek_s = min(max(time_s, 0.0), self.length_s)
 
     def toggle(self) -> None:
-        """Pause, or play on."""
+        """Pause or resume."""
         self.playing = not self.playing
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, as no file is open."""
 
     def _advance(self) -> None:
         now_s = self._clock.now()
         passed_s, self._last_s = now_s - self._last_s, now_s
-        asked_s, self._asked_s = self._asked_s, None
-        if asked_s is not None:
-            self.time_s = asked_s
+        seek_s, self._seek_s = self._seek_s, None
+        if seek_s is not None:
+            self.time_s = seek_s
         elif self.playing:
             self.time_s += passed_s * float(self.speed)
             if self.time_s > self.length_s:

@@ -1,4 +1,4 @@
-"""The recordings of ``servoloop up``: a file where it is asked for, those of faults, and the feed of who looks on."""
+"""Record a stack, either in its own process (``servoloop up``) or from its live feed (``servoloop record``)."""
 
 import logging
 import os
@@ -29,25 +29,35 @@ LOG = logging.getLogger("servoloop")
 
 
 class StackRecording:
-    """The recording of one stack. Its taps are there first: a line is opened before the loop runs."""
+    """Recordings of one stack: the file of ``--record``, fault files and the live feed.
+
+    The bus taps exist before the loop, as the ports are opened first.
+    """
 
     def __init__(self, path: Path | None) -> None:
-        """``path``: of the file, None to keep only faults."""
+        """Record to the file ``path``, or only faults if ``path`` is None."""
         self._path = path
         self._taps = BusTaps()
 
     def tap(self, port: Port, clock: Clock) -> Port:
-        """The port, with a tap."""
+        """Return a port that records the traffic of ``port``."""
         return self._taps.tap(port, clock)
 
     @contextmanager
     def of(
         self, loop: ControlLoop, files: Files, offset_s: float, failed: Callable[[], bool], scene: Scene = dict
     ) -> Iterator[None]:
-        """Record what the loop does while the context lasts, behind its other observers.
+        """Record the loop for the duration of the context. The previous ``on_cycle`` of the loop is called first.
 
-        ``offset_s``: from the loop's clock to ROS time; ``failed`` is asked in the end; ``scene`` in the recorder's
-        thread. Raises RecordingError.
+        Args:
+            loop: Control loop.
+            files: Files of the robot.
+            offset_s: ROS time minus the time of the loop's clock, in seconds.
+            failed: Returns at the end whether the loop failed.
+            scene: Returns the objects around the arm. Called in the recorder thread.
+
+        Raises:
+            RecordingError: The recording cannot be created.
         """
         hardware, shown = loop.hardware, loop.on_cycle
         messages = Messages(files.description, hardware.joints, hardware.command_interfaces, offset_s)
@@ -71,7 +81,7 @@ class StackRecording:
 
 
 def _live_feed(files: Files, messages: Messages) -> list[Sink]:
-    """The feed of those who look on; an arm without one works as well."""
+    """Return the live feed, or nothing if it cannot be created. The arm works without it."""
     try:
         make_live_folder()
         return [LiveFeed(socket_path(files.arm, os.getpid()), messages, files.folder)]
@@ -80,26 +90,34 @@ def _live_feed(files: Files, messages: Messages) -> list[Sink]:
         return []
 
 
-LOOK_S: Final = 0.1
-"""So often the end is asked for."""
+POLL_S: Final = 0.1
+"""Period of the checks for the end of a recording, in seconds."""
 
 
 @dataclass(slots=True)
 class RecordedCycles:
-    """What a recording has of a run."""
+    """Statistics of a live recording."""
 
     cycles: int = 0
     length_s: float = 0.0
-    """From its first cycle to its last."""
+    """Time from the first to the last cycle, in seconds."""
     lost_cycles: int = 0
-    """Cycles between them that are missing: this program was too slow to take them."""
+    """Number of cycles lost because this program was too slow."""
     stack_ended: bool = False
 
 
 def record(stream: MessageStream, path: Path, seconds: float | None, stop: Callable[[], bool]) -> RecordedCycles:
-    """Record into the new file ``path`` until ``stop`` says so, the stack ends, or it has so many seconds of its time.
+    """Record a live stream in a new file.
 
-    A stack without a single cycle leaves no file. Raises RecordingError; the file has what came before.
+    Args:
+        stream: Messages of the stack.
+        path: Path of the new file.
+        seconds: Maximum length of the recording, in seconds of the stack's time. None: no limit.
+        stop: Returns whether to end the recording.
+
+    Raises:
+        RecordingError: The file cannot be written, or no cycle arrived. After a write error, the file contains the
+            earlier cycles; without a cycle, the file is deleted.
     """
     with stream:
         recording = _LiveRecording(stream, McapFile(path), seconds)
@@ -107,13 +125,13 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
     if not recording.recorded.cycles:
         path.unlink()
         raise RecordingError(
-            "not one cycle has come, so there is no recording: is the stack paused, or hangs its port?"
+            "no cycle arrived, so nothing was recorded: check whether the stack is paused or its port hangs"
         )
     return recording.recorded
 
 
 class _LiveRecording:
-    """A thread takes the messages; the one that calls ``run`` hands them to the system and looks for the end."""
+    """Recording of a live stream. One thread receives the messages; the caller of ``run`` flushes the file."""
 
     def __init__(self, stream: MessageStream, file: McapFile, seconds: float | None) -> None:
         self.recorded = RecordedCycles()
@@ -126,19 +144,19 @@ class _LiveRecording:
         self._file_lock = threading.Lock()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Record until the end, and end the file. Raises RecordingError."""
+        """Record until the end and close the file. Raises RecordingError."""
         thread = threading.Thread(target=self._take_all, name="live feed", daemon=True)
         thread.start()
-        looks = 0
+        polls = 0
         while thread.is_alive() and not stop():
-            thread.join(LOOK_S)
-            looks += 1
-            if looks % round(FLUSH_S / LOOK_S) == 0:
+            thread.join(POLL_S)
+            polls += 1
+            if polls % round(FLUSH_S / POLL_S) == 0:
                 with self._file_lock:
                     self._file.flush()
-        self._stopped = True  # behind a whole cycle,
+        self._stopped = True  # the thread ends after a complete cycle
         thread.join(FLUSH_S)
-        self._stream.close()  # unless there are no more cycles
+        self._stream.close()  # ends a thread that waits for a cycle in vain
         thread.join()
         if self._error is not None:
             raise self._error
@@ -147,7 +165,7 @@ class _LiveRecording:
     def _take_all(self) -> None:
         try:
             for _, messages in groupby(self._stream.encoded(), key=lambda one: one[2].sequence):
-                cycle = list(messages)  # whole when the next one begins
+                cycle = list(messages)  # complete only when the next cycle begins
                 with self._file_lock:
                     if not self._count(cycle):
                         return
@@ -159,7 +177,7 @@ class _LiveRecording:
             self._error = error
 
     def _count(self, cycle: Sequence[Encoded]) -> bool:
-        """Count a cycle; whether it is still of the recording."""
+        """Count a cycle and return whether it is within the maximum length."""
         recorded = self.recorded
         for message in (message for _, channel, message in cycle if channel.topic == STATES):
             if recorded.cycles == 0:
@@ -175,13 +193,13 @@ class _LiveRecording:
 
     def _write(self, cycle: Sequence[Encoded]) -> None:
         for schema, channel, message in cycle if self.recorded.cycles > 1 else _without_past_goals(cycle):
-            if not self._file.knows(channel.topic):
+            if not self._file.has_channel(channel.topic):
                 self._file.add_channel(channel.topic, schema.name, schema.data.decode())
             self._file.add_message(channel.topic, message.log_time, message.data)
 
 
 def _without_past_goals(cycle: Sequence[Encoded]) -> list[Encoded]:
-    """The first cycle without the goals that had ended before it, of which the feed tells too."""
+    """Return the first cycle without goals that ended before it. The feed sends these goals to every new viewer."""
     begun_ns = next((message.log_time for _, channel, message in cycle if channel.topic == STATES), 0)
     past = [channel.topic for _, channel, message in cycle if message.log_time < begun_ns]
     ended = {topic.removesuffix(RESULT) for topic in past if topic.endswith(RESULT)}

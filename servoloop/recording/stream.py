@@ -1,4 +1,4 @@
-"""The stream of messages from a running stack."""
+"""Find running stacks and read their message streams."""
 
 import os
 import re
@@ -15,78 +15,85 @@ from servoloop.recording.mcap_messages import Encoded, Received, decoded, encode
 
 
 class LiveError(DriverError):
-    """There is nothing to look at, or it cannot be reached."""
+    """Raised when no running stack can be found or reached."""
 
 
 SUFFIX: Final = ".sock"
 FOLDER: Final = ".folder"
-"""Of the link beside the socket, which leads to the arm's own folder."""
+"""Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
 _NAME: Final = re.compile(rf"(?P<arm>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
 class RunningStack(NamedTuple):
-    """A stack of this user that can be looked at."""
+    """Running stack of this user."""
 
     arm: str
     pid: int
     socket: Path
     folder: Path | None = None
-    """The arm's own folder; None if the stack has not said it."""
+    """Folder of the arm, or None if it is unknown."""
 
     @property
-    def called(self) -> str:
-        """The stack, for messages."""
+    def label(self) -> str:
+        """Description of the stack for messages."""
         return f"{self.arm} (process {self.pid}{f', {self.folder}' if self.folder else ''})"
 
 
 def live_folder() -> Path:
-    """This user's folder: below ``XDG_RUNTIME_DIR``, or where that is not set in the folder of temporary files."""
+    """Return this user's folder for sockets, in ``XDG_RUNTIME_DIR`` or else in the temporary folder."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     return Path(runtime) / "servoloop" if runtime else Path(tempfile.gettempdir()) / f"servoloop-{os.getuid()}"
 
 
 def make_live_folder() -> Path:
-    """Make this user's folder, for nobody else to read. Raises LiveError where it is somebody else's."""
+    """Create this user's folder, readable by this user only. Raises LiveError if it belongs to another user."""
     folder = live_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
     except OSError as error:
-        raise LiveError(f"cannot make {folder}: {error.strerror}") from error
+        raise LiveError(f"cannot create {folder}: {error.strerror}") from error
     if found.st_uid != os.getuid() or found.st_mode & 0o077:
-        raise LiveError(f"{folder} is not this user's alone: delete it, or set XDG_RUNTIME_DIR to another folder")
+        raise LiveError(f"other users own or can read {folder}: delete it, or set XDG_RUNTIME_DIR to another folder")
     return folder
 
 
 def socket_path(arm: str, pid: int) -> Path:
-    """Where a stack is to be found. The folder may not be there yet."""
+    """Return the path of a stack's socket. Its folder may not exist yet."""
     return live_folder() / f"{re.sub(r'[^A-Za-z0-9_.]', '_', arm)}-{pid}{SUFFIX}"
 
 
 def running_stacks() -> list[RunningStack]:
-    """The stacks that run now, by arm and process."""
+    """Return all running stacks, sorted by arm and process ID."""
     return sorted(_answering())
 
 
 def find_stack(arm: str | None = None) -> RunningStack:
-    """Find the running stack with this name, arm's folder or process number. Raises LiveError with advice."""
+    """Find a running stack.
+
+    Args:
+        arm: Name of the arm, its folder or the process ID of the stack. None: the only running stack.
+
+    Raises:
+        LiveError: No stack matches, or several do.
+    """
     running = running_stacks()
     found = [stack for stack in running if arm is None or _is_of(stack, arm)]
     if len(found) == 1:
         return found[0]
     if not running:
         raise LiveError("no stack is running: start one with `servoloop up`, with virtual servos if no --port is given")
-    names = ", ".join(stack.called for stack in running)
+    names = ", ".join(stack.label for stack in running)
     if not found:
-        raise LiveError(f"no stack of {arm} is running, but of {names}")
+        raise LiveError(f"no stack of {arm} is running. Running stacks: {names}")
     raise LiveError(
-        f"several stacks are running: {names}; name one with --arm (its name, its folder or its process number), or "
-        "end the others"
+        f"several stacks are running: {names}. Choose one with --arm (its name, folder or process number), or end the "
+        "others"
     )
 
 
 def _is_of(stack: RunningStack, arm: str) -> bool:
-    """Whether the stack is of this arm. A path is a folder, and never a name: two arms may have folders of one name."""
+    """Return whether a stack belongs to an arm, given by name, folder or process ID. A path is never read as a name."""
     if "/" in arm:
         return stack.folder is not None and stack.folder == Path(arm).resolve()
     return arm in (stack.arm, str(stack.pid))
@@ -102,14 +109,14 @@ def _answering() -> Iterator[RunningStack]:
             try:
                 probe.connect(str(path))
             except OSError:
-                path.unlink(missing_ok=True)  # of a program that was killed
+                path.unlink(missing_ok=True)  # the program was killed
                 path.with_suffix(FOLDER).unlink(missing_ok=True)
                 continue
         yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path))
 
 
 def _folder_of(path: Path) -> Path | None:
-    """The arm's folder to which the link beside a socket leads."""
+    """Return the folder of the arm from the symbolic link next to its socket."""
     try:
         return path.with_suffix(FOLDER).readlink()
     except OSError:
@@ -117,7 +124,7 @@ def _folder_of(path: Path) -> Path | None:
 
 
 class MessageStream:
-    """The messages of one source in their order. It ends when the stack ends, or by ``close``."""
+    """Messages of a running stack. The stream ends when the stack ends or the stream is closed."""
 
     def __init__(self, stream: IO[bytes], close: Callable[[], None]) -> None:
         self._stream, self._close = stream, close
@@ -126,11 +133,11 @@ class MessageStream:
         return decoded(self.encoded())
 
     def encoded(self) -> Iterator[Encoded]:
-        """The messages as they are in the stream, for one who passes them on."""
+        """Yield the messages without decoding them."""
         return encoded(NonSeekingReader(self._stream))
 
     def close(self) -> None:
-        """End it, from any thread."""
+        """Close the stream. May be called from any thread."""
         self._close()
 
     def __enter__(self) -> Self:
@@ -141,7 +148,7 @@ class MessageStream:
 
 
 def open_live(stack: RunningStack) -> MessageStream:
-    """The messages of a running stack from now on. Raises LiveError where it has just ended."""
+    """Open the message stream of a running stack. Raises LiveError if the stack has just ended."""
     connection = socket.socket(socket.AF_UNIX)
     try:
         connection.connect(str(stack.socket))

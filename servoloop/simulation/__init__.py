@@ -1,1 +1,1 @@
-"""The whole stack below ROS on simulated time: what users' tests and ``servoloop simulate`` run."""
+"""Run the whole stack below ROS in simulated time, for tests of users and for ``servoloop simulate``."""

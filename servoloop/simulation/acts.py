@@ -1,4 +1,4 @@
-"""Actions of simulated clients, as schedules list them."""
+"""Actions of simulated clients in a schedule."""
 
 from typing import Annotated, Literal
 
@@ -10,7 +10,7 @@ Share = Annotated[float, Field(ge=-1.0, le=1.0), NoTruth]
 
 
 class _Act(BaseModel):
-    """One action of a client, ``at_s`` seconds after the arm is up."""
+    """Action of a client, ``at_s`` seconds after the arm has become active."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -18,7 +18,7 @@ class _Act(BaseModel):
 
 
 class Move(_Act):
-    """A goal with one point for all joints, as the pick-and-place node sends it."""
+    """Send a goal with one point for all joints, as the pick-and-place node does."""
 
     kind: Literal["move"] = "move"
     positions: dict[str, Position]
@@ -26,7 +26,7 @@ class Move(_Act):
 
 
 class Plan(_Act):
-    """A goal as planners send it: a table of positions, velocities and accelerations from where the arm is."""
+    """Send a planned trajectory with positions, velocities and accelerations, starting at the current command."""
 
     kind: Literal["plan"] = "plan"
     positions: dict[str, Position]
@@ -35,7 +35,7 @@ class Plan(_Act):
 
 
 class Stream(_Act):
-    """Points on the controller's topic, one in each second cycle, on the straight way to ``positions``."""
+    """Stream points on a straight line to ``positions`` to the controller's topic, in every second cycle."""
 
     kind: Literal["stream"] = "stream"
     positions: dict[str, Position]
@@ -43,34 +43,34 @@ class Stream(_Act):
 
 
 class Cancel(_Act):
-    """The newest goal is canceled."""
+    """Cancel the latest goal."""
 
     kind: Literal["cancel"] = "cancel"
 
 
 class Hand(_Act):
-    """A command for the hand; ``share`` 0 is its lower limit and 1 its upper limit."""
+    """Move the hand. ``share`` 0 is its lower limit and 1 its upper limit."""
 
     kind: Literal["hand"] = "hand"
     share: Chance = 0.5
 
 
 class Switch(_Act):
-    """The arm's controller is deactivated, and activated again after ``for_s``."""
+    """Deactivate the arm controller, and activate it again after ``for_s``."""
 
     kind: Literal["switch"] = "switch"
     for_s: Duration = 0.5
 
 
 class Reactivate(_Act):
-    """The hardware is deactivated with its torque on, and activated again after ``for_s``; then the controllers."""
+    """Deactivate the hardware with its torque on. Activate it and its controllers again after ``for_s``."""
 
     kind: Literal["reactivate"] = "reactivate"
     for_s: Duration = 0.5
 
 
 class Jog(_Act):
-    """One joint is turned by a held key, as ``servoloop jog`` does it: points on the topic while the key is down."""
+    """Jog one joint as with a held key in ``servoloop jog``: stream points to the topic for ``for_s``."""
 
     kind: Literal["jog"] = "jog"
     joint: str
@@ -80,7 +80,7 @@ class Jog(_Act):
 
 
 class Guide(_Act):
-    """The arm is put into freedrive, and a hand pulls at one joint until the arm's controller has the arm again."""
+    """Switch the arm to freedrive and pull at one joint. Switch back to the arm controller after ``for_s``."""
 
     kind: Literal["guide"] = "guide"
     joint: str

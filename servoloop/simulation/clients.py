@@ -1,4 +1,4 @@
-"""Clients of a simulated stack: they carry out the actions of a schedule between two cycles."""
+"""Simulated clients, which carry out the actions of a schedule between cycles."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -23,33 +23,33 @@ LOG = logging.getLogger("servoloop")
 TABLE_S: Final = 0.1
 """Time between two points of a planner's trajectory."""
 AHEAD_S: Final = 0.2
-"""Time that a streaming client gives the arm to reach each point."""
+"""Time from start of each streamed point, in seconds."""
 JOG_SHARE: Final = 0.3
-"""Share of the velocity limits at which joints are jogged."""
+"""Maximum jogging velocity, as a share of the velocity limit."""
 PULL_SHARE: Final = 0.5
-"""Share of a servo's full effort with which a hand pulls."""
+"""Maximum pull by hand, as a share of the servo's full effort."""
 FREEDRIVE: Final = "freedrive_controller"
 
 
 class SimulatedClients:
-    """Carries out ``acts`` on a stack that is up; ``cycle`` belongs behind every cycle."""
+    """Clients that carry out ``acts`` on an active stack. Call ``cycle`` after every cycle."""
 
     def __init__(self, stack: SimulatedStack, arm: Any, acts: tuple[Act, ...]) -> None:
-        """``arm``: the trajectory controller that goals go to."""
+        """``arm`` is the trajectory controller that receives the goals."""
         self._stack, self._arm = stack, arm
         self._since_s = stack.clock.now()
         self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._action(act)) for act in acts]
         self._due.sort(key=lambda one: one[0])
         self._streams: list[Iterator[None]] = []
         self.newest = ""
-        """The kind of the newest act; empty before the first."""
+        """Kind of the latest act, empty before the first act."""
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
-        """Positions of the arm's joints (n,), rad or m, in the newest cycle."""
+        """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
         if any(isinstance(act, Guide) for act in acts):
             self._add_freedrive()
 
     def cycle(self, state: JointState) -> None:
-        """Do what is due."""
+        """Carry out all actions that are due."""
         joints = self._stack.loop.hardware.joints
         self._measured = state.position[[joints.index(joint) for joint in self._arm.joints]]
         now_s = self._stack.clock.now() - self._since_s
@@ -58,12 +58,12 @@ class SimulatedClients:
         self._streams = [stream for stream in self._streams if next(stream, self) is not self]
 
     def die(self) -> None:
-        """No client does anything any more."""
+        """Cancel all remaining actions, as if the clients had crashed."""
         self._due.clear()
         self._streams.clear()
 
     def _action(self, act: Act) -> Callable[[], None]:
-        doers: Mapping[str, Callable[[Any], None]] = {
+        actions: Mapping[str, Callable[[Any], None]] = {
             "move": self._move,
             "plan": self._plan,
             "stream": self._stream,
@@ -78,9 +78,9 @@ class SimulatedClients:
         def do() -> None:
             self.newest = act.kind
             try:
-                doers[act.kind](act)
+                actions[act.kind](act)
             except (DriverError, HalError, ManagerError, MotionError) as error:
-                LOG.info("a client is refused: %s", error)
+                LOG.info("a simulated client's request was refused: %s", error)
 
         return do
 
@@ -94,9 +94,11 @@ class SimulatedClients:
     def _plan(self, act: Plan) -> None:
         limits = [_scaled(limit, act.scale) for limit in self._limits()]
         here = np.clip(self._here(), [one.lower for one in limits], [one.upper for one in limits])
-        way = motion_to(Kinematics.at_rest(here), Kinematics.at_rest(np.array(self._all(act.positions))), limits, 0.0)
-        times_s = [*np.arange(TABLE_S, way.duration_s, TABLE_S).tolist(), max(way.duration_s, TABLE_S / 2.0)]
-        self._send(TrajectoryGoal(self._arm.joints, tuple(_point(way.sample(time_s), time_s) for time_s in times_s)))
+        motion = motion_to(
+            Kinematics.at_rest(here), Kinematics.at_rest(np.array(self._all(act.positions))), limits, 0.0
+        )
+        times_s = [*np.arange(TABLE_S, motion.duration_s, TABLE_S).tolist(), max(motion.duration_s, TABLE_S / 2.0)]
+        self._send(TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s)))
 
     def _stream(self, act: Stream) -> None:
         self._streams.append(self._points(act))
@@ -135,15 +137,15 @@ class SimulatedClients:
         pull = act.share * PULL_SHARE * joint.full_effort
         stack.world.load(act.joint, pull)
 
-        def let_go() -> None:
+        def release() -> None:
             stack.world.load(act.joint, -pull)
             try:
                 back = SwitchRequest(activate=(self._arm.name,), deactivate=(FREEDRIVE,))
                 loop.manager.switch(back, loop.within_limits)
             except ManagerError as error:
-                LOG.info("a client is refused: %s", error)
+                LOG.info("a simulated client's request was refused: %s", error)
 
-        self._later(act.for_s, let_go)
+        self._later(act.for_s, release)
 
     def _add_freedrive(self) -> None:
         joints = [one for one in self._stack.files.robot.joints if one.name in self._arm.joints]
@@ -169,7 +171,7 @@ class SimulatedClients:
             try:
                 loop.manager.switch(SwitchRequest(activate=(name,)), loop.within_limits)
             except ManagerError as error:
-                LOG.info("a client is refused: %s", error)
+                LOG.info("a simulated client's request was refused: %s", error)
 
     def _reactivate(self, act: Reactivate) -> None:
         loop = self._stack.loop
@@ -190,7 +192,7 @@ class SimulatedClients:
             self._arm.submit(goal)
 
     def _here(self) -> Any:
-        """The commands of the arm's joints (n,), rad or m: a planner begins where it has sent the arm."""
+        """Return the commands (n,) of the arm's joints, in rad or m. A planner starts from the commanded position."""
         loop = self._stack.loop
         return loop.command[[self._names().index(joint) for joint in self._arm.joints]]
 

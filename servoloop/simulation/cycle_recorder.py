@@ -1,4 +1,4 @@
-"""A recorder of a simulated stack: what it measured and commanded in each cycle, and what went over the wires."""
+"""Record the measurements, commands and bus packets of a simulated stack in each cycle."""
 
 from bisect import bisect_left
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ ROUNDING_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """Bytes that went over a line in one piece, sent by the stack or received."""
+    """Bytes that the stack sent or received in one call."""
 
     time_s: float
     bus: str
@@ -24,48 +24,49 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class CycleRecord:
-    """One cycle, seen when its commands were written; ``time_s`` of the stack's clock."""
+    """Record of one cycle, made when its commands were written."""
 
     time_s: float
+    """Time on the stack's clock, in seconds."""
     command: tuple[float, ...]
-    """In the order of the hardware's command interfaces: rad, m, rad/s, ..."""
+    """Commands in the order of the hardware's command interfaces, in rad, m, rad/s and so on."""
     position: tuple[float, ...]
-    """As measured, in the order of the joints: rad, m."""
+    """Measured positions in the order of the joints, in rad or m."""
     velocity: tuple[float, ...]
-    """The same: rad/s, m/s."""
+    """Measured velocities in the order of the joints, in rad/s or m/s."""
     faults: dict[str, str]
-    """The kind of fault that the stack knows of, by joint."""
+    """Kind of the fault detected by the stack, by joint."""
     injected: tuple[Event, ...]
-    """The faults that are really there."""
+    """Injected faults that are active."""
     hardware: str
-    """The life cycle state of the hardware component that has come furthest."""
+    """Most advanced lifecycle state of all hardware components."""
     controllers: dict[str, str]
-    """Life cycle states, by controller."""
+    """Lifecycle state by controller."""
     packets: tuple[Packet, ...]
-    """Since the last record."""
+    """Packets since the previous record."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Some cycles of a run, with the names of their numbers."""
+    """Recorded cycles of a run, with the names of its interfaces and joints."""
 
     interfaces: tuple[str, ...]
     joints: tuple[str, ...]
     cycles: tuple[CycleRecord, ...]
 
-    def around(self, time_s: float, before_s: float, cycles_behind: int) -> "Recording":
-        """The cycles within ``before_s`` before a moment, and so many behind it."""
+    def around(self, time_s: float, before_s: float, cycles_after: int) -> "Recording":
+        """Return the cycles of ``before_s`` seconds before a time, and ``cycles_after`` cycles after it."""
         times = [cycle.time_s for cycle in self.cycles]
         begin = bisect_left(times, time_s - before_s - ROUNDING_S)
-        end = bisect_left(times, time_s + ROUNDING_S) + cycles_behind
+        end = bisect_left(times, time_s + ROUNDING_S) + cycles_after
         return replace(self, cycles=self.cycles[begin:end])
 
 
 class CycleRecorder:
-    """Looks on where the loop and the end of the program meet the hardware: each write is one record."""
+    """Recorder that wraps the reads and writes of the hardware. Each write adds one record."""
 
     def __init__(self, stack: FaultyStack) -> None:
-        """``stack`` is not up yet."""
+        """``stack`` must not be active yet."""
         self._stack = stack
         self._records: list[CycleRecord] = []
         self._seen = dict.fromkeys(stack.ports, (0, 0))
@@ -86,7 +87,7 @@ class CycleRecorder:
 
     @property
     def recording(self) -> Recording:
-        """All so far; packets behind the last write stand in a last record of their own."""
+        """All cycles so far. Packets after the last write are in an extra record at the end."""
         if self._state is not None and any(self._unseen().values()):
             self._records.append(self._record(self._stack.loop.command, self._state))
         hardware = self._stack.loop.hardware
@@ -107,12 +108,15 @@ class CycleRecorder:
         )
 
     def _unseen(self) -> dict[str, int]:
-        """How many packets no record has yet, by line."""
+        """Return the number of packets not yet recorded, by bus."""
         ports = self._stack.ports
         return {bus: len(ports[bus].sent) + len(ports[bus].received) - sum(seen) for bus, seen in self._seen.items()}
 
     def _taken(self) -> list[Packet]:
-        """The packets that no record has yet, by time; of one moment what came in is first: no reply takes no time."""
+        """Return the packets not yet recorded, sorted by time.
+
+        Received packets come before packets sent at the same time, as every reply takes some time.
+        """
         packets: list[Packet] = []
         for bus, port in self._stack.ports.items():
             sent, received = self._seen[bus]

@@ -1,4 +1,4 @@
-"""A simulated stack to which faults of all kinds can happen."""
+"""Simulated stack with fault injection."""
 
 from typing import Any, cast
 
@@ -17,11 +17,14 @@ from sim_backend.faults.targets import Targets
 
 
 class FaultyStack(SimulatedStack):
-    """A simulated stack with a ``player``; without faults it does the same to the byte. ``options``: as there."""
+    """Simulated stack with a fault ``player``. Without faults, it behaves exactly as a SimulatedStack.
+
+    ``options`` are the options of SimulatedStack.
+    """
 
     def __init__(self, **options: Any) -> None:
         self.controllers: dict[str, Upsettable] = {}
-        """All of them, by name, as the loop runs them."""
+        """All controllers of the loop, by name."""
 
         def wrap(controller: Controller) -> Controller:
             upsettable = Upsettable(controller, self.goals)
@@ -31,10 +34,10 @@ class FaultyStack(SimulatedStack):
         self._playing = False
         self.clients: SimulatedClients | None = None
         self.ending = False
-        """Whether the program ends."""
+        """Whether the program is shutting down."""
         self.goals = GoalLog(lambda: self.clock.now())
         self.ended_goals: list[LoggedGoal] = []
-        """The goals that ended in the newest cycle."""
+        """Goals that ended in the latest cycle."""
         super().__init__(wrap=wrap, **options)
         self.arm = cast(JointTrajectoryController, self.controllers[self.arm.name])
         self.adapters = {
@@ -46,14 +49,14 @@ class FaultyStack(SimulatedStack):
         self._playing = True
 
     def up(self) -> "FaultyStack":
-        """Configure and activate; what the player plans may happen from the beginning on."""
+        """Configure and activate the hardware. Planned faults may already occur during the start."""
         self.player.reach("start", self.world.time_s)
         super().up()
         self.player.reach("up", self.world.time_s)
         return self
 
     def _client_dies(self) -> None:
-        """Nobody reacts to what the stack does any more, until another client comes."""
+        """Remove the client, so that nothing reacts to the stack until another client connects."""
         self.after_cycle = lambda: None
         if self.clients is not None:
             self.clients.die()
@@ -69,7 +72,7 @@ class FaultyStack(SimulatedStack):
         super()._after_step(time_s)
 
     def _on_cycle(self, state: JointState) -> None:
-        for line in self.lines.values():  # where nobody asks the servos the world goes on
+        for line in self.lines.values():  # time also passes for servos that are not read
             line.advance(self.clock.now())
         self.touches.update()
         self.ended_goals = self.goals.end_cycle()

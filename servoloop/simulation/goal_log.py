@@ -1,4 +1,4 @@
-"""The goals of a simulated stack's trajectory controllers, as their clients sent them, and what became of each."""
+"""Log the goals sent to the trajectory controllers of a simulated stack, and their results."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,43 +8,43 @@ from controller.trajectory.goal import GoalHandle, TrajectoryGoal
 
 @dataclass(slots=True)
 class LoggedGoal:
-    """One goal. Times are in seconds of the stack's clock; None: that has not happened."""
+    """Logged goal. Times are in seconds on the stack's clock, or None for events that have not happened."""
 
     controller: str
     goal: TrajectoryGoal
     handle: GoalHandle
     sent_s: float
     cancel_s: float | None = None
-    """When the client asked to cancel it."""
+    """Time of the client's cancel request."""
     ended_s: float | None = None
-    """When the first cycle after its end was complete."""
+    """Time at the end of the first cycle after the end of the goal."""
 
 
 @dataclass(slots=True)
 class GoalLog:
-    """All goals that were sent, in their order, and the reasons of those that were refused."""
+    """All goals in the order in which they were sent, and all refused goals with the reasons."""
 
     now: Callable[[], float]
-    """The stack's clock, s."""
+    """Returns the time of the stack's clock, in seconds."""
     goals: list[LoggedGoal] = field(default_factory=list)
     open: list[LoggedGoal] = field(default_factory=list)
-    """The goals without an end."""
+    """Goals that have not ended."""
     refused: list[tuple[TrajectoryGoal, str]] = field(default_factory=list)
 
     def sent(self, controller: str, goal: TrajectoryGoal, handle: GoalHandle) -> None:
-        """Log a goal that a controller has taken."""
+        """Log a goal that a controller has accepted."""
         logged = LoggedGoal(controller, goal, handle, self.now())
         self.goals.append(logged)
         self.open.append(logged)
 
     def canceled(self, handle: GoalHandle) -> None:
-        """Log that a client asks to cancel a goal."""
+        """Log a client's request to cancel a goal."""
         for logged in self.open:
             if logged.handle is handle and logged.cancel_s is None:
                 logged.cancel_s = self.now()
 
     def end_cycle(self) -> list[LoggedGoal]:
-        """Close the goals that have ended; returns them."""
+        """Close the goals that have ended, and return them."""
         ended = [logged for logged in self.open if logged.handle.done]
         for logged in ended:
             logged.ended_s = self.now()

@@ -1,4 +1,4 @@
-"""The pick-and-place node's own job on a simulated stack, without ROS: the same steps, poses and words."""
+"""Run the job of the pick-and-place node on a simulated stack without ROS. Steps, poses and messages are identical."""
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ from servoloop.stack.robot_files import Files
 from sim_backend.scene.scene_check import require_scene
 
 LONGEST_S = 60.0
-"""Of a job; the longest wait in it is the arm's for its hand, 4 s."""
+"""Maximum duration of a job, in seconds. Its longest wait is 4 s, for the hand."""
 FALLS_S = 1.0
-"""So long a cube that was let go may take to come to rest."""
+"""Maximum time for a released cube to come to rest, in seconds."""
 
 
 class _NextCycle:
-    """What a job awaits: the loop's next cycle."""
+    """Awaitable that completes in the next cycle of the loop."""
 
     def __await__(self) -> Generator[None, None, None]:
         yield
 
 
 class SimulatedArm:
-    """The arm and the hand as a job sees them (nodes.pick_place.job.Arm), on the controllers of a simulated stack."""
+    """Implementation of nodes.pick_place.job.Arm with the controllers of a simulated stack."""
 
     def __init__(self, stack: SimulatedStack, settings: Settings) -> None:
         self._stack = stack
@@ -57,11 +57,11 @@ class SimulatedArm:
 
 @dataclass(frozen=True, slots=True)
 class JobRecord:
-    """One job as it went; times in seconds of the simulation."""
+    """Record of one job, with times in seconds of the simulation."""
 
     grade: str
     success: bool
-    """Whether the node's job succeeded and the cube came into its bin."""
+    """Whether the job succeeded and the cube landed in its bin."""
     bin: str | None
     message: str
     duration_s: float
@@ -70,13 +70,13 @@ class JobRecord:
 
 
 def require_cell(files: Files, grades: Collection[str]) -> None:
-    """Check that the scene has the cube, the stand and the bins, if there are jobs. Raises ArmFileError."""
+    """If there are jobs, raise ArmFileError unless the scene has the cube, the stand and the bins."""
     if grades:
         require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
 
 
 def job_settings(arm: Arm, grades: Collection[str]) -> Settings:
-    """The settings of the arm's pick-and-place node; without jobs the defaults, and no file is read.
+    """Return the settings of the arm's pick-and-place node. Without jobs, return the defaults without reading a file.
 
     Raises ArmFileError.
     """
@@ -84,7 +84,7 @@ def job_settings(arm: Arm, grades: Collection[str]) -> Settings:
 
 
 def run_job(stack: SimulatedStack, settings: Settings, grade: str, number: int = 1) -> JobRecord:
-    """Run one job from its beginning until the cube lies. Raises what the stack raises, such as PortLost."""
+    """Run one job until the cube has come to rest. Raises the errors of the stack, such as PortLost."""
     begun_s = stack.clock.now()
     states: list[State] = []
     job = PickPlaceJob(number, grade, settings, SimulatedArm(stack, settings), states.append)

@@ -1,4 +1,4 @@
-"""The pace of simulated time: so many times as fast as real time at most, or paused, or step by step."""
+"""Control the pace of simulated time: limit its speed, pause it, or run single steps."""
 
 import threading
 from collections import deque
@@ -10,43 +10,43 @@ from typing import Final, Protocol
 from controller.manager.requests import ENDED, Request
 from drivers.errors import DriverError
 
-LOOK_S: Final = 0.1
-"""Seconds of real time after which whoever waits looks up at the latest."""
+POLL_S: Final = 0.1
+"""Maximum time between two checks while waiting, in seconds of real time."""
 LONGEST_CATCH_UP_S: Final = 0.1
-"""Real time that is made up for where the machine was slow; what is beyond is lost, and no rush comes behind it."""
+"""Maximum delay that the simulation catches up after a slow phase, in seconds of real time. Longer delays remain."""
 
 
 class PausedError(DriverError):
-    """Only a simulation that is paused can be stepped."""
+    """Raised when steps cannot run, for example because the simulation is not paused."""
 
 
 def parse_factor(text: str) -> float:
-    """Parse a factor; ``max`` is infinity. Raises DriverError."""
+    """Parse the value of ``--rtf``. ``max`` is infinity. Raises DriverError."""
     try:
         factor = inf if text.strip().lower() == "max" else float(text)
     except ValueError:
         factor = 0.0
     if not factor > 0.0:
-        raise DriverError(f"--rtf takes a factor above 0, such as 0.5 or 5, or max, not {text!r}")
+        raise DriverError(f"--rtf must be a factor above 0, such as 0.5 or 5, or max, not {text!r}")
     return factor
 
 
 class Wall(Protocol):
-    """Real time: to be looked at, and to be waited for until something changes."""
+    """Clock of real time, with a wait that another thread can interrupt."""
 
     def now(self) -> float:
-        """Seconds."""
+        """Return the time in seconds."""
         ...
 
     def wait(self, longest_s: float) -> None:
-        """Return after ``longest_s``, or sooner when another thread calls ``wake``."""
+        """Wait for ``longest_s`` seconds, or until another thread calls ``wake``."""
         ...
 
     def wake(self) -> None: ...
 
 
 class MachineWall:
-    """The machine's monotonic clock."""
+    """Monotonic clock of the computer."""
 
     now = staticmethod(monotonic)
 
@@ -62,43 +62,43 @@ class MachineWall:
 
 
 class Pace:
-    """The loop's thread waits here between two cycles. Any thread may pause, go on, and ask for steps.
+    """Pace of a simulation. The loop thread waits between cycles; any thread may pause, resume or request steps.
 
-    ``factor``: seconds of the simulation in one of real time, ``math.inf`` for as many as the machine can.
+    ``factor`` is the maximum ratio of simulated to real time, or ``math.inf`` for the maximum speed of the computer.
     """
 
     def __init__(self, factor: float, paused: bool = False, wall: Wall | None = None) -> None:
         self.paused = paused
         self.on_done: Callable[[], None] = lambda: None
-        """Called in the loop's thread when steps are done."""
+        """Called in the loop thread when the steps of a request are done."""
         self._factor = factor
         self._wall = wall or MachineWall()
         self._lock = threading.Lock()
         self._steps: deque[tuple[int, Request[None]]] = deque()
-        """The cycles that are left of each request."""
+        """Number of remaining cycles of each request."""
         self._ended = False
         self._anchor: tuple[float, float] | None = None
-        """A moment on both clocks, simulated and real; None where another one is to be taken."""
+        """Simulated and real time of the same moment, or None if a new moment must be chosen."""
         self._begun_s = self._now_s = 0.0
         self._running_s = 0.0
         self._ran_at_s: float | None = None
 
     @property
     def summary(self) -> str:
-        """How fast it went, in words; without the pauses."""
+        """Sentence with the simulated time, the real time without pauses, and their ratio."""
         simulated_s = self._now_s - self._begun_s
         times = f", {simulated_s / self._running_s:.1f} times real time" if self._running_s > 0.0 else ""
         return f"{simulated_s:.1f} s simulated in {self._running_s:.1f} s{times}"
 
     def pause(self, paused: bool) -> None:
-        """Stop simulated time behind the cycle that runs, or let it go on without making up for the pause."""
+        """Pause after the current cycle, or resume without catching up."""
         with self._lock:
             self.paused = paused
             self._anchor = None
         self._wall.wake()
 
     def step(self, cycles: int) -> Request[None]:
-        """Run so many cycles, 1 at least, of a paused simulation. The request is done behind the last one."""
+        """Run at least one cycle of a paused simulation. The request is done after the last cycle."""
         request = Request[None](lambda: None)
         with self._lock:
             if self._ended:
@@ -106,35 +106,38 @@ class Pace:
             elif not self.paused:
                 request.refuse(PausedError("the simulation is not paused: call set_pause first"))
             elif cycles < 1:
-                request.refuse(PausedError(f"{cycles} steps: ask for one at least"))
+                request.refuse(PausedError(f"{cycles} steps requested: request at least one step"))
             else:
                 self._steps.append((cycles, request))
         self._wall.wake()
         return request
 
-    def wait(self, time_s: float, look: Callable[[], bool]) -> None:
-        """Return when the cycle behind simulated ``time_s`` may run, or as soon as ``look`` is true.
+    def wait(self, time_s: float, ended: Callable[[], bool]) -> None:
+        """Wait until the cycle after simulated time ``time_s`` may run, or until ``ended`` returns true.
 
-        ``look`` is called again and again in the loop's thread.
+        ``ended`` is called repeatedly in the loop thread.
         """
         self._count(time_s)
-        while not look():
+        while not ended():
             with self._lock:
                 wait_s = 0.0 if self._take_step() else self._left_s(time_s)
             if wait_s <= 0.0:
                 break
-            self._wait(min(wait_s, LOOK_S))
+            self._wait(min(wait_s, POLL_S))
         self._ran_at_s = self._wall.now()
 
     def end(self) -> None:
-        """After the last cycle: refuse all steps that are left."""
+        """Refuse all remaining steps after the last cycle."""
         with self._lock:
             self._ended = True
             while self._steps:
                 self._steps.popleft()[1].refuse(RuntimeError(ENDED))
 
     def _take_step(self) -> bool:
-        """Take one cycle of the first request; those that have had theirs are done."""
+        """Use one cycle of the first open request, and complete requests without remaining cycles.
+
+        Return whether a cycle may run.
+        """
         while self._steps:
             left, request = self._steps.popleft()
             if left:
@@ -145,7 +148,7 @@ class Pace:
         return False
 
     def _left_s(self, time_s: float) -> float:
-        """Real time until the next cycle may run."""
+        """Return the real time until the next cycle may run, in seconds."""
         if self.paused:
             return inf
         now_s = self._wall.now()
@@ -163,7 +166,7 @@ class Pace:
             self._running_s += self._wall.now() - before_s
 
     def _count(self, time_s: float) -> None:
-        """Count the cycle that has run since the last call."""
+        """Count the cycle that ran since the last call."""
         if self._ran_at_s is None:
             self._begun_s = time_s
         else:

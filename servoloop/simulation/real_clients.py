@@ -1,4 +1,4 @@
-"""Simulated time for real clients: what ``servoloop up --rtf`` and ``--step`` have instead of the machine's clock."""
+"""Simulated time for real clients, as used by ``servoloop up --rtf`` and ``--step``."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -8,7 +8,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.port import Port
 from hal.types import JointState
-from servoloop.simulation.pace import LOOK_S, Pace
+from servoloop.simulation.pace import POLL_S, Pace
 from servoloop.stack import hardware
 from servoloop.stack.background_worker import SameThreadWorker
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
@@ -22,10 +22,13 @@ if TYPE_CHECKING:
 
 
 class SimulatedTime:
-    """One thread advances it, the loop's: each cycle as fast as it can, then it waits for its clients and its pace."""
+    """Simulated time, advanced by the loop thread.
+
+    The loop runs each cycle as fast as possible, then waits for its clients and its pace.
+    """
 
     def __init__(self, pace: Pace, build: Build) -> None:
-        """``build``: of the virtual servos."""
+        """``build`` describes the virtual servos."""
         self.clock = SimulatedClock()
         self.pace = pace
         self.worker = SameThreadWorker()
@@ -41,27 +44,32 @@ class SimulatedTime:
         files: Files,
         tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
     ) -> HardwareSetup:
-        """The hardware on simulated time, unconfigured. Raises DriverError where anything would keep real time."""
+        """Build the hardware for simulated time without opening it.
+
+        Raises DriverError if a component could depend on real time.
+        """
         if ports is not None:
-            raise DriverError("a real servo keeps real time: leave out --port, or --rtf and --step")
+            raise DriverError("real servos cannot run in simulated time: leave out --port, or --rtf and --step")
         kinds = [hardware.choose(kind, component) for component in files.description.components]
         if users := [str(one) for one in kinds if not isinstance(one, HardwareKind)]:
             names = ", ".join(users)
-            raise DriverError(f"{names} may keep real time: leave out --rtf and --step, or name a --hardware")
+            raise DriverError(
+                f"{names} may not support simulated time: leave out --rtf and --step, or choose a --hardware"
+            )
         if HardwareKind.SERVOS in kinds:
             self._lines = VirtualLines(files, self._build)
         devices = self._lines.devices if self._lines is not None else {}
         return hardware.build(kind, files, devices, self.clock, self._lines, tap)
 
     def connect(self, loop: ControlLoop, surface: "Surface") -> None:
-        """Set who is paced, and who shows it."""
+        """Set the loop to pace and the ROS interface that publishes its states."""
         self._loop, self._surface = loop, surface
         self.pace.on_done = surface.wake
         loop.on_cycle = self._on_cycle
 
     def before_cycle(self, ended: Callable[[], bool]) -> None:
-        """Return when the next cycle may run, or soon after ``ended``. In the loop's thread."""
-        while not (self._surface.wait_until_published(LOOK_S) or ended()):
+        """Wait in the loop thread until the next cycle may run or ``ended`` returns true."""
+        while not (self._surface.wait_until_published(POLL_S) or ended()):
             pass
         self.pace.wait(self.clock.now(), lambda: self._serve() or ended())
 
@@ -71,7 +79,7 @@ class SimulatedTime:
         self._surface.post(state)
 
     def _serve(self) -> bool:
-        """Controllers can be loaded and switched while the simulation is paused, as before its first step."""
+        """Serve requests while the simulation is paused, so that controllers can be loaded before the first step."""
         if self.pace.paused and self._loop.requests.inbox:
             self._loop.requests.serve()
             self._surface.wake()

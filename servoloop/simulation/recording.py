@@ -1,4 +1,4 @@
-"""What a simulated run leaves behind: every byte on every wire, and what the arm did."""
+"""Record the bus traffic and the motion of a simulated run, and compute its following error."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
@@ -14,25 +14,28 @@ from sim_backend.clock import SimulatedClock
 
 MOVING_RAD_S = 0.01
 REST_S = 0.5
-"""So long after its reference has come to rest a joint is to be at rest itself."""
+"""Time after which a joint must be at rest once its reference is at rest, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """The following error of one run, joint by joint in the arm's order, rad; empty where nothing could be measured.
+    """Following error of each joint of the arm in one run, in rad. Empty if nothing could be measured.
 
-    Sag is seen at the joints that carry the arm, lag at the one that moves fastest.
+    Sag is largest at the joints that carry the arm, lag at the joint that moves fastest.
     """
 
     largest_rad: tuple[float, ...]
     rms_moving_rad: tuple[float, ...]
     at_rest_rad: tuple[float, ...]
-    """The largest at rest; 0 where the joint never was."""
+    """Largest error at rest; 0 for joints that were never at rest."""
     fastest: int
     """Index of the joint with the largest reference velocity."""
 
     def as_dict(self, joints: Sequence[str]) -> dict[str, Any]:
-        """The figures for result.json: the worst joint, the fastest one, and all; ``joints`` are the arm's names."""
+        """Return the values for result.json: of the worst joint, of the fastest joint and of all joints.
+
+        ``joints``: names of the arm's joints.
+        """
         if not self.largest_rad:
             return {"largest_rad": None, "rms_moving_rad": None, "at_rest_rad": None}
         return {
@@ -56,7 +59,7 @@ UNKNOWN = FollowingError((), (), (), 0)
 
 
 def following_error(times_s: FloatArray, error: FloatArray, velocity: FloatArray) -> FollowingError:
-    """The following error from errors and reference velocities of shape (samples, joints)."""
+    """Return the following error from errors and reference velocities, both (samples, joints)."""
     if not len(error):
         return UNKNOWN
     moving = np.abs(velocity) > MOVING_RAD_S
@@ -68,13 +71,13 @@ def following_error(times_s: FloatArray, error: FloatArray, velocity: FloatArray
 
 
 def _rests(times_s: FloatArray, moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where a joint's reference has rested for ``REST_S``, by what was seen of it; (samples, joints)."""
+    """Return whether the reference of each joint has been at rest for ``REST_S``, (samples, joints)."""
     last = np.maximum.accumulate(np.where(moving, times_s[:, None], times_s[0]), axis=0)
     return times_s[:, None] - last >= REST_S
 
 
 def worst(errors: Iterable[FollowingError]) -> FollowingError:
-    """The largest following error of several runs, joint by joint."""
+    """Return the largest following error of several runs for each joint."""
     known = [error for error in errors if error.largest_rad]
     if not known:
         return UNKNOWN
@@ -91,7 +94,7 @@ def _rounded(values: FloatArray) -> tuple[float, ...]:
 def reference_at(
     times_s: FloatArray, cycle_s: FloatArray, position: FloatArray, velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Sample reference position and velocity between the cycles: the cubic through both, (times, joints)."""
+    """Interpolate reference positions and velocities between cycles with cubic polynomials, (times, joints)."""
     left = np.clip(np.searchsorted(cycle_s, times_s, side="right") - 1, 0, len(cycle_s) - 2)
     span = (cycle_s[left + 1] - cycle_s[left])[:, None]
     u = (times_s - cycle_s[left])[:, None] / span
@@ -108,7 +111,7 @@ def between_cycles(
     position: FloatArray,
     velocity: FloatArray,
 ) -> FollowingError:
-    """The following error of a dense trace (times, joints) against the reference of the cycles, on one clock."""
+    """Return the following error of a dense trace (times, joints) relative to the references of the cycles."""
     if len(cycle_s) < 2 or not len(trace):
         return UNKNOWN
     times, actual = np.array(trace_s), np.array(trace)
@@ -119,7 +122,7 @@ def between_cycles(
 
 @dataclass(slots=True)
 class RecordingPort:
-    """A port that remembers what went over it and when."""
+    """Port that records all bytes with their times."""
 
     port: VirtualPort
     clock: SimulatedClock
@@ -158,7 +161,7 @@ class RecordingPort:
 
 @dataclass(slots=True)
 class Trace:
-    """What the arm did every millisecond, and what it was to do at every cycle."""
+    """Actual positions of the arm in every millisecond, and its references in every cycle."""
 
     world_s: list[float] = field(default_factory=list)
     actual: list[FloatArray] = field(default_factory=list)
@@ -167,12 +170,12 @@ class Trace:
     velocity: list[FloatArray] = field(default_factory=list)
 
     def following_error(self) -> tuple[FloatArray, FloatArray]:
-        """Largest error, and RMS while moving, of each arm joint (rad), between the cycles too."""
+        """Return the largest error and the RMS error while moving of each joint, in rad, including between cycles."""
         error = self.following()
         return np.array(error.largest_rad), np.array(error.rms_moving_rad)
 
     def following(self, since_s: float = 0.0) -> FollowingError:
-        """The following error, between the cycles too."""
+        """Return the following error since a time, including between cycles."""
         start = bisect_left(self.world_s, since_s)
         cycles, position, velocity = np.array(self.cycle_s), np.array(self.position), np.array(self.velocity)
         return between_cycles(self.world_s[start:], self.actual[start:], cycles, position, velocity)

@@ -1,4 +1,4 @@
-"""Schedules: everything that a simulated run depends on, in a file that the run can be replayed from."""
+"""Read and write schedules. A schedule file has all inputs of a simulated run, so that the run can be replayed."""
 
 from pathlib import Path
 
@@ -18,46 +18,49 @@ from sim_backend.faults.script import plain
 
 
 class ScheduleError(DriverError):
-    """A schedule that cannot be read; all its mistakes, each with its line."""
+    """Raised when a schedule has mistakes. The message lists all of them with their lines."""
 
 
 class Schedule(BaseModel):
-    """One run: which arm, which jobs, and what goes wrong when. ``faults`` count from their moments, s."""
+    """Schedule of one run: arm, jobs, faults and actions of clients."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     arm: str = OWN
     seed: Seed | None = None
-    """Of the arm's friction, motors, masses and supply; None: the nominal ones."""
+    """Seed of the arm's friction, motors, masses and supply. None: nominal values."""
     backlash_deg: Backlash = 1.0
     job: tuple[str, ...] = ()
-    """Grades, one job each."""
+    """Grade of each job."""
     seconds: Time = 0.0
-    """So long the arm stays up behind its jobs."""
+    """Time the arm stays active after its last job, in seconds."""
     faults: tuple[FaultEvent, ...] = ()
+    """Faults. Their times count from the moments that they name, in seconds."""
     clients: tuple[Act, ...] = ()
-    """What clients do beside the jobs, since the arm is up."""
+    """Actions of clients other than the jobs. Their times count from the activation of the arm."""
     on_exit: ExitPolicy | None = None
-    """How the arm is left at the end; None: as the robot file leaves virtual servos."""
+    """Exit policy of the arm. None: the robot file's policy for virtual servos."""
 
 
 def read_schedule(path: Path) -> Schedule:
-    """Read the schedule in this YAML file.
+    """Read a schedule from a YAML file.
 
-    Raises ScheduleError for its mistakes and for what begins after the run, ArmFileError for an unknown arm.
+    Raises:
+        ScheduleError: The file has mistakes, or a fault or action starts after the end of the run.
+        ArmFileError: The arm does not exist.
     """
     schedule = load(path, Schedule, ScheduleError)
     arm_in(path, schedule.arm)
-    if late := behind_the_end(schedule):
+    if late := after_the_end(schedule):
         file = compose(path, ScheduleError)
         raise ScheduleError("\n".join(f"{file.place((*place, 'at_s'))}: {text}" for place, text in late))
     return schedule
 
 
-def behind_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
-    """The faults and acts that begin only when the run is over: the place and a sentence for each.
+def after_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
+    """Return the position and a message for each fault or action that starts after the end of the run.
 
-    The length of a run with jobs is not known.
+    Return nothing for schedules with jobs, as the length of their runs is unknown.
     """
     if schedule.job:
         return []
@@ -67,14 +70,14 @@ def behind_the_end(schedule: Schedule) -> list[tuple[tuple[str, int], str]]:
 
 
 def _late(one: FaultEvent | Act, end_s: float) -> str:
-    text = f"{one.kind} begins at {one.at_s:g} s, and the run ends after {end_s:g} s: let it begin earlier"
+    text = f"{one.kind} starts at {one.at_s:g} s, but the run ends after {end_s:g} s: start it earlier"
     if isinstance(one, Event):
-        return f"{text}, make `seconds` longer, or write `since: end`"
-    return f"{text}, or make `seconds` longer"
+        return f"{text}, increase `seconds`, or use `since: end`"
+    return f"{text}, or increase `seconds`"
 
 
 def schedule_text(schedule: Schedule) -> str:
-    """What ``read_schedule`` reads; what is as by default is left out."""
+    """Return a schedule as YAML for ``read_schedule``, without default values."""
     content = schedule.model_dump(exclude={"faults", "clients"}, exclude_defaults=True)
     content = {name: list(value) if isinstance(value, tuple) else value for name, value in content.items()}
     if schedule.faults:

@@ -1,4 +1,4 @@
-"""One run of the whole stack on simulated time: jobs or so many seconds, figures, and a digest of all that happened."""
+"""Run the whole stack in simulated time, with jobs or for a time, and return statistics and a digest of the run."""
 
 import hashlib
 from collections import Counter
@@ -28,19 +28,19 @@ from sim_backend.faults.targets import Inventory
 
 
 class Digest:
-    """SHA-256 of every byte on every wire, and of every joint state, in their order."""
+    """SHA-256 digest of all joint states and all bytes on the buses, in order."""
 
     def __init__(self) -> None:
         self._states = hashlib.sha256()
 
     def add_state(self, state: JointState) -> None:
-        """Take one cycle's measurement in: all its numbers as doubles, the lowest byte first."""
+        """Add the joint state of one cycle, as little-endian doubles."""
         for values in (state.position, state.velocity, state.effort):
             self._states.update(np.asarray(values, dtype="<f8").tobytes())
         self._states.update(repr(sorted(state.faults)).encode())
 
     def of(self, ports: Iterable[RecordingPort]) -> str:
-        """The digest with all that went over these ports, in hexadecimal digits."""
+        """Return the hexadecimal digest, including all bytes of these ports."""
         whole = self._states.copy()
         for port in ports:
             for traffic in (port.sent, port.received):
@@ -52,8 +52,8 @@ class Digest:
 
 @contextmanager
 def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
-    """Record all cycles of the block into a new file, from before the stack is up. Raises RecordingError."""
-    from servoloop.recording.messages import Messages  # takes a tenth of a second, which most runs save
+    """Record all cycles in a new file. Enter this context before the stack is active. Raises RecordingError."""
+    from servoloop.recording.messages import Messages  # this import takes 0.1 s, and few runs are recorded
     from servoloop.recording.recorder import RecordingFile
     from servoloop.recording.sampler import scene_poses
 
@@ -61,62 +61,72 @@ def recorded(stack: SimulatedStack, path: Path) -> Iterator[None]:
     sampler = Sampler(loop, files.component.name, servo_ids(files), taps)
     hardware = loop.hardware
     file = RecordingFile(path, Messages(files.description, hardware.joints, hardware.command_interfaces, 0.0))
-    look_on = stack.on_state
+    previous = stack.on_state
 
     def tap(port: Port) -> Port:
         return taps.tap(port, stack.clock)
 
     def on_state(state: JointState) -> None:
-        look_on(state)
+        previous(state)
         file.write(replace(sampler.sample(state), scene=scene_poses(stack.scene)))
 
     stack.tap, stack.on_state = tap, on_state
     try:
         yield
     finally:
-        stack.on_state = look_on
+        stack.on_state = previous
         file.close(taps.take())
 
 
 SETTLED_S = 2.5
-"""Until then a limp arm that was switched on has sunk, and has been lifted again."""
+"""Time for a limp arm to sink and rise again after its activation, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """One run. Times in seconds of the simulation, but ``cpu_s``."""
+    """Result of one run. All times except for ``cpu_s`` are in seconds of the simulation."""
 
     joints: tuple[str, ...]
-    """The joints of the arm's controller, in the order of all figures."""
+    """Joints of the arm controller, in the order of all values."""
     jobs: tuple[JobRecord, ...]
     simulated_s: float
     cycles: int
     missed_cycles: int
     unmeasured_cycles: int
     faulty_cycles: dict[str, int]
-    """Cycles in which a joint was not measured or not driven, by joint and kind of fault."""
+    """Number of cycles with a fault, by joint and kind of fault."""
     following: FollowingError
     digest: str
     cpu_s: float
-    """Of the processor, which the digest does not depend on."""
+    """Processor time, in seconds. The digest does not depend on it."""
 
     @property
     def success(self) -> bool:
-        """Whether every job succeeded, and all cubes are in their bins."""
+        """Whether all jobs succeeded and all cubes are in their bins."""
         return all(job.success for job in self.jobs)
 
 
 def simulated(files: Files) -> Inventory:
-    """What faults of such a run may concern: the arm with all its parts; the program is not ended in it."""
+    """Return the possible targets of faults in ``simulate``. Faults at the end of the program are not possible."""
     return replace(inventory_of(files), end_s=None)
 
 
 def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path | None = None) -> SimulationResult:
-    """Bring the arm up on its virtual servos, run the jobs one after the other, then stay up for so many seconds.
+    """Activate the arm on virtual servos, run the jobs one by one, then stay active for the schedule's ``seconds``.
 
-    ``files`` and ``settings``: of the schedule's arm. The same arguments give the same digest, also where all is
-    recorded into a file. Raises DriverError and HalError as bringing up a real arm does, FaultError where a fault
-    cannot happen to this arm, RecordingError.
+    Equal arguments give equal digests, with or without a recording.
+
+    Args:
+        files: Files of the schedule's arm.
+        settings: Settings of the pick-and-place node for this arm.
+        schedule: Schedule of the run.
+        record: Path of a new recording, if any.
+
+    Raises:
+        DriverError: The arm cannot be activated, as in ``servoloop up``.
+        HalError: A component cannot be activated.
+        FaultError: A fault is not possible on this arm.
+        RecordingError: The recording cannot be written.
     """
     begun_s = process_time()
     require_cell(files, schedule.job)

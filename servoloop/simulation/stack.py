@@ -1,4 +1,4 @@
-"""Controllers, loop, driver, bytes, servos and physics in one thread on a simulated clock."""
+"""Run controllers, loop, driver, virtual servos and physics in one thread on a simulated clock."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -37,7 +37,7 @@ MOVE_S = 2.0
 
 
 class SimulatedStack:
-    """Configured, not yet active. ``after_cycle`` is where a client's reactions come in."""
+    """Stack in simulated time. It is inactive until ``up`` is called. Clients react to cycles in ``after_cycle``."""
 
     def __init__(
         self,
@@ -50,10 +50,17 @@ class SimulatedStack:
         compensation: Callable[[Sequence[Joint], Description], GravityCompensation | None] = compensation,
         wire: bool = True,
     ) -> None:
-        """``wrap`` may put something around a controller; ``start``: where the joints stand, rad or m.
+        """Build the stack.
 
-        Without ``wire`` the arm is driven in MuJoCo itself, as by ``servoloop up --hardware mujoco``: no servos, no
-        bytes, and no trace between the cycles.
+        Args:
+            files: Files of the robot. None: the default arm.
+            wrap: Wraps each controller, for example to inject faults.
+            start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until driven.
+            build: Build of the virtual servos.
+            keep_alive: Whether the loop continues when it loses a component.
+            compensation: Creates the gravity compensation.
+            wire: Whether to simulate servos and buses. Otherwise MuJoCo drives the arm directly, as with ``servoloop up
+                --hardware mujoco``, and there is no trace between the cycles.
         """
         self._compensation = compensation
         self.files = files or read_files()
@@ -68,9 +75,9 @@ class SimulatedStack:
             for name, line in self.lines.items()
         }
         self.tap: Callable[[Port], Port] = lambda port: port
-        """What buses find at their ports may be put around them, until they are opened."""
+        """Wraps each port when its bus is opened."""
         self.made: list[ServoHardware] = []
-        """The components that have servos."""
+        """Components with servos."""
         components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
         lagging = compliances(self.files.robot.joints)
         setup = HardwareSetup(components, dict, {}, True, {}, {}, lagging)
@@ -81,51 +88,51 @@ class SimulatedStack:
         self.arm = _first(built, JointTrajectoryController, self.files)
         self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
-        """Where the positions of the arm's joints are, without the hand's: each millisecond asks."""
+        """Indices of the arm joints, without the hand, in the world's positions. They are used every millisecond."""
         self._wrap = wrap
         for controller in built:
             self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
         self.on_state: Callable[[JointState], None] = lambda state: None
-        """Given each cycle's measurement."""
+        """Called with the joint state of each cycle."""
         self.on_step: Callable[[float], None] = lambda time_s: None
         """Called after each step of the physics."""
 
     def add_controller(self, controller: Controller) -> None:
-        """Load one that has been built; it is inactive until the stack is up, or it is switched."""
+        """Load a controller. It stays inactive until ``up`` is called or the controller is switched."""
         self.manager.registry.add(self._wrap(controller))
 
     def up(self) -> "SimulatedStack":
-        """Configure and activate. Raises DriverError or HalError if a component cannot be, as ``servoloop up`` does."""
+        """Configure and activate the stack. Raises DriverError or HalError if a component fails."""
         configure_all(self.loop.hardware)
         self.loop.activate(keep_alive=False)
         return self
 
     @property
     def hand(self) -> ForwardCommandController:
-        """The controller of the hand. Raises ControllersFileError if the arm has none."""
+        """Controller of the hand. Raises ControllersFileError if the arm has no hand."""
         return _first(self._built, ForwardCommandController, self.files)
 
-    # Most arms have one component on one line.
+    # The following properties suit arms with one component on one bus.
 
     @property
     def hardware(self) -> ServoHardware:
-        """The first component with servos."""
+        """First component with servos."""
         return self.made[0]
 
     @property
     def bus(self) -> ServoLine[Any]:
-        """The first virtual line."""
+        """First virtual bus."""
         return next(iter(self.lines.values()))
 
     @property
     def port(self) -> RecordingPort:
-        """Its port."""
+        """Recording port of the first bus."""
         return next(iter(self.ports.values()))
 
     @property
     def virtual_port(self) -> VirtualPort:
-        """The same below the recording."""
+        """Virtual port of the first bus, without recording."""
         return self.port.port
 
     def _made(self, component: HardwareInfo, wire: bool) -> Hardware:
@@ -148,12 +155,12 @@ class SimulatedStack:
         return {name: servo_bus(file, self.tap(port), self.clock, name) for name, port in ports.items()}
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Cycles for so long, or until ``until``."""
+        """Run cycles for a time, or until ``until`` returns true."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s or until())
 
     def go(self, pose: Sequence[float], seconds: float = MOVE_S) -> GoalHandle:
-        """One goal as the pick-place node sends it."""
+        """Send a goal with one pose, as the pick-place node does."""
         goal = TrajectoryGoal(self.arm.joints, (GoalPoint(tuple(pose), seconds),))
         reason = self.arm.check(goal)
         assert reason is None, reason
@@ -175,9 +182,9 @@ class SimulatedStack:
 
 
 def _first(built: Sequence[Controller], kind: type[AnyController], files: Files) -> AnyController:
-    """The first controller of a kind. Raises ControllersFileError."""
+    """Return the first controller of a class. Raises ControllersFileError if there is none."""
     for controller in built:
         if isinstance(controller, kind):
             return controller
     path = files.controllers.path
-    raise ControllersFileError(f"{path}:1: no controller is a {kind.kind}, which simulated motions need: add one")
+    raise ControllersFileError(f"{path}:1: simulated motions need a {kind.kind}, but the file has none: add one")

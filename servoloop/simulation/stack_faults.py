@@ -1,4 +1,4 @@
-"""Faults above the servos, on simulated time: a machine that stalls, a controller that goes wrong, a bad client."""
+"""Inject faults above the servos: a stalled computer, a faulty controller or a faulty client."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,16 +24,16 @@ from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import HOLD_S, ClientFault, ControllerFault, Inventory
 
 ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.014}
-"""Time that it takes to configure and activate one servo, by make."""
+"""Time to configure and activate one servo, in seconds, by make."""
 
 GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tolerances")
-"""The attributes of a controller that takes trajectory goals."""
+"""Attributes of a controller that accepts trajectory goals."""
 
 
 def inventory_of(files: ServoFiles) -> Inventory:
-    """The servos and the controllers of an arm.
+    """Return the servos and the controllers of an arm.
 
-    Buses and controllers are in alphabetical order: a seed draws the same however the files are sorted.
+    Buses and controllers are sorted by name, so that a seed gives the same faults whatever the order in the files.
     """
     robot = files.robot
     servos: dict[str, dict[int, ServoModel]] = {name: {} for name in sorted(robot.file.lines())}
@@ -46,34 +46,41 @@ def inventory_of(files: ServoFiles) -> Inventory:
 
 
 def _parking_s(files: ServoFiles) -> float:
-    """Longest time that the arm may take to its park pose; 0 where the robot file has it held."""
+    """Return the maximum duration of parking in seconds, or 0 if the robot file makes the arm hold its position."""
     park = files.robot.file.park
     if park is None or files.robot.file.on_exit.virtual != "relax":
         return 0.0
     limits = {name: files.limits[name] for name in park.pose if name in files.limits}
-    ways_s = ((one.upper - one.lower) / (one.velocity * park.velocity_scale) for one in limits.values())
-    return max(ways_s, default=0.0)
+    durations_s = ((one.upper - one.lower) / (one.velocity * park.velocity_scale) for one in limits.values())
+    return max(durations_s, default=0.0)
 
 
 def require_possible_in(
     path: Path, events: Iterable[FaultEvent], there: Inventory, within: Sequence[str] = ("faults",)
 ) -> None:
-    """Check that the events of a file can happen. Raises FaultError with file and line of each that cannot.
+    """Check that the fault events of a file are possible.
 
-    ``within``: where the file has its list of events.
+    Args:
+        path: Path of the file.
+        events: Fault events of the file.
+        there: Possible targets.
+        within: Keys of the list of events in the file.
+
+    Raises:
+        FaultError: An event is impossible. The message has the file and line of every impossible event.
     """
     file = compose(path, FaultError)
     require_possible(events, there, lambda number: f"{file.place((*within, number))}: ")
 
 
 class Upsettable:
-    """A controller that can be made to go wrong; all else is the controller's own."""
+    """Wrapper that makes a controller fail on request. All other calls go to the controller."""
 
     def __init__(self, controller: Controller, goals: GoalLog) -> None:
         self.upsets: list[tuple[ControllerFault, float]] = []
-        """What is wrong with it now: how, and how far its commands jump."""
+        """Active faults: kind and offset of the commands."""
         self.newest: GoalHandle | None = None
-        """The newest goal, of a controller that has goals with an end."""
+        """Latest goal, if the controller has goals that end."""
         self._controller: Any = controller
         self._goals = goals
 
@@ -87,7 +94,7 @@ class Upsettable:
 
     @property
     def takes_goals(self) -> bool:
-        """Whether the controller takes trajectory goals."""
+        """Whether the controller accepts trajectory goals."""
         try:
             attrgetter(*GOAL_ATTRIBUTES)(self._controller)
         except AttributeError:
@@ -95,14 +102,14 @@ class Upsettable:
         return True
 
     def check(self, goal: Any) -> str | None:
-        """The controller's own answer to a goal."""
+        """Return the controller's reason to refuse a goal, or None. Log refused goals."""
         reason: str | None = self._controller.check(goal)
         if reason is not None:
             self._goals.refused.append((goal, reason))
         return reason
 
     def submit(self, goal: Any) -> Any:
-        """Hand a goal over, as the controller itself takes it."""
+        """Pass a goal to the controller and log it."""
         answer = self._controller.submit(goal)
         self.newest = answer if isinstance(answer, GoalHandle) else None
         if self.newest is not None:
@@ -110,7 +117,7 @@ class Upsettable:
         return answer
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Ask the controller to cancel a goal."""
+        """Cancel a goal and log the request."""
         self._goals.canceled(handle)
         self._controller.cancel(handle)
 
@@ -123,7 +130,7 @@ class Upsettable:
 
 
 class StackFaults:
-    """What a ``FaultPlayer`` needs of a stack: the machine, the controllers and the arm's client."""
+    """Stack as a target of a ``FaultPlayer``: the computer, the controllers and the arm's client."""
 
     def __init__(
         self,
@@ -132,23 +139,30 @@ class StackFaults:
         arm: str,
         client_dies: Callable[[], None],
     ) -> None:
-        """``controllers``: all of the stack, by name, as it runs them; ``arm``: the one whose client misbehaves."""
+        """Create the target.
+
+        Args:
+            clock: Clock of the stack.
+            controllers: All controllers of the stack, by name.
+            arm: Name of the controller whose client misbehaves.
+            client_dies: Removes the client.
+        """
         self.answers: list[str | None] = []
-        """What became of the goals that made no sense: the reason of the refusal, or None where one was taken."""
+        """Reason for refusing each invalid goal, or None if the goal was accepted."""
         self._clock, self._controllers, self._arm, self._client_dies = clock, controllers, arm, client_dies
 
     @property
     def controllers(self) -> Mapping[str, bool]:
-        """The names of the controllers, sorted, and whether each commands joints."""
+        """Names of the controllers, sorted, and whether each controller commands joints."""
         return {name: bool(one.command_interfaces) for name, one in sorted(self._controllers.items())}
 
     def stall(self, seconds: float) -> None:
-        """The stack's thread does not run for so long."""
+        """Stall the thread of the stack."""
         self._clock.sleep_until(self._clock.now() + seconds)
 
     @contextmanager
     def disturb_controller(self, controller: str | None, how: ControllerFault, jump: float) -> Iterator[None]:
-        """One controller goes wrong while the context lasts."""
+        """Make a controller fail for the duration of the context."""
         upsets, mine = self._controllers[controller or self._arm].upsets, (how, jump)
         upsets.append(mine)
         try:
@@ -156,16 +170,16 @@ class StackFaults:
         finally:
             upsets.remove(mine)
 
-    def disturb_client(self, what: ClientFault, random: Random) -> None:
-        """The client does this now."""
+    def disturb_client(self, kind: ClientFault, random: Random) -> None:
+        """Make the client misbehave now."""
         arm = self._controllers[self._arm]
-        if what == "nonsense":
+        if kind == "nonsense":
             goal = random.choice(NONSENSE)(arm.joints, random)
             reason = arm.check(goal)
             self.answers.append(reason)
             if reason is None:
                 arm.submit(goal)
-        elif what == "dies":
+        elif kind == "dies":
             self._client_dies()
         elif arm.newest is not None:
             arm.cancel(arm.newest)
@@ -210,4 +224,4 @@ NONSENSE: tuple[Callable[[tuple[str, ...], Random], TrajectoryGoal], ...] = (
     _back_in_time,
     _without_joints,
 )
-"""Goals that every arm must refuse."""
+"""Functions that create goals which every arm must refuse."""

@@ -1,4 +1,4 @@
-"""The joints that an injected fault touches, and when it last did: an invariant may excuse these and no others."""
+"""Track which joints are affected by injected faults, and when. Invariants may excuse only these joints."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -9,11 +9,11 @@ from sim_backend.faults.event import Event
 from sim_backend.faults.player import FaultPlayer
 
 FACTORY_ID = 1
-"""The ID of a servo that has lost its settings."""
+"""ID of a servo that has lost its settings."""
 
 
 class Touches:
-    """Which joint was touched when, by which kinds of faults. ``update`` is called once a cycle at least."""
+    """Kinds and times of the faults that affected each joint. Call ``update`` at least once per cycle."""
 
     def __init__(self, joints: Sequence[Joint], player: FaultPlayer, clock: Clock) -> None:
         self._joints, self._player, self._clock = tuple(joints), player, clock
@@ -21,7 +21,7 @@ class Touches:
         self._last_s: dict[tuple[str, str], float] = {}
 
     def update(self) -> None:
-        """Take in what began, lasted or ended since the last time."""
+        """Record the faults that were active since the last call."""
         happened = self._player.happened
         recent = happened[self._seen :]
         self._seen = len(happened)
@@ -33,7 +33,10 @@ class Touches:
                 self._last_s[joint, event.kind] = now_s
 
     def since_s(self, joint: str, kinds: Iterable[str] | None = None) -> float:
-        """Seconds since a fault last touched the joint, of all kinds or of ``kinds``; infinity: none ever did."""
+        """Return the time since a fault last affected a joint, in seconds; infinity if no fault has affected it.
+
+        ``kinds``: kinds of faults to consider. None: all kinds.
+        """
         self.update()
         wanted = None if kinds is None else set(kinds)
         times = [
@@ -42,26 +45,26 @@ class Touches:
         return self._clock.now() - max(times, default=-math.inf)
 
     def kinds(self, joint: str) -> set[str]:
-        """The kinds of faults that have touched the joint so far."""
+        """Return the kinds of faults that have affected a joint so far."""
         self.update()
         return {kind for name, kind in self._last_s if name == joint}
 
 
 def touched_joints(event: Event, joints: Sequence[Joint]) -> set[str]:
-    """The joints whose servo, line or replies an event touches; none for those of the machine and its programs."""
+    """Return the joints whose servo, bus or replies an event affects. Faults of the computer affect no joint."""
     servo_id, bus = getattr(event, "servo_id", None), getattr(event, "bus", None)
     if servo_id is None and not hasattr(event, "bus"):
         return set()
     on_line = [joint for joint in joints if bus in (None, joint.bus)]
     if servo_id is None:
-        return {joint.name for joint in _behind(getattr(event, "after", None), on_line)}
+        return {joint.name for joint in _downstream(getattr(event, "after", None), on_line)}
     also = {getattr(event, "to", None), getattr(event, "other", None)}
     if event.kind == "eeprom_gone":
         also.add(FACTORY_ID)
     return {joint.name for joint in on_line if joint.servo_id in {servo_id, *also}}
 
 
-def _behind(after: int | None, joints: Sequence[Joint]) -> Sequence[Joint]:
-    """The joints whose servos hang behind one in the chain; all of them where the cable breaks before the first."""
+def _downstream(after: int | None, joints: Sequence[Joint]) -> Sequence[Joint]:
+    """Return the joints after a servo in the daisy chain, or all joints if the cable breaks before the first servo."""
     places = [place for place, joint in enumerate(joints) if joint.servo_id == after]
     return joints[places[0] + 1 :] if places else joints

@@ -1,4 +1,4 @@
-"""A recording as a file: CSV, because spreadsheets, pandas and PlotJuggler open it, one line for each cycle."""
+"""Write recorded cycles as CSV, one line per cycle, for spreadsheets, pandas and PlotJuggler."""
 
 import csv
 import io
@@ -15,14 +15,14 @@ from sim_backend.packets import sts as sts_wire
 from sim_backend.packets.instructions import Instruction
 
 ANY_SIZE = frozenset(range(1, 256))
-"""Bytes of data that a reply may have."""
+"""Allowed numbers of data bytes in a reply."""
 
 
 class PacketText:
-    """The text of the packets of one line, told in their order."""
+    """Converts the packets of one bus to text. Packets must be passed in order."""
 
     def __init__(self, joints: Iterable[Joint]) -> None:
-        """``joints``: those with a servo on the line, one at least."""
+        """``joints`` are the joints with a servo on the bus; there must be at least one."""
         models = {joint.servo_id: joint.model for joint in joints}
         self._registers = {r.address: r.name for model in models.values() for r in series_of(model).registers}
         self._v1 = wire_protocol(models).packets is v1
@@ -31,12 +31,12 @@ class PacketText:
         self._decoder = v1.ReplyDecoder(0, ANY_SIZE) if self._v1 else v2.ReplyDecoder(0, ANY_SIZE)
 
     def sent(self, data: bytes) -> str:
-        """One write of the stack."""
+        """Return the text of one write by the stack."""
         found = [self._instruction(one) for one in self._parser.feed(data)]
         return "; ".join(found) if found and not self._parser.pending else data.hex(" ")
 
     def received(self, data: bytes) -> str:
-        """What came in one piece; with its bytes where not all of them are sound replies."""
+        """Return the text of one read, with its bytes if they are not all valid replies."""
         replies = self._decoder.feed(data)
         texts = [_reply(reply) for reply in replies]
         texts += [f"broken reply of {servo_id}" for servo_id in self._decoder.corrupt_ids]
@@ -71,42 +71,42 @@ def _reply(reply: Reply) -> str:
 
 
 SEPARATOR = " | "
-"""Between the packets of a cycle."""
+"""Separator between the packets of a cycle."""
 
 
 def trace_text(recording: Recording, joints: Sequence[Joint]) -> str:
-    """The recording as CSV: time, commands, positions, velocities, and in words faults, states and packets.
+    """Return a recording as CSV: time, commands, positions, velocities, faults, states and packets.
 
-    Numbers are exact (``float`` reads back what was there): s, rad or m, rad/s or m/s. ``joints``: of the robot file.
+    Numbers are exact, in s, rad or m, and rad/s or m/s. ``joints``: joints of the robot file.
     """
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(_header(recording))
     packets = packet_texts(recording, joints)
-    for cycle, said in zip(recording.cycles, packets, strict=True):
-        rows.writerow((*_numbers(cycle), *_words(cycle), SEPARATOR.join(said)))
+    for cycle, texts in zip(recording.cycles, packets, strict=True):
+        rows.writerow((*_numbers(cycle), *_words(cycle), SEPARATOR.join(texts)))
     return text.getvalue()
 
 
 def packet_texts(recording: Recording, joints: Sequence[Joint]) -> list[list[str]]:
-    """The packets of each cycle in words: ``>`` was sent by the stack, ``<`` came in, with its time in s."""
+    """Return the packets of each cycle as text with their times in s: ``>`` for sent and ``<`` for received."""
     buses = {joint.bus for joint in joints}
     texts = {bus: PacketText([joint for joint in joints if joint.bus == bus]) for bus in sorted(buses)}
 
-    def said(cycle: CycleRecord) -> list[str]:
+    def cycle_texts(cycle: CycleRecord) -> list[str]:
         found = []
         for packet in cycle.packets:
             line = texts[packet.bus]
-            what = f"> {line.sent(packet.data)}" if packet.sent else f"< {line.received(packet.data)}"
-            found.append(f"{packet.time_s:.4f} {packet.bus}{' ' if packet.bus else ''}{what}")
+            content = f"> {line.sent(packet.data)}" if packet.sent else f"< {line.received(packet.data)}"
+            found.append(f"{packet.time_s:.4f} {packet.bus}{' ' if packet.bus else ''}{content}")
         return found
 
-    return [said(cycle) for cycle in recording.cycles]
+    return [cycle_texts(cycle) for cycle in recording.cycles]
 
 
 def _header(recording: Recording) -> list[str]:
     commands = [f"command/{name}" for name in recording.interfaces]
-    measured = [f"{what}/{joint}" for what in ("position", "velocity") for joint in recording.joints]
+    measured = [f"{kind}/{joint}" for kind in ("position", "velocity") for joint in recording.joints]
     return ["time_s", *commands, *measured, "faults", "injected", "hardware", "controllers", "packets"]
 
 

@@ -1,1 +1,1 @@
-"""The control stack of one robot: how it is built, run and ended."""
+"""Build, run and shut down the control stack of one robot."""

@@ -1,4 +1,4 @@
-"""The folder of an arm: ``config/arms/NAME/arm.yaml`` says what the arm is and where its files are."""
+"""Find and read arm folders. ``config/arms/NAME/arm.yaml`` describes an arm and names its files."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,34 +16,34 @@ ARMS: Final = CONFIG / "arms"
 ARM_FILE: Final = "arm.yaml"
 PATHS: Final = ("urdf", "robot", "scene", "controllers", "pick_place")
 OWN: Final = "robot_arm"
-"""The arm where none is named."""
+"""Default arm."""
 
 
 class ArmFile(BaseModel):
-    """The whole file. Paths are relative to its folder."""
+    """Contents of ``arm.yaml``. Paths are relative to the folder of the file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     description: str = Field(pattern=r"^[^\n]+$")
-    """What the arm is, in one line."""
+    """One-line description of the arm."""
     like: str | None = None
-    """The folder of another arm: what this file does not say is as there."""
+    """Folder of another arm that supplies every value missing from this file."""
     urdf: str = "arm.urdf"
     robot: str = "robot.yaml"
     scene: str = "scene.xml"
     controllers: str = "controllers.yaml"
     pick_place: str = "pick_place.yaml"
     calibration: ArmPlan = ArmPlan()
-    """How its servos are brought together with the URDF's angles."""
+    """Plan for calibrating the servos to the joint angles of the URDF."""
     source: str = ""
-    """Where its description comes from, and what was changed."""
+    """Origin of the robot description, and changes made to it."""
     license: str = ""
-    """Of the description, as an SPDX identifier."""
+    """License of the robot description, as an SPDX identifier."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """An arm's folder."""
+    """Folder of an arm, with the contents of its ``arm.yaml``."""
 
     name: str
     folder: Path
@@ -51,27 +51,27 @@ class Arm:
 
     @property
     def urdf(self) -> Path:
-        """The robot description, with its ``<ros2_control>`` block."""
+        """Path of the robot description with its ``<ros2_control>`` block."""
         return self._path(self.file.urdf)
 
     @property
     def robot(self) -> Path:
-        """The robot file."""
+        """Path of the robot file."""
         return self._path(self.file.robot)
 
     @property
     def scene(self) -> Path:
-        """The MuJoCo scene with the arm, the cube and the bins."""
+        """Path of the MuJoCo scene with the arm, the cube and the bins."""
         return self._path(self.file.scene)
 
     @property
     def controllers(self) -> Path:
-        """The controllers file."""
+        """Path of the controllers file."""
         return self._path(self.file.controllers)
 
     @property
     def pick_place(self) -> Path:
-        """The parameters of the pick-place node."""
+        """Path of the parameter file of the pick-place node."""
         return self._path(self.file.pick_place)
 
     def _path(self, name: str) -> Path:
@@ -79,23 +79,29 @@ class Arm:
 
 
 def arms(folder: Path = ARMS) -> list[Arm]:
-    """The arms that are ready, by name. Raises ArmFileError."""
+    """Read the ``arm.yaml`` of every arm in ``folder``, sorted by name. Raises ArmFileError."""
     return [read_arm(path.parent) for path in sorted(folder.glob(f"*/{ARM_FILE}"))]
 
 
 def find_arm(name: str = OWN) -> Arm:
-    """The arm of this name, or in the folder of this path. Raises ArmFileError."""
-    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):  # ./so101 is somebody's own
+    """Return the arm with this name, or the arm in the folder at this path. Raises ArmFileError."""
+    for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):  # ./so101 is a folder of the user
         if (folder / ARM_FILE).is_file():
             return read_arm(folder)
     known = ", ".join(path.parent.name for path in sorted(ARMS.glob(f"*/{ARM_FILE}")))
-    raise ArmFileError(f"there is no arm {name}: name one of {known}, or a folder with {ARM_FILE}")
+    raise ArmFileError(f"there is no arm {name}: choose one of {known}, or give the path of a folder with {ARM_FILE}")
 
 
 def arm_in(path: Path, name: str, number: int = 0) -> Arm:
-    """The arm that the file at ``path`` names under ``arm``. Raises ArmFileError with file and line.
+    """Return the arm that the file at ``path`` names under the key ``arm``.
 
-    ``number``: the arm's place if ``arm`` is a list.
+    Args:
+        path: Path of the file, for error messages.
+        name: Name of the arm.
+        number: Index of the arm if ``arm`` is a list.
+
+    Raises:
+        ArmFileError: The arm does not exist. The message names the file and the line.
     """
     try:
         return find_arm(name)
@@ -104,34 +110,42 @@ def arm_in(path: Path, name: str, number: int = 0) -> Arm:
 
 
 def read_arm(folder: Path) -> Arm:
-    """Read ``arm.yaml`` of a folder, not yet the files that it names. Raises ArmFileError with every mistake."""
+    """Read ``arm.yaml`` of a folder, but not the files that it names.
+
+    Raises:
+        ArmFileError: The file has mistakes. The message lists all of them.
+    """
     home = folder.resolve()
-    said = load(folder / ARM_FILE, ArmFile, ArmFileError)
-    return Arm(home.name, home, said if said.like is None else _completed(said, home / said.like, folder / ARM_FILE))
+    own = load(folder / ARM_FILE, ArmFile, ArmFileError)
+    return Arm(home.name, home, own if own.like is None else _completed(own, home / own.like, folder / ARM_FILE))
 
 
-def _completed(said: ArmFile, model: Path, where: Path) -> ArmFile:
-    """What an arm's file says, and for the rest what that of the arm in ``model`` says."""
+def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
+    """Return the arm file with its missing values copied from the arm in the folder ``model``."""
     other = load(model / ARM_FILE, ArmFile, ArmFileError)
     if other.like is not None:
-        raise ArmFileError(f"{where}: like: {model.name} is itself like {other.like}: name that one")
+        raise ArmFileError(f"{path}: like: {model.name} itself copies {other.like}; name {other.like} here instead")
     paths = {name: str((model / getattr(other, name)).resolve()) for name in PATHS}
     rest = {"source": other.source, "license": other.license, "calibration": other.calibration, **paths}
-    return said.model_copy(update={name: value for name, value in rest.items() if name not in said.model_fields_set})
+    return own.model_copy(update={name: value for name, value in rest.items() if name not in own.model_fields_set})
 
 
 def read_arm_files(
     arm: Arm, urdf: Path | None = None, controllers: Path | None = None, robot: Path | None = None
 ) -> Files:
-    """Read and check an arm's files; single files count more than the arm's. Raises as read_files does."""
+    """Read and check the files of an arm. A file given as an argument replaces the file of the arm.
+
+    Raises the same errors as read_files.
+    """
     return with_controllers(read_arm_servos(arm, urdf, robot), controllers or arm.controllers)
 
 
 def read_arm_servos(arm: Arm, urdf: Path | None = None, robot: Path | None = None) -> ServoFiles:
-    """Read and check an arm's files without its controllers. Raises as read_servo_files does.
+    """Read and check the files of an arm, except for its controllers file.
 
-    With another URDF the robot file is the one that the URDF names, unless ``robot`` is given. The poses are in its
-    folder, but those of the arm's own URDF, named or not, are in the arm's folder.
+    If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given too. The poses are
+    then in the folder of the URDF, unless ``urdf`` is the URDF of the arm itself. Raises the same errors as
+    read_servo_files.
     """
     own = None if urdf else arm.robot
     servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene)

@@ -1,4 +1,4 @@
-"""A robot's control stack: hardware, controllers and control loop, built, opened and ended in one place."""
+"""Build, configure and shut down the hardware, controllers and control loop of a robot."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,9 +20,10 @@ from servoloop.stack.robot_files import Files
 
 @dataclass(frozen=True)
 class ControlStack:
-    """Hardware, controllers and control loop of one robot, not yet configured. Every program that moves an arm has one.
+    """Hardware, controllers and control loop of one robot. Every program that moves an arm uses a ControlStack.
 
-    ``loop.activate`` brings the arm up once the stack is ``configured``; ``end`` leaves it as its robot file says.
+    A new stack is not configured. Within the ``configured`` context, ``loop.activate`` enables the arm. ``end`` shuts
+    the arm down by the rules of its robot file.
     """
 
     setup: HardwareSetup
@@ -39,14 +40,14 @@ class ControlStack:
         worker: BackgroundWorker | None = None,
         keep_alive: bool = False,
     ) -> "ControlStack":
-        """Put the hardware under a control loop, without controllers, at the rate of the controllers file.
+        """Create a control loop for the hardware, without controllers, at the update rate of the controllers file.
 
         Args:
-            setup: The hardware, unconfigured.
-            files: The robot's files.
-            clock: The clock of the loop.
-            worker: Runs work that takes longer than a cycle; by default in the thread of the loop.
-            keep_alive: Whether the loop goes on without components that are lost.
+            setup: Hardware, not yet configured.
+            files: Files of the robot.
+            clock: Clock of the loop.
+            worker: Runs tasks that take longer than a cycle. The default runs them in the loop thread.
+            keep_alive: Whether the loop continues when it loses a component.
         """
         worker = worker or SameThreadWorker()
         manager = ControllerManager(setup.hardware, files.limits)
@@ -58,22 +59,22 @@ class ControlStack:
 
     @cached_property
     def context(self) -> ControllerContext:
-        """The facts about the robot that its controllers are built with."""
+        """Properties of the robot that its controllers need."""
         files, settled = self.files, self.loop.manager.cycle.settled
         return ControllerContext(files.description, files.component, files.limits, settled, self.setup.compliances)
 
     @cached_property
     def factory(self) -> Factory:
-        """The factory of the robot's controllers."""
+        """Factory of the robot's controllers."""
         return Factory(self.files.controllers, self.context)
 
     def load_controllers(self) -> None:
-        """Load the controllers of the controllers file. Raises an error if one of them cannot be built."""
+        """Load all controllers in the controllers file. Raises an error if a controller cannot be built."""
         self.factory.fill(self.loop.manager)
 
     @property
     def releases(self) -> bool:
-        """Whether the robot file has the torque switched off at the end of the program."""
+        """Whether the robot file requires torque off at the end of the program."""
         return self.files.robot.file.on_exit.releases(self.setup.virtual)
 
     @contextmanager
@@ -83,15 +84,15 @@ class ControlStack:
         keep_alive: bool = False,
         hangs: Callable[[], bool] = lambda: False,
     ) -> Iterator[None]:
-        """Open the ports and configure the hardware while the context lasts.
+        """Open the ports and configure the hardware for the duration of the context.
 
         Args:
             leave_out: Names of components that stay unconfigured.
-            keep_alive: Whether a component that cannot be configured is left out.
-            hangs: Whether a thread still waits for the hardware at the end: it is then left as it is.
+            keep_alive: Whether to skip a component that cannot be configured.
+            hangs: Whether a thread still waits for the hardware at the end. The hardware then stays configured.
 
         Raises:
-            DriverError: A port cannot be opened, a servo is missing, or a line is too slow for the update rate.
+            DriverError: A port cannot be opened, a servo is missing, or a bus is too slow for the update rate.
             HalError: A component cannot be configured.
         """
         configure_all(self.loop.hardware, leave_out, keep_alive)
@@ -103,14 +104,14 @@ class ControlStack:
                 clean_up_all(self.loop.hardware)
 
     def end(self, hurry: Callable[[], bool] = lambda: False, return_to: Mapping[str, float] | None = None) -> list[str]:
-        """Stop the arm and leave it as the robot file says: held, or parked and released.
+        """Stop the arm, then hold its position or park it and release its torque, as the robot file requires.
 
         Args:
-            hurry: Whether to skip the way to the park pose.
-            return_to: A pose, rad or m by joint, in which the arm is released instead.
+            hurry: Whether to skip the motion to the park pose.
+            return_to: Pose in which to release the arm instead, in rad or m by joint name.
 
         Returns:
-            What failed on the way, one sentence each.
+            One sentence for each failure during the shutdown.
         """
         park = self.files.robot.file.park
         pose, scale = (park.pose, park.velocity_scale) if park else (None, 1.0)

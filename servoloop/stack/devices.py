@@ -1,4 +1,4 @@
-"""The devices of the buses: what the command line says, and where an emulator serves."""
+"""Device paths of the buses, from the command line or from an emulator."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,48 +10,56 @@ VIRTUAL = "virtual"
 
 
 def parse_ports(values: Sequence[str], buses: Iterable[str]) -> dict[str, str] | None:
-    """Parse ``--port``: devices by bus, from ``PATH`` (one bus) or ``NAME=PATH`` each; None for virtual servos."""
+    """Return the device of each bus from the ``--port`` options, or None for virtual servos.
+
+    Args:
+        values: Values of ``--port``: ``PATH`` for a robot with one bus, otherwise ``NAME=PATH`` for each bus.
+        buses: Names of the buses in the robot file.
+
+    Raises:
+        DriverError: The options do not fit the buses.
+    """
     names = list(buses)
     if list(values) in ([], [VIRTUAL]):
         return None
     if len(names) == 1 and len(values) == 1:
         path = values[0].removeprefix(f"{names[0]}=") if names[0] else values[0]
         if not Path(path).name:
-            raise DriverError(f"--port takes a device such as /dev/ttyACM0, not {path!r}")
+            raise DriverError(f"--port needs the path of a device, such as /dev/ttyACM0, not {path!r}")
         return {names[0]: path}
     if len(names) == 1:
-        raise DriverError("the robot has one bus: name one --port")
+        raise DriverError("the robot has only one bus: give only one --port")
     devices: dict[str, str] = {}
     problems: list[str] = []
     for value in values:
         name, sign, path = value.partition("=")
         if not sign or not Path(path).name or name not in names:
-            problems.append(f"--port {value} names none of the buses")
+            problems.append(f"--port {value} does not name a bus")
         elif name in devices:
-            problems.append(f"--port {name}= is there twice")
+            problems.append(f"--port {name}= is given twice")
         devices.setdefault(name, path)
-    problems += [f"no --port for bus {name}" for name in names if name not in devices]
+    problems += [f"bus {name} has no --port" for name in names if name not in devices]
     paths = list(devices.values())
     problems += [f"two buses cannot share {path}" for path in dict.fromkeys(paths) if path and paths.count(path) > 1]
     if problems:
         wanted = " ".join(f"--port {name}=PATH" for name in names)
-        raise DriverError(f"{'; '.join(problems)}. The robot file has the buses {', '.join(names)}: say {wanted}")
+        raise DriverError(f"{'; '.join(problems)}. The robot file has the buses {', '.join(names)}: use {wanted}")
     return devices
 
 
 def device_paths(link: Path, buses: Iterable[str]) -> dict[str, Path]:
-    """The path at which an emulator serves each bus: ``link`` itself, or at ``link``.NAME where buses have names."""
+    """Return the path at which an emulator serves each bus: ``link``, or ``link``.NAME if the buses have names."""
     return {name: link.with_name(f"{link.name}.{name}") if name else link for name in buses}
 
 
 def port_options(link: Path, buses: Iterable[str]) -> list[str]:
-    """The options that bring a stack up on an emulator at ``link``."""
+    """Return the ``--port`` options that connect a stack to an emulator at ``link``."""
     served = device_paths(link, buses).items()
-    return [word for name, path in served for word in ("--port", f"{name}={path}" if name else str(path))]
+    return [argument for name, path in served for argument in ("--port", f"{name}={path}" if name else str(path))]
 
 
 def world_feed(devices: Mapping[str, str]) -> Path | None:
-    """The path of the feed of the emulator behind these devices; None for a real line, which has no such thing."""
+    """Return the path of the world feed of the emulator that serves these devices, or None for a real bus."""
     for name, device in devices.items():
         link = Path(device)
         base = link.with_name(link.name.removesuffix(f".{name}")) if name else link

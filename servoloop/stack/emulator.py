@@ -1,4 +1,4 @@
-"""``servoloop emulate``: the virtual bus with its world."""
+"""Implementation of ``servoloop emulate``: virtual servos on virtual buses, in a simulated world."""
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -48,11 +48,11 @@ from sim_backend.servos.dynamixel.servo import VirtualXServo
 from sim_backend.servos.sts.servo import VirtualServo
 
 _Wiring = tuple[dict[str, ServoLine[Any]], Handler]
-"""The lines by the buses' names, and what does the commands of a person beside them."""
+"""Virtual lines by bus name, and the handler of commands from the control socket."""
 
 
 def couplings(robot: Robot) -> list[Coupling]:
-    """The couplings of the virtual arm's servos to its joints, as the robot file has them."""
+    """Return the couplings of the virtual servos to the joints of the robot file."""
     return [
         Coupling(
             servo_id=joint.servo_id,
@@ -67,9 +67,16 @@ def couplings(robot: Robot) -> list[Coupling]:
 
 
 def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMINAL) -> ServoLine[Any]:
-    """A virtual bus with the servos that the robot file names for it, at its rate and with its settings.
+    """Return a virtual bus with the servos, the baud rate and the servo settings of the robot file.
 
-    ``spread``: of STS servos and their supply. Raises RobotFileError where a servo cannot be set to the rate.
+    Args:
+        robot: The robot file.
+        plant: Mechanical model that the servos move.
+        bus: Name of the bus.
+        spread: Manufacturing spread of STS servos and their supply.
+
+    Raises:
+        RobotFileError: A servo does not support the baud rate.
     """
     line = _line(robot, plant, bus, spread)
     baud = robot.file.lines()[bus].baud
@@ -79,13 +86,13 @@ def virtual_bus(robot: Robot, plant: Plant, bus: str = "", spread: Spread = NOMI
             if baud not in values:
                 known = ", ".join(map(str, sorted(values)))
                 raise RobotFileError(
-                    f"{joint.name}: a {joint.model.name} knows {known} baud, not {baud}: change `baud`"
+                    f"{joint.name}: a {joint.model.name} supports {known} baud, not {baud}: change `baud`"
                 )
             registers, servo = persistent_registers(joint.model), line.servo(joint.servo_id)
             for name, value in {"baud_rate": values[baud], **dict(joint.settings)}.items():
                 servo.memory.save(registers[name], value)
             if joint.settings:
-                servo.power_cycle()  # a power-on takes limits over into the RAM
+                servo.power_cycle()  # a servo copies its limits into RAM at power-on
     return line
 
 
@@ -102,7 +109,7 @@ def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any
 
 
 def _count_as_calibrated(servo: Any, joint: Joint) -> None:
-    """Have a virtual servo hold the homing offset and the mode with which its joint was calibrated."""
+    """Store the joint's calibrated homing offset and operating mode in a virtual servo."""
     if joint.homing_offset and isinstance(servo, VirtualServo):
         servo.memory.save(sts.homing_offset, joint.homing_offset)
     if isinstance(servo, VirtualXServo):
@@ -112,7 +119,7 @@ def _count_as_calibrated(servo: Any, joint: Joint) -> None:
 
 
 def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[str, ServoLine[Any]]:
-    """The virtual buses of the robot file by name, all over the one plant."""
+    """Return the virtual buses of the robot file by name. All of them share one plant."""
     names = list(robot.file.lines())
     if len(names) == 1:
         return {names[0]: virtual_bus(robot, plant, names[0], spread)}
@@ -126,23 +133,23 @@ def virtual_lines(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> dict[
 
 
 def virtual_box(robot: Robot, plant: Plant, spread: Spread = NOMINAL) -> VirtualBox:
-    """The arm's servos as they came from the factory, fastened to its joints already. Raises RobotFileError."""
+    """Return the servos of the arm with factory settings, already mounted on its joints. Raises RobotFileError."""
     models = [joint.model for joint in robot.joints]
     if len(robot.file.lines()) > 1 or any(series_of(model).protocol is PROTOCOL_2 for model in models):
-        raise RobotFileError("a virtual box has servos of one bus, and no Dynamixels of protocol 2.0 yet")
+        raise RobotFileError("a virtual box supports only one bus, and no Dynamixel servos of protocol 2.0 yet")
     return VirtualBox(models, plant, spread.supply(Supply(min(model.rated_voltage_v for model in models))))
 
 
 def as_delivered(ways: Sequence[Coupling]) -> list[Coupling]:
-    """The couplings of servos that all have the factory's ID still."""
+    """Return the couplings of servos that still have their factory ID."""
     return [replace(one, servo_id=FACTORY_ID) for one in ways]
 
 
 class EmulatedArm:
-    """A virtual arm: its world with a hand in it, its servos behind adapters, their faults, and pictures."""
+    """Virtual arm: simulated world, virtual servos on pseudo-terminals, fault injection and pictures."""
 
     def __init__(self, files: ServoFiles, link: Path, build: Build, pictured: bool) -> None:
-        """Raises ArmFileError where the scene does not have the joints of the servos."""
+        """Build the virtual arm. Raises ArmFileError if the scene lacks joints of the servos."""
         ways = build.mounted(couplings(files.robot))
         require_scene(files.scene, [one.joint for one in ways])
         self.world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
@@ -154,15 +161,15 @@ class EmulatedArm:
         self.recorder = Recorder(self.world) if pictured else None
         self.lines, handle = self._boxed(files, build, ways) if build.in_box else self._wired(files, build, ways)
         self._adapters = {name: PtyAdapter(path) for name, path in device_paths(link, self.lines).items()}
-        # The servos of a box have one ID: none can be named.
+        # All servos of a new box share one ID, so a fault cannot target a single servo.
         self.player = FaultPlayer(Targets({} if build.in_box else self.lines, self.world, self._adapters))
         self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
-        """Does what a client of the control socket asks for."""
+        """Executes the requests of the control socket's clients."""
 
     def serve(
         self, feed: WorldFeed, control: ControlServer, stop: Callable[[], bool], on_ready: Callable[[], None]
     ) -> None:
-        """Serve every bus, the feed and the control socket until ``stop``."""
+        """Serve every bus, the world feed and the control socket until ``stop`` returns true."""
 
         def on_tick(now_s: float) -> None:
             feed.tick(now_s, self.world, max(line.dropped_s for line in self.lines.values()))
@@ -172,12 +179,12 @@ class EmulatedArm:
         serve_all(buses, stop=stop, on_tick=on_tick, on_ready=on_ready)
 
     def _wired(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
-        """The lines of servos that are set up, and the commands of a person beside them."""
+        """Return the lines of servos that are set up, and the handler of control commands."""
         lines = virtual_lines(files.robot, WorldPlant(self.world, ways, self._after_step), build.spread)
         return lines, self._obeyed
 
     def _boxed(self, files: ServoFiles, build: Build, ways: Sequence[Coupling]) -> _Wiring:
-        """The line of servos from the factory, and the commands of a person who also plugs them in."""
+        """Return the line of factory-new servos, and a handler that can also plug and unplug them."""
         box = virtual_box(files.robot, WorldPlant(self.world, as_delivered(ways), self._after_step), build.spread)
         lines: dict[str, ServoLine[Any]] = {next(iter(files.robot.file.lines())): box.line}
         return lines, partial(plugged, box, [one.joint for one in ways], self._obeyed)
@@ -196,15 +203,15 @@ class EmulatedArm:
 
 @dataclass(frozen=True, slots=True)
 class EmulatorOptions:
-    """How the virtual servos are built, what goes wrong with them, and what is kept of them."""
+    """Options of ``servoloop emulate``: build variation, faults and output files."""
 
     build: Build = NOMINAL_BUILD
     pictures: Path | None = None
-    """A folder for a picture and a film, drawn at the end."""
+    """Folder for a picture and a film. Both are drawn when the emulator ends."""
     eeprom: Path | None = None
-    """A file that keeps the EEPROM of the servos."""
+    """File that stores the EEPROM of the servos."""
     faults: Sequence[FaultEvent] = ()
-    """Faults, in times since the emulator was ready."""
+    """Faults to inject. Their times count from the moment the emulator is ready."""
 
 
 def emulate(
@@ -214,12 +221,12 @@ def emulate(
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
-    """Serve every bus (one at ``link``, several at ``link``.NAME) until ``stop`` returns true.
+    """Serve every bus until ``stop`` returns true, a single bus at ``link`` and several buses at ``link``.NAME.
 
     Raises:
-        PortBusy: A path is taken.
+        PortBusy: Another program uses one of the paths.
         EepromError: The EEPROM file does not fit the servos.
-        FaultError: A fault cannot happen to these servos.
+        FaultError: These servos do not support one of the faults.
         ArmFileError: The scene lacks joints of the servos.
     """
     arm = EmulatedArm(files, link, options.build, pictured=options.pictures is not None)
@@ -242,11 +249,11 @@ def emulate(
 
 
 Pose = tuple[Vector, Quaternion]
-"""Metres, and x, y, z, w."""
+"""Position in meters, and orientation as a quaternion x, y, z, w."""
 
 
 class EmulatedScene:
-    """The newest poses that an emulator published, for any thread."""
+    """Latest poses published by an emulator. Safe to call from any thread."""
 
     def __init__(self, client: WorldFeedClient) -> None:
         self._client = client
@@ -254,7 +261,7 @@ class EmulatedScene:
         self._lock = threading.Lock()
 
     def __call__(self) -> Mapping[str, Pose]:
-        """The poses by name; empty before the first publication."""
+        """Return the poses by name. The mapping is empty before the first publication."""
         with self._lock:
             newest = self._client.newest()
             if newest is not None:

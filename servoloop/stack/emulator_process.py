@@ -1,4 +1,4 @@
-"""Virtual servos for a verb that is started without a port: ``servoloop emulate`` as a child process."""
+"""Run ``servoloop emulate`` as a child process, for commands that are started without a port."""
 
 import subprocess
 import sys
@@ -11,25 +11,36 @@ from typing import Final
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
 from servoloop.stack.devices import device_paths
-from servoloop.stack.processes import LOOK_S, Interrupted, end, end_with_parent
+from servoloop.stack.processes import POLL_S, Interrupted, end, end_with_parent
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.world_feed import feed_path
 
 START_S: Final = 60.0
+"""Maximum time for the emulator to start, in seconds."""
 END_S: Final = 10.0
-"""It draws no pictures."""
+"""Maximum time for the emulator to end, in seconds. It has no pictures to draw."""
 
 
 def emulate_arguments(link: Path, files: ServoFiles) -> tuple[str, ...]:
-    """The arguments of ``servoloop`` by which a child process serves exactly the arm of these files."""
+    """Return the ``servoloop`` arguments with which a child process serves the arm of these files."""
     return ("emulate", str(link), *files.servo_options)
 
 
 @contextmanager
 def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) -> Iterator[dict[str, str]]:
-    """Serve the arm's servos from a child process, which ends with this process; yields the devices by bus.
+    """Serve the servos of an arm from a child process that ends with this process.
 
-    ``signals``: number of signals so far. One ends the wait for the emulator with Interrupted, two kill the emulator.
+    Args:
+        files: Files of the arm.
+        signals: Returns the number of signals received so far. The first signal interrupts the start of the emulator;
+            the second signal kills the emulator.
+
+    Yields:
+        Device paths by bus name.
+
+    Raises:
+        Interrupted: A signal arrived before the emulator was ready.
+        DriverError: The emulator did not start.
     """
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         link = Path(folder) / "bus"
@@ -37,7 +48,7 @@ def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) ->
         process = subprocess.Popen(
             [sys.executable, "-m", "servoloop", *emulate_arguments(link, files)],
             stdout=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for the stack: it still needs its arm to stop it
+            start_new_session=True,  # Ctrl-C must not end the emulator: the stack still needs it to stop the arm
             preexec_fn=end_with_parent,
         )
         try:
@@ -54,9 +65,9 @@ def _wait_for(
     deadline_s = clock.now() + START_S
     while not all(path.exists() for path in (*places, feed_path(link))):
         if process.poll() is not None:
-            raise DriverError(f"the emulator ended at once (status {process.returncode})")
+            raise DriverError(f"the virtual servos could not start (exit status {process.returncode})")
         if signals():
             raise Interrupted("interrupted while starting the virtual servos")
         if clock.now() > deadline_s:
-            raise DriverError(f"the emulator did not serve {link} within {START_S:.0f} s")
-        clock.sleep_until(clock.now() + LOOK_S)
+            raise DriverError(f"the virtual servos at {link} were not ready within {START_S:.0f} s")
+        clock.sleep_until(clock.now() + POLL_S)

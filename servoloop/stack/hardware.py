@@ -1,4 +1,4 @@
-"""The choice of the hardware: servos on a port, the arm in MuJoCo, the mock, or a user's own. Nothing else differs."""
+"""Choose and build the hardware components: servos on a port, an arm in MuJoCo, a mock or a user's plug-in."""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("servoloop")
 
 OpenPort = Callable[[str, int, Clock], Port]
-"""Opens a device at a rate in bit/s."""
+"""Function that opens a device at a baud rate in bit/s."""
 
 
 class HardwareKind(StrEnum):
-    """The values of ``--hardware``."""
+    """Values of ``--hardware``."""
 
     SERVOS = "servos"
     MUJOCO = "mujoco"
@@ -58,37 +58,41 @@ PLUGINS = {
     "mock_components/GenericSystem": HardwareKind.MOCK,
 }
 SUCCESSORS = {"fake_components/GenericSystem": "mock_components/GenericSystem"}
-"""Plugins of older releases, and those that took their place."""
+"""Outdated plugin names and their replacements."""
 ENTRY_POINTS = "servoloop.hardware"
-"""The group of entry points in which a user's package names its hardware: ``package/Class = module:make``, where
-``make(component, clock)`` returns a hal.hardware.Hardware of that ``<ros2_control>`` block."""
+"""Entry-point group of hardware plug-ins in users' packages.
+
+An entry has the form ``package/Class = module:make``. The call ``make(component, clock)`` returns a
+hal.hardware.Hardware for the ``<ros2_control>`` block ``component``.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class HardwareSetup:
-    """The hardware that the loop drives, and what belongs to it."""
+    """Hardware of the control loop, with its buses and properties."""
 
     hardware: ComponentSet
     scene: Callable[[], Mapping[str, Pose]]
+    """Returns the poses of all objects in the world, by name."""
     set_compensation: Mapping[str, Callable[[bool], None]]
-    """By component, where it has servos."""
+    """Switch for the gravity compensation of each component that has servos."""
     virtual: bool
-    """Whether nothing real moves."""
+    """Whether all hardware is simulated."""
     buses: Mapping[str, Line]
-    """By name, those that components have opened so far."""
+    """Buses opened so far, by name."""
     rates_hz: Mapping[str, float]
-    """By bus: how often its servos are read and written."""
+    """Rate of reads and writes on each bus, in Hz."""
     compliances: Mapping[str, Compliance]
-    """How far servos lag, by joint, as far as is known."""
+    """Known servo compliances, by joint."""
 
 
 def choose(kind: HardwareKind | None, component: HardwareInfo) -> HardwareKind | str:
-    """Choose a component's hardware: what the command line says, or else its ``<plugin>``, ours or a user's."""
+    """Return the hardware kind from the command line, or else the ``<plugin>`` of the component."""
     plugin = SUCCESSORS.get(component.plugin, component.plugin)
     users = sorted(entry_points(group=ENTRY_POINTS).names)
     if kind is None and plugin not in PLUGINS and plugin not in users:
         known = ", ".join([*PLUGINS, *users])
-        raise DescriptionError(f"{component.name}: unknown <plugin> {plugin}: known are {known}")
+        raise DescriptionError(f"{component.name}: unknown <plugin> {plugin}: choose one of {known}")
     return kind or PLUGINS.get(plugin) or plugin
 
 
@@ -100,18 +104,24 @@ def build(
     virtual: "VirtualLines | None" = None,
     tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> HardwareSetup:
-    """Make all hardware components, unconfigured: nothing is opened yet. ``devices``: paths by bus name.
+    """Build all hardware components without opening any device.
 
-    ``virtual``: lines within this process, which the devices name then. ``tap`` may put something around each port.
+    Args:
+        kind: Kind of all components. None: the ``<plugin>`` of each component decides.
+        files: Files of the robot.
+        devices: Device paths by bus name.
+        clock: Clock of the hardware.
+        virtual: Virtual lines within this process. ``devices`` then names these lines.
+        tap: Wraps each port, for example to record its bytes.
     """
     components = files.description.components
     kinds = {component.name: choose(kind, component) for component in components}
     for component in (component for component in components if component.plugin in SUCCESSORS):
         successor = SUCCESSORS[component.plugin]
-        LOG.warning("%s: <plugin> %s is outdated: write %s", component.name, component.plugin, successor)
+        LOG.warning("%s: <plugin> %s is outdated; use %s instead", component.name, component.plugin, successor)
     in_mujoco = [component for component in components if kinds[component.name] is HardwareKind.MUJOCO]
     if len(in_mujoco) > 1:
-        raise DescriptionError("only one component can be the arm in MuJoCo: make the others servos or mocks")
+        raise DescriptionError("only one component can run in MuJoCo: use servos or mocks for the others")
     world = _World(clock, files.scene, in_mujoco[0].joints) if in_mujoco else None
     below: OpenPort = virtual.open if virtual else SerialPort
 
@@ -139,12 +149,12 @@ def build(
 
 
 def compliances(joints: Iterable[Joint]) -> dict[str, Compliance]:
-    """The compliances of servos by joint, as far as they are known."""
+    """Return the known servo compliances by joint."""
     return {joint.name: joint.compliance for joint in joints if joint.compliance is not None}
 
 
 def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
-    """Connect to the world behind these devices. A real line has none, nor has an emulator that was killed."""
+    """Connect to the world feed of these devices. Return None for a real bus or an emulator that was killed."""
     path = world_feed(devices)
     try:
         return WorldFeedClient(path) if path else None
@@ -153,7 +163,7 @@ def _feed(devices: Mapping[str, str]) -> WorldFeedClient | None:
 
 
 def _rw_divisor(component: HardwareInfo, update_rate_hz: int) -> int:
-    """The divisor of the update rate at which the component's ``rw_rate`` has it read and written; 1 at the least."""
+    """Return the divisor of the update rate that gives the component's ``rw_rate``, at least 1."""
     return max(1, round(update_rate_hz / component.rw_rate)) if component.rw_rate else 1
 
 
@@ -167,10 +177,10 @@ class _ComponentBuilder:
     world: "_World | None"
     open_port: OpenPort
     buses: dict[str, Line] = field(default_factory=dict)
-    """By name, the buses that components have opened so far."""
+    """Buses opened so far, by name."""
 
     def build(self, kind: HardwareKind | str, component: HardwareInfo) -> Hardware:
-        """Build one component; nothing is opened yet. Raises DescriptionError if it lacks a robot file."""
+        """Build one component without opening a device. Raises DescriptionError if its robot file is missing."""
         joints = [joint for joint in self.files.robot.joints if joint.name in component.joints]
         if kind is HardwareKind.MOCK:
             return MockHardware.of(component, self.clock)
@@ -179,7 +189,8 @@ class _ComponentBuilder:
         require_positions(component)
         if len(joints) != len(component.joints):
             raise DescriptionError(
-                f'{component.name} has servos and no robot file: name it in its <hardware> as <param name="robot">'
+                f"{component.name} has servos but no robot file: name the file in its <hardware> as "
+                '<param name="robot">'
             )
         if self.world is not None and kind is HardwareKind.MUJOCO:
             return self.world.hardware(component.name, joints)
@@ -194,33 +205,38 @@ class _ComponentBuilder:
 
 
 def compensation(joints: Sequence[Joint], description: Description, guided: bool = False) -> GravityCompensation | None:
-    """The gravity compensation of a component's joints; None where the robot file does without. ``guided``: by a hand.
+    """Return the gravity compensation of these joints, or None if the robot file does not enable it.
 
-    Joints of whose servos too little is known are named in the log.
+    Joints with servos of unknown stiffness are listed in the log.
+
+    Args:
+        joints: Joints of one component.
+        description: Robot description, with the masses of the links.
+        guided: Whether a person guides the arm by hand.
     """
     if not any(joint.gravity_compensation for joint in joints):
         return None
     if unknown := [joint.name for joint in joints if joint.compliance is None]:
         names = ", ".join(unknown)
-        LOG.info("%s: the servo's stiffness is unknown, its sag and its lag are not compensated", names)
+        LOG.info("%s: servo stiffness unknown; sag and lag are not compensated", names)
     return GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]), guided)
 
 
 def _users(plugin: str, component: HardwareInfo, clock: Clock) -> Hardware:
-    """Make the hardware that an installed package brings. Raises PluginError."""
+    """Create the hardware of an installed plug-in. Raises PluginError."""
     (point,) = entry_points(group=ENTRY_POINTS, name=plugin)
     try:
         hardware: Hardware = point.load()(component, clock)
     except HalError:
-        raise  # it says what to mend
-    except Exception as error:  # whatever a user's module does when it is imported
+        raise  # the message already explains how to correct the error
+    except Exception as error:  # a user's module may raise anything when it is imported
         raise PluginError(f"the hardware {plugin} {why_not_loaded(point, error)}") from error
     _check_names(hardware, component)
     return hardware
 
 
 def _check_names(hardware: Hardware, component: HardwareInfo) -> None:
-    """Check that a user's hardware has the joints and the command interfaces of its block. Raises PluginError."""
+    """Raise PluginError if a plug-in lacks the name, joints or command interfaces of its ``<ros2_control>`` block."""
     pairs: tuple[tuple[str, object, object], ...] = (
         ("name", hardware.name, component.name),
         ("joints", tuple(hardware.joints), component.joints),
@@ -229,8 +245,8 @@ def _check_names(hardware: Hardware, component: HardwareInfo) -> None:
     for attribute, has, needs in pairs:
         if has != needs:
             raise PluginError(
-                f"the hardware {component.plugin} has the {attribute} {has}, and its <ros2_control> block "
-                f"'{component.name}' has {needs}: take them from the component that the class is made with"
+                f"the hardware {component.plugin} has the {attribute} {has}, but its <ros2_control> block "
+                f"'{component.name}' has {needs}: copy the values from the component that is passed to the class"
             )
 
 
@@ -243,7 +259,7 @@ def _compensation_switch(hardware: ServoHardware) -> Callable[[bool], None]:
 
 
 class _World:
-    """The arm in MuJoCo, and the things around it."""
+    """World in MuJoCo with the arm and the objects around it."""
 
     def __init__(self, clock: Clock, scene: Path, joints: Sequence[str]) -> None:
         from sim_backend.scene.scene_check import require_scene
@@ -255,18 +271,18 @@ class _World:
         self._clock = clock
 
     def hardware(self, name: str, joints: Sequence[Joint]) -> Hardware:
-        """The component that moves the arm in MuJoCo."""
+        """Return the component that moves the arm in MuJoCo."""
         from sim_backend.scene.mujoco_hardware import MujocoHardware
 
         return MujocoHardware(name, joints, self._world, self._clock)
 
     def scene(self) -> Mapping[str, Pose]:
-        """The poses of all things in the world."""
+        """Return the poses of all objects in the world, by name."""
         return {n: (p.position_m, p.quaternion_xyzw) for n, p in self._world.poses().items()}
 
 
 def servo_bus(robot: RobotFile, port: Port, clock: Clock, bus: str = "") -> Bus:
-    """The bus of this name (empty where there is only one), driving the servos that are on it."""
+    """Return the bus with this name and its servos. The name of a single bus is empty."""
     joints = robot.joints_on(bus).values()
     gains = {joint.servo_id: joint.position_p for joint in joints if joint.position_p is not None}
     return Bus(port, clock, {joint.servo_id: MODELS[joint.model] for joint in joints}, position_p=gains)
@@ -279,7 +295,18 @@ def open_buses(
     names: Sequence[str] | None = None,
     open_port: OpenPort = SerialPort,
 ) -> dict[str, Bus]:
-    """Open these buses (or all) on their devices, by name. Where one cannot be opened, the others are given back."""
+    """Open buses on their devices. If a bus cannot be opened, close the others again.
+
+    Args:
+        robot: The robot file.
+        devices: Device paths by bus name.
+        clock: Clock of the buses.
+        names: Names of the buses to open. None: all buses.
+        open_port: Opens a device.
+
+    Returns:
+        Open buses by name.
+    """
     buses: dict[str, Bus] = {}
     lines = robot.lines()
     try:
@@ -288,14 +315,14 @@ def open_buses(
             buses[name] = _driven(robot, port, clock, name)
     except BaseException:
         for bus in buses.values():
-            with suppress(PortError):  # it is gone: there is nothing to give back
+            with suppress(PortError):  # a device that was unplugged cannot be closed
                 bus.close()
         raise
     return buses
 
 
 def _driven(robot: RobotFile, port: Port, clock: Clock, name: str) -> Bus:
-    """The bus on its port; the port is given back where that fails."""
+    """Return the bus on this port. Close the port if an error occurs."""
     try:
         return servo_bus(robot, port, clock, name)
     except BaseException:

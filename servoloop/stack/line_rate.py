@@ -1,4 +1,4 @@
-"""The control rate against the line's: one that a bus cannot carry is refused before any servo gets torque."""
+"""Reject a control rate that is too high for a bus, before any servo is enabled."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,11 +9,11 @@ from drivers.bus.types import ServoGoal
 from hal.robot_file.robot import Robot
 
 BITS_PER_BYTE: Final = 10
-"""On the wire: a start bit, eight of data, a stop bit."""
+"""Bits per byte on the wire: a start bit, eight data bits and a stop bit."""
 
 
 class Line(Protocol):
-    """A line carries a number of bits a second; a bus says how many bytes its cycle has."""
+    """Bus with a baud rate and a known number of bytes per cycle."""
 
     @property
     def name(self) -> str: ...
@@ -25,10 +25,16 @@ class Line(Protocol):
 
 
 def check_rates(buses: Mapping[str, Line], rates_hz: Mapping[str, float], robot: Robot, file: Path) -> None:
-    """Compare each open bus with the rate at which it is to be read and written.
+    """Check that each open bus can transfer its goals and states at the required rate.
 
-    Raises ControllersFileError with the arithmetic, for each bus that has less than its bytes' time on the wire.
-    ``file``: where the rate stands.
+    Args:
+        buses: Open buses by name.
+        rates_hz: Rate of reads and writes on each bus, in Hz.
+        robot: The robot file.
+        file: Path of the controllers file, for the message.
+
+    Raises:
+        ControllersFileError: A cycle takes longer on the wire than the period. The message shows the calculation.
     """
     problems = [_problem(bus, rates_hz[name], robot, name) for name, bus in buses.items()]
     if any(problems):
@@ -42,7 +48,7 @@ def _problem(bus: Line, rate_hz: float, robot: Robot, name: str) -> str:
     if rate_hz * wire_s <= 1.0:
         return ""
     return (
-        f"{rate_hz:g} Hz are more than {bus.name} carries. Goals and states of {len(ids)} servos are {size} bytes a "
-        f"cycle, {wire_s * 1e3:.2f} ms at {bus.baud} bit/s, and a cycle has {1e3 / rate_hz:.2f} ms: set update_rate to "
-        f"{int(1.0 / wire_s)} at most, or rw_rate in the URDF, or raise the servos' baud rate"
+        f"{rate_hz:g} Hz is too fast for {bus.name}. The goals and states of {len(ids)} servos take {size} bytes or "
+        f"{wire_s * 1e3:.2f} ms per cycle at {bus.baud} bit/s, but the period is {1e3 / rate_hz:.2f} ms: set "
+        f"update_rate to {int(1.0 / wire_s)} or less, set rw_rate in the URDF, or raise the servos' baud rate"
     )

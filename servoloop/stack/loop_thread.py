@@ -1,4 +1,4 @@
-"""The loop thread of ``servoloop up``: the only one that talks to the hardware."""
+"""Run the control loop in its own thread, the only thread that accesses the hardware."""
 
 import gc
 import logging
@@ -18,56 +18,60 @@ from servoloop.stack.signals import Signals
 LOG = logging.getLogger("servoloop")
 
 HANG_S: Final = 30.0
-"""The longest step on the way to the end has 10 s: waiting for what is being switched."""
+"""Time without progress after which the loop thread counts as hanging, in seconds.
+
+The longest step of a shutdown, waiting for a hardware or controller change, may take 10 s.
+"""
 LEFT: Final = "servos under torque hold their last goal"
-LOOK_S: Final = 0.02
-"""So often a person beside the loop is asked, and shown what happens."""
+POLL_S: Final = 0.02
+"""Period at which ``run_beside`` calls its function, in seconds."""
 
 
 @dataclass(slots=True)
 class LoopThread:
-    """The loop thread runs the control loop, then brings the arm to its end, and says what became of both."""
+    """Thread that runs the control loop and then shuts the arm down."""
 
     stack: ControlStack
     signals: Signals
     failed: bool = True
-    """Until all has gone well."""
+    """Whether the loop or the shutdown failed. True until both have succeeded."""
     done: bool = False
+    """Whether the loop and the shutdown have ended."""
     wall: Clock = field(default_factory=MonotonicClock)
-    """What a thread that hangs is noticed by: the loop's own clock may be simulated."""
+    """Clock that detects a hanging thread. The clock of the loop may be simulated."""
     alive_s: float = 0.0
-    """When the loop's thread was last seen to get on, or had no reason yet to end."""
+    """Time of the last progress of the loop thread, in seconds. Before the first signal, the time of the last check."""
     before_cycle: Callable[[Callable[[], bool]], None] = lambda ended: None
-    """Holds the loop up between two cycles, at the most until what it is given is true."""
+    """Called before each cycle. It may delay the loop until the function it receives returns true."""
 
     def start(self) -> threading.Thread:
-        """The loop runs in a thread of its own, which does not keep a program from ending in which it hangs."""
+        """Start the loop in a daemon thread. The program can end even if this thread hangs."""
         self.alive_s = self.wall.now()
         thread = threading.Thread(target=self, name="control loop", daemon=True)
         thread.start()
         return thread
 
     def __call__(self) -> None:
-        """The thread's work. The arm is brought to its end whatever ends the loop."""
+        """Run the loop, then shut the arm down, even after an error in the loop."""
         ran = False
         try:
             put_first()
             self.stack.loop.run(self._stop)
             ran = True
         except DriverError as error:
-            LOG.error("the loop ends: %s", error)
-        except Exception:  # a defect: whatever it is, the arm is still brought to its end below
-            LOG.exception("the loop ends")
+            LOG.error("the control loop ends: %s", error)
+        except Exception:  # the arm must be shut down after any defect
+            LOG.exception("the control loop ends after an internal error")
         finally:
             try:
-                self.failed = bool(self.stack.end(lambda: self._told(2))) or not ran
+                self.failed = bool(self.stack.end(lambda: self._signaled(2))) or not ran
             finally:
-                self.done = True  # the other thread waits for it, whatever happened here
+                self.done = True  # the other thread waits for this flag, even after an error
 
     def hangs(self) -> bool:
-        """Whether the thread has been told to end and has got no further for so long: it waits for hardware for ever.
+        """Return whether the thread made no progress for ``HANG_S`` after a request to end.
 
-        Our own hardware waits for no reply for ever. A user's plug-in may.
+        All reads of servoloop's own hardware time out. A user's plug-in may wait forever.
         """
         now_s = self.wall.now()
         if not self.signals.count:
@@ -75,25 +79,28 @@ class LoopThread:
         return not self.done and now_s - self.alive_s > HANG_S
 
     def _stop(self) -> bool:
-        self.before_cycle(lambda: self._told(1))
-        return self._told(1)
+        self.before_cycle(lambda: self._signaled(1))
+        return self._signaled(1)
 
-    def _told(self, signals: int) -> bool:
-        """The loop asks in every cycle, also on its way to the park pose."""
+    def _signaled(self, signals: int) -> bool:
+        """Return whether this number of signals has arrived. The loop calls this in every cycle, even while parking."""
         self.alive_s = self.wall.now()
         return self.signals.count >= signals
 
 
-def run_beside(run: LoopThread, look: Callable[[], None]) -> None:
-    """The loop runs in its thread, and this one looks, until the loop has ended or hangs. It ends with this one too."""
-    sys.setswitchinterval(0.0001)  # so long the loop waits at most for this thread to let go
+def run_beside(run: LoopThread, poll: Callable[[], None]) -> None:
+    """Run the loop in its thread and call ``poll`` in this thread until the loop has ended or hangs.
+
+    An error in ``poll`` ends the loop, too.
+    """
+    sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
     gc.collect()
     gc.freeze()
     thread = run.start()
     try:
         while not (run.done or run.hangs()):
-            look()
-            time.sleep(LOOK_S)
+            poll()
+            time.sleep(POLL_S)
     finally:
         run.signals.ask()
         while thread.is_alive() and not run.hangs():

@@ -1,4 +1,4 @@
-"""An arm's pick-place parameters: what the node is started with, read without ROS."""
+"""Read and check the parameters of the pick-place node without ROS."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,23 +29,23 @@ Pose = Annotated[tuple[Position, ...], Field(min_length=1)]
 
 
 class PickPlacePoses(BaseModel):
-    """The two poses of every job, rad."""
+    """Ready and pick poses of every job, in rad."""
 
     ready: Pose
     pick: Pose
 
 
 class PickPlace(BaseModel):
-    """The parameters that belong to the arm and its cell; the others are the node's business."""
+    """Parameters that depend on the arm and its cell. The node reads all other parameters itself."""
 
     joints: tuple[str, ...]
-    """The arm's, without the hand: the order of all poses."""
+    """Joints of the arm, without the hand, in the order of all poses."""
     poses: PickPlacePoses
     grades: tuple[str, ...]
     bins: dict[str, Pose]
-    """By grade."""
+    """Pose above the bin of each grade, in rad."""
     hand_open_m: Position
-    """rad for a hand whose joint is revolute."""
+    """Position of the open hand, in m, or in rad if the hand has a revolute joint."""
     hand_closed_m: Position
 
     @model_validator(mode="after")
@@ -54,18 +54,18 @@ class PickPlace(BaseModel):
         short = [name for name, pose in self.all_poses().items() if len(pose) != len(self.joints)]
         if homeless or short:
             problems = [f"grade {grade} has no pose under bins" for grade in homeless]
-            problems += [f"{name} has not one number for each of the {len(self.joints)} joints" for name in short]
+            problems += [f"{name} must have {len(self.joints)} numbers, one per joint" for name in short]
             raise ValueError("; ".join(problems))
-        self.settings()  # raises ValueError for all that the node's own code refuses
+        self.settings()  # raises ValueError if the node would reject the parameters
         return self
 
     def all_poses(self) -> dict[str, Pose]:
-        """Every pose by its name in the file."""
+        """Return every pose by its name in the file."""
         bins = {f"bins.{grade}": pose for grade, pose in self.bins.items()}
         return {"poses.ready": self.poses.ready, "poses.pick": self.poses.pick, **bins}
 
     def settings(self) -> "Settings":
-        """The same for the node's own code, its times as they are by default."""
+        """Return the settings of the node, with default times."""
         from nodes.pick_place.settings import Settings
 
         return Settings(
@@ -79,15 +79,15 @@ class PickPlace(BaseModel):
 
 
 def load_pick_place(path: Path) -> PickPlace:
-    """Read the file. Raises ArmFileError with every mistake, its file and line."""
+    """Read the parameter file. Raises ArmFileError with the file and line of every mistake."""
     if not path.exists():
         raise ArmFileError(
-            f"{path} is missing: demo, simulate and bench arm go to the poses of this file; write it as "
-            "docs/arms/README.md describes, or use servoloop up, which needs no such file"
+            f"{path} is missing: demo, simulate and bench arm need its poses. Write the file as described in "
+            "docs/arms/README.md, or use servoloop up, which does not need the file"
         )
     file, content = read_parameter_file(path, ArmFileError)
     if not names(content, NODE) and ALL not in content:
-        raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters below '{NODE}: {PARAMETERS}:'")
+        raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters under '{NODE}: {PARAMETERS}:'")
     try:
         return PickPlace.model_validate(parameters_of(content, NODE))
     except ValidationError as error:
@@ -95,13 +95,14 @@ def load_pick_place(path: Path) -> PickPlace:
 
 
 POSE_RAD: Final = 1e-3
+"""Largest accepted difference between the ready pose and the keyframe of the scene, in rad."""
 ARM: Final = "arm_controller"
 HAND: Final = "hand_controller"
-"""The node's controllers by their names, which are fixed."""
+"""Fixed names of the controllers that the node uses."""
 
 
 def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[str]:
-    """Yields poses outside the joints' limits."""
+    """Yield a problem for each unknown joint and for each pose outside the joint limits."""
     yield from (f"the URDF has no joint {name}" for name in pick_place.joints if name not in description.joints)
     for name, pose in pick_place.all_poses().items():
         for joint, position in zip(pick_place.joints, pose, strict=True):
@@ -110,36 +111,39 @@ def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[s
 
 
 def controller_problems(pick_place: PickPlace, controllers: ControllersFile, description: Description) -> Iterator[str]:
-    """Yields joints that are not the controllers', and a hand that is told to go beyond its limits."""
+    """Yield a problem if the joints differ from those of the arm controller or the hand would exceed its limits."""
     driven = {spec.name: tuple(getattr(spec.parameters, "joints", ())) for spec in controllers.controllers}
     if driven.get(ARM) != pick_place.joints:
-        yield f"its joints are not those of {ARM} in {controllers.path}, in their order"
+        yield f"joints must list the joints of {ARM} in {controllers.path}, in the same order"
     for joint in driven.get(HAND, ()):
         yield from _outside("hand_open_m", description.joints[joint], pick_place.hand_open_m)
         yield from _outside("hand_closed_m", description.joints[joint], pick_place.hand_closed_m)
 
 
-def _outside(what: str, joint: UrdfJoint, position: float) -> Iterator[str]:
+def _outside(name: str, joint: UrdfJoint, position: float) -> Iterator[str]:
     if not joint.lower <= position <= joint.upper:
-        yield f"{what}: {position:g} is outside the limits {joint.lower:g} to {joint.upper:g} of {joint.name}"
+        yield f"{name}: {position:g} is outside the limits {joint.lower:g} to {joint.upper:g} of {joint.name}"
 
 
 def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
-    """Yields joints that are elsewhere in the scene's keyframe than at the ready pose, by which cubes are fed."""
+    """Yield a problem for each joint whose ready position differs from the keyframe of the scene.
+
+    The scene places new cubes by this keyframe.
+    """
     try:
         model = scene_model(scene)
         places = {joint: model.joint(joint).qposadr[0] for joint in pick_place.joints}
         ready = model.key(READY).qpos
     except (ArmFileError, KeyError):
-        return  # the scene's own problems say so
+        return  # the check of the scene reports this problem
     for joint, position in zip(pick_place.joints, pick_place.poses.ready, strict=True):
         there = ready[places[joint]]
         if abs(there - position) > POSE_RAD:
-            yield f"poses.ready has {joint} at {position:g}, and {scene.name}'s keyframe {READY} at {there:g}"
+            yield f"poses.ready has {joint} at {position:g}, but keyframe {READY} of {scene.name} has it at {there:g}"
 
 
 def load_problems(pick_place: PickPlace, robot: Robot, description: Description) -> Iterator[str]:
-    """Yields poses in which gravity asks more of a servo than it can hold for long."""
+    """Yield a problem for each pose in which gravity overloads a servo."""
     gravity = Gravity(description, [joint.name for joint in robot.joints])
     for name, pose in pick_place.all_poses().items():
         held = dict(zip(pick_place.joints, pose, strict=True))
@@ -147,6 +151,6 @@ def load_problems(pick_place: PickPlace, robot: Robot, description: Description)
         for joint, torque in zip(robot.joints, torques.tolist(), strict=True):
             if abs(torque) > LARGEST_LOAD * joint.full_effort * joint.torque_limit:
                 yield (
-                    f"{name}: gravity asks {abs(torque):.2f} of {joint.name}, more than {LARGEST_LOAD:.0%} of what its "
-                    f"servo has"
+                    f"{name}: gravity loads {joint.name} with {abs(torque):.2f}, more than {LARGEST_LOAD:.0%} of the "
+                    f"maximum effort of its servo"
                 )

@@ -1,4 +1,4 @@
-"""Whether an arm's folder is right: all that is wrong with it, at once."""
+"""Check the folder of an arm and report all mistakes at once."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -30,36 +30,36 @@ INTERFACES: Final = ("position", "velocity", "effort")
 
 
 class _Check:
-    """The check of one folder. Every file is read, whatever is wrong with the others.
+    """Check of one folder. All files are checked, even if some of them have mistakes.
 
-    A scene and pick-place parameters may be missing: an arm of a user's own needs neither with its real servos.
+    The scene and the pick-place parameters may be missing, as real arms do not need them.
     """
 
     def __init__(self, arm: Arm, names_known: bool = True) -> None:
-        """``names_known``: whether ``arm.yaml`` could be read; else files that are not there may have other names."""
+        """``names_known`` tells whether ``arm.yaml`` was readable. Otherwise a missing file may have another name."""
         self.problems: list[str] = []
         self._arm = arm
         self._names_known = names_known
 
     def run(self) -> list[str]:
-        """Look at everything."""
+        """Check all files and return the problems."""
         description = self._description()
         robot_file = self._robot_file()
         pick_place = self._pick_place()
-        self._say(self._arm.robot, unprotected(robot_file) if robot_file else [])
+        self._report(self._arm.robot, unprotected(robot_file) if robot_file else [])
         component = merged(description.components) if description else _component_of(robot_file)
         if component and self._names_known:
-            self._say(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
+            self._report(self._arm.folder / ARM_FILE, _plan_problems(self._arm, component))
         controllers = self._controllers(robot_file, component)
         if description is None or component is None:
             self._scene(None, ())
             return self.problems
-        self._say(self._arm.urdf, description_problems(description))
+        self._report(self._arm.urdf, description_problems(description))
         self._scene(description.xml, component.joints)
         self._meshes(description)
         robot = self._robot(robot_file, description, component) if robot_file else None
         if robot:
-            self._say(self._arm.urdf, servo_problems(robot.joints))
+            self._report(self._arm.urdf, servo_problems(robot.joints))
         if pick_place:
             self._check_pick_place(pick_place, description, controllers, robot)
         return self.problems
@@ -67,23 +67,23 @@ class _Check:
     def _check_pick_place(
         self, pick_place: PickPlace, description: Description, controllers: ControllersFile | None, robot: Robot | None
     ) -> None:
-        self._say(self._arm.pick_place, pose_problems(pick_place, description))
-        self._say(self._arm.pick_place, ready_problems(pick_place, self._arm.scene))
+        self._report(self._arm.pick_place, pose_problems(pick_place, description))
+        self._report(self._arm.pick_place, ready_problems(pick_place, self._arm.scene))
         if controllers:
-            self._say(self._arm.pick_place, controller_problems(pick_place, controllers, description))
+            self._report(self._arm.pick_place, controller_problems(pick_place, controllers, description))
         if robot:
             try:
-                self._say(self._arm.pick_place, load_problems(pick_place, robot, description))
-            except DescriptionError as error:  # masses that make no sense
-                self._say(self._arm.urdf, [str(error)])
+                self._report(self._arm.pick_place, load_problems(pick_place, robot, description))
+            except DescriptionError as error:  # invalid masses
+                self._report(self._arm.urdf, [str(error)])
 
     def _scene(self, urdf_xml: str | None, driven: Sequence[str]) -> None:
-        """Compare the scene with the URDF, or only read it if the URDF cannot be read."""
+        """Compare the scene with the URDF, or only read the scene if the URDF is unreadable."""
         path, cell = self._arm.scene, self._arm.pick_place.exists()
         if not self._wanted("scene") and not cell:
             return
         if urdf_xml is not None:
-            self._say(path, scene_problems(path, urdf_xml, driven, cell))
+            self._report(path, scene_problems(path, urdf_xml, driven, cell))
             return
         try:
             scene_model(path)
@@ -91,7 +91,7 @@ class _Check:
             self._failed(error)
 
     def _wanted(self, name: str) -> bool:
-        """Whether to read an optional file: it exists, or ``arm.yaml`` names it."""
+        """Return whether to read an optional file, because it exists or ``arm.yaml`` names it."""
         return self._exists(name) or name in self._arm.file.model_fields_set
 
     def _exists(self, name: str) -> bool:
@@ -99,10 +99,10 @@ class _Check:
         return path.exists()
 
     def _needed(self, name: str) -> bool:
-        """Whether to read a file that every arm has; not if its name is unknown and the default name does not exist."""
+        """Return whether to read a required file. If its name is unknown, the default name must exist."""
         return self._names_known or self._exists(name)
 
-    def _say(self, path: Path, problems: Iterable[str]) -> None:
+    def _report(self, path: Path, problems: Iterable[str]) -> None:
         self.problems += [p if p.startswith(str(path)) else f"{path}: {p}" for p in problems]
 
     def _description(self) -> Description | None:
@@ -131,7 +131,7 @@ class _Check:
             self._failed(error)
             return
         links = dict.fromkeys(mesh.link for mesh in meshes if mesh.link not in description.links)
-        self._say(folder / PLACES, (f"the URDF has no link {link}: correct its name" for link in links))
+        self._report(folder / PLACES, (f"the URDF has no link {link}: correct its name" for link in links))
         for path in dict.fromkeys(mesh.path for mesh in meshes):
             try:
                 read_stl(path)
@@ -151,7 +151,7 @@ class _Check:
         try:
             return assemble(file, description, component)
         except RobotFileError as error:
-            self._say(self._arm.robot, str(error).splitlines())
+            self._report(self._arm.robot, str(error).splitlines())
             return None
 
     def _controllers(self, file: RobotFile | None, component: HardwareInfo | None) -> ControllersFile | None:
@@ -171,20 +171,20 @@ class _Check:
 
 
 def _plan_problems(arm: Arm, component: HardwareInfo) -> Iterator[str]:
-    """Yields joints whose calibration nobody has described, and descriptions of none of the arm's joints."""
+    """Yield a problem for each joint without calibration entry, and for each calibration entry without servo."""
     plan = arm.file.calibration
     named = {*plan.joints, *plan.auto.start, *plan.auto.clear, *plan.auto.stops, *plan.auto.drive}
-    yield from (f"calibration says nothing of {name}" for name in component.joints if name not in plan.joints)
+    yield from (f"calibration has no entry for {name}" for name in component.joints if name not in plan.joints)
     yield from (f"calibration names {name}, which has no servo" for name in sorted(named - set(component.joints)))
 
 
 def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:
-    """The joints of the robot file in place of a URDF that cannot be read; None without either."""
+    """Return the joints of the robot file as a replacement for an unreadable URDF, or None without a robot file."""
     return None if robot_file is None else _component(robot_file.joints, ("position",))
 
 
 def _named_component(controllers: Path) -> HardwareInfo:
-    """The joints that the controllers themselves name, if neither URDF nor robot file can be read."""
+    """Return the joints named by the controllers, for use if neither URDF nor robot file is readable."""
     _, content = read_parameter_file(controllers, ControllersFileError)
     return _component(dict.fromkeys(_joint_names(content)), INTERFACES)
 
@@ -195,7 +195,7 @@ def _component(joints: Iterable[str], commands: tuple[str, ...]) -> HardwareInfo
 
 
 def _joint_names(content: Any) -> Iterator[str]:
-    """Yields the entries of all lists ``joints``."""
+    """Yield the entries of all lists with the key ``joints``."""
     for key, value in content.items() if isinstance(content, Mapping) else ():
         if key == "joints" and isinstance(value, list):
             yield from map(str, value)
@@ -204,9 +204,9 @@ def _joint_names(content: Any) -> Iterator[str]:
 
 
 def check_arm(folder: Path) -> list[str]:
-    """All that is wrong with the arm in a folder; nothing where it is right.
+    """Return all problems of the arm in a folder.
 
-    If ``arm.yaml`` has mistakes, the other files are checked under the names that they have by default.
+    If ``arm.yaml`` has mistakes, the other files are checked under their default names.
     """
     try:
         return _Check(read_arm(folder)).run()
@@ -217,10 +217,10 @@ def check_arm(folder: Path) -> list[str]:
 
 
 def missing_parts(arm: Arm) -> list[str]:
-    """The functions that the arm lacks because an optional file is missing."""
+    """Return a sentence for each missing optional file, with the commands that need it."""
     parts = {
         "scene": "emulate and up without --port need a scene: `servoloop arms new` writes one",
         "pick_place": "pick, demo and simulated jobs need pick-place parameters: docs/arms/README.md describes them",
     }
     paths = {name: getattr(arm, name) for name in parts}
-    return [f"without {path.name}: {parts[name]}" for name, path in paths.items() if not path.exists()]
+    return [f"no {path.name}: {parts[name]}" for name, path in paths.items() if not path.exists()]

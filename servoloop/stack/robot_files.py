@@ -1,4 +1,4 @@
-"""The files of a robot (URDF, robot files, controllers file): where the arm's own are, and how they are read."""
+"""Read the files of a robot (URDF, robot files, controllers file), and write result files."""
 
 import logging
 import tempfile
@@ -27,43 +27,43 @@ URDF = HOME / "urdf" / "robot_arm.urdf"
 CONTROLLERS = CONFIG / "arm_controllers.yaml"
 SCENE = HOME / "urdf" / "scene.xml"
 OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
-"""The plug-ins that cannot do without a robot file."""
+"""Hardware plug-ins that need a robot file."""
 ROBOT = "robot_arm.yaml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoFiles:
-    """The contents of the files that describe an arm and its servos: URDF and robot files."""
+    """Contents of the files that describe an arm and its servos: URDF and robot files."""
 
     description: Description
     component: HardwareInfo
-    """All components as one."""
+    """All components, merged into one."""
     robot: Robot
-    """All servos; those of several components as one robot."""
+    """Servos of all components, merged into one robot."""
     limits: dict[str, JointLimits]
-    """Of every joint that takes commands."""
+    """Limits of every joint with a command interface."""
     urdf_path: Path
     robot_paths: dict[str, Path]
-    """By component; one that needs no robot file has none."""
+    """Robot file of each component that needs one."""
     scene: Path = SCENE
-    """The simulated world."""
+    """Scene of the simulated world."""
     arm: str = "robot_arm"
-    """The arm's name, under which the running stack can be found."""
+    """Name of the arm. Other programs find the running stack by this name."""
     folder: Path | None = None
-    """The arm's own folder, where its poses are kept; None for files that belong to no arm."""
+    """Folder for the poses of the arm. None for files that do not belong to an arm."""
     arm_folder: Path = CONFIG / "arms" / "robot_arm"
-    """The folder of the arm that the other files belong to."""
+    """Folder of the arm to which the other files belong."""
 
     @property
     def robot_path(self) -> Path:
-        """The robot file of the first component that has one."""
+        """Robot file of the first component that has one."""
         return next(iter(self.robot_paths.values()), CONFIG / ROBOT)
 
     @property
     def servo_options(self) -> tuple[str, ...]:
-        """The options by which ``servoloop emulate`` in another process reads exactly these files.
+        """Options with which ``servoloop emulate`` reads these files in another process.
 
-        The robot files of several components are left to the URDF, which names them.
+        Several robot files need no options, as the URDF names them.
         """
         paths = {"arm": self.arm_folder, "urdf": self.urdf_path}
         if len(self.robot_paths) == 1:
@@ -73,33 +73,42 @@ class ServoFiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Files(ServoFiles):
-    """The contents of all of an arm's files: those of its servos, and the controllers file."""
+    """Contents of all files of an arm, including the controllers file."""
 
     controllers: ControllersFile
 
     @property
     def options(self) -> tuple[str, ...]:
-        """The options by which ``servoloop up`` in another process reads exactly these files."""
+        """Options with which ``servoloop up`` reads these files in another process."""
         return (*self.servo_options, *_options({"controllers": self.controllers.path}))
 
 
 def _options(paths: Mapping[str, Path]) -> tuple[str, ...]:
-    return tuple(word for name, path in paths.items() for word in (f"--{name}", str(path.absolute())))
+    return tuple(argument for name, path in paths.items() for argument in (f"--{name}", str(path.absolute())))
 
 
 def read_files(
     urdf: Path = URDF, controllers: Path = CONTROLLERS, robot: Path | None = None, scene: Path = SCENE
 ) -> Files:
-    """Read and check a robot's files. ``robot`` is by default the file that the URDF's ``robot`` param names.
+    """Read and check the files of a robot.
 
-    Raises DescriptionError, RobotFileError or ControllersFileError; the text says what to mend.
+    Args:
+        urdf: Path of the URDF.
+        controllers: Path of the controllers file.
+        robot: Path of the robot file. None: the file named by the URDF's ``robot`` parameter.
+        scene: Path of the scene.
+
+    Raises:
+        DescriptionError: The URDF has mistakes.
+        RobotFileError: The robot file has mistakes.
+        ControllersFileError: The controllers file has mistakes.
     """
     servos = read_servo_files(urdf, robot, scene)
     return with_controllers(servos, controllers)
 
 
 def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
-    """Read the controllers file for these servos and check that it fits them. Raises ControllersFileError."""
+    """Read a controllers file and check that it fits these servos. Raises ControllersFileError."""
     defaults = servos.robot.file.controller_defaults
     origin = compose(servos.robot_path, ControllersFileError) if defaults else None
     loaded = load_controllers_file(controllers, defaults, servos.component, origin)
@@ -108,7 +117,7 @@ def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
 
 
 def read_servo_files(urdf: Path = URDF, robot: Path | None = None, scene: Path = SCENE) -> ServoFiles:
-    """Read and check an arm's files without its controllers. Raises DescriptionError or RobotFileError."""
+    """Read and check the files of an arm without its controllers file. Raises DescriptionError or RobotFileError."""
     description = read_description(urdf)
     for warning in description.warnings:
         LOG.warning("%s", warning)
@@ -135,23 +144,23 @@ def read_description(urdf: Path) -> Description:
         raise DescriptionError(str(error) if named else f"{urdf}: {error}") from error
 
 
-def _robot_paths(description: Description, urdf: Path, said: Path | None) -> dict[str, Path]:
-    """The robot file of each component that needs one: what the command line says, or its ``robot`` param."""
+def _robot_paths(description: Description, urdf: Path, robot: Path | None) -> dict[str, Path]:
+    """Return the robot file of each component that needs one: ``robot``, or else its ``robot`` parameter."""
     needy = [c for c in description.components if "robot" in c.parameters or c.plugin in OWN_SERVOS]
-    if said is None:
+    if robot is None:
         return {c.name: _found(c.parameters.get("robot", ROBOT), urdf) for c in needy}
-    asked = needy or list(description.components)
-    if len(asked) > 1:
-        names = ", ".join(component.name for component in asked)
+    users = needy or list(description.components)
+    if len(users) > 1:
+        names = ", ".join(component.name for component in users)
         raise DescriptionError(
             f"{urdf} has several components with servos ({names}): instead of --robot, name each one's robot "
             'file in its <hardware> as <param name="robot">'
         )
-    return {asked[0].name: said}
+    return {users[0].name: robot}
 
 
 def _found(name: str, urdf: Path) -> Path:
-    """The robot file's path: beside the URDF, or else among our own; an absolute path is both."""
+    """Return the path of a robot file, relative to the URDF if it exists there, or else to the ``config`` folder."""
     beside = urdf.parent / name
     return beside if beside.exists() else CONFIG / name
 
@@ -166,39 +175,41 @@ def _robot(path: Path, description: Description, component: HardwareInfo) -> Rob
 
 
 def _place(file: YamlFile, mistake: str) -> str:
-    """The file and the line of a mistake that begins with the name of a joint, or with the keys of a value."""
+    """Return file and line of a mistake. Its message begins with a joint name or the keys of a value."""
     keys = mistake.split(maxsplit=1)[0].rstrip(":").split(".")
     return file.place(("joints", *keys) if keys[0] != "park" else keys)
 
 
 @dataclass(frozen=True, slots=True)
 class InitialStates:
-    """The components that do not become active at the start, by the controllers file."""
+    """Components that are not activated at the start, as set in the controllers file."""
 
     unconfigured: Collection[str]
     inactive: Collection[str]
 
 
 def initial_states(files: Files) -> InitialStates:
-    """Upstream's ``hardware_components_initial_state`` of the manager. Raises ControllersFileError."""
-    said = files.controllers.manager.get("hardware_components_initial_state") or {}
+    """Return ros2_control's parameter ``hardware_components_initial_state``. Raises ControllersFileError."""
+    states = files.controllers.manager.get("hardware_components_initial_state") or {}
     where = f"{files.controllers.path}: hardware_components_initial_state"
     known = [component.name for component in files.description.components]
     lists: dict[str, list[str]] = {"unconfigured": [], "inactive": []}
-    for state, names in said.items() if isinstance(said, Mapping) else [("", said)]:
+    for state, names in states.items() if isinstance(states, Mapping) else [("", states)]:
         if state == "shutdown_on_initial_state_failure":
-            LOG.warning("%s.%s has no effect: a component that fails is named, and keep-alive decides", where, state)
+            LOG.warning("%s.%s has no effect: --keep-alive decides whether the stack continues", where, state)
             continue
         if state not in lists or not isinstance(names, list):
-            raise ControllersFileError(f"{where} has the lists unconfigured and inactive, not {state or said}")
-        if strangers := [str(name) for name in names if name not in known]:
-            raise ControllersFileError(f"{where} names {', '.join(strangers)}: the URDF has {', '.join(known)}")
+            raise ControllersFileError(
+                f"{where} must contain the lists unconfigured and inactive, not {state or states}"
+            )
+        if unknown := [str(name) for name in names if name not in known]:
+            raise ControllersFileError(f"{where} names {', '.join(unknown)}, but the URDF has {', '.join(known)}")
         lists[state] = names
     return InitialStates(**lists)
 
 
 def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> dict[str, str]:
-    """The address of each joint's servo, by joint: of all components, or of those named."""
+    """Return the servo address of each joint, for all components or for the given components."""
     driven = [c for c in files.description.components if components is None or c.name in components]
     return {
         joint.name: joint.address for joint in files.robot.joints if any(joint.name in one.joints for one in driven)
@@ -206,7 +217,7 @@ def servo_ids(files: ServoFiles, components: Collection[str] | None = None) -> d
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for results, where there is none yet. Raises DriverError where nothing can be written into it."""
+    """Create a folder for results if necessary. Raises DriverError if it is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -215,16 +226,16 @@ def make_folder(folder: Path) -> None:
 
 
 def require_file(path: Path) -> None:
-    """Raise DriverError where no file can be written at ``path``: before a run, as the end of it is too late."""
+    """Raise DriverError if no file can be written at ``path``. Call this before a run, not only at its end."""
     if path.is_dir():
-        raise DriverError(f"{path} is a folder: name a file")
+        raise DriverError(f"{path} is a folder: choose the name of a file")
     if path.exists() and not path.is_file():
-        raise DriverError(f"{path} is no file, and what is there would be replaced: name a file")
+        raise DriverError(f"{path} is not a regular file: choose another path")
     require_writable(path.parent)
 
 
 def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
-    """Write a whole file; ``keep``: the former one stays, with .1 behind its name. Raises DriverError."""
+    """Write a file. With ``keep``, rename an existing file to NAME.1 first. Raises DriverError."""
     try:
         write_whole(path, content, keep)
     except OSError as error:
@@ -232,7 +243,7 @@ def write_file(path: Path, content: str | bytes, keep: bool = True) -> None:
 
 
 def require_writable(folder: Path) -> None:
-    """Write into a folder now: the end of a run is too late to learn that it cannot be. Raises DriverError."""
+    """Raise DriverError if a folder is not writable. Call this before a run, not only at its end."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

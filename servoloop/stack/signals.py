@@ -1,6 +1,6 @@
-"""SIGINT, SIGTERM and SIGHUP as a count: the first asks for a calm end, a second ends the program in a second.
+"""Count SIGINT, SIGTERM and SIGHUP. The first signal requests a shutdown; a second one ends the program within 1 s.
 
-SIGHUP, of a terminal that was closed, is never the second: the kernel and the shell each send one.
+SIGHUP never counts as the second signal: when a terminal is closed, the kernel and the shell each send one.
 """
 
 import os
@@ -10,28 +10,28 @@ import time
 from types import FrameType, TracebackType
 from typing import Final
 
-from servoloop.stack.terminal import put_back
+from servoloop.stack.terminal import restore_terminals
 
 LAST_S: Final = 1.0
-"""So long the program may go on after the second signal, for what it can still end well by itself."""
+"""Maximum time that the program continues after the second signal, in seconds."""
 NUMBERS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def end_signals() -> list[signal.Signals]:
-    """The signals that end a program; not SIGHUP where it is ignored already: that is what nohup is for."""
+    """Return the signals that end a program, without SIGHUP if it is ignored already, as under nohup."""
     ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     return [number for number in NUMBERS if number != signal.SIGHUP or not ignored]
 
 
 class Signals:
-    """Signals counts signals within its context; the former handlers come back at its end.
+    """Counter of signals within its context. The previous handlers are restored at its end.
 
-    A thread counts and not the handlers: these run when the main thread is back in Python, and that one may be waiting
-    inside a library. The descriptor to which Python writes each signal's number is written at once.
+    A thread counts the signals. Signal handlers would run too late, when the main thread returns from a library to
+    Python. The thread reads the wakeup descriptor, to which Python writes the number of each signal immediately.
     """
 
     def __init__(self, left: str = "") -> None:
-        """``left``: how the program leaves what it drives when it ends at once."""
+        """``left`` describes the state of the hardware after an immediate end, for the message."""
         self.count = 0
         self._left = left
         self._former: dict[int, object] = {}
@@ -58,11 +58,14 @@ class Signals:
         os.close(self._writer)
 
     def ask(self) -> None:
-        """Ask for the end as the first signal does."""
+        """Request a shutdown, like the first signal."""
         self.count = max(self.count, 1)
 
     def _watch(self, reader: int) -> None:
-        """Count until the descriptor is closed. The last second goes on behind the context's end: so may a library."""
+        """Count signals until the descriptor is closed.
+
+        The final second after a second signal continues even after the end of the context, as a library may still hang.
+        """
         while number := os.read(reader, 1):
             if number[0] == signal.SIGHUP:
                 self.ask()
@@ -76,11 +79,11 @@ class Signals:
         time.sleep(LAST_S)
         left = f": {self._left}" if self._left else ""
         try:
-            put_back()
+            restore_terminals()
             os.write(2, f"servoloop: a second signal: ended at once{left}\n".encode())
         finally:
             os._exit(status)
 
 
 def _wake(number: int, frame: FrameType | None) -> None:
-    """Interrupt a sleep of the main thread; what is to be done is the count's."""
+    """Interrupt a sleep of the main thread. The thread counts the signal."""

@@ -1,4 +1,4 @@
-"""Keys of a terminal that are held. Terminals tell presses and repeats, and no releases: no repeat is a release."""
+"""Read keys from a terminal, and print text and log messages to it."""
 
 import errno
 import io
@@ -17,27 +17,30 @@ import typer
 from drivers.printable import PrintableFormatter
 
 FIRST_S: Final = 0.7
-"""A key that is held repeats after so long at first: half a second in most terminals."""
+"""Maximum time until the first repeat of a held key, in seconds. Most terminals repeat after 0.5 s."""
 REPEAT_S: Final = 0.25
-"""And then many times in this; so long after the key is let go it still counts as held."""
+"""Maximum time between later repeats, in seconds. A released key counts as held for this time."""
 _before: dict[int, list[Any]] = {}
-"""The settings of terminals that give each key now, from before that, by descriptor."""
+"""Original settings of terminals in raw mode, by file descriptor."""
 NAMES: Final = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", " ": "space"}
 
 
 class HeldKey:
-    """The key that is held, fed with what was typed; times in s."""
+    """Key that is held down. All times are in seconds.
+
+    Terminals report presses and repeats, but not releases. A key counts as released when its repeats stop.
+    """
 
     def __init__(self, tap_s: float) -> None:
-        """``tap_s``: so long a key counts as held that was pressed once, until repeats come."""
+        """``tap_s`` is the time for which a key counts as held after a single press, until its repeats start."""
         self._tap_s = tap_s
         self._key = ""
         self._pressed_s = self._until_s = -1.0
         self._over = False
-        """Whether the press counts no more, however long the key is held."""
+        """Whether the current press is ignored until the key is released."""
 
     def press(self, key: str, now_s: float) -> bool:
-        """A key was pressed, or repeats. Returns whether this is a new press."""
+        """Process a press or a repeat of a key, and return whether it is a new press."""
         repeats = key == self._key and now_s - self._pressed_s <= FIRST_S
         self._key, self._pressed_s = key, now_s
         self._over = self._over and repeats
@@ -46,16 +49,16 @@ class HeldKey:
         return not repeats
 
     def release(self) -> None:
-        """Forget the press. A key that is still held counts again only after it was released and pressed."""
+        """Ignore the current press. The key counts as held again only after it is released and pressed."""
         self._until_s, self._over = -1.0, True
 
     def held(self, now_s: float) -> str:
-        """The key; empty where none is held."""
+        """Return the held key, or an empty string."""
         return self._key if now_s <= self._until_s else ""
 
 
 def split_keys(text: str) -> Iterator[str]:
-    """The names of keys in what a terminal has sent; arrows are up, down, right and left."""
+    """Yield the names of the keys in terminal input. Arrow keys are up, down, right and left."""
     while text:
         for code, name in NAMES.items():
             if text.startswith(code):
@@ -68,7 +71,7 @@ def split_keys(text: str) -> Iterator[str]:
 
 
 def typed(wait_s: float) -> list[str]:
-    """What was typed at this terminal; waits so long for it. A terminal that is gone says q, to quit."""
+    """Wait for keys, and return those pressed. A closed terminal returns q, the key to quit."""
     descriptor = sys.stdin.fileno()
     if not select.select([descriptor], [], [], wait_s)[0]:
         return []
@@ -81,9 +84,9 @@ def typed(wait_s: float) -> list[str]:
 
 @contextmanager
 def raw_keys(keep: bool = False) -> Iterator[None]:
-    """The terminal gives each key as it is pressed, without showing it; at the end all is as it was.
+    """Read each key as it is pressed, without echo. Restore the terminal settings at the end.
 
-    ``keep``: what was typed before, too. Else it is forgotten.
+    ``keep``: whether to keep earlier input. Otherwise it is discarded.
     """
     descriptor = sys.stdin.fileno()
     before = _before[descriptor] = termios.tcgetattr(descriptor)
@@ -92,20 +95,20 @@ def raw_keys(keep: bool = False) -> Iterator[None]:
         yield
     finally:
         _before.pop(descriptor, None)
-        with suppress(termios.error):  # a terminal that is gone
+        with suppress(termios.error):  # the terminal may be closed
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-def put_back() -> None:
-    """Leave terminals as they were before ``raw_keys``, for a program that ends at once and gets to no end of it."""
-    for descriptor, before in list(_before.items()):  # the main thread may be taking one away
+def restore_terminals() -> None:
+    """Restore all terminals changed by ``raw_keys``, in a program that ends without leaving its contexts."""
+    for descriptor, before in list(_before.items()):  # a copy, as the main thread may remove entries
         with suppress(termios.error, OSError):
-            if os.tcgetpgrp(descriptor) == os.getpgrp():  # from the background it would stop the program
+            if os.tcgetpgrp(descriptor) == os.getpgrp():  # a background program would be stopped by this call
                 termios.tcsetattr(descriptor, termios.TCSANOW, before)
 
 
 FAILED: Final = 1
-"""The exit status of a program that cannot print its result."""
+"""Exit status of a program that cannot print its result."""
 
 
 class _Lossy(io.FileIO):
@@ -119,7 +122,7 @@ class _Lossy(io.FileIO):
 
 
 def outlive_terminal() -> None:
-    """Make stdout and stderr outlive the terminal that they are. Into files and pipes an error stays one."""
+    """Ignore errors on stdout and stderr if they are a terminal that was closed. Errors of files and pipes remain."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not None and stream.isatty():
@@ -128,7 +131,7 @@ def outlive_terminal() -> None:
 
 
 def colors_wanted() -> bool:
-    """Whether text may have colors: not if NO_COLOR is set to anything (https://no-color.org)."""
+    """Return whether text may have colors. It may not if NO_COLOR is set to any value (https://no-color.org)."""
     return not os.environ.get("NO_COLOR")
 
 
@@ -139,10 +142,10 @@ def print_styled(text: str, err: bool = False, **style: Any) -> None:
 
 @contextmanager
 def complete_output() -> Iterator[None]:
-    """Flush stdout at the end of the block.
+    """Flush stdout at the end of the context.
 
-    If it takes no more, as a file on a full disk, the program ends with a sentence; if nobody reads it any more, as a
-    pipe into ``head``, it ends without one.
+    If stdout cannot be written, as on a full disk, end the program with a message. If its reader has ended, as with a
+    pipe to ``head``, end the program without a message.
     """
     try:
         try:
@@ -151,7 +154,7 @@ def complete_output() -> Iterator[None]:
             _flush()
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EPIPE) or _takes_output():
-            raise  # of another file
+            raise  # the error comes from another file
         _discard_output()
         if error.errno == errno.ENOSPC:
             with suppress(OSError):
@@ -165,7 +168,7 @@ def _flush() -> None:
 
 
 def _takes_output() -> bool:
-    """Whether stdout can still be written: a line more shows it, as Python forgets what could not be written."""
+    """Return whether stdout is writable. This writes an empty line, as Python discards data that it failed to write."""
     try:
         os.write(sys.stdout.fileno(), b"\n")
     except (OSError, ValueError):
@@ -174,7 +177,7 @@ def _takes_output() -> bool:
 
 
 def _discard_output() -> None:
-    """Let stdout lead nowhere, so that Python's own flush at the end of the program does not fail again."""
+    """Redirect stdout to the null device, so that Python's flush at the end of the program does not fail again."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -182,19 +185,19 @@ def _discard_output() -> None:
 
 
 class TerminalHandler(logging.Handler):
-    """Prints log records on the stderr of the moment.
+    """Log handler that prints to the current stderr.
 
-    A live table replaces stderr so that lines appear above it; written past it, they would leave pieces of the table.
+    A live table replaces stderr, so that log lines appear above the table and do not break it.
     """
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one record."""
-        with suppress(OSError, ValueError):  # of a terminal or a pipe that is gone, or a full disk
+        with suppress(OSError, ValueError):  # the terminal or pipe may be closed, or the disk full
             print(self.format(record), file=sys.stderr, flush=True)
 
 
 def log_to_terminal() -> None:
-    """Print the log of the stack on the terminal."""
+    """Print the log of the stack to the terminal."""
     handler = TerminalHandler()
     handler.setFormatter(PrintableFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])

@@ -1,4 +1,4 @@
-"""The virtual servos of a robot on simulated time: their lines and their world, in this process."""
+"""Virtual servos of a robot in simulated time, with their buses and their world, within this process."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -15,7 +15,7 @@ from sim_backend.scene.world import World
 
 
 class VirtualLines:
-    """A virtual line for each bus of the robot file, all in one world; a device is the name of its bus."""
+    """Virtual lines for all buses of a robot file, in one world. The device of a bus is the name of the bus."""
 
     def __init__(
         self,
@@ -24,9 +24,16 @@ class VirtualLines:
         start: Sequence[float] | None = None,
         on_step: Callable[[float], None] = lambda time_s: None,
     ) -> None:
-        """``start``: where the joints stand, rad or m; ``on_step`` is called after each step of the physics.
+        """Create the world and the lines.
 
-        Raises ArmFileError where the scene does not have the joints.
+        Args:
+            files: Files of the robot.
+            build: Build of the virtual servos.
+            start: Initial joint positions, in rad or m. None: the positions of the scene, held until driven.
+            on_step: Called after each step of the physics.
+
+        Raises:
+            ArmFileError: The scene lacks joints of the robot.
         """
         ways = couplings(files.robot)
         require_scene(files.scene, [one.joint for one in ways])
@@ -40,22 +47,22 @@ class VirtualLines:
             on_step(time_s)
 
         self.lines = virtual_lines(files.robot, WorldPlant(self.world, ways, after_step), build.spread)
-        """By bus."""
+        """Virtual lines by bus name."""
 
     @property
     def devices(self) -> dict[str, str]:
-        """By bus."""
+        """Devices by bus name."""
         return {name: name for name in self.lines}
 
     def open(self, device: str, baud: int, clock: Clock) -> Port:
-        """A port to one of the lines."""
+        """Open a port to one of the lines."""
         return VirtualPort(self.lines[device], clock, baud=baud, name=f"virtual {device}".rstrip())
 
     def advance(self, now_s: float) -> None:
-        """Let time pass for servos and world though nobody may have asked them anything."""
+        """Advance servos and world to a time, even if the servos were not read."""
         for line in self.lines.values():
             line.advance(now_s)
 
     def scene(self) -> Mapping[str, Pose]:
-        """The poses of all things in the world."""
+        """Return the poses of all objects in the world, by name."""
         return {n: (p.position_m, p.quaternion_xyzw) for n, p in self.world.poses().items()}

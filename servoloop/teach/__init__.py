@@ -1,1 +1,1 @@
-"""``servoloop teach`` and ``servoloop replay``: an arm moved by hand, and what was shown or recorded played back."""
+"""Implementation of ``servoloop teach`` and ``servoloop replay``: record motions by hand and play them back."""

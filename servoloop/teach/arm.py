@@ -1,4 +1,4 @@
-"""The arm that is taught, or that plays back: its hardware, one controller of all its joints, and the loop."""
+"""Arm for recording and playback: its hardware, its control loop and one controller for all joints."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,24 +28,24 @@ GOAL_TIME_S: Final = 1.0
 
 @dataclass(frozen=True, slots=True)
 class TeachArm:
-    """An arm under its loop, not yet configured."""
+    """Arm with its control loop, not yet configured."""
 
     stack: ControlStack
     hardware: HandGuidedArm
 
     @property
     def loop(self) -> ControlLoop:
-        """The loop that reads and writes all joints."""
+        """Control loop of all joints."""
         return self.stack.loop
 
     @property
     def files(self) -> Files:
-        """The robot's files, with the rate of this arm's loop."""
+        """Files of the robot, with the rate of this control loop."""
         return self.stack.files
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """In the order of measurements and commands."""
+        """Joints in the order of measurements and commands."""
         return self.hardware.joints
 
 
@@ -57,7 +57,16 @@ def build_arm(
     soft: bool = False,
     tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> TeachArm:
-    """Make the arm's hardware and its loop, without a controller. ``tap`` may put something around each port."""
+    """Create the hardware and the control loop of an arm, without a controller.
+
+    Args:
+        side: Files and devices of the arm.
+        rate_hz: Rate of the loop.
+        clock: Clock of the loop.
+        worker: Runs tasks that take longer than a cycle.
+        soft: Whether the arm is guided by hand with compensated gravity.
+        tap: Wraps each port, for example to record its bytes.
+    """
     files, buses = side.files, dict[str, Bus]()
     joints = files.robot.joints
 
@@ -79,19 +88,21 @@ def build_arm(
 
 
 def add_freedrive(arm: TeachArm) -> FreedriveController:
-    """Have all joints give way to a hand. Raises TeachError where some joint of the arm would sink."""
+    """Add a controller that lets a person move all joints by hand. Raises TeachError if a joint would sink."""
     joints, hands = arm.files.robot.joints, hand_joints(arm.files)
     unknown = [joint.name for joint in joints if joint.compliance is None and joint.name not in hands]
     if unknown or arm.hardware.compensation is None:
-        why = f"nobody knows how far {', '.join(unknown)} gives way" if unknown else "gravity is not compensated"
-        raise TeachError(f"the arm of {arm.files.robot_path} cannot be made soft, {why}: say --limp, and hold it")
+        why = f"the stiffness of {', '.join(unknown)} is unknown" if unknown else "its gravity is not compensated"
+        raise TeachError(
+            f"the arm of {arm.files.robot_path} cannot be made soft, because {why}: use --limp, and hold the arm"
+        )
     controller = FreedriveController("freedrive_controller", [guided_joint(joint) for joint in joints], arm.joints)
     arm.loop.manager.registry.add(controller)
     return controller
 
 
 def add_trajectory(arm: TeachArm) -> JointTrajectoryController:
-    """Have all joints follow trajectories, with the constraints that the controllers file has for each."""
+    """Add a trajectory controller for all joints, with the constraints of the controllers file."""
     joints = arm.files.robot.joints
     constraints = {"goal_time": GOAL_TIME_S, **_constraints(arm.files)}
     parameters = TrajectoryParameters.model_validate(
@@ -110,7 +121,7 @@ def add_trajectory(arm: TeachArm) -> JointTrajectoryController:
 
 
 def _constraints(files: Files) -> dict[str, JointConstraints]:
-    """Of the joints that some trajectory controller has: a hand may be held open by what it has grasped."""
+    """Return the constraints of all trajectory controllers. A hand has none, as an object may hold it open."""
     found: dict[str, JointConstraints] = {}
     for spec in files.controllers.controllers:
         if isinstance(spec.parameters, TrajectoryParameters):

@@ -1,4 +1,4 @@
-"""Playing back: a slow way to where the motion begins, then the motion, as long as it is allowed."""
+"""Play a motion: move slowly to its start, then play it while the dead-man switch is held."""
 
 import math
 from collections.abc import Iterator
@@ -16,47 +16,63 @@ from hal.compensation.gravity_compensation import FADE_IN_S
 from hal.types import FloatArray
 from servoloop.manual.dead_man import Permission
 from servoloop.teach.arm import TeachArm
-from servoloop.teach.taught import Taught, TeachError, check_duration
+from servoloop.teach.taught import RecordedMotion, TeachError, check_duration
 
 APPROACH: Final = 0.25
-"""Share of each joint's velocity limit on the way to the beginning, and from pose to pose."""
+"""Share of the velocity limits used on the way to the start of a motion and between poses."""
 
 
 READY_S: Final = FADE_IN_S + 0.5
-"""So long after torque has come the servos carry the arm, and have brought it back from where it sagged."""
+"""Time after torque on until the servos carry the arm and have corrected its sag, in seconds."""
 
 
 class Phase(StrEnum):
-    """What the arm does."""
+    """State of a playback."""
 
     READYING = "getting ready"
     WAITING = "waiting: hold a key"
-    APPROACHING = "going to where it begins, slowly"
+    APPROACHING = "moving slowly to the start"
     PLAYING = "playing"
     PAUSED = "paused: hold a key"
     DONE = "done"
 
 
 class Play:
-    """One playing of a motion, in the person's thread."""
+    """Playback of one motion, used in the thread of the user interface."""
 
     def __init__(
-        self, arm: TeachArm, follow: JointTrajectoryController, taught: Taught, speed: float, permission: Permission
+        self,
+        arm: TeachArm,
+        follow: JointTrajectoryController,
+        motion: RecordedMotion,
+        speed: float,
+        permission: Permission,
     ) -> None:
-        """``taught`` is of the arm's joints, in their order; ``speed`` (0 to 1) of that at which it was shown."""
+        """Plan the playback.
+
+        Args:
+            arm: Arm that plays the motion.
+            follow: Trajectory controller of the arm.
+            motion: Motion of the arm's joints, in the order of the arm.
+            speed: Share of the recorded speed, from 0 to 1.
+            permission: Dead-man switch.
+
+        Raises:
+            TeachError: The motion cannot be played.
+        """
         self.phase = Phase.READYING
         self._arm, self._follow, self._permission = arm, follow, permission
         limits = arm.loop.limits
-        if taught.path is not None:
-            check_duration(taught.path.duration_s / speed, "the motion")
-        points = goal_points(slowed(taught.path, limits, speed), limits) if taught.path is not None else ()
-        self._check(taught.position, points)
-        self._goals = self._made(taught.position, points, speed)
-        self._under_way: tuple[Phase, GoalHandle] | None = None
+        if motion.path is not None:
+            check_duration(motion.path.duration_s / speed, "the motion")
+        points = goal_points(slowed(motion.path, limits, speed), limits) if motion.path is not None else ()
+        self._check(motion.position, points)
+        self._goals = self._make_goals(motion.position, points, speed)
+        self._running: tuple[Phase, GoalHandle] | None = None
         self._ready_s = math.inf
 
     def _check(self, poses: FloatArray, points: tuple[GoalPoint, ...]) -> None:
-        """Plan the whole motion once, before anything moves. Raises TeachError where it cannot be played."""
+        """Plan the whole motion before the arm moves. Raises TeachError if the motion cannot be played."""
         joints, limits = self._arm.joints, self._arm.loop.limits
         planner = GoalPlanner(joints, limits, "ruckig")
         goals = [points] if points else [(_point(pose, 1e-3),) for pose in poses]
@@ -65,49 +81,52 @@ class Play:
             try:
                 planner.plan(TrajectoryGoal(joints, goal), Allowed(), Kinematics.at_rest(begin))
             except GoalRejected as error:
-                raise TeachError(f"this cannot be played, and nothing has moved: {error}") from error
+                raise TeachError(f"the motion cannot be played, and the arm has not moved: {error}") from error
 
     def begin(self) -> None:
-        """Torque on where the arm stands; nothing moves until its weight is carried. Raises errors."""
+        """Enable torque at the current position. The arm moves only once its weight is carried."""
         self._follow.scaling.ask(0.0)
         self._arm.loop.activate()
         self._ready_s = self._arm.loop.clock.now() + READY_S
 
-    def look(self, now_s: float) -> bool:
-        """Let the arm go on or stand, as the person wants; False at the end. Raises TeachError where it cannot."""
+    def update(self, now_s: float) -> bool:
+        """Move or stop the arm as the dead-man switch requires. Return False at the end of the motion.
+
+        Raises TeachError if the motion fails.
+        """
         allowed = self._permission.allowed(now_s)
         self._follow.scaling.ask(1.0 if allowed else 0.0)
         if self._permission.ended():
             return False
         if now_s < self._ready_s:
             return True
-        if allowed and self._under_way is None and not self._next():
+        if allowed and self._running is None and not self._next():
             return False
-        if self._under_way is None:
+        if self._running is None:
             self.phase = Phase.WAITING
             return True
-        phase, handle = self._under_way
+        phase, handle = self._running
         self.phase = phase if allowed else Phase.PAUSED
         if handle.done and handle.status is not GoalStatus.SUCCEEDED:
-            raise TeachError(f"the arm stands: {handle.error_text}")
+            raise TeachError(f"the arm has stopped: {handle.error_text}")
         return not handle.done or self._next()
 
     def _next(self) -> bool:
-        """Set out on the next part; False where there is none."""
+        """Start the next goal. Return False if there is no further goal."""
         found = next(self._goals, None)
         if found is None:
             self.phase = Phase.DONE
             return False
         phase, goal = found
         if reason := self._follow.check(goal):
-            raise TeachError(f"this cannot be played: {reason}")
-        self._under_way = phase, self._follow.submit(goal)
+            raise TeachError(f"the motion cannot be played: {reason}")
+        self._running = phase, self._follow.submit(goal)
         return True
 
-    def _made(
+    def _make_goals(
         self, poses: FloatArray, points: tuple[GoalPoint, ...], speed: float
     ) -> Iterator[tuple[Phase, TrajectoryGoal]]:
-        """The goals, each made when the one before it has been reached."""
+        """Yield the goals of the motion. Each goal is computed only after the previous goal was reached."""
         if not points:
             for pose in poses:
                 yield Phase.PLAYING, self._slowly_to(pose, speed)
@@ -121,7 +140,7 @@ class Play:
         try:
             duration_s = motion_to(here, there, limits, 0.0, self._arm.joints).duration_s
         except MotionError as error:
-            raise TeachError(f"no way to where it begins: {error}") from error
+            raise TeachError(f"the arm cannot move to the start of the motion: {error}") from error
         return TrajectoryGoal(self._arm.joints, (_point(pose, max(duration_s, 1e-3)),))
 
 

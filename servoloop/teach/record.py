@@ -1,4 +1,4 @@
-"""Recording: an arm in somebody's hands is measured, and in the end holds itself where it was left."""
+"""Record a motion while a person moves the arm by hand. At the end the arm holds its position."""
 
 from collections.abc import Callable, Sequence
 from enum import StrEnum
@@ -16,40 +16,50 @@ from hal.lifecycle import LifecycleState
 from hal.servos.limp_arm import release_question
 from hal.types import FloatArray, JointState
 from servoloop.teach.arm import ARM, TeachArm
-from servoloop.teach.taught import Taught, TeachError, beyond
+from servoloop.teach.taught import RecordedMotion, TeachError, beyond
 
-SOFT: Final = "Torque goes on softly, where the arm is: have a hand at it. In a second it gives way to you. Go on?"
+SOFT: Final = (
+    "Torque is about to be enabled softly at the current position. Keep a hand on the arm. After a second you can move "
+    "it. Continue?"
+)
 HANDS_S: Final = 2.0
-"""So long hands may need to do what they were told."""
+"""Time for the person to react to an instruction, in seconds."""
 GAP_S: Final = 0.2
-"""A hand goes straight on for so long."""
+"""Longest gap in the measurements that is accepted without a warning, in seconds."""
 POSE_S: Final = 0.3
-"""A pose is the middle of where the joints were in this time."""
+"""Time over which a pose is averaged (median), in seconds."""
 MARK_KEYS: Final = ("\n", "\r", "p")
 STOP_KEYS: Final = ("\n", "\r", "q")
 
 
-Keep = Callable[[Taught, Sequence[str]], None]
-"""Is given what was shown, and in words what is wrong with it. Raises DriverError where it cannot be kept."""
+Keep = Callable[[RecordedMotion, Sequence[str]], None]
+"""Function that saves a motion and prints the warnings about it. Raises DriverError if it cannot be saved."""
 
 
 class Phase(StrEnum):
-    """What the arm does."""
+    """State of a recording."""
 
     READYING = "getting ready: hold the arm"
     BY_HAND = "recording: move the arm"
-    HOLDING = "torque comes back: hold the arm still"
-    HELD = "the arm holds itself: let it go"
+    HOLDING = "enabling torque: hold the arm still"
+    HELD = "the arm holds its position: release it"
 
 
 class Recording:
-    """One recording. ``take`` is called in the loop's thread, all else in the person's."""
+    """Recording of one motion. The loop thread calls ``take``; the user interface calls all other methods."""
 
     def __init__(self, arm: TeachArm, freedrive: FreedriveController | None, poses: bool, keep: Keep) -> None:
-        """``freedrive``: of a soft arm, None where it is limp. ``poses``: those that are marked, and not the path."""
+        """Prepare a recording.
+
+        Args:
+            arm: Arm to record.
+            freedrive: Freedrive controller of a soft arm. None: the arm is limp.
+            poses: Whether to record poses marked with a key instead of the path.
+            keep: Saves the motion.
+        """
         self.phase = Phase.READYING
         self.error: Exception | None = None
-        """Why nothing was kept."""
+        """Reason why the motion was not saved."""
         self._arm, self._freedrive, self._keep = arm, freedrive, keep
         self._poses: list[FloatArray] | None = [] if poses else None
         self._samples: list[tuple[float, FloatArray]] = []
@@ -58,14 +68,14 @@ class Recording:
         self._held_s = 0.0
 
     def ask(self, confirm: Callable[[str], None]) -> None:
-        """Have somebody hold the arm, where that is needed; ``confirm`` raises where they do not. Raises errors."""
+        """Ask the person to hold the arm if necessary. ``confirm`` raises an error if the person refuses."""
         if self._freedrive is not None:
             confirm(SOFT)
         elif servos := self._arm.hardware.held():
             confirm(release_question(servos))
 
     def begin(self) -> None:
-        """Make the arm limp or soft. Raises errors."""
+        """Make the arm limp or soft."""
         if self._freedrive is not None:
             self._arm.loop.activate()
         else:
@@ -73,7 +83,7 @@ class Recording:
             self._arm.loop.activate(keep_inactive=[ARM])
 
     def take(self, state: JointState) -> None:
-        """Note where the joints are, if all of them were measured."""
+        """Record the joint positions of a cycle if all joints were measured."""
         if self.phase is not Phase.BY_HAND:
             return
         self._unmeasured.update(dict.fromkeys(state.faults))
@@ -81,7 +91,7 @@ class Recording:
             self._samples.append((state.stamp_s, state.position.copy()))
 
     def press(self, key: str) -> None:
-        """A key: one keeps the pose in which the arm is, another ends the recording."""
+        """Process a key, which marks the current pose or ends the recording."""
         if self._poses is not None and key in MARK_KEYS:
             if self.phase is Phase.BY_HAND and self._samples:
                 count = max(1, round(POSE_S / self._arm.loop.period_s))
@@ -90,21 +100,24 @@ class Recording:
             self.stop()
 
     def stop(self) -> None:
-        """End the recording, and keep it: the arm is to hold itself."""
+        """End and save the recording, and make the arm hold its position."""
         if self.phase not in (Phase.READYING, Phase.BY_HAND):
             return
         self.phase = Phase.HOLDING
         try:
             self._keep(*self.shown())
-        except DriverError as error:  # first the arm
+        except DriverError as error:  # raised later, once the arm holds its position
             self.error = error
         if self._freedrive is not None:
             self._freedrive.holds = True
         else:
             self._back = self._arm.loop.component_transitions.ask(ARM, LifecycleState.ACTIVE)
 
-    def look(self, now_s: float) -> bool:
-        """Go on; False once the arm has held itself for a while. Raises what keeps it from that."""
+    def update(self, now_s: float) -> bool:
+        """Update the state. Return False once the arm has held its position for ``HANDS_S``.
+
+        Raises TeachError if torque cannot be enabled.
+        """
         if self.phase is Phase.READYING and (self._freedrive is None or self._freedrive.free):
             self.phase = Phase.BY_HAND
         elif self.phase is Phase.BY_HAND and self._poses is None and self._is_full():
@@ -114,11 +127,11 @@ class Recording:
         return not (self.phase is Phase.HELD and now_s - self._held_s >= HANDS_S)
 
     def _is_full(self) -> bool:
-        """Whether a longer path could not be played."""
+        """Return whether the path has reached the maximum length for playback."""
         return bool(self._samples) and self._samples[-1][0] - self._samples[0][0] >= LONGEST_GOAL_S - 1.0
 
     def _holds(self) -> bool:
-        """Whether torque is back, with the goals where the joints are."""
+        """Return whether torque is enabled again, with the goals at the measured positions."""
         if self._freedrive is not None and self._back is None and self._freedrive.held:
             self._back = self._arm.loop.requests.ask(self._arm.hardware.restore_torque_limits)
         if self._back is None or not self._back.done:
@@ -126,31 +139,31 @@ class Recording:
         try:
             self._back.result()
         except (DriverError, HalError) as error:
-            how = "limp: put it down" if self._freedrive is None else "soft: let it go"
-            raise TeachError(f"not all torque comes back, and the arm is {how}. {error}") from error
+            how = "limp: put it down" if self._freedrive is None else "soft: release it"
+            raise TeachError(f"torque could not be enabled on all servos, and the arm is {how}. {error}") from error
         return True
 
-    def shown(self) -> tuple[Taught, list[str]]:
-        """What was shown, and what is wrong with it. Raises TeachError where nothing was."""
+    def shown(self) -> tuple[RecordedMotion, list[str]]:
+        """Return the recorded motion and warnings about it. Raises TeachError if nothing was recorded."""
         joints, limits = self._arm.joints, self._arm.loop.limits
         if not self._samples:
             raise TeachError("nothing was recorded")
         if self._poses is not None:
             if not self._poses:
-                raise TeachError("no pose was kept: press p or Enter at each, and q at the end")
+                raise TeachError("no pose was recorded: press p or Enter at each pose, and q at the end")
             position = np.array(self._poses)
-            return Taught(joints, inside(position, limits)), beyond(position, joints, limits)
+            return RecordedMotion(joints, inside(position, limits)), beyond(position, joints, limits)
         times_s = np.array([time_s for time_s, _ in self._samples])
         position = np.array([position for _, position in self._samples])
         path = path_of(times_s, position, limits)
         if path is None:
-            raise TeachError("the arm was not moved: nothing is kept")
-        return Taught(joints, path.position, path), self._gaps(times_s) + beyond(position, joints, limits)
+            raise TeachError("the arm was not moved: nothing was saved")
+        return RecordedMotion(joints, path.position, path), self._gaps(times_s) + beyond(position, joints, limits)
 
     def _gaps(self, times_s: FloatArray) -> list[str]:
-        """In words, where too little was measured (at the times (k,)) to know the way."""
+        """Return a warning if the measurements at the times (k,) have long gaps."""
         longest_s = float(np.diff(times_s).max(initial=0.0))
         if longest_s < GAP_S:
             return []
         names = ", ".join(self._unmeasured) or "the arm"
-        return [f"{names} not measured for {longest_s:.1f} s: the path is straight there"]
+        return [f"{names} not measured for {longest_s:.1f} s: the path is a straight line in this gap"]

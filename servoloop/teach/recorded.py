@@ -1,4 +1,4 @@
-"""The motion that is in a recording of a run."""
+"""Extract a motion from the recording of a run."""
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -8,22 +8,22 @@ import numpy as np
 from controller.teach.hand_path import STIRS, movement, path_of, tolerances
 from hal.types import JointLimits
 from servoloop.recording.reader import read_recording
-from servoloop.teach.taught import Taught, TeachError, beyond, check_duration
+from servoloop.teach.taught import RecordedMotion, TeachError, beyond, check_duration
 
 
 def recorded_motion(
     file: Path, joints: Sequence[str], limits: Sequence[JointLimits], followers: Collection[str] = ()
-) -> tuple[Taught, list[str]]:
-    """Read the measured motion of a recording, also of a program that was killed.
+) -> tuple[RecordedMotion, list[str]]:
+    """Read the measured motion of a recording, which may be incomplete.
 
     Args:
-        file: The recording.
-        joints: The arm's joints. Other joints of the recording are left out.
-        limits: The limits of ``joints``.
-        followers: The arm's mimic joints, which are left out without a warning.
+        file: Path of the recording.
+        joints: Joints of the arm. Other joints of the recording are ignored with a warning.
+        limits: Limits of ``joints``.
+        followers: Mimic joints of the arm, which are ignored without a warning.
 
     Returns:
-        The motion of ``joints`` within ``limits``, and warnings about it.
+        Motion of ``joints`` within ``limits``, and warnings about it.
 
     Raises:
         RecordingError: The file is not a recording.
@@ -32,16 +32,16 @@ def recorded_motion(
     run = read_recording(file)
     own = [name for name in run.joints if name in joints]
     if len(own) < len(joints):
-        Taught(run.joints, run.position).of(joints, file.name)  # raises TeachError
+        RecordedMotion(run.joints, run.position).of(joints, file.name)  # raises TeachError
     position = run.position[:, [run.joints.index(name) for name in joints]]
     measured = np.isfinite(position).all(axis=1)
     times_s, position = run.time_s[measured], position[measured]
     strange = [name for name in run.joints if name not in joints and name not in followers]
-    warnings = [f"{file.name}: {name} is left out: the arm has no such joint" for name in strange]
+    warnings = [f"{file.name}: {name} is ignored because the arm has no such joint" for name in strange]
     moved = movement(times_s, position, tolerances(limits, STIRS)) if len(times_s) > 1 else None
     if moved is not None:
         check_duration(float(np.ptp(times_s[moved])), str(file))
     path = path_of(times_s, position, limits) if moved is not None else None
     if path is None:
-        raise TeachError(f"nothing moves in {file}")
-    return Taught(tuple(joints), path.position, path), [*warnings, *beyond(position, joints, limits)]
+        raise TeachError(f"no joint of the arm moves in {file}")
+    return RecordedMotion(tuple(joints), path.position, path), [*warnings, *beyond(position, joints, limits)]

@@ -1,4 +1,4 @@
-"""Recording and playing from start to end: the loop in its thread, the person at the terminal in this one."""
+"""Run a recording or a playback from start to end. The loop has its own thread; the user interface runs in this one."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -15,18 +15,18 @@ from servoloop.stack.signals import Signals
 from servoloop.teach.arm import TeachArm, add_freedrive, add_trajectory, build_arm
 from servoloop.teach.play import Play
 from servoloop.teach.record import Keep, Recording
-from servoloop.teach.taught import Taught
+from servoloop.teach.taught import RecordedMotion
 from servoloop.teleop.arms import Side
 
 Show = Callable[[str, TeachArm], None]
-"""Shows what the arm does, many times a second."""
+"""Function that displays the state of the arm. It is called many times per second."""
 
 
 class Person(Protocol):
-    """Whoever has the arm in their hands; within its context at the keys, and looking on."""
+    """User interface of a recording. Within its context, keys are read and the arm is displayed."""
 
     def confirm(self, question: str) -> None:
-        """Raises where the answer is not yes."""
+        """Ask a question. Raise an error unless the answer is yes."""
         ...
 
     def __enter__(self) -> object: ...
@@ -34,78 +34,106 @@ class Person(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
     def pressed(self) -> Sequence[str]:
-        """Those that were pressed since the last look; never waits."""
+        """Return the keys pressed since the last call, without waiting."""
         ...
 
     def show(self, phase: str, arm: TeachArm) -> None:
-        """Show what the arm does; called many times a second."""
+        """Display the state of the arm. Called many times per second."""
         ...
 
 
 def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, keep: Keep) -> int:
-    """Record until a key, a signal or a fault ends it; the exit status. ``keep`` is given what was shown before
-    torque comes back.
+    """Record a motion until a key, a signal or a fault ends the recording.
 
-    The arm ends held or parked, as its robot file says; where torque cannot come back it stays as it is, in somebody's
-    hands. Raises what kept it from being made limp or soft or from holding itself, and TeachError where nothing was
-    shown.
+    At the end, the arm holds its position or parks, as its robot file requires. If torque cannot be enabled, the arm
+    stays limp or soft, and the person must hold it.
+
+    Args:
+        side: Files and devices of the arm.
+        rate_hz: Rate of the loop.
+        limp: Whether to record a limp arm instead of a soft one.
+        poses: Whether to record marked poses instead of the path.
+        person: User interface.
+        keep: Saves the motion. Called before torque is enabled again.
+
+    Returns:
+        Exit status.
+
+    Raises:
+        TeachError: Nothing was recorded, or torque could not be enabled on all servos.
+        DriverError, HalError: The arm could not be made limp or soft.
     """
-    worker, told, looked_at = BackgroundWorker(), Signals(), StackRecording(None)
-    arm = build_arm(side, rate_hz, MonotonicClock(), worker, not limp, looked_at.tap)
+    worker, loop_signals, stack_recording = BackgroundWorker(), Signals(), StackRecording(None)
+    arm = build_arm(side, rate_hz, MonotonicClock(), worker, not limp, stack_recording.tap)
     recording = Recording(arm, None if limp else add_freedrive(arm), poses, keep)
     arm.loop.on_cycle = recording.take
-    run = LoopThread(arm.stack, told)
+    run = LoopThread(arm.stack, loop_signals)
     with arm.stack.configured(hangs=run.hangs):
-        recording.ask(person.confirm)  # until here a signal ends the program at once, and nothing has changed
+        recording.ask(person.confirm)  # a signal before this point ends the program at once, with the arm unchanged
         with Signals(LEFT) as signals, person:
 
-            def look() -> None:
+            def poll() -> None:
                 for key in person.pressed():
                     recording.press(key)
                 if signals.count:
                     recording.stop()
                 if signals.count > 1:
-                    told.count = signals.count
-                if not recording.look(time.monotonic()):
-                    told.ask()
+                    loop_signals.count = signals.count
+                if not recording.update(time.monotonic()):
+                    loop_signals.ask()
                 person.show(recording.phase, arm)
 
             try:
-                _attend(arm, run, looked_at, recording.begin, look)
+                _run(arm, run, stack_recording, recording.begin, poll)
             finally:
-                recording.stop()  # whatever has ended it leaves what there is
+                recording.stop()  # saves the motion even after an error
     if recording.error is not None:
         raise recording.error
     return 1 if run.failed else 0
 
 
-def play(side: Side, rate_hz: int, taught: Taught, speed: float, permission: Permission, show: Show) -> int:
-    """Play a motion of the arm's joints, ``speed`` (0 to 1) times as fast as it was shown; the exit status.
+def play(side: Side, rate_hz: int, motion: RecordedMotion, speed: float, permission: Permission, show: Show) -> int:
+    """Play a motion of the arm's joints.
 
-    The arm ends held or parked, as its robot file says. Raises as bringing up an arm does, and TeachError.
+    At the end, the arm holds its position or parks, as its robot file requires.
+
+    Args:
+        side: Files and devices of the arm.
+        rate_hz: Rate of the loop.
+        motion: Motion to play.
+        speed: Share of the recorded speed, from 0 to 1.
+        permission: Dead-man switch.
+        show: Displays the state of the arm.
+
+    Returns:
+        Exit status.
+
+    Raises:
+        TeachError: The motion cannot be played.
+        DriverError, HalError: The arm cannot be activated.
     """
-    worker, looked_at = BackgroundWorker(), StackRecording(None)
-    arm = build_arm(side, rate_hz, MonotonicClock(), worker, tap=looked_at.tap)
-    playing = Play(arm, add_trajectory(arm), taught, speed, permission)
+    worker, stack_recording = BackgroundWorker(), StackRecording(None)
+    arm = build_arm(side, rate_hz, MonotonicClock(), worker, tap=stack_recording.tap)
+    playing = Play(arm, add_trajectory(arm), motion, speed, permission)
     with Signals(LEFT) as signals:
         run = LoopThread(arm.stack, signals)
 
-        def look() -> None:
-            if not playing.look(time.monotonic()):
+        def poll() -> None:
+            if not playing.update(time.monotonic()):
                 signals.ask()
             show(playing.phase, arm)
 
         with arm.stack.configured(hangs=run.hangs):
-            _attend(arm, run, looked_at, playing.begin, look)
+            _run(arm, run, stack_recording, playing.begin, poll)
     return 1 if run.failed else 0
 
 
-def _attend(
-    arm: TeachArm, run: LoopThread, looked_at: StackRecording, begin: Callable[[], None], look: Callable[[], None]
+def _run(
+    arm: TeachArm, run: LoopThread, recording: StackRecording, begin: Callable[[], None], poll: Callable[[], None]
 ) -> None:
-    """The loop runs until it is told to end; who looks on finds it meanwhile. Raises what ``begin`` and ``look`` do."""
+    """Call ``begin``, then run the loop and call ``poll`` until the end. Serve the live feed meanwhile."""
     offset_s = wall_offset_s(arm.loop.clock, time.time)
-    with looked_at.of(arm.loop, arm.files, offset_s, lambda: run.failed):
+    with recording.of(arm.loop, arm.files, offset_s, lambda: run.failed):
         claim_realtime_priority()
         begin()
-        run_beside(run, look)
+        run_beside(run, poll)

@@ -1,4 +1,4 @@
-"""What a person sees while they teach or play: what the arm does, its joints, faults by name."""
+"""Display the state of the arm, its joints and its faults during a recording or playback."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -17,10 +17,10 @@ from servoloop.teach.arm import TeachArm
 
 
 class Screen(LiveTable):
-    """Shows one arm."""
+    """Live table of one arm."""
 
     def show(self, phase: str, arm: TeachArm) -> None:
-        """Show how it stands now."""
+        """Display the current state."""
         state = arm.loop.manager.cycle.seen
         faults = [fault.text for fault in state.faults.values()] if state else []
         text = "; ".join([phase, *dict.fromkeys(faults)])
@@ -28,7 +28,7 @@ class Screen(LiveTable):
 
 
 class Teacher(Screen):
-    """Somebody at a terminal, with the arm in their hands."""
+    """Terminal user interface of a recording."""
 
     def __init__(self, console: Console, confirm: Callable[[str], None]) -> None:
         super().__init__(console)
@@ -47,7 +47,7 @@ class Teacher(Screen):
         self._raw.close()
 
     def pressed(self) -> Sequence[str]:
-        """The keys pressed since the last look: of a terminal at once, else line by line; the end of it is a q."""
+        """Return the keys pressed since the last call. Without a terminal, input is read by line and its end is a q."""
         return typed(0.0)
 
 

@@ -1,4 +1,4 @@
-"""What an arm was taught: a YAML file for each motion, in a folder beside the arm's other files."""
+"""Store the recorded motions of an arm, one YAML file each, in a folder next to the arm's other files."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -24,19 +24,22 @@ from servoloop.stack.robot_files import make_folder
 
 
 class TeachError(DriverError):
-    """The arm cannot be taught so, or what was taught cannot be played on it."""
+    """Raised when a motion cannot be recorded, read or played."""
 
 
 FOLDER: Final = "taught"
 NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 FASTEST_HAND: Final = {"rad": 20.0, "m": 2.0}
-"""No hand moves a joint faster, per second: above that a path jumps."""
+"""Maximum joint velocity of a path recorded by hand, per second. A faster path contains a jump."""
 DIGITS: Final = 5
-"""Of positions, velocities and times: far below an encoder's count."""
+"""Decimal places of positions, velocities and times in a file. This is much finer than the encoders."""
 
 
 class PointFile(BaseModel):
-    """One point: in the order of the file's joints, rad or m and per second; ``at_s`` and velocities only of a path."""
+    """One point, in the order of the file's joints, in rad or m and per second.
+
+    Only points of a path have ``at_s`` and velocities.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -45,26 +48,26 @@ class PointFile(BaseModel):
     velocities: list[AnyVelocity] = []
 
 
-class TaughtFile(BaseModel):
-    """The whole file. Nothing in it depends on the order of a mapping's keys."""
+class MotionFile(BaseModel):
+    """Contents of a motion file. They do not depend on the order of a mapping's keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: Annotated[Literal[2], NoTruth]
     joints: list[str] = Field(min_length=1)
-    """The joints in the order of the positions and velocities of each point."""
+    """Joints in the order of the positions and velocities of each point."""
     units: dict[str, Literal["rad", "m"]]
-    """The unit of each joint's positions, by joint."""
+    """Unit of the positions, by joint."""
     points: list[PointFile] = Field(min_length=1)
-    """A path through points in time, or poses: points without."""
+    """Points of a path, with times, or poses without times."""
 
     @model_validator(mode="before")
     @classmethod
     def _has_an_order(cls, content: Any) -> Any:
         if isinstance(content, Mapping) and isinstance(content.get("joints"), Mapping):
             raise ValueError(
-                "joints is a mapping, whose order another program may have changed, so it is not known which joint a "
-                "position belongs to: record the motion again"
+                "joints must be a list: another program may have changed the order of the mapping, so positions cannot "
+                "be assigned to joints: record the motion again"
             )
         return content
 
@@ -74,7 +77,7 @@ class TaughtFile(BaseModel):
             raise ValueError(f"joints names a joint twice: {', '.join(self.joints)}")
         if self.units.keys() != set(self.joints):
             raise ValueError(
-                f"units has {', '.join(self.units) or 'no joint'}, and joints has {', '.join(self.joints)}"
+                f"units has {', '.join(self.units) or 'no joint'}, but joints has {', '.join(self.joints)}"
             )
         return self
 
@@ -83,9 +86,9 @@ class TaughtFile(BaseModel):
         times = [point.at_s for point in self.points if point.at_s is not None]
         velocities = len(self.joints) if times else 0
         if times and (len(times) != len(self.points) or len(times) < 2 or times[0] != 0.0):
-            raise ValueError("a path has two points or more, each with at_s, the first at 0; poses have none")
+            raise ValueError("a path needs at least two points, all with at_s, the first at 0; poses have no at_s")
         if any(later <= before for before, later in pairwise(times)):
-            raise ValueError("at_s must grow from point to point")
+            raise ValueError("at_s must increase from point to point")
         for number, point in enumerate(self.points):
             if (len(point.positions), len(point.velocities)) != (len(self.joints), velocities):
                 raise ValueError(f"points.{number} needs {len(self.joints)} positions and {velocities} velocities")
@@ -93,32 +96,35 @@ class TaughtFile(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Taught:
-    """A motion: joints and their positions (m, n) in rad or m, in the order in which they are passed."""
+class RecordedMotion:
+    """Recorded motion: joints and their positions (m, n) in rad or m, in order."""
 
     joints: tuple[str, ...]
     position: FloatArray
     path: HandPath | None = None
-    """Through these positions; None: poses, with a stop at each."""
+    """Path through the positions. None: poses, with a stop at each pose."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """The unit of each joint's positions, of a file."""
+    """Unit of the positions by joint, if the motion was read from a file."""
     file: YamlFile | None = None
-    """The file that the motion was read from; None if it was not."""
+    """File from which the motion was read, if any."""
 
-    def of(self, joints: Sequence[str], source: str) -> "Taught":
-        """The same with the joints in this order. Raises TeachError where they are others than those of ``source``."""
+    def of(self, joints: Sequence[str], source: str) -> "RecordedMotion":
+        """Return the motion with its joints in this order.
+
+        Raises TeachError if the joints differ. ``source`` names the motion in the message.
+        """
         missing = [name for name in joints if name not in self.joints]
         strange = [name for name in self.joints if name not in joints]
         if missing or strange:
             wrong = [f"it has no {', '.join(missing)}"] * bool(missing)
             wrong += [f"the arm has no {', '.join(strange)}"] * bool(strange)
-            raise TeachError(f"{source} is of another arm: {'; '.join(wrong)}. Name its own with --arm")
+            raise TeachError(f"{source} was recorded on another arm: {'; '.join(wrong)}. Choose that arm with --arm")
         order = [self.joints.index(name) for name in joints]
         path = self.path and HandPath(self.path.times_s, self.path.position[:, order], self.path.velocity[:, order])
         return replace(self, joints=tuple(joints), position=self.position[:, order], path=path)
 
     def check(self, limits: Sequence[JointLimits], source: str) -> None:
-        """Check that joints with these limits, in its order, have all positions. Raises TeachError where not."""
+        """Check that all positions are within the limits, in the order of the joints. Raises TeachError otherwise."""
         wrong = [
             self._too_far(index, int(point), limit)
             for index, limit in enumerate(limits)
@@ -131,27 +137,27 @@ class Taught:
             _check_path(self, self.path, limits, source)
 
     def check_units(self, joints: Sequence[Joint], source: str) -> None:
-        """Check that the file has the units of these joints. Raises TeachError if not."""
+        """Check that the file has the units of these joints. Raises TeachError otherwise."""
         wrong = [
-            f"{joint.name} is in {self.units[joint.name]}, and the arm's is in {_unit(joint)}"
+            f"{joint.name} is in {self.units[joint.name]}, but the arm's joint is in {_unit(joint)}"
             f"{self._line('units', joint.name)}"
             for joint in joints
             if self.units.get(joint.name, _unit(joint)) != _unit(joint)
         ]
         if wrong:
-            raise TeachError(f"{source} is of another arm: {'; '.join(wrong)}. Name its own with --arm")
+            raise TeachError(f"{source} was recorded on another arm: {'; '.join(wrong)}. Choose that arm with --arm")
 
     def points(self, first: int) -> str:
-        """Name the point with this number and the next one, for messages."""
+        """Return a description of a point and the next point, for messages."""
         return f"points {first}{self._line('points', first)} and {first + 1}{self._line('points', first + 1)}"
 
     def _too_far(self, index: int, point: int, limit: JointLimits) -> str:
         far, lower, upper = beyond_range(float(self.position[point, index]), limit.lower, limit.upper)
         place = f"point {point}{self._line('points', point)}"
-        return f"{self.joints[index]} would go to {far} at {place}, its limits are {lower} to {upper}"
+        return f"{self.joints[index]} would go to {far} at {place}, but its limits are {lower} to {upper}"
 
     def _line(self, *location: str | int) -> str:
-        """The line of a part of the file, to be put behind its name; empty if there is no file."""
+        """Return the line number of a part of the file as a suffix for messages, or an empty string without a file."""
         return "" if self.file is None else f" (line {self.file.line(location)})"
 
 
@@ -159,116 +165,120 @@ def _unit(joint: Joint) -> str:
     return "rad" if joint.transmission == 1.0 else "m"
 
 
-def _check_path(taught: Taught, path: HandPath, limits: Sequence[JointLimits], source: str) -> None:
-    """Check that a hand can have shown the path: no jump, and no swing beyond the limits. Raises TeachError."""
-    units = [taught.units.get(name, "rad") for name in taught.joints]
+def _check_path(motion: RecordedMotion, path: HandPath, limits: Sequence[JointLimits], source: str) -> None:
+    """Check that a path has no jumps and stays within the limits between its points. Raises TeachError otherwise."""
+    units = [motion.units.get(name, "rad") for name in motion.joints]
     spans_s = np.diff(path.times_s)
     speeds = np.abs(np.diff(path.position, axis=0)) / spans_s[:, None]
     fastest = np.maximum(speeds, np.maximum(np.abs(path.velocity[:-1]), np.abs(path.velocity[1:])))
     too_fast = np.argwhere(fastest > [FASTEST_HAND[unit] for unit in units]).tolist()
     if too_fast:
         (at, column), unit = too_fast[0], units[too_fast[0][1]]
-        way = float(path.position[at + 1, column] - path.position[at, column])
+        jump = float(path.position[at + 1, column] - path.position[at, column])
         raise TeachError(
-            f"{source}: {taught.joints[column]} jumps by {way:+.4f} {unit} in {spans_s[at]:.4f} s between "
-            f"{taught.points(at)} ({fastest[at, column]:.0f} {unit}/s): no hand does that. Record the motion again"
+            f"{source}: {motion.joints[column]} jumps by {jump:+.4f} {unit} in {spans_s[at]:.4f} s between "
+            f"{motion.points(at)} ({fastest[at, column]:.0f} {unit}/s), too fast for a motion by hand: record the "
+            "motion again"
         )
     sampled = path.sampled()
     swings = excess(sampled.position, limits)
-    for index, (name, limit, by) in enumerate(zip(taught.joints, limits, swings.max(axis=0).tolist(), strict=True)):
+    for index, (name, limit, by) in enumerate(zip(motion.joints, limits, swings.max(axis=0).tolist(), strict=True)):
         if by > AT_LIMIT * (limit.upper - limit.lower):
             at = path.knot_before(float(sampled.times_s[swings[:, index].argmax()]))
             raise TeachError(
-                f"{source}: {name} would swing {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f} "
-                f"between {taught.points(at)}, whose velocities do not fit their positions: record the motion again"
+                f"{source}: {name} would exceed its limits {limit.lower:.4f} to {limit.upper:.4f} by {by:.3f} "
+                f"between {motion.points(at)}, whose velocities do not fit their positions: record the motion again"
             )
 
 
 def check_duration(duration_s: float, source: str) -> None:
-    """Check that a motion is not longer than a trajectory goal may be. Raises TeachError."""
+    """Check that a motion is not longer than the longest trajectory goal. Raises TeachError otherwise."""
     if duration_s > LONGEST_GOAL_S:
         raise TeachError(
-            f"{source} would take {duration_s:.0f} s, and the longest motion that can be played takes "
-            f"{LONGEST_GOAL_S:.0f} s: play it faster, or record it in parts"
+            f"{source} would take {duration_s:.0f} s, but a motion may take at most {LONGEST_GOAL_S:.0f} s: play it "
+            "faster, or record it in parts"
         )
 
 
 def beyond(position: FloatArray, joints: Sequence[str], limits: Sequence[JointLimits]) -> list[str]:
-    """The joints whose positions (m, n) go beyond their limits, in words."""
+    """Return a warning for each joint with positions (m, n) beyond its limits."""
     far = outside(position, limits).tolist()
     return [
-        f"{name} went {by:.3f} beyond its limits, {limit.lower:.4f} to {limit.upper:.4f}: it is taken to them"
+        f"{name} went {by:.3f} beyond its limits {limit.lower:.4f} to {limit.upper:.4f}: the motion is limited to them"
         for name, limit, by in zip(joints, limits, far, strict=True)
         if by > AT_LIMIT * (limit.upper - limit.lower)
     ]
 
 
-class TaughtMotions:
-    """The motions of one arm, by name. Raises TeachError where a file is wrong, or cannot be read or written."""
+class MotionStore:
+    """Recorded motions of one arm, by name.
+
+    All methods raise TeachError if a file has mistakes or cannot be read or written.
+    """
 
     def __init__(self, folder: Path) -> None:
-        """``folder``: the arm's."""
+        """``folder`` is the folder of the arm."""
         self._folder = folder / FOLDER
 
-    def all(self) -> dict[str, Taught]:
-        """All motions, by name."""
+    def all(self) -> dict[str, RecordedMotion]:
+        """Return all motions by name."""
         return {name: self.get(name) for name in self._names()}
 
-    def get(self, name: str) -> Taught:
-        """One motion."""
+    def get(self, name: str) -> RecordedMotion:
+        """Return the motion with this name."""
         if not self.path(name).exists():
-            known = ", ".join(self._names()) or "none yet"
-            raise TeachError(f"nothing was taught as {name} in {self._folder}, but: {known}")
-        return _taught(*load_with_lines(self.path(name), TaughtFile, TeachError))
+            known = ", ".join(self._names()) or "none"
+            raise TeachError(f"there is no motion {name} in {self._folder}. Recorded motions: {known}")
+        return _taught(*load_with_lines(self.path(name), MotionFile, TeachError))
 
     def require_writable(self) -> None:
-        """Try the folder, before there is something to lose. Raises DriverError."""
+        """Create the folder and check that it is writable, before a motion is recorded. Raises DriverError."""
         make_folder(self._folder)
 
-    def save(self, name: str, taught: Taught, joints: Mapping[str, Joint]) -> None:
-        """Keep a motion; one of the same name is replaced, and stays beside it as ``NAME.yaml.1``."""
+    def save(self, name: str, motion: RecordedMotion, joints: Mapping[str, Joint]) -> None:
+        """Save a motion. An existing motion with this name is renamed to ``NAME.yaml.1``."""
         try:
             write_whole(
                 self.path(name),
-                yaml.safe_dump(_plain(taught, joints), sort_keys=False, default_flow_style=None, width=1000),
+                yaml.safe_dump(_plain(motion, joints), sort_keys=False, default_flow_style=None, width=1000),
             )
         except OSError as error:
             raise TeachError(f"cannot write {self.path(name)}: {error.strerror}") from error
 
     def remove(self, name: str) -> None:
-        """Forget a motion, also the one before it under this name."""
+        """Delete a motion and its previous version."""
         self.get(name)
         for path in (self.path(name), self.path(name).with_name(f"{name}.yaml.1")):
             path.unlink(missing_ok=True)
 
     def path(self, name: str) -> Path:
-        """Where a motion is kept. Raises TeachError where it cannot be called so."""
+        """Return the path of a motion's file. Raises TeachError if the name is invalid."""
         if not NAME.fullmatch(name):
-            raise TeachError(f"{name!r} is no name: letters, digits, _ and - make one")
+            raise TeachError(f"{name!r} is not a valid name: use only letters, digits, _ and -")
         return self._folder / f"{name}.yaml"
 
     def _names(self) -> list[str]:
         return sorted(path.stem for path in self._folder.glob("*.yaml"))
 
 
-def _taught(content: TaughtFile, file: YamlFile) -> Taught:
+def _taught(content: MotionFile, file: YamlFile) -> RecordedMotion:
     position = np.array([point.positions for point in content.points])
     path = None
     if content.points[0].at_s is not None:
         times_s = np.array([point.at_s for point in content.points])
         path = HandPath(times_s, position, np.array([point.velocities for point in content.points]))
-    return Taught(tuple(content.joints), position, path, content.units, file)
+    return RecordedMotion(tuple(content.joints), position, path, content.units, file)
 
 
-def _plain(taught: Taught, joints: Mapping[str, Joint]) -> dict[str, object]:
-    """The file's content; times and places are rounded."""
-    units = {name: _unit(joints[name]) for name in taught.joints}
-    rows: list[dict[str, object]] = [{"positions": row} for row in np.round(taught.position, DIGITS).tolist()]
-    if taught.path is not None:
-        times_s = np.round(taught.path.times_s, DIGITS).tolist()
-        velocities = np.round(taught.path.velocity, DIGITS).tolist()
+def _plain(motion: RecordedMotion, joints: Mapping[str, Joint]) -> dict[str, object]:
+    """Return the contents of the file, with rounded numbers."""
+    units = {name: _unit(joints[name]) for name in motion.joints}
+    rows: list[dict[str, object]] = [{"positions": row} for row in np.round(motion.position, DIGITS).tolist()]
+    if motion.path is not None:
+        times_s = np.round(motion.path.times_s, DIGITS).tolist()
+        velocities = np.round(motion.path.velocity, DIGITS).tolist()
         rows = [
             {"at_s": time_s, **row, "velocities": velocity}
             for time_s, row, velocity in zip(times_s, rows, velocities, strict=True)
         ]
-    return {"version": 2, "joints": list(taught.joints), "units": units, "points": rows}
+    return {"version": 2, "joints": list(motion.joints), "units": units, "points": rows}

@@ -1,1 +1,1 @@
-"""``servoloop teleop``: a leader arm that is moved by hand, and a follower arm."""
+"""Implementation of ``servoloop teleop``: a follower arm follows a leader arm that a person moves by hand."""

@@ -1,4 +1,4 @@
-"""Leader and follower under one loop: both are read in the same cycle."""
+"""Build leader and follower with one control loop, which reads both arms in the same cycle."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 
 
 class TeleopError(DriverError):
-    """The two arms cannot be leader and follower."""
+    """Raised when two arms cannot be leader and follower."""
 
 
 class Latency:
-    """Counts, at the end of each cycle, how old the leader's angles are whose goals have just been sent."""
+    """Latency from the measurement of the leader to the goals of the follower, recorded at the end of each cycle."""
 
     def __init__(self, clock: Clock, measured_s: Callable[[], float]) -> None:
-        """``measured_s``: when the leader was measured last, on the clock."""
+        """``measured_s`` returns the time of the leader's last measurement."""
         self._clock, self._measured_s = clock, measured_s
         self._last_s = 0.0
         self.state: JointState | None = None
-        """The newest measurement of both arms."""
+        """Latest joint state of both arms."""
         self.ages_s: list[float] = []
-        """One for each cycle in which the leader was measured: 50 Hz for an hour are 180,000."""
+        """Latency of each cycle with a measurement of the leader, in seconds. An hour at 50 Hz gives 180,000 values."""
 
     def on_cycle(self, state: JointState) -> None:
-        """The goals are on the wire by now."""
+        """Record the latency. The goals of this cycle have been sent."""
         self.state, measured_s = state, self._measured_s()
         if measured_s != self._last_s:
             self._last_s = measured_s
@@ -52,7 +52,7 @@ class Latency:
 
     @property
     def summary(self) -> str:
-        """For people."""
+        """Latency statistics as a sentence."""
         if not self.ages_s:
             return "the leader was never measured"
         ages_ms = np.array(self.ages_s) * 1e3
@@ -67,7 +67,7 @@ NAME: Final = "leader_follower_controller"
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of the two arms: its files, and its devices by bus. ``lines``: virtual ones in this process."""
+    """Leader or follower: its files and its devices by bus. ``lines`` are virtual buses in this process, if any."""
 
     files: Files
     devices: Mapping[str, str]
@@ -75,13 +75,13 @@ class Side:
 
     @property
     def open_port(self) -> OpenPort:
-        """Opens a device of this side."""
+        """Function that opens a device of this side."""
         return self.lines.open if self.lines else SerialPort
 
 
 @dataclass(frozen=True, slots=True)
 class Teleop:
-    """Both arms, not yet configured."""
+    """Leader and follower, not yet configured."""
 
     stack: ControlStack
     controller: LeaderFollowerController
@@ -90,19 +90,19 @@ class Teleop:
 
     @property
     def loop(self) -> ControlLoop:
-        """The loop that reads both arms and writes to the follower."""
+        """Control loop that reads both arms and writes to the follower."""
         return self.stack.loop
 
     @property
     def leader(self) -> Component:
-        """The component of the leader."""
+        """Hardware component of the leader."""
         component = self.loop.hardware.component(LEADER)
         assert component is not None
         return component
 
     @property
     def lost(self) -> list[Component]:
-        """The follower's components that are lost."""
+        """Lost components of the follower."""
         return [component for component in self.loop.hardware.lost if component is not self.leader]
 
 
@@ -113,9 +113,17 @@ def build_teleop(
     worker: BackgroundWorker,
     tap: Callable[[Port, Clock], Port] = lambda port, clock: port,
 ) -> Teleop:
-    """Make both arms' hardware, the controller and the loop, at the rate of the follower's controllers file.
+    """Create the hardware of both arms, the controller and the loop, at the rate of the follower's controllers file.
 
-    ``tap`` may put something around each port. Raises TeleopError where a joint of the follower has none to follow.
+    Args:
+        leader: Files and devices of the leader.
+        follower: Files and devices of the follower.
+        clock: Clock of the loop.
+        worker: Runs tasks that take longer than a cycle.
+        tap: Wraps each port, for example to record its bytes.
+
+    Raises:
+        TeleopError: The leader lacks a joint of the follower.
     """
     files = follower.files
 
@@ -138,9 +146,17 @@ def build_teleop(
 
 
 def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
-    """Make the leader limp. ``confirm`` is asked first if its servos hold torque: it may be the follower's port.
+    """Make the leader limp.
 
-    Raises what ``confirm`` raises, DriverError, and ActivationError if a servo may still hold torque.
+    If its servos hold torque, ask ``confirm`` first, as the ports of leader and follower may be swapped.
+
+    Args:
+        both: Leader and follower.
+        confirm: Asks a question and raises an error unless the answer is yes.
+
+    Raises:
+        DriverError: The leader cannot be reached.
+        ActivationError: A servo may still hold torque.
     """
     if servos := both.leader_arm.held():
         confirm(f"The leader must be limp. {release_question(servos)}")
@@ -148,24 +164,24 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 
 
 def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> list[FollowedJoint]:
-    """Each of the follower's joints with the leader's of the same name.
+    """Map each joint of the follower to the leader's joint with the same name.
 
-    The hand opens by as large a share of its range as the leader's, for a trigger is no jaw; all others turn by the
-    same angle. Raises TeleopError.
+    A hand follows the leader's trigger by the share of its range, all other joints by the angle. Raises TeleopError if
+    the leader lacks a joint.
     """
-    theirs = {joint.name: joint for joint in leader.robot.joints}
-    if missing := [joint.name for joint in follower.robot.joints if joint.name not in theirs]:
+    leaders = {joint.name: joint for joint in leader.robot.joints}
+    if missing := [joint.name for joint in follower.robot.joints if joint.name not in leaders]:
         raise TeleopError(
-            f"{leader.arm} has no {', '.join(missing)}, which {follower.arm} has: a leader has joints of the same names"
+            f"{leader.arm} lacks {', '.join(missing)} of {follower.arm}: a leader must have the joints of its follower"
         )
     hands = hand_joints(follower)
     made = []
     for joint in follower.robot.joints:
-        gain, offset, theirs_too = 1.0, 0.0, theirs[joint.name]
+        gain, offset = 1.0, 0.0
         if joint.name in hands:
-            ours, its = joint.limits, theirs_too.limits
-            gain = (ours.upper - ours.lower) / (its.upper - its.lower)
-            offset = ours.lower - gain * its.lower
+            own, lead = joint.limits, leaders[joint.name].limits
+            gain = (own.upper - own.lower) / (lead.upper - lead.lower)
+            offset = own.lower - gain * lead.lower
         made.append(
             FollowedJoint(
                 joint.name, leader_joint(joint.name), joint.limits, offset, gain, setup.compliances.get(joint.name)
@@ -175,7 +191,7 @@ def followed_joints(leader: Files, follower: Files, setup: HardwareSetup) -> lis
 
 
 def hand_joints(files: Files) -> set[str]:
-    """The joints of controllers that are no arm's: of grippers and forward commands."""
+    """Return the joints without a trajectory controller, such as those of grippers."""
     arm = {
         joint
         for spec in files.controllers.controllers

@@ -1,4 +1,4 @@
-"""The person's part of teleoperation: the keys, a leader that is lost, and a follower servo that has released."""
+"""Handle the keys, a lost leader and released follower servos during teleoperation."""
 
 from collections.abc import Callable, Iterator
 from typing import Any, Final, Protocol
@@ -14,54 +14,54 @@ from servoloop.manual.dead_man import Keys
 from servoloop.teleop.arms import NAME, Teleop
 
 AGAIN_S: Final = 1.0
-"""Time between two searches for a lost leader, in seconds."""
+"""Time between attempts to reconnect a lost leader, in seconds."""
 REACTIVATE: Final = "a"
-"""The key that gives torque back to follower servos that have released."""
-HINT: Final = f"{REACTIVATE} activates them again where they stand"
-HANDS_FREE_HINT: Final = "end with Ctrl-C and start again: torque then comes back"
+"""Key that enables torque again on follower servos that have released it."""
+HINT: Final = f"press {REACTIVATE} to enable their torque again at their current position"
+HANDS_FREE_HINT: Final = "press Ctrl-C and start again to enable their torque"
 
 
 class Person(Keys, Protocol):
-    """The person at the keys, who sees both arms."""
+    """User interface with the keys and a display of both arms."""
 
     @property
     def hint(self) -> str:
-        """How follower servos that have released get torque again."""
+        """Instruction for enabling torque again on released follower servos."""
         ...
 
     def show(self, both: Teleop, notes: list[str]) -> None:
-        """Show both arms, and what else there is to know; called many times a second."""
+        """Display both arms and additional notes. Called many times per second."""
         ...
 
 
 class Attendance:
-    """Looks after both arms in the person's thread, beside the loop."""
+    """Supervision of both arms in the thread of the user interface."""
 
     def __init__(self, both: Teleop, person: Person, end: Callable[[], None]) -> None:
-        """``end``: ends the loop."""
+        """``end`` ends the loop."""
         self._both, self._person, self._end = both, person, end
-        self._looked_s = 0.0
+        self._tried_s = 0.0
         self._leader: Request[None] | None = None
         self._reactivation: Iterator[Request[Any]] | None = None
         self._step: Request[Any] | None = None
         self._problem = ""
 
-    def look(self, now_s: float) -> None:
-        """Do what the keys and the faults call for; never waits."""
+    def update(self, now_s: float) -> None:
+        """React to keys and faults without waiting."""
         both, person = self._both, self._person
         both.controller.allowed = person.allowed(now_s)
         if person.ended() or both.lost:
             self._end()
-        if both.leader.error is not None and now_s - self._looked_s > AGAIN_S:
-            self._looked_s = now_s
+        if both.leader.error is not None and now_s - self._tried_s > AGAIN_S:
+            self._tried_s = now_s
             self._leader = both.loop.component_transitions.ask(LEADER, LifecycleState.INACTIVE)
         if REACTIVATE in person.commands() and self._reactivation is None and self._limp():
             self._reactivation, self._step, self._problem = self._reactivate(self._limp()), None, ""
-        self._go_on()
+        self._continue_reactivation()
         person.show(both, list(self._notes()))
 
     def _limp(self) -> list[Component]:
-        """The follower's components with a servo that has released, or that are not active after a failed attempt."""
+        """Return the follower components with released servos, or inactive after a failed attempt."""
         state = self._both.latency.state
         limp = {joint for joint, fault in state.faults.items() if fault.kind == "no_torque"} if state else set()
         return [
@@ -71,15 +71,15 @@ class Attendance:
         ]
 
     def _reactivate(self, components: list[Component]) -> Iterator[Request[Any]]:
-        """The steps, one after the other. The servos that hold torque go on holding it."""
+        """Yield the requests of a reactivation one by one. Servos with torque keep it."""
         loop = self._both.loop
         for one in components:
             yield loop.component_transitions.ask(one.name, LifecycleState.INACTIVE)
             yield loop.component_transitions.ask(one.name, LifecycleState.ACTIVE)
         yield loop.requests.ask(lambda: loop.manager.switch(SwitchRequest(activate=(NAME,)), loop.command))
 
-    def _go_on(self) -> None:
-        """Take the next step of a reactivation when the step before it is done."""
+    def _continue_reactivation(self) -> None:
+        """Start the next step of a reactivation when the previous step is done."""
         if self._reactivation is None or (self._step is not None and not self._step.done):
             return
         try:
@@ -95,13 +95,13 @@ class Attendance:
         if self._both.leader.error is not None and (problem := _problem(self._leader)):
             yield problem
         if self._reactivation is not None:
-            yield "torque comes back"
+            yield "enabling torque"
         elif self._limp():
             yield from filter(None, (self._problem, self._person.hint))
 
 
 def _problem(request: Request[None] | None) -> str:
-    """Why a request failed; empty if it has not."""
+    """Return the error of a failed request, or an empty string."""
     if request is None or not request.done:
         return ""
     try:

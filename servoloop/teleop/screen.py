@@ -1,4 +1,4 @@
-"""What a person sees while they lead: what the follower does and why, both arms' joints, faults by name."""
+"""Terminal user interface of teleoperation: state of the follower, joints of both arms, and faults."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack
@@ -20,10 +20,10 @@ STYLES = {Phase.HOLDING: "yellow", Phase.JOINING: "cyan", Phase.FOLLOWING: "gree
 
 
 class Screen(LiveTable):
-    """The person at the terminal: answers questions, then holds the key and sees both arms."""
+    """Terminal user interface with questions, a dead-man key and a live table of both arms."""
 
     summary = ""
-    """Of the whole, for its end."""
+    """Statistics to print at the end."""
 
     def __init__(
         self,
@@ -32,7 +32,14 @@ class Screen(LiveTable):
         confirm: Callable[[str], None],
         hint: str = HINT,
     ) -> None:
-        """``keys``: the context in which the terminal's keys are read."""
+        """Create the user interface.
+
+        Args:
+            console: Console of the terminal.
+            keys: Context in which the keys of the terminal are read.
+            confirm: Asks a question and raises an error unless the answer is yes.
+            hint: Instruction for enabling torque again.
+        """
         super().__init__(console)
         self.console, self.confirm, self.hint = console, confirm, hint
         self._open_keys = keys
@@ -50,26 +57,26 @@ class Screen(LiveTable):
         self._entered.close()
 
     def allowed(self, now_s: float) -> bool:
-        """Whether the follower may move now."""
+        """Return whether the follower may move now."""
         return self._keys is not None and self._keys.allowed(now_s)
 
     def ended(self) -> bool:
-        """Whether the user wants the motion to end."""
+        """Return whether the user wants to end the motion."""
         return self._keys is not None and self._keys.ended()
 
     def commands(self) -> Sequence[str]:
-        """The command keys that were pressed since the last call."""
+        """Return the command keys pressed since the last call."""
         return () if self._keys is None else self._keys.commands()
 
     def show(self, both: Teleop, notes: Sequence[str] = ()) -> None:
-        """Show how it stands now."""
+        """Display the current state."""
         self.summary = f"{both.loop.figures.summary}; {both.latency.summary}"
         phase = both.controller.phase
-        self.draw("; ".join([said(both), *notes]), lambda: Group(Text(phase, style=STYLES[phase]), _table(both)))
+        self.draw("; ".join([status_line(both), *notes]), lambda: Group(Text(phase, style=STYLES[phase]), _table(both)))
 
 
-def said(both: Teleop) -> str:
-    """What the follower does, and what is wrong, in one line."""
+def status_line(both: Teleop) -> str:
+    """Return the state of the follower and all problems in one line."""
     controller, state = both.controller, both.latency.state
     faults = [fault.text for fault in state.faults.values() if fault.text != controller.reason] if state else []
     reasons = [reason for reason in (controller.reason, *dict.fromkeys(faults), *controller.beyond.values()) if reason]
@@ -77,7 +84,7 @@ def said(both: Teleop) -> str:
 
 
 def _table(both: Teleop) -> Table:
-    """Where both arms are; the error is from where the leader is, also outside the follower's limits."""
+    """Return a table of both arms. The error is relative to the leader, even outside the follower's limits."""
     table = Table("joint", "leader", "follower", "error")
     for joint, leader, follower, error in rows(both):
         state, red = both.latency.state, joint in both.controller.beyond
@@ -87,12 +94,12 @@ def _table(both: Teleop) -> Table:
 
 
 def rows(both: Teleop) -> list[tuple[str, float, float, float]]:
-    """Each joint with the leader's position, the follower's, and how far the follower is from where it is led."""
+    """Return each joint with the positions of leader and follower, and the error of the follower."""
     state, controller = both.latency.state, both.controller
     if state is None:
         return []
-    where = dict(zip(both.loop.hardware.joints, state.position.tolist(), strict=True))
+    position = dict(zip(both.loop.hardware.joints, state.position.tolist(), strict=True))
     return [
-        (one.joint, where[one.leader], where[one.joint], wanted - where[one.joint])
+        (one.joint, position[one.leader], position[one.joint], wanted - position[one.joint])
         for one, wanted in zip(controller.joints, controller.wanted.tolist(), strict=True)
     ]

@@ -1,4 +1,4 @@
-"""One teleoperation from start to end: the loop in its thread, the person at the terminal in this one."""
+"""Run a teleoperation from start to end. The loop has its own thread; the user interface runs in this one."""
 
 import time
 from dataclasses import replace
@@ -17,10 +17,10 @@ from servoloop.teleop.attendance import Attendance, Person
 
 
 class Leading(Person, Protocol):
-    """The person at the terminal. Within the context their keys are read and the arms are shown."""
+    """Terminal user interface. Within its context, keys are read and the arms are displayed."""
 
     def confirm(self, question: str) -> None:
-        """Raise an error unless the answer is yes."""
+        """Ask a question. Raise an error unless the answer is yes."""
         ...
 
     def __enter__(self) -> object: ...
@@ -30,11 +30,23 @@ class Leading(Person, Protocol):
 
 
 def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
-    """Let the follower follow until a signal, the person's key, or a fault; the exit status.
+    """Run a teleoperation until a signal, a key or a fault ends it.
 
-    A leader that holds torque is released only if the person agrees. The follower ends held or parked, as its robot
-    file says, and the leader as it is, limp. Viewers find both under the follower's name. Raises as bringing up an
-    arm does, TeleopError, and what ``person.confirm`` raises.
+    A leader with torque is released only after a confirmation. At the end, the follower holds its position or parks, as
+    its robot file requires, and the leader stays limp. The live feed shows both arms under the follower's name.
+
+    Args:
+        leader: Files and devices of the leader.
+        follower: Files and devices of the follower.
+        rate_hz: Rate of the loop.
+        person: User interface.
+
+    Returns:
+        Exit status.
+
+    Raises:
+        TeleopError: The arms cannot be leader and follower.
+        DriverError, HalError: An arm cannot be activated.
     """
     files = replace(follower.files, controllers=replace(follower.files.controllers, update_rate_hz=rate_hz))
     clock, worker, recording = MonotonicClock(), BackgroundWorker(), StackRecording(None)
@@ -42,7 +54,7 @@ def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
     stack, loop, signals = both.stack, both.loop, Signals(LEFT)
     run = LoopThread(stack, signals)
     with stack.configured(hangs=run.hangs):
-        release_leader(both, person.confirm)  # until here a signal ends the program at once, and nothing has changed
+        release_leader(both, person.confirm)  # a signal before this point ends the program at once
         with signals, person:
             claim_realtime_priority()
             with recording.of(loop, files, wall_offset_s(clock, time.time), lambda: run.failed, stack.setup.scene):
@@ -52,9 +64,9 @@ def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
 
 
 def _run(run: LoopThread, both: Teleop, person: Person) -> None:
-    """The loop runs in its thread until this one says that it is enough."""
+    """Run the loop in its thread and supervise the arms in this thread."""
     attendance = Attendance(both, person, run.signals.ask)
     try:
-        run_beside(run, lambda: attendance.look(time.monotonic()))
+        run_beside(run, lambda: attendance.update(time.monotonic()))
     finally:
         both.controller.allowed = False

@@ -1,1 +1,1 @@
-"""Tests of your own nodes, controllers and robot files on virtual servos: docs/test-your-robot.md."""
+"""Test your own nodes, controllers and robot files on virtual servos. See docs/test-your-robot.md."""

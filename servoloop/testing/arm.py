@@ -1,4 +1,4 @@
-"""A virtual arm for tests: the whole stack on simulated time in the test's own thread, no ROS, no waiting."""
+"""Virtual arm for tests: the whole stack in simulated time, in the thread of the test and without ROS."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ __all__ = ["ArmTestError", "VirtualArm"]
 
 
 class VirtualArm:
-    """A virtual arm: its servos, the controllers of its controllers file, and what you add. ``up`` switches it on."""
+    """Virtual arm with its servos and the controllers of its controllers file. ``up`` activates the arm."""
 
     def __init__(
         self,
@@ -38,18 +38,18 @@ class VirtualArm:
         without: tuple[str, ...] = (),
         examined: tuple[str, ...] = (),
     ) -> None:
-        """Build an arm that is not up yet.
+        """Build an inactive arm.
 
         Args:
-            files: arm, urdf, robot, controllers, as for ``servoloop up``.
-            seed: the spread of the servos and of the drawn faults; None is the nominal arm.
-            backlash_deg: backlash of each servo.
-            also: invariants beside those of campaigns.
-            without: names of invariants that do not watch.
-            examined: names of invariants that must examine something until the end.
+            files: Values of the options arm, urdf, robot and controllers of ``servoloop up``.
+            seed: Seed of the servos' spread and of random faults. None: the nominal arm.
+            backlash_deg: Backlash of each servo, in degrees.
+            also: Additional invariants.
+            without: Names of invariants to leave out.
+            examined: Names of invariants whose condition must occur in the test.
 
         Raises:
-            ArmTestError: an invariant is unknown, or in both ``without`` and ``examined``.
+            ArmTestError: An invariant is unknown, or in both ``without`` and ``examined``.
         """
         paths = {name: Path(path) for name, path in files.items() if name != "arm"}
         self.stack = FaultyStack(
@@ -59,46 +59,47 @@ class VirtualArm:
         )
         self.seed = seed
         self.state: JointState | None = None
-        """The last cycle's measurement."""
+        """Joint state of the last cycle."""
         self._faults: list[Event] = []
         self._up = False
         self._up_s = 0.0
-        """The world's time when the arm came up."""
+        """Time of the world when the arm became active, in seconds."""
         self.stack.on_state = self._on_state
         self._chosen = ChosenInvariants(also, without, examined)
         self._watch = self._chosen.watch(self.stack)
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The names of all joints with servos."""
+        """Names of all joints with servos."""
         return self.stack.loop.hardware.joints
 
     @property
     def time_s(self) -> float:
-        """Simulated time."""
+        """Simulated time, in seconds."""
         return self.stack.clock.now()
 
     @property
     def violations(self) -> tuple[Violation, ...]:
-        """The first violation of each invariant so far."""
+        """First violation of each violated invariant so far."""
         return tuple(self._watch.violations.values())
 
     @property
     def examined(self) -> dict[str, int]:
-        """How often each invariant has examined its condition so far, by name."""
+        """Number of times that each invariant has examined its condition so far, by name."""
         return self._watch.examined
 
     @property
     def positions(self) -> dict[str, float]:
-        """The measured positions, rad or m, by joint."""
+        """Measured positions by joint, in rad or m."""
         if self.state is None:
-            raise ArmTestError("nothing is measured yet: call virtual_arm.up() first")
+            raise ArmTestError("the arm has no measurement yet: call virtual_arm.up() first")
         return dict(zip(self.joints, self.state.position.tolist(), strict=True))
 
     def up(self) -> "VirtualArm":
-        """Configure and activate the hardware, then the controllers; the planned faults begin to count.
+        """Activate the hardware and the controllers. The times of planned faults count from here.
 
-        Raises DriverError or HalError where a fault keeps the arm from coming up.
+        Raises:
+            DriverError, HalError: A fault prevents the activation.
         """
         self.stack.player.plan(self._faults)
         self.stack.up()
@@ -107,9 +108,18 @@ class VirtualArm:
         return self
 
     def load_controller(self, name: str, kind: "ControllerType | str", **parameters: Any) -> Any:
-        """Load a controller, inactive: your class, or the type of an installed one. Returns it.
+        """Load a controller without activating it.
 
-        ValueError (pydantic's too) where the parameters do not fit.
+        Args:
+            name: Name of the controller.
+            kind: Your controller class, or the type name of an installed controller.
+            **parameters: Parameters of the controller.
+
+        Returns:
+            The controller.
+
+        Raises:
+            ValueError: The parameters are invalid.
         """
         type_ = controller_types()[kind] if isinstance(kind, str) else kind
         built = type_.build(name, type_.parameters_type(**parameters), self.stack.control_stack.context)
@@ -117,29 +127,29 @@ class VirtualArm:
         return built
 
     def switch_controllers(self, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Switch controllers between two cycles. Raises SwitchError, whose text says why not."""
+        """Switch controllers between two cycles. Raises SwitchError with the reason if the switch is refused."""
         loop = self.stack.loop
         loop.manager.switch(SwitchRequest(activate=tuple(activate), deactivate=tuple(deactivate)), loop.within_limits)
 
     def send_goal(
         self, positions: Mapping[str, float], seconds: float = 2.0, controller: str | None = None
     ) -> GoalHandle:
-        """Send a goal with one point; joints that are not named stay where they are.
+        """Send a goal with one point. Joints without a position hold their measured position.
 
         Args:
-            positions: rad or m, by joint.
-            seconds: time from the start of the goal to its point.
-            controller: the name of a controller that takes goals; None is the arm's joint trajectory controller.
+            positions: Target positions by joint, in rad or m.
+            seconds: Time from the start of the goal to its point.
+            controller: Name of a controller that accepts goals. None: the arm's joint trajectory controller.
 
         Returns:
-            The handle of the goal.
+            Handle of the goal.
 
         Raises:
-            ArmTestError: the controller is unknown, takes no goals, or refuses this one.
+            ArmTestError: The controller is unknown, does not accept goals, or refuses this goal.
         """
         here, target = self.positions, self._goal_controller(controller)
         if unknown := [name for name in positions if name not in target.joints]:
-            raise ArmTestError(f"{target.name} has no joint {unknown[0]!r}: {', '.join(target.joints)}")
+            raise ArmTestError(f"{target.name} has no joint {unknown[0]!r}: choose from {', '.join(target.joints)}")
         point = GoalPoint(tuple(positions.get(name, here[name]) for name in target.joints), seconds)
         goal = TrajectoryGoal(tuple(target.joints), (point,))
         if reason := target.check(goal):
@@ -148,29 +158,29 @@ class VirtualArm:
         return handle
 
     def cancel(self, goal: GoalHandle) -> None:
-        """Ask the goal's controller to cancel it. Raises ArmTestError if ``send_goal`` has not sent the goal."""
+        """Request the cancellation of a goal. Raises ArmTestError if the goal was not sent by ``send_goal``."""
         for logged in self.stack.goals.goals:
             if logged.handle is goal:
                 self.stack.controllers[logged.controller].cancel(goal)
                 return
-        raise ArmTestError("the goal to cancel was not sent by virtual_arm.send_goal: cancel what send_goal returned")
+        raise ArmTestError("cancel: the goal is unknown: pass the handle returned by virtual_arm.send_goal")
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Let cycles pass for so long, or until ``until()``."""
+        """Run cycles for a time, or until ``until`` returns true."""
         self._require_up()
         self.stack.run(seconds, until)
 
     def plan(self, *faults: str) -> None:
-        """Have faults happen at their times since ``up``, or since the start or the end; later ones with ``fault``."""
+        """Plan faults before ``up``. Their times count from ``up``, the start or the end of the program."""
         self._faults += map(parse, faults)
 
     def draw(self, count: int = 3, within_s: float = 5.0, kinds: Iterable[str] | None = None) -> None:
-        """Draw faults from the arm's seed as ``servoloop campaign`` does, except at the start: the arm must come up."""
+        """Plan random faults from the arm's seed, as ``servoloop campaign`` does, but none during the activation."""
         there = replace(self.stack.player.targets.inventory, start_s=None)
         self._faults += draw(self.seed or 0, there, within_s, count, None if kinds is None else tuple(kinds))
 
     def fault(self, text: str) -> None:
-        """Have a fault happen now, or ``at`` so many seconds from now."""
+        """Inject a fault now, or after the delay given by its ``at``."""
         self._require_up()
         event, now_s = parse(text), self.stack.world.time_s
         self.stack.player.play([event], now_s)
@@ -179,11 +189,11 @@ class VirtualArm:
         self._faults.append(event)
 
     def end(self) -> str:
-        """End the program as ``servoloop up`` does, once.
+        """Shut the arm down as ``servoloop up`` does. Later calls have no effect on the arm.
 
         Returns:
-            The violations with the faults, and the invariants that examined nothing but should have; empty if there
-            are none.
+            Report of the violations, the invariants that should have examined something but did not, and the faults.
+            Empty if there are no problems.
         """
         if self._up:
             self._up = False
@@ -197,16 +207,16 @@ class VirtualArm:
 
     def _require_up(self) -> None:
         if not self._up:
-            raise ArmTestError("the arm is not up: call virtual_arm.up() first")
+            raise ArmTestError("the arm is not active: call virtual_arm.up() first")
 
     def _goal_controller(self, name: str | None) -> Upsettable:
         controllers = self.stack.controllers
         controller = controllers.get(self.stack.arm.name if name is None else name)
         if controller is None:
-            raise ArmTestError(f"there is no controller {name!r}: {', '.join(controllers)}")
+            raise ArmTestError(f"there is no controller {name!r}: choose one of {', '.join(controllers)}")
         if not controller.takes_goals:
             needed = f"{', '.join(GOAL_ATTRIBUTES[:-1])} and {GOAL_ATTRIBUTES[-1]}"
-            raise ArmTestError(f"{name} takes no goals: a controller that does has {needed}")
+            raise ArmTestError(f"{name} does not accept goals: a controller with goals has {needed}")
         return controller
 
     def _on_state(self, state: JointState) -> None:

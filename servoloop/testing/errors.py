@@ -1,7 +1,7 @@
-"""The mistakes of a test on a virtual arm."""
+"""Error of a test on a virtual arm."""
 
 from drivers.errors import DriverError
 
 
 class ArmTestError(DriverError):
-    """A test that asks for what this arm cannot do; the text says how to fix the test."""
+    """Raised when a test requests something that the arm cannot do. The message explains how to fix the test."""

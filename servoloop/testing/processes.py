@@ -1,4 +1,4 @@
-"""Virtual servos for other programs: a bus on a pseudo-terminal, and the ROS stack, each in a process of its own."""
+"""Run a virtual bus on a pseudo-terminal, or the ROS stack, in a process of its own for tests."""
 
 import fcntl
 import os
@@ -17,12 +17,15 @@ from drivers.errors import DriverError
 from nodes.discovery import stay_on_this_machine
 
 DOMAINS = range(1, 98, 4)
-"""From 102 on they can meet the ports that Linux hands out; a run may use the next two as well."""
+"""ROS domain IDs for tests. A run may also use the next two IDs. From 102 on, Linux may use the ports of a domain."""
 
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """One that no other run on this machine has: the lock on its file ends with the process, however that ends."""
+    """Yield a ROS domain ID that no other test run on this computer uses.
+
+    A lock on a file reserves the ID. The lock ends with the process, even if the process is killed.
+    """
     for domain in random.sample(DOMAINS, len(DOMAINS)):
         with Path(tempfile.gettempdir(), f"servoloop-tests-of-{os.getuid()}-ros-domain-{domain}").open("w") as file:
             try:
@@ -36,12 +39,12 @@ def free_domain() -> Iterator[int]:
 
 @contextmanager
 def own_domain(settings: Mapping[str, str]) -> Iterator[int]:
-    """A free domain on this machine alone, in the environment with these ``settings`` until the end of the block."""
+    """Set the environment to a free ROS domain, limited to this computer, and to ``settings`` within the context."""
     with free_domain() as domain:
-        said = {"ROS_DOMAIN_ID": str(domain), **settings}
-        stay_on_this_machine(said)
-        before = {name: os.environ.get(name) for name in said}
-        os.environ.update(said)
+        environment = {"ROS_DOMAIN_ID": str(domain), **settings}
+        stay_on_this_machine(environment)
+        before = {name: os.environ.get(name) for name in environment}
+        os.environ.update(environment)
         try:
             yield domain
         finally:
@@ -54,19 +57,19 @@ def own_domain(settings: Mapping[str, str]) -> Iterator[int]:
 
 START_S = 60.0
 END_S = 30.0
-LOOK_S = 0.02
+POLL_S = 0.02
 
 
 class ProcessTestError(DriverError):
-    """A process of servoloop that did not start; its last words."""
+    """Raised when a servoloop process did not start. The message has its output."""
 
 
 class _Process:
-    """``servoloop`` with these arguments, from ``ready`` on until the end of the block."""
+    """Process of ``servoloop`` that runs within a context."""
 
     def __init__(self, files: Mapping[str, Any], folder: Path) -> None:
         self.log = folder / "servoloop.log"
-        """What it printed."""
+        """File with the output of the process."""
         self._files = [text for name, value in files.items() for text in (f"--{name}", str(value))]
         self._folder = folder
 
@@ -92,48 +95,48 @@ class _Process:
         while not ready.exists():
             if process.poll() is not None or clock.now() > deadline_s:
                 raise ProcessTestError(f"servoloop did not start:\n{self.log.read_text(errors='replace')}")
-            clock.sleep_until(clock.now() + LOOK_S)
+            clock.sleep_until(clock.now() + POLL_S)
 
 
 class VirtualBus(_Process):
-    """``servoloop emulate``: ``port`` takes any client that takes a serial port."""
+    """Process of ``servoloop emulate``. Any client of a serial port can use ``port``."""
 
     def __init__(
         self, files: Mapping[str, Any], folder: Path, seed: int | None = None, backlash_deg: float = 1.0
     ) -> None:
         super().__init__({name: path for name, path in files.items() if name != "controllers"}, folder)
         self.port = str(folder / "bus")
-        """The path of the serial port; several buses: this and ``.NAME`` each."""
+        """Path of the serial port. With several buses, each bus has this path followed by ``.NAME``."""
         self._seed = () if seed is None else ("--seed", str(seed))
         self._backlash = ("--backlash", str(backlash_deg))
 
     @contextmanager
     def running(self) -> Iterator[Self]:
-        """Serve it until the end of the block."""
+        """Run the virtual servos within the context."""
         from sim_backend.scene.world_feed import feed_path
 
         with self._run(("emulate", self.port, *self._seed, *self._backlash), feed_path(Path(self.port))):
             yield self
 
     def fault(self, text: str) -> None:
-        """Have a fault happen, such as ``silent id=3 for=2s``. Raises ValueError where it cannot."""
+        """Inject a fault such as ``silent id=3 for=2s``. Raises ValueError if the fault is not possible."""
         from sim_backend.control import ask, control_path
 
         ask(control_path(Path(self.port)), {"do": "fault", "text": text})
 
 
 class RosStack(_Process):
-    """``servoloop up`` with virtual servos, in a ROS domain of its own, which is the test's too."""
+    """Process of ``servoloop up`` with virtual servos, in a ROS domain shared only with the test."""
 
     def __init__(self, files: Mapping[str, Any], folder: Path, rtf: float | str | None = None) -> None:
         super().__init__(files, folder)
         self.domain = -1
-        """Its ROS_DOMAIN_ID, set in ``os.environ`` too while it runs."""
+        """ROS_DOMAIN_ID of the stack. It is also set in ``os.environ`` while the stack runs."""
         self._rtf = () if rtf is None else ("--rtf", str(rtf))
 
     @contextmanager
     def running(self) -> Iterator[Self]:
-        """Have it up until the end of the block. Nodes that the test makes find it; so do processes it starts."""
+        """Run the stack within the context. Nodes and processes created by the test can reach it."""
         ready = self._folder / "ready"
         settings = {"ROS_LOG_DIR": str(self._folder / "ros_log")}
         with own_domain(settings) as self.domain, self._run(("up", "--ready-file", str(ready), *self._rtf), ready):

@@ -1,4 +1,4 @@
-"""`servoloop arms show`: the arm, where its joints are in the picture, and which way they turn."""
+"""`servoloop arms show`: picture of the arm with the places and directions of its joints."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +27,7 @@ def block(place: tuple[float, float, float], rgb: tuple[float, float, float], si
     return Solid((vertices - 0.5) * size, faces, (place, from_rpy((0.0, 0.0, 0.3))), rgb)
 
 
-def test_everything_is_in_the_picture_where_it_is_said_to_be() -> None:
+def test_points_are_at_their_computed_pixels() -> None:
     places = np.array([[0.0, 0.0, 0.0], [0.7, 0.1, 0.2], [0.1, 0.4, 0.9]])
     reds = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
     solids = [block(tuple(place.tolist()), rgb) for place, rgb in zip(places, reds, strict=True)]
@@ -59,7 +59,7 @@ def test_every_arm_has_shapes_and_an_arrow_for_each_servo_toward_greater_positio
 
 
 def _carried(model: ArmModel, link: str, point: np.ndarray, here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Where a point that is fastened to a link goes."""
+    """Return the path of a point fixed to a link."""
     (before, turn), (after, turned) = _matrix(model, link, here), _matrix(model, link, there)
     return after + turned @ turn.T @ (point - before)
 
@@ -84,7 +84,7 @@ def test_labels_do_not_cover_each_other_and_stay_in_the_picture() -> None:
 
 @pytest.mark.slow
 @pytest.mark.runs("servoloop arms show so101")
-def test_the_picture_is_written_and_the_former_one_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_picture_is_written_and_the_previous_one_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = Path("out", "arms", "so101.png")
     for _ in range(2):
@@ -97,7 +97,7 @@ def test_the_picture_is_written_and_the_former_one_is_kept(tmp_path: Path, monke
 
 
 @pytest.mark.slow
-def test_an_arm_of_ones_own_is_drawn_from_its_description_and_robot_file_alone(tmp_path: Path) -> None:
+def test_user_arm_is_drawn_from_urdf_and_robot_file_only(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
     for name in ("arm.urdf", "robot.yaml", "arm.yaml"):
@@ -108,10 +108,10 @@ def test_an_arm_of_ones_own_is_drawn_from_its_description_and_robot_file_alone(t
         assert image.size == (1200, 760)
 
 
-def test_an_arm_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_unknown_arm_is_named_in_the_error(tmp_path: Path) -> None:
     result = RUNNER.invoke(cli.app, ["arms", "show", "so102"])
     assert result.exit_code != 0 and "there is no arm so102" in str(result.exception)
 
 
-def test_boxes_are_drawn_where_there_is_no_mesh() -> None:
+def test_links_without_mesh_are_drawn_as_boxes() -> None:
     assert len(list(PosedArm(read_arm_servos(find_arm()), {}).solids())) > 10

@@ -1,4 +1,4 @@
-"""``arms check``: each fault of a folder is found, several at once, and arms that ship have none."""
+"""``arms check`` finds every mistake in a folder, also several at once, and none in the included arms."""
 
 import re
 import shutil
@@ -25,12 +25,12 @@ PARALLEL = {
     "controllers.yaml": ARMS.parent / "arm_controllers.yaml",
     "pick_place.yaml": ARMS.parent / "vision_pick_place_controller.yaml",
 }
-"""The arm whose left finger mimics the right one."""
+"""Arm whose left finger mimics the right finger."""
 Edit = tuple[str, str, str]
 
 
 def folder_with(folder: Path, files: dict[str, Path], *edits: Edit) -> Path:
-    """A copy of an arm with something replaced in its files."""
+    """Return a copy of an arm with changes to its files."""
     for name, original in files.items():
         shutil.copy(original, folder / name)
     own = (folder / "arm.yaml").read_text()
@@ -43,12 +43,12 @@ def folder_with(folder: Path, files: dict[str, Path], *edits: Edit) -> Path:
 
 
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
-def test_an_arm_that_ships_is_right(arm: Arm) -> None:
+def test_included_arm_passes_the_check(arm: Arm) -> None:
     assert check_arm(arm.folder) == []
 
 
 @pytest.mark.parametrize("files", [FILES, PARALLEL], ids=["so101", "parallel"])
-def test_a_copy_elsewhere_is_right_too(tmp_path: Path, files: dict[str, Path]) -> None:
+def test_copy_in_another_folder_passes_the_check(tmp_path: Path, files: dict[str, Path]) -> None:
     assert check_arm(folder_with(tmp_path, files)) == []
 
 
@@ -125,7 +125,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     ),
     "a ready pose that is not the keyframe's": (
         ("pick_place.yaml", "ready: [0.0, -0.603", "ready: [0.0, -0.5"),
-        "poses.ready has shoulder_lift at -0.5, and scene.xml's keyframe ready at -0.603",
+        "poses.ready has shoulder_lift at -0.5, but keyframe ready of scene.xml has it at -0.603",
     ),
     "a pose outside the limits": (
         ("pick_place.yaml", "A: [-1.301", "A: [-2.301"),
@@ -135,20 +135,23 @@ FAULTS: dict[str, tuple[Edit, str]] = {
         ("pick_place.yaml", "hand_closed_m: -0.1", "hand_closed_m: -0.3"),
         "hand_closed_m: -0.3",
     ),
-    "a pose of another length": (("pick_place.yaml", "A: [-1.301, ", "A: ["), "bins.A has not one number for each"),
+    "a pose of another length": (
+        ("pick_place.yaml", "A: [-1.301, ", "A: ["),
+        "bins.A must have 5 numbers, one per joint",
+    ),
     "a grade without a bin": (("pick_place.yaml", "[A, B, C]", "[A, B, C, D]"), "grade D has no pose under bins"),
     "joints that the controller does not have": (
         ("pick_place.yaml", "joints: [shoulder_pan, shoulder_lift", "joints: [shoulder_lift, shoulder_pan"),
-        "its joints are not those of arm_controller",
+        "joints must list the joints of arm_controller",
     ),
     "a load that the servos cannot hold": (
         ("arm.urdf", '<mass value="0.087"/>', '<mass value="1.087"/>'),
-        "poses.ready: gravity asks",
+        "poses.ready: gravity loads",
     ),
     "a controller of another joint": (("controllers.yaml", "joints: [gripper]", "joints: [jaw]"), "names jaw"),
     "a joint without a calibration": (
         ("arm.yaml", '    wrist_flex: {positive: "Lower the jaws"}\n', ""),
-        "arm.yaml: calibration says nothing of wrist_flex",
+        "arm.yaml: calibration has no entry for wrist_flex",
     ),
     "a calibration without a joint": (
         ("arm.yaml", "start: {shoulder_lift", "start: {shoulder: 0.0, shoulder_lift"),
@@ -159,7 +162,7 @@ FAULTS: dict[str, tuple[Edit, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_is_found(tmp_path: Path, fault: str) -> None:
+def test_each_mistake_is_found(tmp_path: Path, fault: str) -> None:
     edit, says = FAULTS[fault]
     problems = check_arm(folder_with(tmp_path, FILES, edit))
     assert any(says in problem for problem in problems), problems
@@ -183,13 +186,13 @@ MIMIC: dict[str, tuple[Edit, str]] = {
 
 
 @pytest.mark.parametrize("fault", MIMIC)
-def test_each_fault_of_a_mimic_is_found(tmp_path: Path, fault: str) -> None:
+def test_each_mistake_of_a_mimic_joint_is_found(tmp_path: Path, fault: str) -> None:
     edit, says = MIMIC[fault]
     problems = check_arm(folder_with(tmp_path, PARALLEL, edit))
     assert any(says in problem for problem in problems), problems
 
 
-def test_faults_of_all_files_are_said_at_once(tmp_path: Path) -> None:
+def test_mistakes_of_all_files_are_reported_together(tmp_path: Path) -> None:
     names = [
         *("a joint without a servo", "a mass of zero", "a range that differs", "no keyframe"),
         *("a pose outside the limits", "a controller of another joint", "a joint of the other direction in the scene"),
@@ -207,25 +210,25 @@ def test_a_missing_file_is_named(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("mass", ["-1", "heavy", "nan"])
-def test_masses_that_make_no_sense_are_no_crash(tmp_path: Path, mass: str) -> None:
+def test_invalid_masses_do_not_crash_the_check(tmp_path: Path, mass: str) -> None:
     edit = ("arm.urdf", '<mass value="0.104"/>', f'<mass value="{mass}"/>')
     assert any("lower_arm_link" in problem for problem in check_arm(folder_with(tmp_path, FILES, edit)))
 
 
-def test_pick_place_parameters_and_a_scene_are_not_demanded(tmp_path: Path) -> None:
+def test_pick_place_parameters_and_scene_are_optional(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, FILES)
     (folder / "pick_place.yaml").unlink()
     assert check_arm(folder) == []
     (folder / "scene.xml").unlink()
     assert check_arm(folder) == []
     assert [text.partition(":")[0] for text in missing_parts(read_arm(folder))] == [
-        "without scene.xml",
-        "without pick_place.yaml",
+        "no scene.xml",
+        "no pick_place.yaml",
     ]
 
 
 @pytest.mark.parametrize(("key", "name"), [("scene", "scene.xml"), ("pick_place", "pick_place.yaml")])
-def test_what_arm_yaml_names_must_be_there(tmp_path: Path, key: str, name: str) -> None:
+def test_files_named_in_arm_yaml_must_exist(tmp_path: Path, key: str, name: str) -> None:
     folder = folder_with(tmp_path, FILES)
     (folder / "pick_place.yaml").unlink()
     (folder / "scene.xml").unlink()
@@ -242,17 +245,17 @@ BROKEN = {
     "controllers.yaml": ("update_rate: 20", "update_rate: 0", "controllers.yaml:4: controller_manager.update_rate"),
     "pick_place.yaml": ("[A, B, C]", "[A, B, C, D]", "grade D has no pose under bins"),
 }
-"""One mistake for each file, of the kind that keeps it from being read."""
+"""One mistake per file that makes the file unreadable."""
 
 
-def test_six_broken_files_are_named_at_once(tmp_path: Path) -> None:
+def test_six_broken_files_are_reported_together(tmp_path: Path) -> None:
     edits = [(name, old, new) for name, (old, new, _) in BROKEN.items()]
     problems = check_arm(folder_with(tmp_path, FILES, *edits))
     assert [text for *_, text in BROKEN.values() if not any(text in problem for problem in problems)] == []
 
 
 @pytest.mark.parametrize("good", BROKEN)
-def test_a_file_that_can_be_read_hides_no_other(tmp_path: Path, good: str) -> None:
+def test_readable_file_does_not_hide_mistakes_of_others(tmp_path: Path, good: str) -> None:
     edits = [(name, old, new) for name, (old, new, _) in BROKEN.items() if name != good]
     problems = check_arm(folder_with(tmp_path, FILES, *edits))
     expected = [text for name, (*_, text) in BROKEN.items() if name != good]

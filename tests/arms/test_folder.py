@@ -1,4 +1,4 @@
-"""Arms by name and by folder, on the command line too."""
+"""Arms are found by name and by folder, also on the command line."""
 
 import json
 import re
@@ -17,7 +17,7 @@ from tests.complaint import complaint
 RUNNER = CliRunner()
 
 
-def test_the_arms_that_are_ready() -> None:
+def test_included_arms() -> None:
     so101 = ["so101", "so101_12v", "so101_leader"]
     assert [arm.name for arm in arms()] == ["koch", "robot_arm", "robot_arm_dynamixel", "so100", *so101]
     assert find_arm() == find_arm(OWN) == find_arm(str(ARMS / OWN))
@@ -30,11 +30,11 @@ def test_every_file_of_every_arm_can_be_read() -> None:
         assert files.scene == arm.scene and files.robot_path == arm.robot
 
 
-def test_this_projects_arm_is_that_of_its_files() -> None:
+def test_default_arm_has_the_default_files() -> None:
     assert read_arm_files(find_arm()).robot == read_files().robot
 
 
-def test_single_files_count_more_than_the_arms(tmp_path: Path) -> None:
+def test_single_files_override_the_files_of_the_arm(tmp_path: Path) -> None:
     so101 = find_arm("so101")
     twelve_volts = find_arm("so101_12v").robot
     assert read_arm_files(so101, robot=twelve_volts).robot_path == twelve_volts
@@ -49,7 +49,7 @@ def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
     assert (arm.name, arm.urdf, arm.robot) == ("mine", URDF, folder / "robot.yaml")
 
 
-def test_a_path_is_never_the_arm_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_path_is_never_read_as_the_name_of_an_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ArmFileError, match=r"there is no arm \./so101"):
         find_arm("./so101")
@@ -57,13 +57,13 @@ def test_a_path_is_never_the_arm_of_that_name(tmp_path: Path, monkeypatch: pytes
     assert find_arm("./so101").folder == tmp_path / "so101" and find_arm("so101").folder == ARMS / "so101"
 
 
-def test_an_arm_may_be_like_another_one(tmp_path: Path) -> None:
+def test_arm_may_copy_values_of_another_arm(tmp_path: Path) -> None:
     low, high = find_arm("so101"), find_arm("so101_12v")
     assert (high.urdf, high.scene, high.pick_place) == (low.urdf, low.scene, low.pick_place)
     assert high.robot != low.robot and high.file.calibration == low.file.calibration != type(low.file.calibration)()
     assert (high.file.source, high.file.license) == (low.file.source, low.file.license)
     (tmp_path / "arm.yaml").write_text(f"description: mine\nlike: {high.folder}\n")
-    with pytest.raises(ArmFileError, match=r"so101_12v is itself like \.\./so101: name that one"):
+    with pytest.raises(ArmFileError, match=r"so101_12v itself copies \.\./so101; name \.\./so101 here instead"):
         find_arm(str(tmp_path))
 
 
@@ -72,13 +72,15 @@ def test_a_private_arm_needs_neither_source_nor_license(tmp_path: Path) -> None:
     assert (find_arm(str(tmp_path)).file.source, find_arm(str(tmp_path)).file.license) == ("", "")
 
 
-def test_an_unknown_arm_is_told_which_there_are() -> None:
-    with pytest.raises(ArmFileError, match=r"no arm so102: name one of koch, .*, so101_leader, or a folder"):
+def test_error_for_unknown_arm_lists_the_known_arms() -> None:
+    with pytest.raises(
+        ArmFileError, match=r"no arm so102: choose one of koch, .*, so101_leader, or give the path of a folder"
+    ):
         find_arm("so102")
 
 
 @pytest.mark.parametrize("verb", ["up", "emulate", "demo"])
-def test_every_verb_knows_arms(
+def test_every_command_accepts_an_arm(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, verb: str
 ) -> None:
     more = [str(tmp_path / "bus")] if verb == "emulate" else []
@@ -92,7 +94,7 @@ def test_the_demo_has_the_grades_of_its_arm(
     assert "--grades D: there is no bin for it." in said and "so101/pick_place.yaml" in said
 
 
-def test_the_list_for_people_and_for_programs() -> None:
+def test_list_as_text_and_as_json() -> None:
     words = RUNNER.invoke(cli.app, ["arms"])
     assert words.exit_code == 0 and "so101_12v" in words.output
     listed = json.loads(RUNNER.invoke(cli.app, ["arms", "--json"]).output)
@@ -109,14 +111,14 @@ def test_the_check_on_the_command_line(tmp_path: Path) -> None:
     assert len(json.loads(wrong.output)["problems"]) >= 3
 
 
-def test_the_dynamixel_sister_differs_in_its_efforts_alone() -> None:
+def test_dynamixel_arm_differs_only_in_its_efforts() -> None:
     effort = re.compile(r'effort="[^"]*"')
     one, other = (effort.sub("", path.read_text()) for path in (URDF, find_arm("robot_arm_dynamixel").urdf))
     changed = [pair for pair in zip(one.splitlines(), other.splitlines(), strict=True) if pair[0] != pair[1]]
     assert len(changed) == 2  # the comment and the robot file's name
 
 
-def test_the_leader_differs_in_its_gears_alone() -> None:
+def test_leader_differs_only_in_its_gears() -> None:
     effort = re.compile(r'effort="[^"]*"')
     one, other = (
         effort.sub("", find_arm(name).urdf.read_text().partition("-->")[2]) for name in ("so101", "so101_leader")
@@ -133,7 +135,7 @@ def test_the_leader_differs_in_its_gears_alone() -> None:
     }
 
 
-def test_both_voltages_of_the_so101_are_mounted_alike() -> None:
+def test_both_so101_variants_are_mounted_alike() -> None:
     low, high = (read_arm_files(find_arm(name)).robot for name in ("so101", "so101_12v"))
     assert {joint.model.rated_voltage_v for joint in low.joints} == {7.4}
     assert {joint.model.rated_voltage_v for joint in high.joints} == {12.0}

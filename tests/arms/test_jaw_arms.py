@@ -1,4 +1,4 @@
-"""Arms with a jaw in their cells, on simulated time: the world by itself, and the main job through the whole stack."""
+"""Arms with a jaw, in simulated time: the scene alone, and the pick-and-place job through the whole stack."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ GRADES = ["A", "B", "C"]
 ACTIVATED_S = 2.5
 LARGEST_RAD, RMS_RAD = 0.06, 0.02
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, CYCLES // 500 if CYCLES > 1000 else 1))]
-"""One, and in make soak twenty."""
+"""One seed, and twenty in make soak."""
 
 
 def pick_place(name: str) -> PickPlace:
@@ -36,7 +36,7 @@ def test_joints_and_poses_come_from_the_scene(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_same_efforts_give_the_same_world(name: str) -> None:
+def test_scene_has_the_efforts_of_the_robot_file(name: str) -> None:
     def end() -> bytes:
         world, random = World(find_arm(name).scene), np.random.default_rng(1)
         for _ in range(500):
@@ -79,7 +79,7 @@ def test_its_servos_hold_the_ready_pose(name: str) -> None:
 
 
 class SeenJob(UnpacedJob):
-    """A job during which somebody looks into the bins: a cube may be taken away before the arm is back."""
+    """Job that checks the bins in each cycle, as a cube may be removed before the arm returns."""
 
     def __init__(self, rig: SimulatedStack, grade: str, settings: Settings) -> None:
         super().__init__(rig, grade, settings)
@@ -92,7 +92,7 @@ class SeenJob(UnpacedJob):
 
 
 def sorted_into(rig: SimulatedStack, name: str, grade: str) -> None:
-    """Run one job; the cube lies in the bin of its grade until it is taken away."""
+    """Run one job. The cube must stay in the bin of its grade until it is removed."""
     job = SeenJob(rig, grade, pick_place(name).settings())
     job.run()
     rig.after_cycle = lambda: job.lay.add(rig.world.cube_bin())
@@ -106,12 +106,12 @@ def sorted_into(rig: SimulatedStack, name: str, grade: str) -> None:
     ("name", "grade"),
     [pytest.param(*one, marks=() if one[0] == "so101" else pytest.mark.slow) for one in zip(ARMS, "ABCA", strict=True)],
 )
-def test_the_cube_gets_into_the_bin_of_its_grade(name: str, grade: str) -> None:
-    """All three grades of every arm are below, with backlash."""
+def test_cube_lands_in_the_bin_of_its_grade(name: str, grade: str) -> None:
+    """The tests below cover all three grades of every arm, with backlash."""
     rig = SimulatedStack(files=read_arm_files(find_arm(name))).up()
     rig.run(ACTIVATED_S)
     held: list[float] = []
-    """The jaw's drive while it is reduced."""
+    """Return the reduced drive of the jaw."""
     rig.on_state = lambda state: held.extend(abs(one.load) for one in state.health.values() if one.stall)
     sorted_into(rig, name, grade)
     if name != "koch":  # its servo's gain is too low to press with all of the limit
@@ -125,7 +125,7 @@ def test_the_cube_gets_into_the_bin_of_its_grade(name: str, grade: str) -> None:
 @pytest.mark.parametrize("name", ["so101", *(pytest.param(name, marks=pytest.mark.slow) for name in ARMS[1:])])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_any_arm_with_backlash_sorts_cube_after_cube(name: str, seed: int) -> None:
-    """It lies limp for a while, as the demo's does until the stack is up. No pause between the jobs."""
+    """The arm is limp at first, as in the demo before the stack starts. There is no pause between the jobs."""
     rig = SimulatedStack(files=read_arm_files(find_arm(name)), build=Build(1.0, seed))
     for now_s in (0.0, 5.0):
         rig.bus.advance(now_s)

@@ -1,4 +1,4 @@
-"""``servoloop arms new``: any URDF becomes an arm that the check finds right, and whose virtual servos move it."""
+"""``servoloop arms new`` turns any URDF into an arm that passes the check and moves with virtual servos."""
 
 import re
 from pathlib import Path
@@ -43,20 +43,20 @@ TWO_JOINTS = """<?xml version="1.0"?>
 
 
 def new(folder: Path, text: str, name: str = "my_arm", *options: str) -> Result:
-    """Run the command in a folder with a URDF of this text."""
+    """Run the command in a folder with this URDF."""
     (folder / "robot.urdf").write_text(text)
     return RUNNER.invoke(cli.app, ["arms", "new", str(folder / name), str(folder / "robot.urdf"), *options])
 
 
 def made(folder: Path, text: str, *options: str) -> Path:
-    """The folder of the new arm."""
+    """Return the folder of the new arm."""
     result = new(folder, text, "my_arm", *options)
     assert result.exit_code == 0, result.output
     return folder / "my_arm"
 
 
 def refusal(folder: Path, text: str, name: str = "my_arm") -> str:
-    """The sentence with which a URDF or a name is refused; nothing is written."""
+    """Return the error for a URDF or a name, and check that nothing was written."""
     before = sorted(folder.rglob("*"))
     result = new(folder, text, name)
     assert result.exit_code == 1 and result.exception is not None
@@ -76,7 +76,7 @@ def test_a_urdf_without_a_ros2_control_block_becomes_an_arm(tmp_path: Path, arm:
     assert {joint.name for joint in joints} == {joint.name for joint in read_arm_files(find_arm(arm)).robot.joints}
 
 
-def test_a_block_that_is_there_is_replaced_and_says_which_joints_are_driven(tmp_path: Path) -> None:
+def test_existing_block_is_replaced_and_selects_the_driven_joints(tmp_path: Path) -> None:
     block = """<ros2_control name="old" type="system"><hardware><plugin>acme/Hardware</plugin></hardware>
       <joint name="bend"><command_interface name="velocity"/></joint></ros2_control></robot>"""
     files = read_arm_files(read_arm(made(tmp_path, TWO_JOINTS.replace("</robot>", block))))
@@ -107,7 +107,7 @@ def test_a_continuous_joint_gets_the_range_of_its_servo(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(-6.28, 6.28), (0.0, 4.0), (2.0, 5.0), (-5.0, -4.0)])
-def test_any_range_is_brought_onto_the_counts_of_the_servo(tmp_path: Path, lower: float, upper: float) -> None:
+def test_any_range_is_mapped_to_the_counts_of_the_servo(tmp_path: Path, lower: float, upper: float) -> None:
     folder = made(tmp_path, TWO_JOINTS.replace('lower="-1" upper="1"', f'lower="{lower}" upper="{upper}"', 1))
     assert check_arm(folder) == []
     start = dict(zip(("lift", "bend"), World(folder / "scene.xml").position(), strict=True))
@@ -115,12 +115,12 @@ def test_any_range_is_brought_onto_the_counts_of_the_servo(tmp_path: Path, lower
 
 
 @pytest.mark.parametrize("name", ["1", "yes", "null", "größe", "a: b"])
-def test_a_joint_may_have_any_name_that_yaml_would_read_as_another_value(tmp_path: Path, name: str) -> None:
+def test_joint_names_that_look_like_other_yaml_values_are_kept(tmp_path: Path, name: str) -> None:
     folder = made(tmp_path, TWO_JOINTS.replace('"lift"', f'"{name}"'))
     assert read_arm_files(read_arm(folder)).robot.joints[0].name == name
 
 
-def test_fingers_that_mimic_have_no_servo_and_the_hand_comes_last(tmp_path: Path) -> None:
+def test_mimic_fingers_have_no_servo_and_the_hand_is_last(tmp_path: Path) -> None:
     text = BLOCK.sub("", find_arm("robot_arm").urdf.read_text()).replace('"joint6"', '"wrist"')
     files = read_arm_files(read_arm(made(tmp_path, text)))
     assert files.robot.joints[-1].name == "hand_right_joint"
@@ -140,7 +140,7 @@ def test_other_servos_and_their_bus(tmp_path: Path) -> None:
     assert {joint.model for joint in file.joints.values()} == {"xl430-w250"}
 
 
-def test_what_is_left_to_correct_is_printed(tmp_path: Path) -> None:
+def test_remaining_corrections_are_printed(tmp_path: Path) -> None:
     result = new(tmp_path, TWO_JOINTS.replace('velocity="3" effort="2"', 'velocity="10" effort="99"'))
     assert result.exit_code == 0
     assert (
@@ -163,9 +163,7 @@ def test_what_is_left_to_correct_is_printed(tmp_path: Path) -> None:
         ('<child link="lower"/>', '<child link="nowhere"/>', "nowhere"),
     ],
 )
-def test_a_urdf_that_cannot_be_used_is_refused_with_a_sentence(
-    tmp_path: Path, old: str, new_text: str, expected: str
-) -> None:
+def test_unusable_urdf_is_refused_with_a_reason(tmp_path: Path, old: str, new_text: str, expected: str) -> None:
     text = refusal(tmp_path, TWO_JOINTS.replace(old, new_text))
     assert expected in text and "robot.urdf" in text
 
@@ -173,7 +171,7 @@ def test_a_urdf_that_cannot_be_used_is_refused_with_a_sentence(
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("so101", "an arm so101 comes with servoloop: choose another name"),
+        ("so101", "servoloop already includes an arm so101: choose another name"),
         ("my-arm", "cannot be the name of an arm"),
         ("1arm", "cannot be the name of an arm"),
     ],
@@ -182,10 +180,10 @@ def test_a_name_that_cannot_be_used_is_refused(tmp_path: Path, name: str, expect
     assert expected in refusal(tmp_path, TWO_JOINTS, name)
 
 
-def test_a_folder_that_has_files_is_left_alone(tmp_path: Path) -> None:
+def test_folder_with_files_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "my_arm").mkdir()
     (tmp_path / "my_arm" / "notes.txt").write_text("mine")
-    assert "exists already" in refusal(tmp_path, TWO_JOINTS)
+    assert "already exists" in refusal(tmp_path, TWO_JOINTS)
 
 
 def test_the_file_may_be_in_another_encoding(tmp_path: Path) -> None:

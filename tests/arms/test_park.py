@@ -1,4 +1,4 @@
-"""The pose in which an arm is let go is one in which it lies."""
+"""An arm is stable in the pose in which it is released."""
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ ARMS = ("robot_arm", "robot_arm_dynamixel", "so101", "so101_12v", "so101_leader"
 LATER_S = 6.0
 FALLEN_RAD = 0.2
 OFF_RAD = 0.02
-"""So far the arm may be beside the pose when it is let go."""
+"""Largest distance of the arm from the pose when it is released."""
 
 
 @pytest.mark.parametrize(("name", "backlash_deg"), [(ARMS[0], 0.0), *((name, 1.0) for name in ARMS)])
-def test_an_arm_that_is_parked_and_let_go_stays_there(name: str, backlash_deg: float) -> None:
+def test_parked_and_released_arm_stays_in_place(name: str, backlash_deg: float) -> None:
     files = read_arm_files(find_arm(name))
     park = files.robot.file.park
     assert park is not None, f"{name} is let go wherever it is"

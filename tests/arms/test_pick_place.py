@@ -1,4 +1,4 @@
-"""The pick-place parameters of an arm: a value that the node would refuse is a mistake in the file."""
+"""Pick-place parameters of an arm: values that the node would refuse are reported as mistakes in the file."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from servoloop.stack.pick_place import load_pick_place
         ("      C:", "      c:", "grade C has no pose under bins"),
     ],
 )
-def test_values_that_the_node_refuses_are_mistakes_of_the_file(tmp_path: Path, old: str, new: str, says: str) -> None:
+def test_values_refused_by_the_node_are_reported_with_the_file(tmp_path: Path, old: str, new: str, says: str) -> None:
     text = find_arm().pick_place.read_text()
     assert old in text
     path = tmp_path / "pick_place.yaml"
@@ -33,7 +33,7 @@ def test_values_that_the_node_refuses_are_mistakes_of_the_file(tmp_path: Path, o
     assert str(error.value).startswith(f"{path}:")
 
 
-def test_a_grade_that_can_never_be_asked_for_is_a_mistake_of_the_file(tmp_path: Path) -> None:
+def test_unusable_grade_is_reported_with_the_file(tmp_path: Path) -> None:
     path = tmp_path / "pick_place.yaml"
     text = find_arm().pick_place.read_text()
     path.write_text(text.replace("[A, B, C]", "[A, B, c]").replace("      C:", "      c:"))

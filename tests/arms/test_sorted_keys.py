@@ -1,4 +1,4 @@
-"""The files of an arm mean the same when another program has saved them with their keys in another order."""
+"""The files of an arm keep their meaning if another program saves them with their keys in another order."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +20,7 @@ from sim_backend.faults.servos import Silent
 
 
 def sort_keys(folder: Path, backwards: bool = False) -> None:
-    """Save every YAML file below the folder again with its keys sorted."""
+    """Rewrite every YAML file in a folder with sorted keys."""
 
     def ordered(content: Any) -> Any:
         if isinstance(content, Mapping):
@@ -33,7 +33,7 @@ def sort_keys(folder: Path, backwards: bool = False) -> None:
 
 @pytest.fixture(scope="module", params=[False, True], ids=["sorted", "backwards"])
 def resaved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder ``config`` with all arms that ship, their files saved in another order."""
+    """Return the folder ``config`` with all included arms and sorted keys."""
     home = tmp_path_factory.mktemp("home")
     copytree(CONFIG, home / "config")
     copytree(URDF.parent, home / "urdf")
@@ -42,7 +42,7 @@ def resaved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 @pytest.mark.parametrize("name", sorted(path.parent.name for path in ARMS.glob("*/arm.yaml")))
-def test_an_arm_is_the_same(resaved: Path, name: str) -> None:
+def test_arm_with_sorted_keys_is_equal(resaved: Path, name: str) -> None:
     before, after = find_arm(name), find_arm(str(resaved / "arms" / name))
     auto, auto_after = before.file.calibration.auto, after.file.calibration.auto
     assert after.file.calibration == before.file.calibration
@@ -56,13 +56,13 @@ def test_an_arm_is_the_same(resaved: Path, name: str) -> None:
         assert load_pick_place(before.pick_place) == load_pick_place(after.pick_place)
 
 
-def test_a_seed_draws_the_same_faults(resaved: Path) -> None:
+def test_seed_draws_the_same_faults_with_sorted_keys(resaved: Path) -> None:
     name = "robot_arm_two_buses.yaml"
     there = [inventory_of(read_files(robot=folder / name)) for folder in (CONFIG, resaved)]
     assert draw(3, there[0], 10.0, 20) == draw(3, there[1], 10.0, 20)
 
 
-def test_the_order_of_a_calibration_is_a_list_and_a_mapping_is_refused(tmp_path: Path) -> None:
+def test_order_of_calibration_must_be_a_list(tmp_path: Path) -> None:
     text = (ARMS / "so101" / "arm.yaml").read_text()
     ordered = "stops: [{elbow_flex: -1.65}, {wrist_flex: 0.0}, {shoulder_lift: 0.0}]"
     assert ordered in text
@@ -72,7 +72,7 @@ def test_the_order_of_a_calibration_is_a_list_and_a_mapping_is_refused(tmp_path:
         find_arm(str(tmp_path))
 
 
-def test_poses_and_schedules_are_the_same_with_sorted_keys(tmp_path: Path) -> None:
+def test_poses_and_schedules_are_equal_with_sorted_keys(tmp_path: Path) -> None:
     pose = {"wrist": 0.1, "elbow": -0.2, "base": 0.3}
     Poses(tmp_path).save("over", pose)
     schedule = Schedule(

@@ -47,7 +47,7 @@ def test_what_cannot_be_written_is_said_before_anything_is_asked(
     )
     assert "cannot write into" in said
     said = complaint(capsys, monkeypatch, "bench", "arm", "--port", "./bus", "--out", str(tmp_path))
-    assert f"{tmp_path} is a folder: name a file" in said
+    assert f"{tmp_path} is a folder: choose the name of a file" in said
 
 
 @pytest.mark.parametrize("json_", [True, False])

@@ -55,7 +55,7 @@ def test_a_report_that_cannot_be_written_hides_no_findings(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     assert run(monkeypatch, "doctor", "--port", str(link), "--report", str(tmp_path)) == 1
-    assert f"{tmp_path} is a folder: name a file" in capsys.readouterr().err
+    assert f"{tmp_path} is a folder: choose the name of a file" in capsys.readouterr().err
     monkeypatch.setattr("os.fsync", no_room)
     report = str(tmp_path / "doctor.md")
     assert run(monkeypatch, "doctor", "--port", str(link), "--report", report) == 1

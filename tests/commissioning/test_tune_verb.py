@@ -136,7 +136,7 @@ def test_a_failed_plot_does_not_hide_the_figures(
         ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "give one of them"),
         ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 255, not 999"),
         ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot move to 3.000"),
-        ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: name a file"),
+        ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: choose the name of a file"),
     ],
 )
 def test_mistakes_are_reported_before_any_motion(

@@ -61,7 +61,7 @@ def test_the_tool_takes_any_arm(name: str, monkeypatch: pytest.MonkeyPatch, caps
 
 
 def test_the_tool_says_which_arms_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(SystemExit, match=r"there is no arm so999: name one of .*so101"):
+    with pytest.raises(SystemExit, match=r"there is no arm so999: choose one of .*so101"):
         run_tool(monkeypatch, "so999")
 
 

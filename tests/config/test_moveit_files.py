@@ -15,7 +15,7 @@ from hal.errors import ArmFileError
 from servoloop import cli
 from servoloop.moveit.collision_matrix import Pair, pair
 from servoloop.moveit.files import MOVEIT, moveit_files, read_objects, read_padding_m
-from servoloop.moveit.plannable import PaddedArm, lying_poses, working_poses
+from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.stack.arm_folders import ARMS, Arm, find_arm, read_arm, read_arm_files
 from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
@@ -67,7 +67,7 @@ def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tupl
     arm, folder = written
     model = padded(arm, folder)
     named = {name: state for (group, name), state in states(semantic(folder)).items() if group == "arm"}
-    poses = {**lying_poses(arm), **working_poses(arm), **named}
+    poses = {**rest_poses(arm), **working_poses(arm), **named}
     assert {"the start", "park, hand open, limp", "ready"} <= poses.keys()
     assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
 
@@ -75,7 +75,7 @@ def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tupl
 def test_moveit_can_plan_with_the_files_that_the_launch_takes() -> None:
     arm = find_arm("robot_arm")
     model = padded(arm, MOVEIT)
-    poses = {**lying_poses(arm), **working_poses(arm)}
+    poses = {**rest_poses(arm), **working_poses(arm)}
     assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
 
 

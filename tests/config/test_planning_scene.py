@@ -172,5 +172,5 @@ def world_at(pose: Any) -> World:
 def test_a_scene_without_the_arms_first_body_is_refused(tmp_path: Path) -> None:
     scene = tmp_path / "scene.xml"
     scene.write_text(SCENE.read_text().replace('"base_link"', '"foot"'))
-    with pytest.raises(ArmFileError, match=r"scene.xml:1: the scene has no body base_link, on which the arm stands"):
+    with pytest.raises(ArmFileError, match=r"scene.xml:1: the scene has no body base_link: give the first body"):
         surroundings(scene, PADDING, [])

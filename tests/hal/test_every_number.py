@@ -80,5 +80,5 @@ def test_number_fields_accept_neither_booleans_nor_implausible_numbers(model: ty
 
 def test_the_models_of_all_kinds_of_files_are_tested() -> None:
     names = {model.__qualname__ for model in MODELS}
-    assert {"JointFile", "CalibratedJoint", "LerobotJoint", "TaughtFile", "Scenario", "Schedule", "Silent"} <= names
+    assert {"JointFile", "CalibratedJoint", "LerobotJoint", "MotionFile", "Scenario", "Schedule", "Silent"} <= names
     assert {"TrajectoryParameters", "GripperParameters", "Passport", "PosesFile", "PickPlace", "JointPlan"} <= names

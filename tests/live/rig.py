@@ -1,4 +1,4 @@
-"""A live feed on a socket, with a simulated stack behind it and programs that look on."""
+"""Live feed of a simulated stack on a socket, with viewers."""
 
 import tempfile
 import threading
@@ -17,17 +17,17 @@ from tests.servoloop.served import eventually
 
 @contextmanager
 def runtime_folder(monkeypatch: MonkeyPatch) -> Iterator[Path]:
-    """A folder of running stacks of its own; a socket's path may not be long."""
+    """Return a separate folder for sockets of running stacks. Its path is short, as socket paths are limited."""
     with tempfile.TemporaryDirectory(prefix="live") as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         yield Path(folder)
 
 
 class LiveRig(Rig):
-    """A stack that is up, and its feed; ``play`` gives its cycles to the feed."""
+    """Active stack with its feed. ``play`` sends cycles to the feed."""
 
     def __init__(self, arm: str = "robot_arm", pid: int = 1, folder: Path | None = None) -> None:
-        """``folder``: the arm's own, if the stack tells it."""
+        """``folder`` is the folder of the arm, if the stack publishes it."""
         super().__init__()
         make_live_folder()
         self.feed = LiveFeed(socket_path(arm, pid), self.messages, folder)
@@ -41,12 +41,12 @@ class LiveRig(Rig):
         return len(samples)
 
     def wait_until_read(self) -> None:
-        """Whoever looks on has taken all that was played."""
+        """Wait until all viewers have received all cycles."""
         eventually(lambda: self.feed.flush() or not any(viewer._waiting for viewer in self.feed._viewers))
 
 
-class Onlooker:
-    """A program that looks on, in a thread of its own."""
+class LiveViewer:
+    """Program that receives the feed, in a thread of its own."""
 
     def __init__(self, stream: MessageStream) -> None:
         self.state = RobotState()
@@ -59,7 +59,7 @@ class Onlooker:
             self.state.take(received)
 
     def to_its_end(self) -> RobotState:
-        """All that came until the stream ended."""
+        """Return the robot state at the end of the stream."""
         self._thread.join(30.0)
         assert not self._thread.is_alive()
         return self.state

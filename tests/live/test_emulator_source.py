@@ -1,4 +1,4 @@
-"""A virtual arm that is looked at with no stack: its joints as the emulator publishes them."""
+"""Display of a virtual arm without a stack, from the joint positions published by the emulator."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,37 +34,37 @@ def feed(link: Path) -> Iterator[WorldFeed]:
         yield feed
 
 
-def test_joints_and_cube_are_where_the_emulator_says(link: Path, world: World, feed: WorldFeed) -> None:
+def test_joints_and_cube_are_at_the_published_positions(link: Path, world: World, feed: WorldFeed) -> None:
     source = EmulatorSource(link, DESCRIPTION, SimulatedClock())
-    assert source.well and source.status == f"{link}: virtual servos"
+    assert source.up_to_date and source.status == f"{link}: virtual servos"
     for now_s in (0.0, 1.0):
         feed.tick(now_s, world, 0.0)
-    snapshot = source.watched.state.snapshot
+    snapshot = source.robot.state.snapshot
     assert snapshot.joints == world.joints and snapshot.description_xml == DESCRIPTION.xml
     np.testing.assert_allclose(snapshot.position, world.position())
     assert snapshot.scene["cube"].position_m == pytest.approx(world.poses()["cube"].position_m)
     source.close()
 
 
-def test_an_emulator_that_ends_is_waited_for(link: Path, world: World) -> None:
+def test_source_reconnects_to_a_restarted_emulator(link: Path, world: World) -> None:
     clock = SimulatedClock()
     with WorldFeed(feed_path(link)) as feed:
         source = EmulatorSource(link, DESCRIPTION, clock)
         feed.tick(0.0, world, 0.0)
-        assert source.watched.state.snapshot.joints
-    before = source.watched
-    assert not source.well and source.status == f"{link}: the emulator has ended"
+        assert source.robot.state.snapshot.joints
+    before = source.robot
+    assert not source.up_to_date and source.status == f"{link}: the emulator has ended"
     with WorldFeed(feed_path(link)) as feed:
-        assert source.watched is before, "it looks again a second later"
+        assert source.robot is before, "it looks again a second later"
         clock.sleep_until(clock.now() + AGAIN_S)
-        assert source.watched is not before and source.well
+        assert source.robot is not before and source.up_to_date
         feed.tick(0.0, world, 0.0)
-        assert source.watched.state.snapshot.joints
+        assert source.robot.state.snapshot.joints
     source.close()
 
 
-def test_where_no_emulator_serves_one_sentence_says_how_to_start_one(link: Path) -> None:
+def test_error_without_emulator_explains_how_to_start_one(link: Path) -> None:
     with pytest.raises(
-        LiveError, match=rf"no virtual arm is served at {link}: start one with `servoloop emulate {link}`"
+        LiveError, match=rf"there is no virtual arm at {link}: start one with `servoloop emulate {link}`"
     ):
         EmulatorSource(link, DESCRIPTION, SimulatedClock())

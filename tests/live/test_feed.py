@@ -1,4 +1,4 @@
-"""The live feed: who looks on sees what a recording has, and nobody waits for who is slow."""
+"""The live feed: viewers receive the messages of a recording, and slow viewers delay nobody."""
 
 import os
 import socket
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servoloop.recording import feed as viewer
+from servoloop.recording import feed
 from servoloop.recording.bus_tap import Transfer
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.recording.stream import (
@@ -24,7 +24,7 @@ from servoloop.recording.stream import (
 )
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.robot_files import URDF
-from tests.live.rig import LiveRig, Onlooker, runtime_folder
+from tests.live.rig import LiveRig, LiveViewer, runtime_folder
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
 
@@ -35,16 +35,16 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         yield
 
 
-def test_who_looks_on_sees_every_cycle_from_then_on() -> None:
+def test_viewer_receives_every_cycle_after_connecting() -> None:
     rig = LiveRig()
     rig.play(0.5)
     assert not rig.feed.eager
-    onlooker = Onlooker(open_live(find_stack()))
+    viewer = LiveViewer(open_live(find_stack()))
     goal = rig.stack.go([*READY[:5], READY[5] + 0.2], 1.0)
     cycles = rig.play(1.5)
     assert rig.feed.eager and goal.done
     rig.feed.close((), failed=False)
-    state = onlooker.to_its_end()
+    state = viewer.to_its_end()
     now, last = state.snapshot, rig.samples[-1]
     assert now.joints == tuple(rig.stack.loop.hardware.joints)
     np.testing.assert_array_equal(now.position, last.state.position)
@@ -60,37 +60,37 @@ def test_who_looks_on_sees_every_cycle_from_then_on() -> None:
     assert float(now.statuses["servoloop: joint1 (servo 1)"].values["voltage_v"]) > 5.0
 
 
-def test_who_comes_while_a_goal_is_under_way_sees_it() -> None:
+def test_new_viewer_receives_the_running_goal() -> None:
     rig = LiveRig()
     rig.stack.go([*READY[:5], READY[5] + 0.2], 1.0)
     rig.play(0.5)
-    onlooker = Onlooker(open_live(find_stack()))
+    viewer = LiveViewer(open_live(find_stack()))
     rig.play(0.1)
     rig.feed.close((), failed=False)
-    assert onlooker.to_its_end().snapshot.goals["arm_controller"].ended == ""
+    assert viewer.to_its_end().snapshot.goals["arm_controller"].ended == ""
 
 
-def test_who_comes_behind_the_end_of_a_goal_sees_how_it_ended() -> None:
-    """And not a goal that is under way for ever."""
+def test_new_viewer_receives_the_result_of_the_last_goal() -> None:
+    """Otherwise the goal would appear to run forever."""
     rig = LiveRig()
     for joint6 in (0.2, 0.4):
         rig.stack.go([*READY[:5], READY[5] + joint6], 0.5)
         rig.play(1.5)
-    onlooker = Onlooker(open_live(find_stack()))
+    viewer = LiveViewer(open_live(find_stack()))
     rig.play(0.1)
     rig.stack.go([*READY[:5], READY[5]], 1.0)
     rig.play(0.1)
-    late = Onlooker(open_live(find_stack()))
+    late = LiveViewer(open_live(find_stack()))
     rig.play(0.1)
     rig.feed.close((), failed=False)
-    snapshot = onlooker.to_its_end().snapshot
+    snapshot = viewer.to_its_end().snapshot
     ((_, text),) = snapshot.results
     assert text == "arm_controller: succeeded Goal successfully reached!"
     goal = late.to_its_end().snapshot.goals["arm_controller"]
     assert goal.ended == "" and goal.positions[0][5] == READY[5], "the result was of the goal before"
 
 
-def test_the_bytes_behind_the_last_cycle_are_told_too() -> None:
+def test_bytes_after_the_last_cycle_are_sent() -> None:
     rig = LiveRig()
     stream = open_live(find_stack())
     rig.play(0.2)
@@ -99,23 +99,23 @@ def test_the_bytes_behind_the_last_cycle_are_told_too() -> None:
     assert channel.topic == "/servoloop/bus_traffic" and b"last" in last.data
 
 
-def test_one_who_is_too_slow_loses_whole_cycles_and_knows_how_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(viewer, "BEHIND", 20_000)
+def test_slow_viewer_loses_whole_cycles_and_can_count_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feed, "MAX_QUEUE_BYTES", 20_000)
     rig = LiveRig()
     stream = open_live(find_stack())
     cycles = rig.play(20.0)  # more than the socket takes
-    onlooker = Onlooker(stream)
+    viewer = LiveViewer(stream)
     rig.wait_until_read()
     cycles += rig.play(0.2)
     rig.feed.close((), failed=False)
-    state = onlooker.to_its_end()
+    state = viewer.to_its_end()
     seen = len(state.curves().time_s)
     assert 4 <= seen < cycles and state.snapshot.lost_cycles == cycles - seen
 
 
-def test_one_who_goes_away_in_the_middle_is_forgotten_and_the_others_see_on() -> None:
+def test_disconnected_viewer_is_removed_and_others_continue() -> None:
     rig = LiveRig()
-    gone, there = socket.socket(socket.AF_UNIX), Onlooker(open_live(find_stack()))
+    gone, there = socket.socket(socket.AF_UNIX), LiveViewer(open_live(find_stack()))
     gone.connect(str(find_stack().socket))
     rig.play(0.2)
     gone.close()
@@ -125,16 +125,16 @@ def test_one_who_goes_away_in_the_middle_is_forgotten_and_the_others_see_on() ->
     assert len(there.to_its_end().curves().time_s) >= cycles
 
 
-def test_a_stream_is_closed_from_another_thread() -> None:
+def test_stream_can_be_closed_from_another_thread() -> None:
     rig = LiveRig()
     stream = open_live(find_stack())
-    onlooker = Onlooker(stream)
+    viewer = LiveViewer(stream)
     rig.play(0.2)
     stream.close()
-    onlooker.to_its_end()
+    viewer.to_its_end()
 
 
-def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
+def test_stacks_are_found_by_arm_and_dead_sockets_are_removed() -> None:
     with pytest.raises(LiveError, match="no stack is running: start one with"):
         find_stack()
     make_live_folder()
@@ -145,7 +145,7 @@ def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
     assert running_stacks() == found and not socket_path("koch", 7).exists()
     with pytest.raises(LiveError, match=r"several stacks are running: robot_arm \(process 12\), so101 \(process 11\)"):
         find_stack()
-    with pytest.raises(LiveError, match="no stack of koch is running, but of robot_arm"):
+    with pytest.raises(LiveError, match=r"no stack of koch is running\. Running stacks: robot_arm"):
         find_stack("koch")
     one.feed.close((), failed=False)
     assert find_stack() == found[0]
@@ -155,12 +155,14 @@ def test_stacks_are_found_by_their_arm_and_the_dead_are_cleared_away() -> None:
         open_live(found[0])
 
 
-def test_two_arms_whose_folders_have_one_name_are_told_apart_by_the_folder(tmp_path: Path) -> None:
+def test_arms_with_equal_names_are_distinguished_by_folder(tmp_path: Path) -> None:
     folders = [tmp_path / "left" / "so101", tmp_path / "right" / "so101"]
     for folder in folders:
         folder.mkdir(parents=True)
     rigs = [LiveRig("so101", pid, folder) for pid, folder in enumerate(folders, 1)]
-    with pytest.raises(LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* its folder"):
+    with pytest.raises(
+        LiveError, match=rf"several stacks .*so101 \(process 1, {folders[0]}\).* folder or process number"
+    ):
         find_stack("so101")
     for pid, folder in enumerate(folders, 1):
         found = find_stack(str(folder))
@@ -173,7 +175,7 @@ def test_two_arms_whose_folders_have_one_name_are_told_apart_by_the_folder(tmp_p
     assert not list(live_folder().iterdir())
 
 
-def test_the_folder_of_a_killed_stack_is_cleared_away() -> None:
+def test_folder_link_of_a_killed_stack_is_removed() -> None:
     make_live_folder()
     socket_path("koch", 7).with_suffix(FOLDER).symlink_to("/nowhere")
     with socket.socket(socket.AF_UNIX) as killed:
@@ -181,8 +183,8 @@ def test_the_folder_of_a_killed_stack_is_cleared_away() -> None:
     assert running_stacks() == [] and not list(live_folder().iterdir())
 
 
-def test_a_stack_tells_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user's arm may have the name of a shipped arm; its folder stays its own."""
+def test_stack_publishes_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arm of a user may have the name of an included arm, but has its own folder."""
     own = tmp_path / "robot_arm"
     own.mkdir()
     (own / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'robot_arm'}\n")
@@ -197,11 +199,11 @@ def test_a_stack_tells_the_folder_of_its_arm(tmp_path: Path, monkeypatch: pytest
     assert described.folder == tmp_path, "files that belong to no arm have the poses of no arm"
 
 
-def test_a_stack_that_begins_while_one_looks_for_stacks_is_not_dead(
+def test_starting_stack_is_not_mistaken_for_a_dead_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     class Slow(socket.socket):
-        """A socket whose program is looked for between its name and its listening."""
+        """Socket that is probed after it is bound but before it listens."""
 
         def listen(self, backlog: int = 0) -> None:
             assert running_stacks() == []
@@ -213,9 +215,9 @@ def test_a_stack_that_begins_while_one_looks_for_stacks_is_not_dead(
     rig.feed.close((), failed=False)
 
 
-def test_the_folder_is_its_users_alone() -> None:
+def test_live_folder_is_private_to_its_user() -> None:
     make_live_folder()
     assert os.stat(live_folder()).st_mode & 0o777 == 0o700
     live_folder().chmod(0o755)
-    with pytest.raises(LiveError, match="is not this user's alone"):
+    with pytest.raises(LiveError, match="other users own or can read"):
         make_live_folder()

@@ -1,4 +1,4 @@
-"""``servoloop record``: the file of a running stack is what ``--record`` would have written from then on."""
+"""``servoloop record`` of a running stack writes the same file as ``--record``."""
 
 import threading
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import NonSeekingReader
 
-from servoloop.recording import feed as viewer
+from servoloop.recording import feed
 from servoloop.recording import stack_recording as live_recording
 from servoloop.recording.bus_tap import Transfer
 from servoloop.recording.mcap import RecordingError
@@ -29,7 +29,7 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 class Recording:
-    """``record`` of the stack that runs, in a thread."""
+    """Thread that records the running stack."""
 
     def __init__(self, path: Path, seconds: float | None = None) -> None:
         self.stopped = threading.Event()
@@ -54,13 +54,13 @@ class Recording:
 
 
 def raw(path: Path) -> list[tuple[str, str, bytes, int, bytes]]:
-    """All that is in a file: topic, type and its text, time and bytes of each message."""
+    """Return the contents of a file: topic, type, definition, time and bytes of each message."""
     with path.open("rb") as stream:
         messages = NonSeekingReader(stream).iter_messages(log_time_order=False)
         return [(c.topic, s.name, s.data, m.log_time, m.data) for s, c, m in messages if s is not None]
 
 
-def test_it_is_byte_for_byte_what_record_writes_from_then_on(tmp_path: Path) -> None:
+def test_live_recording_equals_the_output_of_record_option(tmp_path: Path) -> None:
     rig = LiveRig()
     rig.play(0.3)
     recording = Recording(tmp_path / "live.mcap")
@@ -78,7 +78,7 @@ def test_it_is_byte_for_byte_what_record_writes_from_then_on(tmp_path: Path) -> 
     assert raw(tmp_path / "live.mcap") == raw(tmp_path / "whole.mcap")
 
 
-def test_two_readers_read_it_to_the_end_without_a_gap(tmp_path: Path) -> None:
+def test_two_readers_read_live_recording_without_gaps(tmp_path: Path) -> None:
     rig = LiveRig()
     recording = Recording(tmp_path / "live.mcap")
     cycles = rig.play(1.0)
@@ -93,7 +93,7 @@ def test_two_readers_read_it_to_the_end_without_a_gap(tmp_path: Path) -> None:
         assert len(found["/robot_description"]) == len(found["/tf_static"]) == 1
 
 
-def test_it_ends_by_itself_behind_so_many_seconds_of_the_stacks_time(tmp_path: Path) -> None:
+def test_recording_ends_after_its_duration_in_stack_time(tmp_path: Path) -> None:
     rig = LiveRig()
     recording = Recording(tmp_path / "live.mcap", seconds=1.002)
     rig.play(1.5)
@@ -103,7 +103,7 @@ def test_it_ends_by_itself_behind_so_many_seconds_of_the_stacks_time(tmp_path: P
     rig.feed.close((), failed=False)
 
 
-def test_told_to_stop_it_ends_with_a_whole_cycle_also_where_no_more_cycles_come(
+def test_stopped_recording_ends_with_a_complete_cycle_without_further_cycles(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live_recording, "FLUSH_S", 0.1)
@@ -117,7 +117,7 @@ def test_told_to_stop_it_ends_with_a_whole_cycle_also_where_no_more_cycles_come(
     rig.feed.close((), failed=False)
 
 
-def test_told_to_stop_it_ends_though_cycles_come_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stopped_recording_ends_while_cycles_continue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_recording, "FLUSH_S", 60.0)
     rig = LiveRig()
     recording = Recording(tmp_path / "live.mcap")
@@ -130,8 +130,8 @@ def test_told_to_stop_it_ends_though_cycles_come_on(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.slow
-def test_cycles_for_which_it_was_too_slow_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(viewer, "BEHIND", 20_000)
+def test_lost_cycles_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(feed, "MAX_QUEUE_BYTES", 20_000)
     rig = LiveRig()
     stream = open_live(find_stack())
     cycles = rig.play(20.0)  # more than the socket takes
@@ -148,7 +148,7 @@ def test_cycles_for_which_it_was_too_slow_are_counted(tmp_path: Path, monkeypatc
     assert 4 <= done.cycles < cycles and done.lost_cycles == cycles - done.cycles
 
 
-def test_goals_that_had_ended_before_are_not_in_it_and_one_under_way_is(tmp_path: Path) -> None:
+def test_recording_has_running_goals_but_not_past_goals(tmp_path: Path) -> None:
     rig = LiveRig()
     rig.stack.go([*READY[:5], READY[5] + 0.2], 0.5)
     rig.play(1.5)
@@ -170,7 +170,7 @@ def test_a_stack_without_a_cycle_leaves_no_file(tmp_path: Path) -> None:
     rig = LiveRig()
     recording = Recording(tmp_path / "live.mcap")
     recording.stopped.set()
-    with pytest.raises(RecordingError, match="not one cycle has come"):
+    with pytest.raises(RecordingError, match="no cycle arrived"):
         recording.to_its_end()
     assert not (tmp_path / "live.mcap").exists()
     rig.feed.close((), failed=False)

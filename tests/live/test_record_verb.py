@@ -1,4 +1,4 @@
-"""``servoloop record`` as users call it: names, sentences, and what a killed one leaves."""
+"""``servoloop record`` on the command line: file names, messages, and the file of a killed program."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
 
 @contextmanager
 def meanwhile(work: Callable[[], object]) -> Iterator[None]:
-    """Do something in another thread."""
+    """Run a function in another thread."""
     thread = threading.Thread(target=work)
     thread.start()
     yield
@@ -38,7 +38,7 @@ def meanwhile(work: Callable[[], object]) -> Iterator[None]:
 
 
 def called(rig: LiveRig, *arguments: str) -> Result:
-    """The verb, of a stack that ends after half a second."""
+    """Run the command on a stack that ends after half a second."""
 
     def run() -> None:
         eventually(lambda: rig.play(0.05) and rig.feed.eager)
@@ -49,7 +49,7 @@ def called(rig: LiveRig, *arguments: str) -> Result:
         return CliRunner().invoke(app, ["record", *arguments])
 
 
-def test_without_a_name_it_is_below_out_by_date_and_arm_and_the_stacks_end_is_said(tmp_path: Path) -> None:
+def test_default_file_name_has_date_and_arm_and_the_end_of_the_stack_is_reported(tmp_path: Path) -> None:
     result = called(LiveRig())
     assert result.exit_code == 0, result.output
     (path,) = (tmp_path / "out").glob("????-??-??_??-??-??_robot_arm.mcap")
@@ -60,43 +60,43 @@ def test_without_a_name_it_is_below_out_by_date_and_arm_and_the_stacks_end_is_sa
     assert f"recording robot_arm into out/{path.name}; Ctrl-C ends it" in result.stderr
 
 
-def test_its_figures_are_for_programs_too() -> None:
+def test_record_prints_json() -> None:
     rig = LiveRig()
     result = called(rig, "run.mcap", "--arm", "robot_arm", "--seconds", "0.2", "--json")
-    said = json.loads(result.stdout)
-    assert said.pop("length_s") == pytest.approx(0.2, abs=0.051)
-    assert said.pop("cycles") in (4, 5)
-    assert said == {"file": "run.mcap", "lost_cycles": 0, "stack_ended": False}
+    output = json.loads(result.stdout)
+    assert output.pop("length_s") == pytest.approx(0.2, abs=0.051)
+    assert output.pop("cycles") in (4, 5)
+    assert output == {"file": "run.mcap", "lost_cycles": 0, "stack_ended": False}
 
 
-def test_what_is_wrong_is_said_before_a_file_is_made(
+def test_errors_are_reported_before_a_file_is_created(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     assert "no stack is running: start one" in complaint(capsys, monkeypatch, "record", "run.mcap")
-    assert "name ends in .mcap" in complaint(capsys, monkeypatch, "record", "run.bag")
+    assert "name must end in .mcap" in complaint(capsys, monkeypatch, "record", "run.bag")
     assert not list(tmp_path.iterdir())
     (tmp_path / "there.mcap").touch()
     rig = LiveRig()
-    assert "is there already" in complaint(capsys, monkeypatch, "record", "there.mcap")
+    assert "already exists" in complaint(capsys, monkeypatch, "record", "there.mcap")
     assert "no stack of koch is running" in complaint(capsys, monkeypatch, "record", "--arm", "koch")
     rig.feed.close((), failed=False)
 
 
 @pytest.mark.parametrize("signal", ["terminate", "kill"])
-def test_a_signal_ends_the_file_and_what_a_killed_program_leaves_can_be_read(tmp_path: Path, signal: str) -> None:
+def test_recording_is_readable_after_a_signal_or_kill(tmp_path: Path, signal: str) -> None:
     rig, path = LiveRig(), tmp_path / "run.mcap"
     command = [sys.executable, "-m", "servoloop", "record", str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
         eventually(lambda: rig.play(0.05) and rig.feed.eager, 60.0)
         eventually(lambda: rig.play(0.05) and path.exists() and path.stat().st_size > 20_000)
         getattr(process, signal)()
-        said, _ = process.communicate(timeout=30.0)
+        output, _ = process.communicate(timeout=30.0)
     stamps = []
     with path.open("rb") as stream, suppress(Exception):  # whatever the library makes of an end that was not written
         for _, _, message in NonSeekingReader(stream).iter_messages("/joint_states", log_time_order=False):
             stamps.append(message.log_time)
     assert len(stamps) > 2 and stamps == sorted(stamps)
     if signal == "terminate":
-        assert process.returncode == 0 and said.startswith(f"{path}: {len(stamps)} cycles in ")
+        assert process.returncode == 0 and output.startswith(f"{path}: {len(stamps)} cycles in ")
         assert len(by_mcap(path)["/joint_states"]) == len(stamps)
     rig.feed.close((), failed=False)

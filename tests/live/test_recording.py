@@ -1,4 +1,4 @@
-"""A recording that is played: forward, back, and from one moment to another far away."""
+"""Playback of a recording: forward, backward, and with seeks."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from tests.stack.rig import READY
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
-    """More than a minute, with a goal at the beginning and one soon after it."""
+    """Record more than a minute, with one goal at the start and another soon after."""
     path, rig = tmp_path_factory.mktemp("run") / "run.mcap", Rig()
     file = RecordingFile(path, rig.messages)
     for seconds, joint1 in ((1.0, 0.2), (80.0, 0.0)):
@@ -27,7 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
 
 
 @pytest.mark.slow
-def test_every_moment_is_what_was_measured_then_wherever_one_comes_from(run: tuple[Rig, Path]) -> None:
+def test_every_position_shows_its_measurement_after_any_seek(run: tuple[Rig, Path]) -> None:
     rig, path = run
     recording = Recording(path)
     stamps = np.array([sample.state.stamp_s for sample in rig.samples]) - rig.samples[0].state.stamp_s
@@ -36,12 +36,12 @@ def test_every_moment_is_what_was_measured_then_wherever_one_comes_from(run: tup
         place = int(np.searchsorted(stamps, at_s + 1e-6, side="right")) - 1
         snapshot = recording.play_to(at_s).state.snapshot
         np.testing.assert_array_equal(snapshot.position, rig.samples[place].state.position, err_msg=str(at_s))
-        time_s = recording.watched.state.curves().time_s
+        time_s = recording.robot.state.curves().time_s
         assert time_s[-1] - time_s[0] == pytest.approx(min(60.0, stamps[place]), abs=0.11)
 
 
 @pytest.mark.slow
-def test_after_a_jump_all_that_was_said_long_before_still_holds(run: tuple[Rig, Path]) -> None:
+def test_seek_keeps_earlier_messages_that_are_still_valid(run: tuple[Rig, Path]) -> None:
     recording = Recording(run[1])
     snapshot = recording.play_to(75.0).state.snapshot
     assert snapshot.description_xml.startswith("<?xml") and snapshot.statuses
@@ -53,7 +53,7 @@ def test_after_a_jump_all_that_was_said_long_before_still_holds(run: tuple[Rig, 
     assert start is not None and abs(start[0]) < 0.01
 
 
-def test_what_is_no_recording_of_a_run_is_refused(tmp_path: Path) -> None:
+def test_recording_without_joint_states_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"nothing")
     with pytest.raises(RecordingError, match="is a text file, not an MCAP recording"):
         Recording(tmp_path / "x.mcap")

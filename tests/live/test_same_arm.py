@@ -1,4 +1,4 @@
-"""Two stacks of one arm: a program that watches one of them by its process number stays with it."""
+"""Two stacks of one arm: a program that chose one by its process ID stays with it."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from tests.live.rig import LiveRig, runtime_folder
 from tests.servoloop.served import eventually
 
 
-def test_the_stack_that_was_named_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_source_stays_with_the_chosen_stack(monkeypatch: pytest.MonkeyPatch) -> None:
     with runtime_folder(monkeypatch):
         rigs = [LiveRig("so101", pid) for pid in (1, 2)]
         source = LiveSource("2", MonotonicClock())

@@ -1,4 +1,4 @@
-"""A robot that is watched: one thread takes messages while another reads."""
+"""Displayed robot: one thread processes messages while another reads."""
 
 import threading
 from collections import deque
@@ -13,7 +13,7 @@ PATIENCE_S = 0.2
 
 
 class Interrupted(deque[Health]):
-    """A queue in the middle of whose reading another thread takes a message, as a garbage collection allows it to."""
+    """Queue that receives a message from another thread while it is read, as can happen in a garbage collection."""
 
     def __init__(self, rows: Iterator[Health], taker: threading.Thread) -> None:
         super().__init__(rows)
@@ -27,7 +27,7 @@ class Interrupted(deque[Health]):
         yield from rows
 
 
-def test_messages_may_come_while_the_last_minute_is_read() -> None:
+def test_messages_may_arrive_while_the_last_minute_is_read() -> None:
     rig = Rig()
     rig.run(2.0)
     found = watched(rig)

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 from textual.pilot import Pilot
 
 from servoloop.dashboard.terminal import MonitorApp
-from servoloop.recording.robot_state import Watched
+from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sources import Source
 
 SIZE = (140, 44)
@@ -17,10 +17,10 @@ SIZE = (140, 44)
 class Looked:
     """A source that shows always the same."""
 
-    status, well = "robot_arm: live", True
+    status, up_to_date = "robot_arm: live", True
 
-    def __init__(self, watched: Watched) -> None:
-        self.watched = watched
+    def __init__(self, watched: ObservedRobot) -> None:
+        self.robot = watched
 
     def close(self) -> None:
         """Nothing is open."""

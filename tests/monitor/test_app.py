@@ -11,7 +11,7 @@ from servoloop.dashboard.terminal import MonitorApp
 from servoloop.dashboard.terminal_chart import AXIS, BLANK
 from servoloop.recording import sources as live_source
 from servoloop.recording.recorder import RecordingFile
-from servoloop.recording.robot_state import Watched
+from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sources import SPEEDS, LiveSource, Playback, Recording
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.player import FaultPlayer
@@ -35,7 +35,7 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def looked_at(rig: Rig) -> Watched:
+def looked_at(rig: Rig) -> ObservedRobot:
     return watched(rig)
 
 
@@ -47,7 +47,7 @@ def squeezed(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_all_that_is_known_of_the_arm_is_on_the_screen(looked_at: Watched) -> None:
+def test_all_that_is_known_of_the_arm_is_on_the_screen(looked_at: ObservedRobot) -> None:
     snapshot = looked_at.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -85,7 +85,7 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     on_screen(Looked(watched(rig)), look)
 
 
-def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: Watched) -> None:
+def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: ObservedRobot) -> None:
     snapshot = looked_at.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -106,7 +106,7 @@ def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: Watched) -> None
     on_screen(Looked(looked_at), look)
 
 
-def test_the_strips_are_the_lines_of_the_last_minute(looked_at: Watched) -> None:
+def test_the_strips_are_the_lines_of_the_last_minute(looked_at: ObservedRobot) -> None:
     """The newest seconds are at the right: the arm has turned up from below, and the rest of the minute is blank."""
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -122,7 +122,7 @@ def test_the_strips_are_the_lines_of_the_last_minute(looked_at: Watched) -> None
 
 
 @pytest.mark.parametrize("size", [(80, 24), (30, 8), (4, 2)])
-def test_a_small_terminal_shows_what_there_is_room_for(looked_at: Watched, size: tuple[int, int]) -> None:
+def test_a_small_terminal_shows_what_there_is_room_for(looked_at: ObservedRobot, size: tuple[int, int]) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("v", "u", "t")
         await pilot.resize_terminal(100, 30)
@@ -137,11 +137,11 @@ def test_before_the_first_message_the_screen_is_empty_and_there() -> None:
         await pilot.press("2", "down", "t")
         assert "robot_arm: live" in words(app)
 
-    on_screen(Looked(Watched()), look)
+    on_screen(Looked(ObservedRobot()), look)
 
 
 @pytest.mark.parametrize("key", ["q", "ctrl+c"])
-def test_a_key_ends_it(looked_at: Watched, key: str) -> None:
+def test_a_key_ends_it(looked_at: ObservedRobot, key: str) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("space", "left", "plus")
         assert app.is_running, "keys of recordings mean nothing to a stack"
@@ -152,7 +152,7 @@ def test_a_key_ends_it(looked_at: Watched, key: str) -> None:
     on_screen(Looked(looked_at), look)
 
 
-def test_a_signal_ends_it(looked_at: Watched) -> None:
+def test_a_signal_ends_it(looked_at: ObservedRobot) -> None:
     signals = Event()
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -176,7 +176,7 @@ def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path)
         def status(seconds: float) -> str:
             clock.sleep_until(clock.now() + seconds)
             app.show()
-            position = np.degrees(playback.watched.state.snapshot.position[0])
+            position = np.degrees(playback.robot.state.snapshot.position[0])
             assert f"joint1 {position:.1f} °" in squeezed(line_of(words(app), "joint1 "))
             return squeezed(line_of(words(app), "recording:"))
 

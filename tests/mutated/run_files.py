@@ -20,7 +20,7 @@ from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import HOME
 from servoloop.teach.recorded import recorded_motion
-from servoloop.teach.taught import TaughtMotions
+from servoloop.teach.taught import MotionStore
 from sim_backend.faults.draw import draw
 from sim_backend.faults.events import KINDS as KINDS_OF_FAULTS
 from sim_backend.faults.script import read_script, script_text
@@ -49,7 +49,7 @@ def read_campaign(path: Path) -> None:
 
 def read_taught(path: Path) -> None:
     joints = files_of(SO101).robot.joints
-    for taught in TaughtMotions(path.parents[1]).all().values():
+    for taught in MotionStore(path.parents[1]).all().values():
         own = taught.of([joint.name for joint in joints], str(path))
         own.check_units(joints, str(path))
         own.check([joint.limits for joint in joints], str(path))

@@ -1,4 +1,4 @@
-"""Recordings as other programs write them: ROS 2 messages in MCAP, of any publisher."""
+"""Recordings of other programs: ROS 2 messages of any publisher in MCAP."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,7 +12,7 @@ from servoloop.recording.message_types import JOINT_STATE, definition, typestore
 
 
 class State(NamedTuple):
-    """One JointState; ``stamp_s`` None: as logged."""
+    """JointState message. If ``stamp_s`` is None, the stamp equals the log time."""
 
     log_s: float
     names: tuple[str, ...]
@@ -25,7 +25,7 @@ class State(NamedTuple):
 def write_states(
     path: Path, states: Iterable[State], compression: CompressionType = CompressionType.ZSTD, crcs: bool = True
 ) -> Path:
-    """Write a file of the profile ros2 with these states on /joint_states."""
+    """Write a file with the profile ros2 and these states on /joint_states."""
     with path.open("xb") as stream:
         writer = Writer(stream, 4096, compression, enable_crcs=crcs)
         writer.start(profile="ros2")
@@ -39,7 +39,7 @@ def write_states(
 
 
 def encoded(state: State) -> bytes:
-    """The message in CDR."""
+    """Return the message in CDR."""
     sec, nanosec = divmod(round((state.log_s if state.stamp_s is None else state.stamp_s) * 1e9), 1_000_000_000)
     header = ros.std_msgs__msg__Header(ros.builtin_interfaces__msg__Time(sec, nanosec), "")
     arrays = (np.array(values, dtype=np.float64) for values in (state.position, state.velocity, state.effort))
@@ -50,7 +50,7 @@ def encoded(state: State) -> bytes:
 def swing(
     joint: str, others: Mapping[str, float], seconds: float = 4.0, far: float = 0.4
 ) -> list[tuple[float, dict[str, float]]]:
-    """Times and positions by joint: one joint goes ``far`` and stays there, the others rest."""
+    """Return times and positions by joint. One joint moves by ``far`` and stays there; the others rest."""
     times = np.arange(0.0, seconds, 0.05)
     way = far * 0.5 * (1.0 - np.cos(np.pi * np.clip(times / (seconds - 1.0), 0.0, 1.0)))
     return [(1e3 + float(at), {**others, joint: float(place)}) for at, place in zip(times, way, strict=True)]

@@ -1,6 +1,6 @@
-"""A program that records a simulated stack until it is killed: ``python -m tests.recorder.killed FILE``.
+"""Record a simulated stack until the program is killed: ``python -m tests.recorder.killed FILE``.
 
-It prints the number of cycles that the recorder's thread has handed to the system, each time that it has.
+The program prints the number of flushed cycles after each flush.
 """
 
 import sys
@@ -12,7 +12,7 @@ from tests.recorder.rig import Rig
 
 
 class Telling(RecordingFile):
-    """A file that prints how many cycles are safe."""
+    """Recording that prints the number of flushed cycles."""
 
     cycles = 0
 

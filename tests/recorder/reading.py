@@ -1,4 +1,4 @@
-"""Two readers of recordings that are not ours: rosbags, and the mcap library with its decoder of ROS 2 messages."""
+"""Two independent readers of recordings: rosbags, and the mcap library with its ROS 2 decoder."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -10,11 +10,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 Messages = dict[str, list[Any]]
-"""The messages by topic, in the order of the file."""
+"""Messages by topic, in the order of the file."""
 
 
 def by_rosbags(path: Path) -> Messages:
-    """Read a file with rosbags, which learns types that Jazzy does not have from the file's own schemas."""
+    """Read a file with rosbags, which takes types unknown to Jazzy from the schemas of the file."""
     found: Messages = defaultdict(list)
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, _, data in reader.messages():
@@ -23,7 +23,7 @@ def by_rosbags(path: Path) -> Messages:
 
 
 def by_mcap(path: Path) -> Messages:
-    """Read a file with the mcap library; messages are decoded by the schemas in the file alone."""
+    """Read a file with the mcap library, using only the schemas in the file."""
     found: Messages = defaultdict(list)
     with path.open("rb") as stream:
         for decoded in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
@@ -32,12 +32,12 @@ def by_mcap(path: Path) -> Messages:
 
 
 def faults(path: Path) -> list[str]:
-    """The faults for which a file was written, as "joint: kind", the first of them first."""
+    """Return the faults for which a file was written, as "joint: kind", in order."""
     with path.open("rb") as stream:
         return [text for record in make_reader(stream).iter_metadata() for text in record.metadata.values()]
 
 
 def stamp_s(message: Any) -> float:
-    """The time in a message's header (s)."""
+    """Return the time in a message's header, in seconds."""
     stamp = message.header.stamp
     return float(stamp.sec) + float(stamp.nanosec) * 1e-9

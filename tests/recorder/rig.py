@@ -1,4 +1,4 @@
-"""A simulated stack with a sampler, and all that a recording is made of."""
+"""Simulated stack with a sampler and the other parts of a recording."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from tests.stack.rig import READY
 
 
 class Rig:
-    """A stack that is up and rests; ``samples`` has all its cycles."""
+    """Active stack at rest. ``samples`` has all its cycles."""
 
     def __init__(self, start: Sequence[float] = READY) -> None:
         self.stack = SimulatedStack(start=(*start, 0.0), keep_alive=True)

@@ -1,4 +1,4 @@
-"""docs/recordings.md: its first command and its programs, run; tests/ros/test_recordings.py runs the other commands."""
+"""Run the first command and the programs of docs/recordings.md. tests/ros/test_recordings.py runs the others."""
 
 import re
 import shlex
@@ -35,9 +35,7 @@ READING, RECOVERING = codes(PAGE, "python")
 
 @pytest.mark.slow
 @pytest.mark.runs(SIMULATE, PLOT, f"{PAGE} python 1")
-def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_documented_simulated_job_is_recorded_and_readable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, shlex.split(SIMULATE)[1:])
     assert result.exit_code == 0, result.output
@@ -50,8 +48,8 @@ def test_the_simulated_job_is_recorded_and_can_be_read_as_written(
 
 @pytest.mark.slow
 @pytest.mark.runs(*RUNNING)
-def test_a_stack_that_runs_is_recorded_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Until it ends, and for ten seconds of its time."""
+def test_documented_commands_record_a_running_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One recording lasts until the end of the stack, the other for ten seconds of its time."""
     monkeypatch.chdir(tmp_path)
     for command, words, seconds in zip(RUNNING, ("out/", "run.mcap: "), (1.0, 10.0), strict=True):
         with runtime_folder(monkeypatch), ended_after(seconds + 0.2):
@@ -64,7 +62,7 @@ def test_a_stack_that_runs_is_recorded_as_written(tmp_path: Path, monkeypatch: p
 
 @contextmanager
 def ended_after(seconds: float) -> Iterator[None]:
-    """A stack that runs so long, faster than real time, from the moment at which somebody looks on, and is read."""
+    """Run a stack for a time, faster than real time, starting when a viewer has connected."""
     rig = LiveRig()
 
     def run() -> None:
@@ -80,7 +78,7 @@ def ended_after(seconds: float) -> Iterator[None]:
 
 
 @pytest.mark.slow
-def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
+def test_documented_topics_match_a_recording(tmp_path: Path) -> None:
     simulate(read_files(), Settings(), Schedule(job=("B",)), tmp_path / "job.mcap")
     found = {re.sub("^/(arm|hand)_controller/", "/NAME/", topic) for topic in by_mcap(tmp_path / "job.mcap")}
     first_cells = [row.split("|")[1] for row in TEXT.splitlines() if row.startswith("| `/")]
@@ -89,7 +87,7 @@ def test_the_table_has_the_topics_of_a_recording(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 2")
-def test_the_rest_of_a_file_that_was_cut_off_becomes_a_whole_one(
+def test_documented_repair_of_a_truncated_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -106,7 +104,7 @@ def test_the_rest_of_a_file_that_was_cut_off_becomes_a_whole_one(
         assert (one.position == other.position).all()
 
 
-def test_the_figures_are_those_of_the_code() -> None:
+def test_figures_in_the_docs_match_the_code() -> None:
     assert f"keeps the last {KEPT_S:.0f} s in memory" in PROSE
     assert f"The newest {FILES} files stay" in PROSE
     assert f"that {WAITING:,} cycles wait" in PROSE

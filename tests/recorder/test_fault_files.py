@@ -1,4 +1,4 @@
-"""Recordings of faults: what was before them is in a file, whoever is to blame, and there are never many files."""
+"""Fault recordings: the time before each fault is in a file, and the number of files is limited."""
 
 from datetime import datetime, timedelta
 from itertools import count
@@ -13,8 +13,8 @@ from tests.recorder.rig import Rig
 from tests.stack.rig import PICK, READY
 
 
-class Watched(Rig):
-    """A stack whose faults are written into a folder."""
+class FaultRig(Rig):
+    """Stack whose faults are written to a folder."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -43,18 +43,18 @@ class Watched(Rig):
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Watched:
-    return Watched(tmp_path / "out" / "faults")
+def rig(tmp_path: Path) -> FaultRig:
+    return FaultRig(tmp_path / "out" / "faults")
 
 
-def test_while_all_is_well_nothing_is_written(rig: Watched) -> None:
+def test_nothing_is_written_without_faults(rig: FaultRig) -> None:
     rig.stack.go(PICK)
     rig.pass_on(3.0)
     rig.sink.close((), failed=False)
     assert not rig.folder.exists()
 
 
-def test_servos_that_are_silent_for_a_late_cycle_are_no_fault(rig: Watched) -> None:
+def test_servos_silent_for_one_late_cycle_are_not_a_fault(rig: FaultRig) -> None:
     rig.stack.go(PICK)
     rig.pass_on(0.5)
     for servo_id in range(1, 8):
@@ -69,7 +69,7 @@ def test_servos_that_are_silent_for_a_late_cycle_are_no_fault(rig: Watched) -> N
 
 
 @pytest.mark.slow
-def test_a_servo_that_falls_silent_leaves_the_time_before(rig: Watched, caplog: pytest.LogCaptureFixture) -> None:
+def test_silent_servo_writes_the_time_before_the_fault(rig: FaultRig, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     rig.pass_on(40.0)
     rig.silence(3)
@@ -85,7 +85,7 @@ def test_a_servo_that_falls_silent_leaves_the_time_before(rig: Watched, caplog: 
 
 
 @pytest.mark.slow
-def test_what_goes_wrong_soon_afterwards_is_in_a_second_file_without_a_gap(rig: Watched) -> None:
+def test_later_faults_are_in_a_second_file_without_a_gap(rig: FaultRig) -> None:
     rig.pass_on(5.0)
     for servo_id in (3, 5, 6):  # each is well again before the next
         rig.silence(servo_id)
@@ -100,7 +100,7 @@ def test_what_goes_wrong_soon_afterwards_is_in_a_second_file_without_a_gap(rig: 
     assert begin_s <= end_s + 0.06
 
 
-def test_one_that_is_not_written_yet_is_written_in_the_end(rig: Watched) -> None:
+def test_pending_fault_is_written_at_the_end(rig: FaultRig) -> None:
     rig.silence(3)
     rig.pass_on(1.0)
     rig.silence(4)
@@ -109,7 +109,7 @@ def test_one_that_is_not_written_yet_is_written_in_the_end(rig: Watched) -> None
     assert faults(rig.files[-1]) == ["joint4: silent", "loop: ended by an error"]
 
 
-def test_a_goal_whose_joints_leave_their_tolerances_is_a_fault(rig: Watched) -> None:
+def test_violated_goal_tolerance_is_a_fault(rig: FaultRig) -> None:
     rig.stack.go(PICK)
     rig.pass_on(0.5)
     rig.silence(3)
@@ -121,7 +121,7 @@ def test_a_goal_whose_joints_leave_their_tolerances_is_a_fault(rig: Watched) -> 
     assert (result.status, result.error_code) == ("aborted", -4) and f"arm_controller: {result.error_string}" == goal
 
 
-def test_a_goal_that_gives_way_to_another_is_none(rig: Watched) -> None:
+def test_replaced_goal_is_not_a_fault(rig: FaultRig) -> None:
     rig.stack.go(PICK)
     rig.pass_on(0.5)
     rig.stack.go(READY)
@@ -129,7 +129,7 @@ def test_a_goal_that_gives_way_to_another_is_none(rig: Watched) -> None:
     assert rig.files == []
 
 
-def test_a_lost_component_is_a_fault(rig: Watched) -> None:
+def test_a_lost_component_is_a_fault(rig: FaultRig) -> None:
     rig.pass_on(1.0)
     rig.stack.virtual_port.unplug()
     rig.pass_on(1.0)
@@ -137,7 +137,7 @@ def test_a_lost_component_is_a_fault(rig: Watched) -> None:
     assert faults(path)[0] == "robot_arm: lost"
 
 
-def test_a_component_that_a_client_switches_off_is_none(rig: Watched) -> None:
+def test_component_switched_off_by_a_client_is_not_a_fault(rig: FaultRig) -> None:
     rig.pass_on(1.0)
     rig.stack.loop.component_transitions.ask("robot_arm", LifecycleState.UNCONFIGURED)
     rig.pass_on(1.0)
@@ -145,7 +145,7 @@ def test_a_component_that_a_client_switches_off_is_none(rig: Watched) -> None:
     assert rig.files == []
 
 
-def test_there_are_never_many_files_and_the_oldest_go(rig: Watched) -> None:
+def test_oldest_files_are_deleted_first(rig: FaultRig) -> None:
     rig.folder.mkdir(parents=True)
     (rig.folder / "notes.txt").touch()
     old = [rig.folder / f"2025-12-{day:02d}_00-00-00.000_joint1_silent.mcap" for day in range(1, FILES + 1)]
@@ -158,7 +158,7 @@ def test_there_are_never_many_files_and_the_oldest_go(rig: Watched) -> None:
 
 
 @pytest.mark.parametrize(("sizes", "kept"), [([10] * 25, FILES), ([60, 60, 60, 30], 2), ([10, 500], 1)])
-def test_the_folder_is_limited_by_number_and_size(
+def test_folder_is_limited_in_number_and_size_of_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sizes: list[int], kept: int
 ) -> None:
     monkeypatch.setattr("servoloop.recording.fault_files.LARGEST_FOLDER", 200 if len(sizes) > 20 else 100)

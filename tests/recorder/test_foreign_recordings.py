@@ -1,4 +1,4 @@
-"""Recordings of other programs, and damaged ones: the joints by their names, the numbers as far as they go."""
+"""Recordings of other programs and damaged recordings: joints are matched by name, and intact data is used."""
 
 import logging
 from pathlib import Path
@@ -31,7 +31,7 @@ def state(at: float, positions: dict[str, float], names: list[str], **fields: ob
 
 
 def moved(path: Path, followers: tuple[str, ...] = ()) -> dict[str, float]:
-    """How far each joint goes when the recording is replayed."""
+    """Return the travel of each joint when the recording is replayed."""
     taught, _ = recorded_motion(path, NAMES, LIMITS, followers)
     return dict(zip(taught.joints, np.ptp(taught.position, axis=0).tolist(), strict=True))
 
@@ -41,7 +41,7 @@ def only_joint1_moves(path: Path, far: float = 0.4) -> bool:
     return found["joint1"] == pytest.approx(far, abs=0.01) and all(found[name] < 0.002 for name in NAMES[1:])
 
 
-def test_each_message_is_read_by_its_own_names(tmp_path: Path) -> None:
+def test_each_message_is_read_by_its_own_joint_names(tmp_path: Path) -> None:
     turned = [NAMES[1], NAMES[0], *NAMES[2:]]
     states = [state(at, row, NAMES if number else turned) for number, (at, row) in enumerate(ROWS)]
     assert only_joint1_moves(write_states(tmp_path / "x.mcap", states))
@@ -65,10 +65,10 @@ def test_several_publishers_are_merged_by_name(tmp_path: Path) -> None:
     assert np.isfinite(run.position[1:]).all()
     recording = Recording(path)
     assert recording.play_to(2.0).state.snapshot.joints == tuple(NAMES)
-    assert np.isfinite(recording.watched.state.snapshot.position).all()
+    assert np.isfinite(recording.robot.state.snapshot.position).all()
 
 
-def test_a_joint_of_a_slow_publisher_is_interpolated(tmp_path: Path) -> None:
+def test_joint_of_a_slow_publisher_is_interpolated(tmp_path: Path) -> None:
     states = []
     for number, (at, row) in enumerate(ROWS):
         states.append(state(at, row, NAMES[1:]))
@@ -80,19 +80,19 @@ def test_a_joint_of_a_slow_publisher_is_interpolated(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.position[:77, run.joints.index("joint1")], wanted[:77], atol=0.005)
 
 
-def test_mimic_joints_and_joints_that_the_arm_lacks_are_left_out(tmp_path: Path) -> None:
+def test_mimic_and_unknown_joints_are_ignored(tmp_path: Path) -> None:
     names = [*NAMES, "hand_left_joint", "camera_pan"]
     rows = [(at, {**row, "hand_left_joint": 0.0, "camera_pan": 0.1 * at}) for at, row in ROWS]
     path = write_states(tmp_path / "x.mcap", [state(at, row, names) for at, row in rows])
     _, warnings = recorded_motion(path, NAMES, LIMITS, ["hand_left_joint"])
-    assert warnings == ["x.mcap: camera_pan is left out: the arm has no such joint"]
+    assert warnings == ["x.mcap: camera_pan is ignored because the arm has no such joint"]
     assert only_joint1_moves(path)
     some = write_states(tmp_path / "y.mcap", [state(at, row, NAMES[:5]) for at, row in ROWS])
     with pytest.raises(TeachError, match=r"it has no joint6, "):
         recorded_motion(some, NAMES, LIMITS)
 
 
-def test_the_verb_knows_the_arms_mimic_joints(tmp_path: Path) -> None:
+def test_command_ignores_mimic_joints_of_the_arm(tmp_path: Path) -> None:
     names = [*NAMES, "hand_left_joint"]
     states = [state(at, {**row, "hand_left_joint": 0.0}, names) for at, row in ROWS]
     path = write_states(tmp_path / "x.mcap", states)
@@ -120,7 +120,7 @@ def test_positions_may_be_fewer_than_names_or_not_finite(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("stamps", ["zero", "constant", "set back"])
-def test_times_of_the_file_stand_in_for_stamps_of_no_use(tmp_path: Path, stamps: str) -> None:
+def test_log_times_replace_invalid_stamps(tmp_path: Path, stamps: str) -> None:
     chosen = {"zero": lambda n: 0.0, "constant": lambda n: 5.0, "set back": lambda n: 50.0 - n if n > 40 else 20.0 + n}
     states = [state(at, row, NAMES, stamp_s=chosen[stamps](number)) for number, (at, row) in enumerate(ROWS)]
     path = write_states(tmp_path / "x.mcap", states)
@@ -132,7 +132,7 @@ def test_times_of_the_file_stand_in_for_stamps_of_no_use(tmp_path: Path, stamps:
 
 
 def in_a_chunk(path: Path) -> int:
-    """The place of a byte in the middle of the third chunk's data."""
+    """Return the offset of a byte in the middle of the third chunk's data."""
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -141,7 +141,7 @@ def in_a_chunk(path: Path) -> int:
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_a_flipped_bit_ends_the_recording_there_and_is_told(
+def test_flipped_bit_ends_the_recording_with_a_warning(
     tmp_path: Path, compression: CompressionType, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = write_states(tmp_path / "x.mcap", [state(at, row, NAMES) for at, row in ROWS], compression)
@@ -157,7 +157,7 @@ def test_a_flipped_bit_ends_the_recording_there_and_is_told(
 
 
 @pytest.mark.parametrize("crcs", [True, False])
-def test_no_flipped_bit_ends_in_a_traceback(tmp_path: Path, crcs: bool, caplog: pytest.LogCaptureFixture) -> None:
+def test_flipped_bits_never_cause_a_traceback(tmp_path: Path, crcs: bool, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.CRITICAL)
     path = write_states(
         tmp_path / "x.mcap", [state(at, row, NAMES) for at, row in ROWS[:20]], CompressionType.LZ4, crcs
@@ -174,7 +174,7 @@ def test_no_flipped_bit_ends_in_a_traceback(tmp_path: Path, crcs: bool, caplog: 
                 assert str(path) in str(error)
 
 
-def test_a_message_that_does_not_fit_its_type_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_message_that_does_not_match_its_type_is_skipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tests.recorder.foreign.encoded", lambda one: encoded(one)[: -40 if one is states[3] else None])
     states = [state(at, row, NAMES) for at, row in ROWS]
     path = write_states(tmp_path / "x.mcap", states, crcs=False)
@@ -182,31 +182,34 @@ def test_a_message_that_does_not_fit_its_type_is_left_out(tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "is an empty file, not an MCAP recording"),
-        ("joints: [größe]\n".encode() * 60, "is a text file, not an MCAP recording: name a file that --record"),
+        (
+            "joints: [größe]\n".encode() * 60,
+            "is a text file, not an MCAP recording: choose a file written with --record",
+        ),
         (b"SQLite format 3\x00\x10\x00", "is a rosbag2 database: convert it with `ros2 bag convert`"),
         (b"#ROSBAG V2.0\n\x00\x01", "is a recording of ROS 1"),
         (b"\x28\xb5\x2f\xfd\x04\x00", "is compressed: decompress it with `zstd -d`"),
         (bytes(range(256)), "is a file of another format, not an MCAP recording"),
     ],
 )
-def test_other_files_are_called_by_their_names(tmp_path: Path, content: bytes, said: str) -> None:
+def test_other_file_formats_are_named_in_the_error(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
     for read in (read_recording, Recording):
         with pytest.raises(RecordingError) as refused:
             read(path)
-        assert str(refused.value).startswith(f"{path} {said}")
+        assert str(refused.value).startswith(f"{path} {message}")
 
 
-def test_a_folder_is_refused_in_a_sentence(tmp_path: Path) -> None:
+def test_folder_instead_of_a_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="Is a directory"):
         read_recording(tmp_path)
 
 
-def test_a_motion_of_many_hours_is_refused_before_it_is_worked_on(tmp_path: Path) -> None:
+def test_very_long_motion_is_refused_before_processing(tmp_path: Path) -> None:
     states = [state(at * 1e4, row, NAMES) for at, row in ROWS]
-    with pytest.raises(TeachError, match=r"x\.mcap would take .* the longest motion that can be played takes 3600 s"):
+    with pytest.raises(TeachError, match=r"x\.mcap would take .* but a motion may take at most 3600 s"):
         recorded_motion(write_states(tmp_path / "x.mcap", states), NAMES, LIMITS)

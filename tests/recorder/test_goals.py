@@ -1,4 +1,4 @@
-"""Goals in a recording: of trajectories as of grippers, each with its end, whichever comes first to the sampler."""
+"""Goals in a recording: trajectory and gripper goals, each with its result."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def events(samples: list[CycleSample]) -> list[GoalBegin | GoalEnd]:
     return [event for sample in samples for event in sample.goals]
 
 
-def test_a_goal_that_another_one_takes_over_from_ends_before_that_begins() -> None:
+def test_replaced_goal_ends_before_its_successor_begins() -> None:
     rig = Rig()
     rig.stack.go(PICK)
     rig.run(0.2)
@@ -29,7 +29,7 @@ def test_a_goal_that_another_one_takes_over_from_ends_before_that_begins() -> No
     assert isinstance(second, GoalBegin) and isinstance(last, GoalEnd) and last.status is GoalStatus.SUCCEEDED
 
 
-def test_a_grippers_goal_is_a_joint_state_with_its_largest_velocity_and_effort() -> None:
+def test_gripper_goal_is_recorded_as_joint_state_with_velocity_and_effort_limits() -> None:
     rig = Rig()
     stack = rig.stack
     limits, index = stack.files.limits[HAND], stack.loop.hardware.joints.index(HAND)

@@ -1,4 +1,4 @@
-"""A program that records and is killed by SIGKILL leaves a file in which all is that was handed to the system."""
+"""A recording program killed by SIGKILL leaves a file with all messages handed to the operating system."""
 
 import subprocess
 import sys
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
-    """The file, and how many cycles are in it at least."""
+    """Return the file and the minimum number of cycles in it."""
     path = tmp_path_factory.mktemp("killed") / "run.mcap"
     command = [sys.executable, "-m", "tests.recorder.killed", str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
@@ -29,7 +29,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
 
 
 @pytest.mark.slow
-def test_what_was_written_can_be_read_to_the_end(killed: tuple[Path, int]) -> None:
+def test_recording_of_killed_program_is_readable_to_the_end(killed: tuple[Path, int]) -> None:
     path, told = killed
     stamps = []
     with path.open("rb") as stream:

@@ -1,4 +1,4 @@
-"""``servoloop plot``: the numbers of a recording, and its page."""
+"""``servoloop plot``: values of a recording, and its page."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ from tests.recorder.reading import by_rosbags
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A job in which a servo is silent for a while."""
+    """Record a job with a servo that is silent for a time."""
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
     schedule = Schedule(seed=1, job=("B",), faults=(parse("silent id=3 at=4s for=0.3s"),))
     simulate(read_files(), Settings(), schedule, record=path)
@@ -39,7 +39,7 @@ def run(recording: Path) -> RecordedRun:
     return read_recording(recording)
 
 
-def test_it_has_every_cycle_as_another_reader_sees_it(recording: Path, run: RecordedRun) -> None:
+def test_plot_has_every_cycle_of_the_recording(recording: Path, run: RecordedRun) -> None:
     states = by_rosbags(recording)["/joint_states"]
     assert run.joints == tuple(states[0].name) and len(run.time_s) == len(states)
     np.testing.assert_array_equal(run.position, [state.position for state in states])
@@ -48,28 +48,26 @@ def test_it_has_every_cycle_as_another_reader_sees_it(recording: Path, run: Reco
     assert run.missed == 0 and len(run.late_s) == len(run.busy_s) == len(run.time_s) - 1
 
 
-def test_faults_and_the_ends_of_goals_have_their_times(run: RecordedRun) -> None:
+def test_faults_and_goal_results_have_times(run: RecordedRun) -> None:
     ((name, begin_s, end_s),) = [fault for fault in run.faults if "joint3" in fault[0]]
     assert name == "joint3 (servo 3)" and 0.2 < end_s - begin_s < 0.6
     ((ended_s, text),) = run.results
     assert begin_s < ended_s < end_s and text == "arm_controller: aborted joint3: servo 3 does not answer"
 
 
-def test_the_page_opens_without_a_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:
+def test_page_needs_no_network_and_shows_all_joints(recording: Path, run: RecordedRun) -> None:
     done = CliRunner().invoke(app, ["plot", str(recording), "--json"])
     assert done.exit_code == 0, done.output
-    said = json.loads(done.stdout)
-    text = Path(said["page"]).read_text()
-    assert said["page"] == str(recording.with_suffix(".html")) and said["cycles"] == len(run.time_s)
+    output = json.loads(done.stdout)
+    text = Path(output["page"]).read_text()
+    assert output["page"] == str(recording.with_suffix(".html")) and output["cycles"] == len(run.time_s)
     assert not re.search(r"(src|href)=\"https?:", text) and "<script" not in text
     for element in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
         ElementTree.fromstring(element)
     assert text.count("<svg") == 2 and all(joint in text for joint in run.joints) and "joint3 (servo 3)" in text
 
 
-def test_what_a_killed_program_left_is_read_as_far_as_it_goes(
-    recording: Path, run: RecordedRun, tmp_path: Path
-) -> None:
+def test_incomplete_recording_is_read_up_to_its_end(recording: Path, run: RecordedRun, tmp_path: Path) -> None:
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     left = read_recording(torn)
@@ -77,13 +75,13 @@ def test_what_a_killed_program_left_is_read_as_far_as_it_goes(
     np.testing.assert_array_equal(left.position, run.position[: len(left.time_s)])
 
 
-def test_a_page_that_cannot_be_written_is_told(
+def test_unwritable_page_is_an_error(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "Is a directory" in complaint(capsys, monkeypatch, "plot", str(recording), "--out", str(tmp_path))
 
 
-def test_what_is_no_recording_is_refused_in_a_sentence(
+def test_file_that_is_not_a_recording_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "x.mcap").write_text("nothing of the kind")
@@ -94,7 +92,7 @@ def test_what_is_no_recording_is_refused_in_a_sentence(
         read_recording(tmp_path / "z.mcap")
 
 
-def test_a_terminal_shows_the_progress_and_keeps_nothing_of_it(recording: Path, tmp_path: Path) -> None:
+def test_progress_is_shown_and_removed_on_a_terminal(recording: Path, tmp_path: Path) -> None:
     reading, ours = os.openpty()
     command = [sys.executable, "-m", "servoloop", "plot", str(recording), "--out", str(tmp_path / "run.html")]
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100"}
@@ -109,6 +107,6 @@ def test_a_terminal_shows_the_progress_and_keeps_nothing_of_it(recording: Path, 
     assert b"reading run.mcap" in shown and b"drawing" in shown
 
 
-def test_a_pipe_gets_the_result_alone(recording: Path, tmp_path: Path) -> None:
+def test_pipe_receives_only_the_result(recording: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["plot", str(recording), "--out", str(tmp_path / "run.html")])
     assert done.exit_code == 0 and len(done.output.splitlines()) == 1

@@ -1,4 +1,4 @@
-"""The recorder: the loop's thread never waits for it, and what is dropped or fails is said."""
+"""The recorder never blocks the loop thread, and reports dropped cycles and failures."""
 
 import logging
 import threading
@@ -16,7 +16,7 @@ from tests.recorder.rig import Rig
 
 
 class Kept:
-    """A sink that keeps what it is given."""
+    """Sink that keeps its samples."""
 
     eager = False
 
@@ -36,11 +36,11 @@ class Kept:
 
 
 class Full(Kept):
-    """A sink on a disk that is full after one cycle."""
+    """Sink on a disk that is full after one cycle."""
 
     def write(self, sample: CycleSample) -> None:
         if self.samples:
-            raise RecordingError("cannot record into x.mcap: No space left on device")
+            raise RecordingError("cannot write the recording x.mcap: No space left on device")
         super().write(sample)
 
 
@@ -51,7 +51,7 @@ def recording(*sinks: Sink) -> tuple[Rig, Recorder]:
     return rig, recorder
 
 
-def test_where_things_are_is_in_the_cycle_in_which_they_were_looked_at() -> None:
+def test_scene_is_in_the_cycle_in_which_it_was_sampled() -> None:
     kept, rig = Kept(), Rig()
     recorder = Recorder(rig.sampler, rig.taps, [kept], rig.stack.scene)
     rig.stack.on_state = recorder.post
@@ -65,7 +65,7 @@ def test_where_things_are_is_in_the_cycle_in_which_they_were_looked_at() -> None
     assert after[0] > before[0] + 0.05 and seen[-1]["cube"] == after
 
 
-def test_every_cycle_reaches_every_sink_in_its_order_and_the_rest_of_the_traffic_too() -> None:
+def test_every_cycle_and_all_traffic_reach_every_sink_in_order() -> None:
     one, other = Kept(), Kept()
     rig, recorder = recording(one, other)
     recorder.start()
@@ -91,7 +91,7 @@ def test_the_thread_writes_while_the_loop_runs(monkeypatch: pytest.MonkeyPatch) 
     recorder.close(failed=False)
 
 
-def test_where_nobody_writes_the_loop_goes_on_and_what_is_dropped_is_counted(
+def test_loop_continues_without_writer_and_dropped_cycles_are_counted(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(module, "WAITING", 7)
@@ -106,7 +106,7 @@ def test_where_nobody_writes_the_loop_goes_on_and_what_is_dropped_is_counted(
     assert f"{counted(recorder.dropped, 'cycle')} missing from the recordings: the disk was too slow" in caplog.text
 
 
-def test_a_disk_that_hangs_does_not_keep_the_program_from_its_end(
+def test_hanging_disk_does_not_block_the_end_of_the_program(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(module, "FLUSH_S", 0.001)
@@ -127,7 +127,7 @@ def test_a_disk_that_hangs_does_not_keep_the_program_from_its_end(
     free.set()
 
 
-def test_a_sink_that_fails_is_given_up_once_and_the_others_go_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_failed_sink_is_removed_and_others_continue(caplog: pytest.LogCaptureFixture) -> None:
     full, other = Full(), Kept()
     rig, recorder = recording(full, other)
     rig.run(0.5)
@@ -137,5 +137,5 @@ def test_a_sink_that_fails_is_given_up_once_and_the_others_go_on(caplog: pytest.
     assert len(other.samples) == rig.stack.loop.figures.cycles >= 20 and len(full.samples) == 1
     errors = [record for record in caplog.records if record.levelno == logging.ERROR]
     assert [record.getMessage() for record in errors] == [
-        "the recording ends here: cannot record into x.mcap: No space left on device"
+        "recording stopped: cannot write the recording x.mcap: No space left on device"
     ]

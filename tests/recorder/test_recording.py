@@ -1,4 +1,4 @@
-"""A recording of a simulated job, read by others: every cycle and every byte are there, and the run is the same."""
+"""Recording of a simulated job: other readers find every cycle and byte, and the run itself is unchanged."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -91,14 +91,14 @@ def test_diagnostics_name_the_joint_that_was_silent(read: Read) -> None:
     assert "servoloop: control loop" in names and "servoloop: joint3 (servo 3)" in names
 
 
-def test_the_commands_are_what_the_controller_has_put_out(read: Read) -> None:
-    """The gate had nothing to object to in this job."""
+def test_recorded_commands_equal_the_controller_output(read: Read) -> None:
+    """The safety gate changed no command in this job."""
     commands, states = read["/servoloop/commands"], read["/arm_controller/controller_state"]
     for command, state in zip(commands, states, strict=True):
         assert list(command.position)[:6] == pytest.approx(list(state.output.positions))
 
 
-def test_the_bus_traffic_is_every_byte_on_the_wire_in_its_order(tmp_path: Path) -> None:
+def test_bus_traffic_has_every_byte_in_order(tmp_path: Path) -> None:
     stack, path = SimulatedStack(), tmp_path / "bus.mcap"
     with recorded(stack, path):
         stack.up().run(0.5)
@@ -114,7 +114,7 @@ def test_the_bus_traffic_is_every_byte_on_the_wire_in_its_order(tmp_path: Path) 
     assert [stamp_s(message) for message in traffic] == sorted(stamp_s(message) for message in traffic)
 
 
-def test_links_and_description_are_the_robots(read: Read) -> None:
+def test_recording_has_links_and_description_of_the_robot(read: Read) -> None:
     (description,) = read["/robot_description"]
     assert description.data == read_files().description.xml
     state, transforms = read["/joint_states"][-1], read["/tf"][-1].transforms
@@ -124,8 +124,8 @@ def test_links_and_description_are_the_robots(read: Read) -> None:
     assert joint1.transform.rotation.z == pytest.approx(np.sin(state.position[0] / 2.0))
 
 
-def test_the_cube_goes_from_the_stand_into_its_bin(read: Read) -> None:
-    """In the world; a thing's place is that of the cycle in which it is told."""
+def test_recording_has_the_cube_from_the_stand_to_its_bin(read: Read) -> None:
+    """Poses are in the world frame and belong to the cycle with which they are recorded."""
     scenes = [{one.child_frame_id: one.transform for one in message.transforms} for message in read["/servoloop/scene"]]
     assert len(scenes) == len(read["/joint_states"]) and set(scenes[0]) == {"cube", "bin_A", "bin_B", "bin_C"}
     assert {one.header.frame_id for one in read["/servoloop/scene"][0].transforms} == {"base_link"}
@@ -135,8 +135,8 @@ def test_the_cube_goes_from_the_stand_into_its_bin(read: Read) -> None:
     assert np.linalg.norm(end - (bin_b.x, bin_b.y)) < 0.1 and np.linalg.norm(end - begin) > 0.05
 
 
-def test_nothing_is_compiled_any_more_while_a_loop_runs(tmp_path: Path) -> None:
-    """In the recorder's thread that kept the loop from its cycle for 33 ms."""
+def test_nothing_is_compiled_while_the_loop_runs(tmp_path: Path) -> None:
+    """Compilation in the recorder thread once delayed the loop by 33 ms."""
     rig = Rig()
     compiled = set(typestore().cache)
     assert set(TOPICS.values()) <= compiled
@@ -149,19 +149,19 @@ def test_nothing_is_compiled_any_more_while_a_loop_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(set(TOPICS.values())))
-def test_the_schemas_have_all_types_in_them(kind: str) -> None:
+def test_schemas_contain_all_types(kind: str) -> None:
     text = definition(kind)
     assert kind == "std_msgs/msg/String" or "MSG: " in text
     assert kind in typestore().types
 
 
-def test_the_definition_is_that_of_the_message_package() -> None:
+def test_definitions_equal_those_of_the_message_package() -> None:
     for path in MSG.glob("control_msgs/*.msg"):
         assert path.read_text() == (ROOT / "interfaces" / "control_msgs" / "msg" / path.name).read_text()
 
 
-def test_what_a_sample_refers_to_is_never_changed_later() -> None:
-    """It is encoded in another thread, or half a minute later."""
+def test_objects_in_a_sample_are_never_changed_later() -> None:
+    """Samples are encoded in another thread, or 30 seconds later."""
     rig = Rig()
     (first, *_) = rig.run(0.05)
     at_once = _encoded(rig.messages, first)
@@ -176,13 +176,13 @@ def _encoded(messages: Messages, sample: CycleSample) -> list[bytes]:
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        ("run.bag", "ends in .mcap"),
-        ("nowhere/run.mcap", "there is no folder"),
-        ("there.mcap", "is there already: name another file"),
+        ("run.bag", "end in .mcap"),
+        ("nowhere/run.mcap", "does not exist"),
+        ("there.mcap", "already exists: choose another file"),
     ],
 )
 @pytest.mark.parametrize("verb", ["simulate", "up", "demo"])
-def test_a_file_that_cannot_be_is_refused_before_anything_moves(
+def test_invalid_recording_path_is_refused_before_anything_moves(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,

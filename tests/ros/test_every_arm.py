@@ -92,7 +92,7 @@ def shown_joints(arm: str) -> set[str]:
     shown: list[tuple[str, ...]] = []
 
     def stop() -> bool:
-        shown.append(source.watched.state.snapshot.joints)
+        shown.append(source.robot.state.snapshot.joints)
         return len([joints for joints in shown if joints]) > 10
 
     try:

@@ -160,6 +160,6 @@ def test_too_fast_rate_is_refused_before_torque_is_enabled(ros_domain: int, tmp_
     with emulating(tmp_path) as link:
         stack = StackProcess(tmp_path / "up.log", "up", "--port", str(link), "--controllers", str(controllers))
         assert stack.process.wait(60.0) == 1
-        assert f"servoloop: {controllers}: 600 Hz are more than {link} carries" in stack.words
-        assert "set update_rate to 564 at most" in stack.words
+        assert f"servoloop: {controllers}: 600 Hz is too fast for {link}." in stack.words
+        assert "set update_rate to 564 or less" in stack.words
         assert torque(link) == [0] * 7

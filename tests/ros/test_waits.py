@@ -123,7 +123,7 @@ def test_second_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess)
 
 def test_one_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:
     assert hanging.end(signal.SIGINT) == 1
-    assert "the control loop hangs in its hardware and is left behind: servos under torque hold" in hanging.words
+    assert "the control loop hangs in its hardware and could not be stopped: servos under torque hold" in hanging.words
 
 
 @contextmanager
@@ -153,7 +153,7 @@ def test_demo_ends_and_names_a_killed_process(ros_domain: int, tmp_path: Path, w
         others = psutil.Process(process.process.pid).children()
         child(process, word).kill()
         assert process.process.wait(90.0) == 1
-        assert "servoloop: " + WORDS[word] + " ended (status -9)" in process.words
+        assert "servoloop: " + WORDS[word] + " ended unexpectedly (exit status -9)" in process.words
         assert "Traceback" not in process.words
         assert not any(other.is_running() for other in others)
 

@@ -93,7 +93,7 @@ def test_of_several_buses_each_needs_its_port(
 ) -> None:
     robot = str(CONFIG / "robot_arm_two_buses.yaml")
     words = complaint(capsys, monkeypatch, "up", "--robot", robot, "--port", "arm=/dev/ttyACM77")
-    assert "no --port for bus hand. The robot file has the buses arm, hand: say --port arm=PATH --port hand=" in words
+    assert "bus hand has no --port. The robot file has the buses arm, hand: use --port arm=PATH --port hand=" in words
 
 
 @pytest.mark.slow
@@ -128,18 +128,24 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("up", "--port", ""), "--port takes a device such as /dev/ttyACM0, not ''"),
-        (("up", "--port", "/"), "--port takes a device such as /dev/ttyACM0, not '/'"),
-        (("up", "--hardware", "mock", "--port", "/dev/ttyACM77"), "no component is driven by servos: leave out --port"),
+        (("up", "--port", ""), "--port needs the path of a device, such as /dev/ttyACM0, not ''"),
+        (("up", "--port", "/"), "--port needs the path of a device, such as /dev/ttyACM0, not '/'"),
+        (
+            ("up", "--hardware", "mock", "--port", "/dev/ttyACM77"),
+            "--port was given, but no component uses servos: leave out --port",
+        ),
         (("up", "--hardware", "mujoco", "--port", "/dev/ttyACM77"), "leave out --port, or --hardware"),
         (("up", "--hardware", "mock", "--ready-file", "/nix/nix"), "cannot write into /nix: No such file"),
         (("up", "--hardware", "mock", "--ready-file", "/"), "--ready-file / is a folder"),
         (
             ("up", "--rtf", "5", "--port", "/dev/ttyACM77"),
-            "a real servo keeps real time: leave out --port, or --rtf",
+            "real servos cannot run in simulated time: leave out --port, or --rtf",
         ),
-        (("up", "--step", "--port", "/dev/ttyACM77"), "a real servo keeps real time: leave out --port, or --rtf"),
-        (("up", "--rtf", "0"), "--rtf takes a factor above 0, such as 0.5 or 5, or max, not '0'"),
+        (
+            ("up", "--step", "--port", "/dev/ttyACM77"),
+            "real servos cannot run in simulated time: leave out --port, or --rtf",
+        ),
+        (("up", "--rtf", "0"), "--rtf must be a factor above 0, such as 0.5 or 5, or max, not '0'"),
         (("emulate", ""), "LINK is a free path such as ./bus, not '.'"),
         (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
         (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),
@@ -147,9 +153,9 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
         (("passport", "save", "x", "--arm", "so101", "--bus", "hand"), "none with the name hand: leave out --bus"),
         (("setup", "--robot", TWO_BUSES, "--bus", "leg"), "several buses, and this is for one: say --bus arm or hand"),
         (("passport", "save", "x", "--robot", TWO_BUSES), "several buses, and this is for one: say --bus arm or hand"),
-        (("bench", "arm", "--out", "/proc"), "/proc is a folder: name a file"),
-        (("doctor", "--report", "/"), "/ is a folder: name a file"),
-        (("doctor", "--report", "/dev/null"), "/dev/null is no file"),
+        (("bench", "arm", "--out", "/proc"), "/proc is a folder: choose the name of a file"),
+        (("doctor", "--report", "/"), "/ is a folder: choose the name of a file"),
+        (("doctor", "--report", "/dev/null"), "/dev/null is not a regular file"),
         (("demo", "--grades", ""), "--grades takes grades such as A,B,C, not ''"),
         (("demo", "--grades", " ,"), "--grades takes grades such as A,B,C, not ' ,'"),
         (("demo", "--grades", "A, Z,b,yy"), "--grades Z, yy: there is no bin for it. "),
@@ -255,4 +261,4 @@ def test_a_simulation_without_a_trajectory_controller_is_refused(
     copytree(find_arm("so101").folder, folder)
     (folder / "controllers.yaml").write_text("controller_manager: {ros__parameters: {update_rate: 20}}")
     said = complaint(capsys, monkeypatch, "simulate", "--arm", f"{folder}/", "--seconds", "0")
-    assert "controllers.yaml:1: no controller is a joint_trajectory_controller/JointTrajectoryController" in said
+    assert "controllers.yaml:1: simulated motions need a joint_trajectory_controller/JointTrajectoryController" in said

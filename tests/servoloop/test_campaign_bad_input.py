@@ -33,8 +33,8 @@ def test_a_fault_after_the_end_of_a_run_without_jobs_is_refused(tmp_path: Path) 
     with pytest.raises(ScheduleError) as refused:
         read_schedule(path)
     assert str(refused.value) == (
-        f"{path}:3: echo begins at 2.5 s, and the run ends after 2 s: let it begin earlier, make `seconds` longer, or "
-        "write `since: end`"
+        f"{path}:3: echo starts at 2.5 s, but the run ends after 2 s: start it earlier, increase `seconds`, or use "
+        "`since: end`"
     )
     assert len(read_schedule(written(tmp_path, f"seconds: 2\njob: [A]\nfaults:\n{late}")).faults) == 3
 
@@ -85,7 +85,7 @@ CHANGE = ": change the scenario or remove the promise"
     ("text", "complaint"),
     [
         ("faults: 2\nspeed: 3\n", "2: speed: Extra inputs are not permitted"),
-        ("faults: 2\narm: [koch,\n  coch]\n", "3: there is no arm coch: name one of "),
+        ("faults: 2\narm: [koch,\n  coch]\n", "3: there is no arm coch: choose one of "),
         ("arm: []\n", "1: arm: the list is empty: add at least one item, or remove the key"),
         ("faults: 1\nkinds: []\n", "2: kinds: the list is empty: add at least one item, or remove the key"),
         (
@@ -141,7 +141,7 @@ def test_a_promise_that_some_run_can_keep_is_accepted(tmp_path: Path) -> None:
     [
         (
             "seconds: 2\nclients:\n- kind: cancel\n  at_s: 2.5\n",
-            "4: cancel begins at 2.5 s, and the run ends after 2 s: let it begin earlier, or make `seconds` longer",
+            "4: cancel starts at 2.5 s, but the run ends after 2 s: start it earlier, or increase `seconds`",
         ),
         (
             "seconds: 2\nclients:\n- kind: jog\n  share: 0.5\n  joint: joint9\n",

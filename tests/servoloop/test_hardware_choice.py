@@ -51,7 +51,7 @@ def test_only_servos_lag_and_what_is_not_known_of_them_is_said(
     files = read_files(robot=robot)
     with caplog.at_level("INFO"):
         assert set(build(None, files, {}, SimulatedClock()).compliances) == {f"joint{i}" for i in range(2, 7)}
-    assert "joint1, hand_right_joint: the servo's stiffness is unknown" in caplog.text
+    assert "joint1, hand_right_joint: servo stiffness unknown" in caplog.text
     assert build(HardwareKind.MOCK, files, {}, SimulatedClock()).compliances == {}
 
 
@@ -67,9 +67,9 @@ def test_the_robot_file_can_do_without_gravity_compensation(tmp_path: Path) -> N
 def test_the_command_line_decides_for_all(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM))))
     assert [type(one) for one in made(files, HardwareKind.MOCK)] == [MockHardware, MockHardware]
-    with pytest.raises(DescriptionError, match="hand has servos and no robot file: name it"):
+    with pytest.raises(DescriptionError, match="hand has servos but no robot file: name the file"):
         made(files, HardwareKind.SERVOS)
-    with pytest.raises(DescriptionError, match="only one component can be the arm in MuJoCo"):
+    with pytest.raises(DescriptionError, match="only one component can run in MuJoCo"):
         made(files, HardwareKind.MUJOCO)
 
 
@@ -117,7 +117,7 @@ def test_a_robot_file_is_looked_for_beside_the_urdf_and_mistakes_name_it(tmp_pat
 def test_a_plugin_that_nobody_knows(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path, hand="<plugin>nobody/Knows</plugin>"))
     with pytest.raises(
-        DescriptionError, match="hand: unknown <plugin> nobody/Knows: known are servoloop/ServoHardware"
+        DescriptionError, match="hand: unknown <plugin> nobody/Knows: choose one of servoloop/ServoHardware"
     ):
         made(files)
 
@@ -172,7 +172,7 @@ def test_a_users_own_hardware(tmp_path: Path) -> None:
         (
             "<plugin>acme/Other</plugin>",
             PluginError,
-            rf"acme/Other has the joints \('thumb',\), and its <ros2_control> block 'hand' has \('{HAND}',\): take",
+            rf"acme/Other has the joints \('thumb',\), but its <ros2_control> block 'hand' has \('{HAND}',\): copy",
         ),
     ],
 )
@@ -207,9 +207,9 @@ def test_the_limits_are_checked_for_every_kind_of_hardware(
 @pytest.mark.parametrize(
     ("said", "says"),
     [
-        ("{inactive: [foot]}", "names foot: the URDF has arm, hand"),
-        ("{asleep: [arm]}", "has the lists unconfigured and inactive, not asleep"),
-        ("{inactive: arm}", "has the lists unconfigured and inactive, not inactive"),
+        ("{inactive: [foot]}", "names foot, but the URDF has arm, hand"),
+        ("{asleep: [arm]}", "must contain the lists unconfigured and inactive, not asleep"),
+        ("{inactive: arm}", "must contain the lists unconfigured and inactive, not inactive"),
     ],
 )
 def test_initial_states_that_cannot_be(tmp_path: Path, said: str, says: str) -> None:

@@ -44,15 +44,17 @@ def test_seven_servos_need_177_bytes_a_cycle() -> None:
     with pytest.raises(ControllersFileError) as refused:
         check({"": 565.0})
     assert str(refused.value) == (
-        "arm_controllers.yaml: 565 Hz are more than line carries. Goals and states of 7 servos are 177 bytes a cycle, "
-        "1.77 ms at 1000000 bit/s, and a cycle has 1.77 ms: set update_rate to 564 at most, or rw_rate in the URDF, or "
-        "raise the servos' baud rate"
+        "arm_controllers.yaml: 565 Hz is too fast for line. The goals and states of 7 servos take 177 bytes or 1.77 ms "
+        "per cycle at 1000000 bit/s, but the period is 1.77 ms: set update_rate to 564 or less, set rw_rate in the "
+        "URDF, or raise the servos' baud rate"
     )
 
 
 def test_a_slower_line_carries_less() -> None:
     check({"": 65.0}, bauds={"": 115_200})
-    with pytest.raises(ControllersFileError, match=r"66 Hz are more .* 15.36 ms at 115200 bit/s.* to 65 at most"):
+    with pytest.raises(
+        ControllersFileError, match=r"66 Hz is too fast .* 15.36 ms per cycle at 115200 bit/s.* to 65 or less"
+    ):
         check({"": 66.0}, bauds={"": 115_200})
 
 
@@ -61,12 +63,10 @@ def test_each_of_two_buses_has_its_own_servos_and_rate() -> None:
     check({"arm": 600.0, "hand": 1000.0}, two)
     with pytest.raises(ControllersFileError) as refused:
         check({"arm": 700.0, "hand": 1000.0}, two)
-    assert str(refused.value).startswith(
-        "arm_controllers.yaml: 700 Hz are more than arm carries. Goals and states of 6"
-    )
+    assert str(refused.value).startswith("arm_controllers.yaml: 700 Hz is too fast for arm. The goals and states of 6")
     with pytest.raises(ControllersFileError) as refused:
         check({"arm": 700.0, "hand": 5000.0}, two)
-    assert [line.split(" carries")[0] for line in str(refused.value).splitlines()] == [
-        "arm_controllers.yaml: 700 Hz are more than arm",
-        "arm_controllers.yaml: 5000 Hz are more than hand",
+    assert [line.split(". ")[0] for line in str(refused.value).splitlines()] == [
+        "arm_controllers.yaml: 700 Hz is too fast for arm",
+        "arm_controllers.yaml: 5000 Hz is too fast for hand",
     ]

@@ -113,4 +113,4 @@ def test_ones_own_hardware_is_not_driven_on_simulated_time(
 ) -> None:
     urdf, controllers = map(str, files)
     words = complaint(capsys, monkeypatch, "up", "--rtf", "2", "--urdf", urdf, "--controllers", controllers)
-    assert "factory/Belt may keep real time: leave out --rtf and --step, or name a --hardware" in words
+    assert "factory/Belt may not support simulated time: leave out --rtf and --step, or choose a --hardware" in words

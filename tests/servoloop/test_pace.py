@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from drivers.errors import DriverError
-from servoloop.simulation.pace import LONGEST_CATCH_UP_S, LOOK_S, Pace, PausedError, parse_factor
+from servoloop.simulation.pace import LONGEST_CATCH_UP_S, POLL_S, Pace, PausedError, parse_factor
 
 PERIOD_S = 0.05
 
@@ -97,7 +97,7 @@ def test_a_pause_stops_time_and_is_not_made_up_for() -> None:
     loop.pace.pause(True)
     loop.wall.events = [lambda: None] * 50 + [lambda: loop.pace.pause(False)]
     loop.run(1)
-    assert sum(loop.wall.waits_s[-51:]) == pytest.approx(51 * LOOK_S)
+    assert sum(loop.wall.waits_s[-51:]) == pytest.approx(51 * POLL_S)
     assert loop.run(100) == pytest.approx(100 * PERIOD_S / 5.0, abs=PERIOD_S)
     assert "times real time" in loop.pace.summary and " 5." in loop.pace.summary
 
@@ -105,7 +105,7 @@ def test_a_pause_stops_time_and_is_not_made_up_for() -> None:
 def test_whoever_waits_is_let_go_when_the_loop_is_told_to_end() -> None:
     loop = Loop(0.001, paused=True)
     loop.pace.wait(0.0, lambda: len(loop.wall.waits_s) == 3)
-    assert loop.wall.waits_s == [LOOK_S] * 3
+    assert loop.wall.waits_s == [POLL_S] * 3
 
 
 def test_steps_run_exactly_so_many_cycles_and_are_done_behind_the_last_one() -> None:
@@ -153,5 +153,5 @@ def test_factors(text: str, factor: float) -> None:
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "fast", ""])
 def test_what_is_no_factor_is_refused(text: str) -> None:
-    with pytest.raises(DriverError, match="--rtf takes a factor above 0"):
+    with pytest.raises(DriverError, match="--rtf must be a factor above 0"):
         parse_factor(text)

@@ -29,13 +29,13 @@ def test_several_buses_in_any_order() -> None:
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        (["/dev/a"], "--port /dev/a names none of the buses; no --port for bus arm; no --port for bus hand"),
-        (["arm=/dev/a"], "no --port for bus hand. The robot file has the buses arm, hand: say --port arm=PATH --port"),
-        (["arm=/dev/a", "foot=/dev/b"], "--port foot=/dev/b names none of the buses; no --port for bus hand"),
-        (["arm=/dev/a", "arm=/dev/b", "hand=/dev/c"], "--port arm= is there twice"),
+        (["/dev/a"], "--port /dev/a does not name a bus; bus arm has no --port; bus hand has no --port"),
+        (["arm=/dev/a"], "bus hand has no --port. The robot file has the buses arm, hand: use --port arm=PATH --port"),
+        (["arm=/dev/a", "foot=/dev/b"], "--port foot=/dev/b does not name a bus; bus hand has no --port"),
+        (["arm=/dev/a", "arm=/dev/b", "hand=/dev/c"], "--port arm= is given twice"),
         (["arm=/dev/a", "hand=/dev/a"], "two buses cannot share /dev/a"),
-        (["arm=", "hand=/dev/a"], "--port arm= names none"),
-        (["arm=/", "hand=/dev/a"], "--port arm=/ names none"),
+        (["arm=", "hand=/dev/a"], "--port arm= does not name"),
+        (["arm=/", "hand=/dev/a"], "--port arm=/ does not name"),
     ],
 )
 def test_what_is_missing_unknown_or_double_is_said_with_the_buses(values: list[str], says: str) -> None:
@@ -46,12 +46,12 @@ def test_what_is_missing_unknown_or_double_is_said_with_the_buses(values: list[s
 
 @pytest.mark.parametrize(("value", "bus"), [("", ""), (".", ""), ("/", ""), ("arm=", "arm"), ("", "arm")])
 def test_a_port_without_a_device(value: str, bus: str) -> None:
-    with pytest.raises(DriverError, match="--port takes a device"):
+    with pytest.raises(DriverError, match="--port needs the path of a device"):
         parse_ports([value], [bus])
 
 
 def test_two_ports_for_one_bus() -> None:
-    with pytest.raises(DriverError, match="the robot has one bus: name one --port"):
+    with pytest.raises(DriverError, match="the robot has only one bus: give only one --port"):
         parse_ports(["/dev/a", "/dev/b"], [""])
 
 

@@ -39,7 +39,7 @@ def test_a_process_that_is_stopped_is_ended() -> None:
 def test_a_process_that_does_not_end_in_time_is_killed(caplog: pytest.LogCaptureFixture) -> None:
     process = child(STUBBORN)
     assert end(process, 0.1) == -signal.SIGKILL
-    assert caplog.messages == [f"process {process.pid} does not end: it is killed"]
+    assert caplog.messages == [f"process {process.pid} did not end and was killed"]
 
 
 def test_a_process_that_does_not_end_is_killed_by_hurry() -> None:
@@ -65,10 +65,12 @@ def test_waiting_for_processes_ends_with_the_condition_a_signal_the_time_or_a_pr
     signals = [0]
     with Processes(tmp_path, os.environ, lambda: signals[0]) as processes:
         processes.wait_until(lambda: True, "nothing", 0.0)
-        with pytest.raises(DriverError, match=f"waiting took longer than 0 s: the logs are in {tmp_path}"):
+        with pytest.raises(DriverError, match=f"waiting took longer than 0 s: see the logs in {tmp_path}"):
             processes.wait_until(lambda: False, "waiting", 0.0)
         processes.start("calendar", "calendar", "--no-such-option")
-        with pytest.raises(DriverError, match=r"calendar ended \(status 2\):(\n.*)*unrecognized arguments"):
+        with pytest.raises(
+            DriverError, match=r"calendar ended unexpectedly \(exit status 2\):(\n.*)*unrecognized arguments"
+        ):
             processes.wait_until(lambda: False, "waiting", 30.0)
         signals[0] = 1
     with Processes(tmp_path, os.environ, lambda: signals[0]) as processes, pytest.raises(Interrupted, match="waiting"):

@@ -88,7 +88,7 @@ def test_what_is_done_aside_is_waited_for() -> None:
 def test_work_that_does_not_end_is_not_waited_for_for_ever() -> None:
     worker, blocked = BackgroundWorker(join_s=0.01), threading.Event()
     worker(blocked.wait)
-    with pytest.raises(TimeoutError, match="a hardware change is still under way after 0 s"):
+    with pytest.raises(TimeoutError, match="a hardware change is still running after 0 s"):
         worker.join()
     blocked.set()
     for thread in threading.enumerate():

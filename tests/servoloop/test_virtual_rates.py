@@ -33,7 +33,7 @@ def test_every_servo_answers_at_the_files_rate_also_after_a_restart(tmp_path: Pa
 
 def test_a_rate_that_a_servo_does_not_know_is_refused_with_those_that_it_knows(tmp_path: Path) -> None:
     files = read_files(robot=at_rate(tmp_path, "robot_arm.yaml", 57_601))
-    with pytest.raises(RobotFileError, match=r"joint1: a sts3215 knows 38400, .*1000000 baud, not 57601"):
+    with pytest.raises(RobotFileError, match=r"joint1: a sts3215 supports 38400, .*1000000 baud, not 57601"):
         virtual_bus(files.robot, WorldPlant(World(), couplings(files.robot)))
 
 

@@ -1,4 +1,4 @@
-"""The poses of the pick-and-place job, and the job as a foreign node may send it: without waiting for the hand."""
+"""Poses of the pick-and-place job, and the job as another node may send it, without waiting for the hand."""
 
 from controller.trajectory.goal import GoalHandle
 from nodes.pick_place.settings import Settings
@@ -17,7 +17,7 @@ ROBOT_ARM = Settings()
 
 
 class UnpacedJob:
-    """The pick-place node's job by the letter: the hand is told, and the arm in the same instant."""
+    """Pick-and-place job that sends the arm goal immediately after the hand command."""
 
     def __init__(self, rig: SimulatedStack, grade: str, settings: Settings = ROBOT_ARM) -> None:
         self._rig = rig
@@ -34,7 +34,7 @@ class UnpacedJob:
         return not self._steps and self.handles[-1].done
 
     def react(self) -> None:
-        """Called after each cycle: sends what comes next as soon as the last goal is decided."""
+        """Send the next goal as soon as the previous goal has ended. Called after each cycle."""
         if self._steps and (not self.handles or self.handles[-1].done):
             hand_m, pose = self._steps.pop(0)
             if hand_m is not None:
@@ -42,7 +42,7 @@ class UnpacedJob:
             self.handles.append(self._rig.go(pose))
 
     def run(self, longest_s: float = 20.0) -> None:
-        """From beginning to end."""
+        """Run the whole job."""
         self._rig.after_cycle = self.react
         self._rig.run(longest_s, lambda: self.done)
         self._rig.after_cycle = lambda: None

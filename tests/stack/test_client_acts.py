@@ -23,7 +23,7 @@ def turned(arm: str, act: Act, joint: str) -> tuple[list[float], tuple[str, ...]
 @pytest.mark.parametrize(
     ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
 )
-def test_a_jogged_joint_turns_while_its_key_is_held_and_stops_soon_afterwards(arm: str, joint: str) -> None:
+def test_jogged_joint_moves_while_key_is_held_and_stops_soon_after(arm: str, joint: str) -> None:
     angles, violations = turned(arm, Jog(at_s=0.5, joint=joint, share=1.0, for_s=1.0), joint)
     assert not violations
     assert angles[32] - angles[10] > 0.2

@@ -1,4 +1,4 @@
-"""The main job on Dynamixel servos, from the controllers to the cube, on simulated time."""
+"""The pick-and-place job on Dynamixel servos, from the controllers to the cube, in simulated time."""
 
 import pytest
 
@@ -11,7 +11,7 @@ LARGEST_RAD, RMS_RAD = 0.08, 0.03
 
 
 @pytest.mark.parametrize("grade", BINS)
-def test_the_cube_ends_in_its_bin(grade: str) -> None:
+def test_cube_lands_in_its_bin(grade: str) -> None:
     rig = SimulatedStack(files=read_files(robot=CONFIG / "robot_arm_dynamixel.yaml")).up()
     job = UnpacedJob(rig, grade)
     job.run()

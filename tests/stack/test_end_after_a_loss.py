@@ -1,4 +1,4 @@
-"""At the end an arm whose adapter was lost is parked and released, if it can be reached and still holds."""
+"""At shutdown, an arm whose adapter was lost is parked and released if it is reachable and still holds."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from servoloop.stack.robot_files import read_files
 from sim_backend.faults.text import parse
 
 SWITCHES_ON = bytes([3, sts.torque_enable.address, 1])
-"""The instruction WRITE, the register and its value."""
+"""Packet fragment: instruction WRITE, register and value."""
 
 
 def up(*faults: str) -> FaultyStack:
@@ -33,7 +33,7 @@ def torque(stack: FaultyStack) -> set[int]:
 
 
 def parked(stack: FaultyStack) -> dict[str, float]:
-    """How far each joint of the park pose is from it, rad or m."""
+    """Return the distance of each joint from the park pose, in rad or m."""
     park = stack.files.robot.file.park
     assert park is not None
     true = dict(zip(stack.world.joints, stack.world.position().tolist(), strict=True))
@@ -41,19 +41,19 @@ def parked(stack: FaultyStack) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("fault", ["adapter_unplugged at=0.5s for=0.2s", "adapter_unplugged at=0.5s for=0.8s"])
-def test_an_arm_that_is_back_is_parked_and_released(fault: str) -> None:
+def test_reconnected_arm_is_parked_and_released(fault: str) -> None:
     stack = ended(fault)
     assert torque(stack) == {0}
     assert max(parked(stack).values()) < 0.1
 
 
 @pytest.mark.parametrize("fault", ["adapter_unplugged at=0.5s", "adapter_unplugged as=another at=0.5s for=0.2s"])
-def test_an_arm_that_cannot_be_reached_holds(fault: str) -> None:
+def test_unreachable_arm_keeps_its_torque(fault: str) -> None:
     assert torque(ended(fault)) == {1}
 
 
-def test_an_arm_that_has_fallen_meanwhile_lies_where_it_is() -> None:
-    """A hand may be at it: nobody has asked for a motion."""
+def test_arm_that_has_sunk_is_not_moved() -> None:
+    """A person may be touching the arm, and no client has requested a motion."""
     stack = up("adapter_unplugged at=0.5s for=0.5s", "cable_cut at=0.6s for=0.2s")
     before = len(stack.port.sent)
     end_program(stack)

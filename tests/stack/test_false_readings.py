@@ -1,4 +1,4 @@
-"""A false position with a right checksum moves no joint, whichever way a measured position becomes a goal."""
+"""A false position with a valid checksum moves no joint, however a measured position becomes a goal."""
 
 from collections.abc import Callable
 
@@ -21,8 +21,8 @@ REACH_RAD = 0.4
 MOVE_S = 0.8
 
 
-class Watched(FaultyStack):
-    """A stack whose joints' true positions are kept from the moment at which ``watch`` is called."""
+class TrackedStack(FaultyStack):
+    """Stack that records the true joint positions after ``watch`` is called."""
 
     def __init__(self) -> None:
         super().__init__(files=files_of("robot_arm"), keep_alive=True, start=(*READY, 0.02))
@@ -39,7 +39,7 @@ class Watched(FaultyStack):
 
     @property
     def goal(self) -> list[float]:
-        """The arm's start with the third joint further on."""
+        """Start pose with the third joint moved."""
         return [value + (REACH_RAD if index == 2 else 0.0) for index, value in enumerate(READY)]
 
     def transition(self, target: LifecycleState) -> None:
@@ -48,13 +48,13 @@ class Watched(FaultyStack):
         asked.result()
 
 
-def activation(stack: Watched) -> None:
+def activation(stack: TrackedStack) -> None:
     stack.watch()
     stack.up()
     stack.run(0.6)
 
 
-def second_activation(stack: Watched) -> None:
+def second_activation(stack: TrackedStack) -> None:
     stack.up()
     stack.transition(LifecycleState.INACTIVE)
     stack.watch()
@@ -62,7 +62,7 @@ def second_activation(stack: Watched) -> None:
     stack.run(0.4)
 
 
-def motion(stack: Watched) -> None:
+def motion(stack: TrackedStack) -> None:
     stack.up()
     stack.watch()
     handle = stack.go(stack.goal, MOVE_S)
@@ -71,7 +71,7 @@ def motion(stack: Watched) -> None:
     assert handle.status is GoalStatus.SUCCEEDED, handle.error_text
 
 
-def cancel(stack: Watched) -> None:
+def cancel(stack: TrackedStack) -> None:
     stack.up()
     stack.watch()
     handle = stack.go(stack.goal, MOVE_S)
@@ -81,14 +81,14 @@ def cancel(stack: Watched) -> None:
     stack.run(0.3)
 
 
-def dead_stop(stack: Watched) -> None:
-    """``decelerate_on_cancel: false``: upstream holds what is measured."""
+def dead_stop(stack: TrackedStack) -> None:
+    """With ``decelerate_on_cancel: false``, the controller holds the measured position, as in ros2_control."""
     constraints = stack.arm.parameters.constraints.model_copy(update={"decelerate_on_cancel": False})
     stack.arm.reconfigure(stack.arm.parameters.model_copy(update={"constraints": constraints}))
     cancel(stack)
 
 
-def controller_switch(stack: Watched) -> None:
+def controller_switch(stack: TrackedStack) -> None:
     stack.up()
     stack.watch()
     stack.go(stack.goal, MOVE_S)
@@ -98,13 +98,13 @@ def controller_switch(stack: Watched) -> None:
         stack.run(0.3)
 
 
-def switch(stack: Watched, active: bool) -> None:
+def switch(stack: TrackedStack, active: bool) -> None:
     name = (stack.arm.name,)
     request = SwitchRequest(activate=name) if active else SwitchRequest(deactivate=name)
     stack.manager.switch(request, stack.loop.within_limits)
 
 
-def silence(stack: Watched) -> None:
+def silence(stack: TrackedStack) -> None:
     stack.up()
     stack.watch()
     stack.player.play([parse("silent id=3 at=0.2s for=0.25s")], stack.world.time_s)
@@ -112,7 +112,7 @@ def silence(stack: Watched) -> None:
     stack.run(1.5)
 
 
-def shutdown(stack: Watched) -> None:
+def shutdown(stack: TrackedStack) -> None:
     stack.up()
     stack.watch()
     stack.go(stack.goal, MOVE_S)
@@ -120,7 +120,7 @@ def shutdown(stack: Watched) -> None:
     assert shut_down(stack.loop, False, None, 1.0) == []
 
 
-WAYS: dict[Callable[[Watched], None], float] = {
+WAYS: dict[Callable[[TrackedStack], None], float] = {
     activation: 0.4,
     second_activation: 1.2,
     motion: 1.6,
@@ -130,12 +130,12 @@ WAYS: dict[Callable[[Watched], None], float] = {
     silence: 1.2,
     shutdown: 1.0,
 }
-"""The ways in which a measured position becomes a goal, and for how long each lasts, in seconds."""
+"""Events in which a measured position becomes a goal, and their durations in seconds."""
 
 
-def deceived(way: Callable[[Watched], None], joint: int, counts: int, share: float) -> None:
-    """One reading of the joint is off by ``counts``, after a ``share`` of the way's time: no joint leaves its way."""
-    stack = Watched()
+def deceived(way: Callable[[TrackedStack], None], joint: int, counts: int, share: float) -> None:
+    """One reading is off by ``counts`` after a ``share`` of the event's time, and no joint leaves its path."""
+    stack = TrackedStack()
     at_s = stack.world.time_s + share * WAYS[way]
     stack.player.play([FalsePosition(servo_id=joint, counts=counts, replies=1, at_s=at_s)])
     way(stack)
@@ -148,7 +148,7 @@ def deceived(way: Callable[[Watched], None], joint: int, counts: int, share: flo
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
 @pytest.mark.parametrize(("counts", "share"), [(-1000, 0.05), (300, 0.5)])
-def test_one_false_reading_moves_no_joint(way: Callable[[Watched], None], counts: int, share: float) -> None:
+def test_one_false_reading_moves_no_joint(way: Callable[[TrackedStack], None], counts: int, share: float) -> None:
     deceived(way, 3, counts, share)
 
 
@@ -160,7 +160,7 @@ def test_one_false_reading_moves_no_joint(way: Callable[[Watched], None], counts
     counts=st.integers(100, 4096).flatmap(lambda size: st.sampled_from((size, -size))),
     share=st.floats(0.0, 1.0),
 )
-def test_no_false_reading_at_any_time_moves_a_joint(
-    way: Callable[[Watched], None], joint: int, counts: int, share: float
+def test_false_reading_at_any_time_moves_no_joint(
+    way: Callable[[TrackedStack], None], joint: int, counts: int, share: float
 ) -> None:
     deceived(way, joint, counts, share)

@@ -1,4 +1,4 @@
-"""How well soft servos follow, with lead and gravity compensation and without each of them."""
+"""Following error of soft servos with and without lead and gravity compensation."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,20 +23,20 @@ ROBOTS = ("robot_arm.yaml", "robot_arm_dynamixel.yaml")
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.010
 COUNT_RAD = 2.0 * np.pi / 4096
 ACTIVATED_S = 2.5
-"""Until then the arm has sunk with the torque, and has been lifted again."""
+"""Time for the arm to sink after activation and rise again, in seconds."""
 WITHOUT_LEAD = ("  arm_controller:\n", "  arm_controller:\n    command_lead: 0.0\n")
 WITHOUT_COMPENSATION = ("\non_exit:\n", "\ngravity_compensation: false\non_exit:\n")
 
 
 class KnownOnly(GravityCompensation):
-    """The compensation without its slow correction."""
+    """Gravity compensation without its slow correction."""
 
     def _correct(self, *_: object) -> None:
         pass
 
 
 UNKNOWN_LOAD = ('<mass value="0.11"/>', '<mass value="0.03"/>')
-"""The hand is 80 g heavier than its URDF says."""
+"""Additional mass of the hand that its URDF does not contain (80 g)."""
 
 
 def known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:
@@ -52,7 +52,7 @@ def loaded_known_only(joints: Sequence[Joint], description: Description) -> Grav
 
 
 def following(robot: Path, changes: Sequence[tuple[str, str]] = (), make: object = compensation) -> FollowingError:
-    """The following error of one job; ``changes`` to the robot file switch off what it names."""
+    """Return the following error of one job with a changed robot file."""
     text = robot.read_text()
     for old, new in changes:
         assert old in text
@@ -67,7 +67,7 @@ def following(robot: Path, changes: Sequence[tuple[str, str]] = (), make: object
 
 @pytest.fixture
 def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """A copy of a robot file, of the STS arm unless another is named."""
+    """Return a copy of a robot file, by default that of the STS arm."""
     path = tmp_path / getattr(request, "param", ROBOTS[0])
     path.write_text((CONFIG / path.name).read_text())
     return path
@@ -77,14 +77,14 @@ each_robot = pytest.mark.parametrize("robot", ROBOTS, indirect=True)
 
 
 @each_robot
-def test_soft_servos_bring_the_arm_where_it_is_told(robot: Path) -> None:
+def test_soft_servos_follow_within_tolerance(robot: Path) -> None:
     error = following(robot)
     assert max(error.largest_rad) <= LARGEST_RAD
     assert max(error.rms_moving_rad) <= RMS_RAD
     assert max(error.at_rest_rad) <= AT_REST_RAD
 
 
-def test_without_the_lead_the_arm_is_late(robot: Path) -> None:
+def test_without_lead_compensation_the_arm_lags(robot: Path) -> None:
     without = following(robot, [WITHOUT_LEAD])
     assert max(without.rms_moving_rad) > 1.3 * max(following(robot, [WITHOUT_LEAD[::-1]]).rms_moving_rad)
 
@@ -94,13 +94,13 @@ def test_without_gravity_compensation_the_arm_sags(robot: Path) -> None:
     assert max(without.at_rest_rad) > 2.0 * max(following(robot, [WITHOUT_COMPENSATION[::-1]]).at_rest_rad)
 
 
-def test_the_slow_correction_does_what_the_masses_do_not_explain(robot: Path) -> None:
+def test_slow_correction_compensates_unmodeled_masses(robot: Path) -> None:
     corrected, known = (following(robot, make=make).at_rest_rad for make in (loaded, loaded_known_only))
     carrying = slice(1, 4)  # joints 2 to 4
     assert max(corrected[carrying]) < 0.8 * max(known[carrying])
 
 
-def test_after_switching_on_the_offsets_come_slowly() -> None:
+def test_compensation_fades_in_after_activation() -> None:
     rig = SimulatedStack().up()
     goals = [[servo.memory.get(sts.goal_position) for servo in rig.bus.servos]]
     for _ in range(40):
@@ -114,9 +114,8 @@ def test_after_switching_on_the_offsets_come_slowly() -> None:
 
 @each_robot
 @pytest.mark.slow
-def test_an_arm_at_rest_stays_at_rest(robot: Path) -> None:
-    """Friction and a slow correction can make a joint creep to and fro about its goal. A count is what friction that
-    gives way a little lets the servo do by itself."""
+def test_arm_at_rest_stays_at_rest(robot: Path) -> None:
+    """Friction and slow correction can make a joint drift around its goal. Elastic friction alone causes one count."""
     rig = SimulatedStack(files=read_files(robot=robot)).up()
     rig.go(PICK)
     rig.run(6.0)

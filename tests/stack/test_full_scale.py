@@ -1,4 +1,4 @@
-"""Goals at the full speed of MoveIt's plans, on virtual servos: they arrive, and the arm rests when they have."""
+"""Goals at the full speed of MoveIt's plans succeed on virtual servos, and the arm is at rest afterward."""
 
 from collections.abc import Sequence
 
@@ -13,16 +13,16 @@ from servoloop.simulation.stack import SimulatedStack
 from tests.controller.moveit_plans import trapezoid
 
 LIMITS = [JointLimits(-3.6, 3.6, 3.6, 9.6, 120.0)] * 6
-"""Velocity and acceleration of config/moveit/joint_limits.yaml."""
+"""Shares of velocity and acceleration in config/moveit/joint_limits.yaml."""
 LIFTED_FAST = (2.899, 0.985, 0.854, 0.683, -0.9, -2.02), (0.624, -1.746, 0.352, 0.058, 0.17, -2.31)
-"""The stretched arm is lifted with all that joint2 has, and falls behind by more than 0.3 rad."""
+"""Lifting the stretched arm takes the full effort of joint2, which lags by more than 0.3 rad."""
 START_RAD = 0.01
 """MoveIt's allowed_start_tolerance."""
 RANGE = np.array([3.0, 1.95, 1.95, 1.95, 1.95, 3.0])
 
 
 def at(pose: Sequence[float]) -> SimulatedStack:
-    """A stack whose arm stands there, with nothing but the table in its way."""
+    """Return a stack with the arm in a pose, and no obstacle except for the table."""
     stack = SimulatedStack(start=[*pose, 0.0])
     stack.world.clear_table()
     stack.up()
@@ -31,7 +31,7 @@ def at(pose: Sequence[float]) -> SimulatedStack:
 
 
 def driven(stack: SimulatedStack, end: Sequence[float]) -> tuple[GoalHandle, float]:
-    """A goal from where the arm is measured, and by how much the arm moves within a second of its result."""
+    """Send a goal from the measured position, and return the motion of the arm in the second after its result."""
     points = trapezoid(here(stack).tolist(), end, LIMITS)
     goal = TrajectoryGoal(stack.arm.joints, tuple(points))
     reason = stack.arm.check(goal)
@@ -50,7 +50,7 @@ def here(stack: SimulatedStack) -> FloatArray:
     return stack.arm.tracking.feedback_position
 
 
-def test_a_goal_that_asks_for_all_that_a_servo_has_succeeds() -> None:
+def test_goal_at_full_servo_speed_succeeds() -> None:
     start, end = LIFTED_FAST
     stack = at(start)
     handle, moved = driven(stack, end)
@@ -60,7 +60,7 @@ def test_a_goal_that_asks_for_all_that_a_servo_has_succeeds() -> None:
 
 
 @pytest.mark.slow
-def test_thirty_goals_one_after_the_other_succeed_and_the_arm_rests_behind_each() -> None:
+def test_thirty_goals_succeed_and_the_arm_is_at_rest_after_each() -> None:
     random = np.random.default_rng(32)
     stack = at((0.0, 0.0, -0.5, -0.5, 0.0, 0.0))
     for number in range(30):
@@ -70,7 +70,7 @@ def test_thirty_goals_one_after_the_other_succeed_and_the_arm_rests_behind_each(
 
 
 def a_free_pose(stack: SimulatedStack, random: np.random.Generator) -> FloatArray:
-    """A random pose that is reached on a straight line without touching anything."""
+    """Return a random pose that is reached on a straight line without collisions."""
     world, start = stack.world, here(stack)
     data = mujoco.MjData(world.model)
     data.qpos[:] = world.data.qpos

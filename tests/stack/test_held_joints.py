@@ -1,4 +1,4 @@
-"""Joints that something holds: after a goal's result no servo presses or releases, and the next goal succeeds."""
+"""Blocked joints: after the result of a goal no servo presses or releases, and the next goal succeeds."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ from tests.stack.rig import PICK, READY
 from tests.stack.test_full_scale import LIFTED_FAST, LIMITS, at, here
 
 WEIGHT = 0.3
-"""Share of full drive that carries the arm."""
+"""Share of the full drive needed to carry the arm."""
 
 
 def loads(state: JointState) -> dict[str, float]:
@@ -32,7 +32,7 @@ def states_of(stack: SimulatedStack, seconds: float) -> list[JointState]:
 
 
 @pytest.mark.parametrize("canceled", [False, True], ids=["goal_time", "cancel"])
-def test_an_arm_that_was_sent_into_the_stand_does_not_press_on_it(canceled: bool) -> None:
+def test_arm_sent_into_the_stand_stops_pressing(canceled: bool) -> None:
     stack = SimulatedStack().up()
     stack.run(1.5)
     into = (PICK[0], PICK[1] - 0.5, *PICK[2:])
@@ -63,7 +63,7 @@ def set_inactive(stack: SimulatedStack) -> None:
 
 
 @pytest.mark.parametrize("end", [deactivate, set_inactive])
-def test_an_arm_whose_controller_goes_while_it_presses_is_relieved(end: Callable[[SimulatedStack], None]) -> None:
+def test_pressing_arm_is_relieved_when_its_controller_is_deactivated(end: Callable[[SimulatedStack], None]) -> None:
     stack = SimulatedStack().up()
     stack.run(1.5)
     stack.go((PICK[0], PICK[1] - 0.5, *PICK[2:]))
@@ -76,7 +76,7 @@ def test_an_arm_whose_controller_goes_while_it_presses_is_relieved(end: Callable
         assert max(loads(state).values()) < WEIGHT
 
 
-def test_a_joint_that_jams_at_full_speed_is_relieved_before_its_servo_releases() -> None:
+def test_jammed_joint_is_relieved_before_its_servo_releases() -> None:
     start, end = LIFTED_FAST
     stack = at(start)
     goal = TrajectoryGoal(stack.arm.joints, tuple(trapezoid(here(stack).tolist(), end, LIMITS)))

@@ -1,4 +1,4 @@
-"""The line stalls for up to 0.2 s, at random moments of motions: no goal ends by it, none leaves its arm behind."""
+"""The bus stalls for up to 0.2 s at random times during motions. No goal is aborted and the arm stays close."""
 
 import random
 from typing import Final
@@ -15,13 +15,13 @@ LONGEST_S: Final = 0.2
 WAY_RAD: Final = 1.5
 MOVE_S: Final = 1.8
 LARGEST_ERROR_RAD: Final = 0.2
-"""Of what is measured. The paths' tolerance is 0.3."""
+"""Largest measured following error, in rad. The path tolerance is 0.3."""
 LARGEST_STEP_BACK_RAD: Final = 0.01
-"""Without a stall it is 0.008, at the end: the lead swings beyond it."""
+"""Largest step backward, in rad. Without a stall it is 0.008, at the end, as the lead overshoots."""
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_stall_of_the_line_ends_no_goal(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bus_stall_does_not_abort_a_goal(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, chance = SimulatedStack().up(), random.Random(seed)
     rig.run(0.5)
     silent_until_s, read, stalls = 0.0, RecordingPort.read, 0
@@ -47,10 +47,10 @@ def test_a_stall_of_the_line_ends_no_goal(seed: int, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("both_ways", [True, False])
 @pytest.mark.parametrize("at_s", [0.5, 0.7, 0.9, 1.1, 1.3])
-def test_the_path_waits_for_the_arm_and_never_goes_back(
+def test_path_waits_for_the_arm_and_never_runs_backward(
     at_s: float, both_ways: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Answers are lost; ``both_ways``, as when the other end of the line is stopped: goals come late, all at once."""
+    """Replies are lost. With ``both_ways``, goals also arrive late and all together, as from a stopped process."""
     rig = SimulatedStack().up()
     rig.run(0.5)
     rig.go([*READY[:5], -WAY_RAD])

@@ -1,4 +1,4 @@
-"""One of several lines is lost: what becomes of the joints on the others. Virtual servos on simulated time."""
+"""Loss of one of several buses, and its effect on the joints of the others, in simulated time."""
 
 from pathlib import Path
 
@@ -20,17 +20,17 @@ ACTIVE, UNCONFIGURED = LifecycleState.ACTIVE, LifecycleState.UNCONFIGURED
 
 
 def one_component() -> SimulatedStack:
-    """Two lines, one component."""
+    """Return a stack with two buses in one component."""
     return SimulatedStack(files=read_files(robot=CONFIG / "robot_arm_two_buses.yaml"))
 
 
 def two_components(folder: Path, keep_alive: bool = False) -> SimulatedStack:
-    """A line each."""
+    """Return a stack with two components, each on a bus of its own."""
     return SimulatedStack(files=read_files(write_servos(folder)), keep_alive=keep_alive)
 
 
 def sent(rig: SimulatedStack) -> list[FloatArray]:
-    """Every command from here on, as it leaves the loop."""
+    """Record every later command of the loop."""
     commands: list[FloatArray] = [rig.loop.previous_command, rig.loop.command]
     write = rig.loop.hardware.write
 
@@ -43,14 +43,14 @@ def sent(rig: SimulatedStack) -> list[FloatArray]:
 
 
 def gentle(rig: SimulatedStack, path: list[FloatArray]) -> bool:
-    """Whether no joint of the arm was braked harder than it may be."""
+    """Return whether all joints of the arm were braked within their limits."""
     velocity = np.diff(np.array(path)[:, :6], axis=0) / rig.loop.period_s
     limit = rig.loop.limits[0].acceleration * rig.loop.period_s * 1.2
     return bool(np.abs(np.diff(velocity, axis=0)).max() <= limit)
 
 
 @pytest.mark.parametrize("relax", [False, True])
-def test_with_the_hands_line_lost_the_arm_is_braked_and_parked_before_it_is_let_go(relax: bool) -> None:
+def test_arm_is_braked_and_parked_before_release_when_the_hand_bus_is_lost(relax: bool) -> None:
     rig = one_component().up()
     rig.go(PICK)
     rig.run(0.9)
@@ -68,7 +68,7 @@ def test_with_the_hands_line_lost_the_arm_is_braked_and_parked_before_it_is_let_
     np.testing.assert_allclose(arm, 0.0 if relax else commands[-1][:6], atol=0.05)
 
 
-def test_a_lost_hand_leaves_the_arm_its_goal(tmp_path: Path) -> None:
+def test_lost_hand_does_not_abort_the_arm_goal(tmp_path: Path) -> None:
     rig = two_components(tmp_path).up()
     handle = rig.go(PICK)
     assert rig.hand.submit([CLOSED_M]) is None
@@ -81,7 +81,7 @@ def test_a_lost_hand_leaves_the_arm_its_goal(tmp_path: Path) -> None:
     assert rig.manager.registry.state("hand_controller") is LifecycleState.INACTIVE
 
 
-def test_a_lost_arm_ends_its_goal_in_words(tmp_path: Path) -> None:
+def test_lost_arm_aborts_its_goal_with_a_message(tmp_path: Path) -> None:
     rig = two_components(tmp_path).up()
     handle = rig.go(PICK)
     rig.run(0.9)
@@ -94,8 +94,8 @@ def test_a_lost_arm_ends_its_goal_in_words(tmp_path: Path) -> None:
     assert rig.loop.command[6] == pytest.approx(CLOSED_M)
 
 
-def test_the_arm_comes_back_where_it_stands_and_goes_on_from_there(tmp_path: Path) -> None:
-    """Activated again, it gets its torque with the goal at its place, and a new goal begins there."""
+def test_reactivated_arm_starts_at_its_measured_position(tmp_path: Path) -> None:
+    """On reactivation, the servo goals equal the measured positions, and a new goal starts there."""
     rig = two_components(tmp_path, keep_alive=True).up()
     rig.go(PICK)
     rig.run(0.9)

@@ -1,4 +1,4 @@
-"""The benchmark measures what arms run: the control loop and ``servoloop bench bus`` call the port alike."""
+"""The benchmark is realistic: ``servoloop bench bus`` makes the same port calls as the control loop."""
 
 from collections.abc import Mapping
 
@@ -24,7 +24,7 @@ Call = tuple[str, bytes | int]
 
 
 class RecordingPort(VirtualPort):
-    """A port that keeps what it was called with; how long to wait is the caller's own time."""
+    """Port that records its calls, except for the deadlines."""
 
     calls: tuple[Call, ...] = ()
 
@@ -42,7 +42,7 @@ class RecordingPort(VirtualPort):
 
 
 def identified(kind: Kind) -> tuple[Line, RecordingPort]:
-    """A line whose servos have been identified and have all answered."""
+    """Return a line after all servos have been identified and have answered."""
     line = Line(kind, RecordingPort)
     assert isinstance(line.port, RecordingPort)
     for servo_id in IDS:
@@ -56,9 +56,9 @@ def joints(models: Mapping[int, ServoModel]) -> list[Joint]:
 
 
 def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tuple[Call, ...], Mapping[int, ServoGoal]]:
-    """Of so many cycles that hold the arm, and the goals that they tell."""
+    """Return the port calls and the goals of a number of cycles that hold the arm."""
     line, port = identified(kind)
-    # Beside what is compared here the loop asks one servo in turn for its torque, a few times a second.
+    # The loop also reads the torque of one servo in turn, a few times per second. This is not compared here.
     monkeypatch.setattr("hal.servos.servo_faults.WATCH_S", 1e9)
     told: list[Mapping[int, ServoGoal]] = []
     write_goals = Bus.write_goals
@@ -83,7 +83,7 @@ def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tupl
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.with_goals], ids=lambda kind: kind.name)
-def test_the_bench_and_the_loop_make_the_same_calls(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_benchmark_and_control_loop_make_the_same_port_calls(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
     driven, goals = calls_of_the_loop(kind, monkeypatch)
     line, port = identified(kind)
     line.bus.write_goals(goals)

@@ -1,4 +1,4 @@
-"""The main job from the controllers to the cube, on simulated time."""
+"""The pick-and-place job from the controllers to the cube, in simulated time."""
 
 from pathlib import Path
 
@@ -13,9 +13,7 @@ LARGEST_RAD, RMS_RAD = 0.08, 0.03
 
 
 @pytest.mark.parametrize("grade", BINS)
-def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(
-    grade: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_client_without_pauses_for_the_hand_sorts_its_cube(grade: str, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     rig = SimulatedStack().up()
     job = UnpacedJob(rig, grade)
@@ -31,7 +29,7 @@ def test_a_client_that_never_pauses_for_the_hand_gets_its_cube_into_the_bin(
 
 
 @pytest.mark.slow
-def test_job_after_job_without_a_restart() -> None:
+def test_consecutive_jobs_without_restart() -> None:
     rig = SimulatedStack().up()
     ended: list[str | None] = []
     for grade in "CAB":
@@ -41,8 +39,8 @@ def test_job_after_job_without_a_restart() -> None:
     assert ended == ["C", "A", "B"]
 
 
-def test_no_arm_goal_takes_longer_than_its_client_waits() -> None:
-    """The node gives a goal ten seconds; MoveIt gives its duration and a little."""
+def test_arm_goals_end_before_their_client_times_out() -> None:
+    """The node waits ten seconds for a goal; MoveIt waits for its duration plus a margin."""
     rig = SimulatedStack().up()
     job = UnpacedJob(rig, "A")
     sent_s: list[float] = []
@@ -61,7 +59,7 @@ def test_no_arm_goal_takes_longer_than_its_client_waits() -> None:
     assert max(took_s) < 1.1 * 2.0 + 1.5
 
 
-def test_the_same_run_gives_the_same_bytes() -> None:
+def test_equal_runs_give_equal_bytes() -> None:
     def run() -> tuple[object, ...]:
         rig = SimulatedStack().up()
         rig.bus.faults.corrupt_next(3)
@@ -74,7 +72,7 @@ def test_the_same_run_gives_the_same_bytes() -> None:
 
 
 def _files(folder: Path, *, robot: tuple[str, str] = ("", ""), urdf: tuple[str, str] = ("", "")) -> Files:
-    """Our own arm with something replaced in its robot file or its URDF."""
+    """Return the default arm with changes to its robot file or its URDF."""
     made = {}
     for path, (old, new) in ((CONFIG / "robot_arm.yaml", robot), (URDF, urdf)):
         text = path.read_text()
@@ -84,8 +82,8 @@ def _files(folder: Path, *, robot: tuple[str, str] = ("", ""), urdf: tuple[str, 
     return read_files(made[".urdf"], robot=made[".yaml"])
 
 
-def test_upstreams_splines_do_the_job_too(tmp_path: Path, grade: str = "B") -> None:
-    """A goal without velocities is then a straight line in time, with steps of velocity at its ends."""
+def test_job_succeeds_with_spline_interpolation(tmp_path: Path, grade: str = "B") -> None:
+    """A goal without velocities is then a linear motion, with velocity steps at its ends."""
     rig = SimulatedStack(
         files=_files(tmp_path, robot=("interpolation_method: ruckig", "interpolation_method: splines"))
     ).up()
@@ -97,7 +95,7 @@ def test_upstreams_splines_do_the_job_too(tmp_path: Path, grade: str = "B") -> N
 
 
 @pytest.mark.parametrize("grade", ["C"])
-def test_a_hand_five_times_slower_is_waited_for_when_it_closes_and_when_it_opens(tmp_path: Path, grade: str) -> None:
+def test_job_waits_for_a_slow_hand(tmp_path: Path, grade: str) -> None:
     rig = SimulatedStack(
         files=_files(tmp_path, urdf=('effort="40" velocity="0.09"', 'effort="40" velocity="0.018"'))
     ).up()

@@ -1,4 +1,4 @@
-"""A jammed gripper stops pressing and is reported; a held cube is no failure."""
+"""A jammed gripper reduces its effort and is reported. Holding a cube is not a failure."""
 
 import pytest
 
@@ -14,7 +14,7 @@ PRESSES_S = 2.5
 
 
 class Rig(FaultyStack):
-    """An arm whose hand's drive, alarms and diagnostics are kept."""
+    """Stack that records the drive, alarms and diagnostics of the hand."""
 
     def __init__(self, arm: str) -> None:
         super().__init__(files=files_of(arm))
@@ -38,7 +38,7 @@ class Rig(FaultyStack):
     ("arm", "servo", "command", "holds"),
     [("so101", 6, 1.0, 0.2), ("robot_arm_dynamixel", 7, 0.05, 0.27)],
 )
-def test_a_jammed_hand_holds_with_less_and_is_named_and_its_next_motion_has_the_whole_limit(
+def test_jammed_hand_reduces_its_effort_and_is_reported_until_its_next_motion(
     arm: str, servo: int, command: float, holds: float
 ) -> None:
     rig = Rig(arm)
@@ -62,7 +62,7 @@ def test_a_jammed_hand_holds_with_less_and_is_named_and_its_next_motion_has_the_
     assert rig.hand_status() == (Level.OK, "ok")
 
 
-def test_an_arm_joint_that_something_holds_is_named_while_it_drives_with_all_it_has() -> None:
+def test_blocked_arm_joint_is_reported_while_it_drives_at_full_effort() -> None:
     rig = Rig("so101")
     rig.up()
     joint = rig.arm.joints[0]
@@ -71,12 +71,12 @@ def test_an_arm_joint_that_something_holds_is_named_while_it_drives_with_all_it_
     handle = rig.arm.submit(TrajectoryGoal(rig.arm.joints, (point,), Tolerances({joint: -1.0}, {joint: 0.02}, 1.5)))
     seen: list[str] = []
 
-    def look() -> None:
+    def poll() -> None:
         assert rig.state is not None
         stall = rig.state.health[joint].stall
         seen.append(stall.text if stall else "")
 
-    rig.after_cycle = look
+    rig.after_cycle = poll
     rig.run(4.0, lambda: handle.done)
     assert any(text.startswith("servo 1 has pressed with at least 80% of its torque") for text in seen)
     rig.run(1.0)

@@ -1,4 +1,4 @@
-"""A servo that has lost its torque is activated again while the component is active and the other servos hold."""
+"""A servo that lost its torque is reactivated while its component is active and the other servos hold."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ ACTIVE = LifecycleState.ACTIVE
 
 
 def lost(fault: str, arm: str = "robot_arm") -> FaultRig:
-    """An arm that holds itself, until a servo has lost its torque and comes back without."""
+    """Return an arm that holds its position, with one servo that was reset and has no torque."""
     rig = FaultRig(arm)
     rig.up()
     rig.endure(0.5)
@@ -42,7 +42,7 @@ def controllers(rig: FaultRig) -> list[str]:
 
 
 @pytest.mark.parametrize(("arm", "servo_id"), [("robot_arm", 4), ("robot_arm", 5), ("robot_arm_dynamixel", 3)])
-def test_one_request_brings_a_reset_servo_back_and_moves_no_joint(arm: str, servo_id: int) -> None:
+def test_one_request_reactivates_a_reset_servo_without_motion(arm: str, servo_id: int) -> None:
     rig = lost(f"brown_out id={servo_id}", arm)
     running = controllers(rig)
     before = rig.world.position().copy()
@@ -57,7 +57,7 @@ def test_one_request_brings_a_reset_servo_back_and_moves_no_joint(arm: str, serv
     assert handle.status is GoalStatus.SUCCEEDED, handle.error_text
 
 
-def test_no_goal_leaps_whatever_the_joint_was_commanded_before() -> None:
+def test_reactivation_causes_no_jump_of_the_goal() -> None:
     rig = lost("brown_out id=2")
     limits = np.array([joint.limits.velocity for joint in rig.files.robot.joints])
     sent: list[Sequence[float]] = []
@@ -81,9 +81,7 @@ def test_no_goal_leaps_whatever_the_joint_was_commanded_before() -> None:
     ("register", "value", "says"),
     [(sts.operating_mode, 1, "is not in position mode"), (sts.max_position, 2100, "has position limits ")],
 )
-def test_a_servo_that_is_not_as_it_should_be_stays_limp_and_the_others_hold(
-    register: sts.Register, value: int, says: str
-) -> None:
+def test_servo_with_wrong_settings_stays_limp_and_others_hold(register: sts.Register, value: int, says: str) -> None:
     rig = lost("brown_out id=3")
     rig.bus.servo(3).memory.put(register, value)
     running = controllers(rig)
@@ -98,7 +96,7 @@ def test_a_servo_that_is_not_as_it_should_be_stays_limp_and_the_others_hold(
     assert "servo 3 came back without torque" in handle.error_text
 
 
-def test_a_silent_servo_is_named_and_nothing_else_changes() -> None:
+def test_reactivation_reports_silent_servo_and_changes_nothing_else() -> None:
     rig = FaultRig()
     rig.up()
     rig.endure(0.5)
@@ -111,7 +109,7 @@ def test_a_silent_servo_is_named_and_nothing_else_changes() -> None:
 
 @pytest.mark.parametrize(("arm", "servo_id"), [("robot_arm", 4), ("robot_arm", 7), ("robot_arm_dynamixel", 3)])
 @pytest.mark.parametrize("after_s", [0.0, 0.1, 0.3])
-def test_a_request_finds_torque_that_was_lost_just_before(arm: str, servo_id: int, after_s: float) -> None:
+def test_request_detects_torque_lost_just_before(arm: str, servo_id: int, after_s: float) -> None:
     rig = FaultRig(arm)
     rig.up()
     rig.endure(0.5)
@@ -125,7 +123,7 @@ def test_a_request_finds_torque_that_was_lost_just_before(arm: str, servo_id: in
     assert rig.hardware.read().faults == {}
 
 
-def test_a_servo_that_is_silent_since_a_moment_is_named_by_the_answer() -> None:
+def test_request_reports_servo_that_has_just_become_silent() -> None:
     rig = FaultRig()
     rig.up()
     rig.endure(0.5)
@@ -135,7 +133,7 @@ def test_a_servo_that_is_silent_since_a_moment_is_named_by_the_answer() -> None:
     assert rig.made[0].state is ACTIVE
 
 
-def test_a_lost_answer_to_the_question_costs_a_cycle_and_no_torque() -> None:
+def test_lost_reply_to_torque_check_costs_one_cycle_but_no_torque() -> None:
     rig = FaultRig()
     rig.up()
     rig.endure(0.5)
@@ -146,7 +144,7 @@ def test_a_lost_answer_to_the_question_costs_a_cycle_and_no_torque() -> None:
     assert not rig.says("has torque again")
 
 
-def test_a_component_without_faults_is_left_alone() -> None:
+def test_component_without_faults_is_unchanged() -> None:
     rig = FaultRig()
     rig.up()
     handle = rig.go([0.2] * 6, 1.5)

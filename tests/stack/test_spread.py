@@ -1,4 +1,4 @@
-"""The main job on arms with other friction, motors, masses and supply than the nominal, with backlash and without."""
+"""The pick-and-place job on arms with random friction, motors, masses and supply, with and without backlash."""
 
 import numpy as np
 import pytest
@@ -13,21 +13,21 @@ from tests.stack.rig import BINS, UnpacedJob
 
 LARGEST_RAD, RMS_RAD, AT_REST_RAD = 0.06, 0.02, 0.012
 RESTING_RAD = 0.01
-"""Of joint1, which no weight holds against its gear's teeth. The others sag by a cube's weight at first."""
+"""Limit for joint1, which gravity does not load against its gear. Other joints sag under the cube at first."""
 ACTIVATED_S = 2.5
-"""Until then the arm has sunk with the torque, and has been lifted again."""
+"""Time for the arm to sink after activation and rise again, in seconds."""
 FEW, SOME = 2, 5
 SEEDS = [
     *range(FEW),
     *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, SOME)),
     *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(SOME, CYCLES // 200)),
 ]
-"""Five, two of them in make test, and in make soak fifty."""
+"""Five seeds (two of them in make test), and fifty in make soak."""
 
 
 @pytest.mark.parametrize("backlash_deg", [0.0, 1.0], ids=["stiff", "backlash"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_any_arm_gets_its_cube_into_the_bin(seed: int, backlash_deg: float) -> None:
+def test_arms_with_spread_sort_their_cube(seed: int, backlash_deg: float) -> None:
     grade = list(BINS)[seed % len(BINS)]
     rig = SimulatedStack(build=Build(backlash_deg, seed)).up()
     rig.run(ACTIVATED_S)
@@ -47,8 +47,8 @@ def test_any_arm_gets_its_cube_into_the_bin(seed: int, backlash_deg: float) -> N
 
 @pytest.mark.parametrize(("seed", "jobs"), [(9, 5), (13, 3)])
 @pytest.mark.slow
-def test_at_rest_between_jobs_no_joint_swings_through_its_backlash(seed: int, jobs: int) -> None:
-    """A job's first goal is for where the arm is already: it ends no rest, nor what calms it."""
+def test_no_joint_oscillates_through_its_backlash_between_jobs(seed: int, jobs: int) -> None:
+    """The first goal of a job is the current pose, so the arm stays at rest and its damping stays active."""
     rig = SimulatedStack(build=Build(1.0, seed)).up()
     rig.run(ACTIVATED_S)
     for number in range(jobs):
@@ -61,8 +61,8 @@ def test_at_rest_between_jobs_no_joint_swings_through_its_backlash(seed: int, jo
 
 
 @pytest.mark.parametrize("seed", [None, 2])
-def test_a_light_arm_is_not_driven_to_and_fro_by_what_calms_a_heavy_one(seed: int | None) -> None:
-    """An SO-101's shoulder swings five times a second through its backlash: by itself it comes to rest."""
+def test_damping_for_heavy_arms_does_not_excite_a_light_arm(seed: int | None) -> None:
+    """The shoulder of an SO-101 swings through its backlash at 5 Hz and comes to rest without damping."""
     arm = find_arm("so101")
     rig = SimulatedStack(files=read_arm_files(arm), build=Build(1.0, seed)).up()
     rig.run(ACTIVATED_S)

@@ -1,4 +1,4 @@
-"""The process stalls for up to 0.2 s, at random moments of motions: no goal ends by it, and no joint leaps."""
+"""The process stalls for up to 0.2 s at random times during motions. No goal is aborted and no joint jumps."""
 
 import random
 from functools import cache
@@ -13,13 +13,13 @@ from tests.stack.rig import BINS, PICK, READY
 
 SEEDS = range(5)
 LONGEST_STEP = 2.0
-"""A cycle that comes late may move a joint so many times as far as an ordinary one."""
+"""Largest motion in a late cycle, as a multiple of that in an ordinary cycle."""
 SHARE = 0.15
-"""Of the cycles in which the process stalls."""
+"""Share of cycles in which the process stalls."""
 
 
 class Job:
-    """The arm goes from pose to pose while the process stalls, between two cycles or while a controller is updated."""
+    """Job that moves the arm between poses while the process stalls between cycles or during an update."""
 
     def __init__(self, share: float = 0.0, seed: int = 0) -> None:
         self.rig = SimulatedStack().up()
@@ -56,13 +56,13 @@ class Job:
 
     @property
     def largest_steps(self) -> FloatArray:
-        """Of each command interface, from cycle to cycle."""
+        """Largest change of each command from cycle to cycle."""
         steps: FloatArray = np.abs(np.diff(np.array(self.commands), axis=0)).max(axis=0)
         return steps
 
     @property
     def fastest(self) -> FloatArray:
-        """Of each joint of the arm, as the world moved it."""
+        """Highest velocity of each joint of the arm in the world."""
         trace = self.rig.trace
         speeds: FloatArray = np.abs(np.diff(np.array(trace.actual), axis=0)) / np.diff(trace.world_s)[:, None]
         return speeds.max(axis=0)
@@ -74,7 +74,7 @@ def undisturbed() -> Job:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_stall_ends_no_goal_and_no_joint_leaps(seed: int) -> None:
+def test_process_stall_aborts_no_goal_and_causes_no_jump(seed: int) -> None:
     job = Job(SHARE, seed).run()
     assert job.stalls > 10 and job.rig.loop.figures.missed >= job.stalls
     limit = np.array([limit.velocity for limit in job.rig.loop.limits])

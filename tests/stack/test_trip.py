@@ -1,4 +1,4 @@
-"""The two ways through the project stay short: a newcomer reads each in an afternoon."""
+"""The paths of a goal and of a reply through the code stay short enough to read in an afternoon."""
 
 import re
 import threading
@@ -52,8 +52,8 @@ def test_a_reply_passes_few_files_of_hal() -> None:
     assert len(trip) <= 6, trip
 
 
-def test_both_ways_can_be_read_in_an_afternoon() -> None:
-    """The path of a goal also has five files of nodes/, which are not counted here."""
+def test_both_paths_are_short_enough_to_read_in_an_afternoon() -> None:
+    """The path of a goal also has five files in nodes/, which are not counted here."""
     down, rising = goal_to_wire(up()), reply_to_joint_states(up())
     assert len(down) <= 21 and len(rising) <= 14
     assert lines_of(down) <= 2720 and lines_of(rising) <= 2180
@@ -65,7 +65,7 @@ def test_a_reply_passes_few_files_of_controller() -> None:
     assert len(trip) <= 4, trip
 
 
-def test_a_goal_ends_at_the_wire_and_a_reply_begins_there() -> None:
+def test_goal_path_ends_and_reply_path_begins_at_the_port() -> None:
     down = goal_to_wire(up())
     assert down[-1].startswith("drivers/") and "hal/gate.py" in down
     assert not any(name.startswith(("tests/", "sim_backend/")) for name in down)
@@ -75,17 +75,17 @@ def test_a_goal_ends_at_the_wire_and_a_reply_begins_there() -> None:
 
 
 def listed(heading: str) -> set[str]:
-    """The files of one list in docs/architecture.md."""
+    """Return the files of one list in docs/architecture.md."""
     _, _, rest = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text().partition(f"<!-- {heading} -->\n")
     return set(re.findall(r"^\d+\. `(.*)`$", rest.partition("\n\n")[0], flags=re.MULTILINE))
 
 
-def test_the_architecture_page_lists_the_files_on_both_ways() -> None:
+def test_architecture_page_lists_the_files_on_both_paths() -> None:
     assert listed("goal to wire") == set(goal_to_wire(up()))
     assert listed("reply to joint states") == set(reply_to_joint_states(up()))
 
 
-def test_the_recorder_sees_threads_that_start_while_it_records_and_none_of_what_is_muted() -> None:
+def test_trip_recorder_sees_new_threads_but_not_muted_code() -> None:
     rig = up()
     trip = TripRecorder(muted=[type(rig.loop.hardware).read])
     with trip.recording():

@@ -1,4 +1,4 @@
-"""The whole stack over two ports and two makes, on simulated time: a Feetech arm, a Dynamixel hand, one world."""
+"""The whole stack with two ports and two makes (a Feetech arm and a Dynamixel hand), in simulated time."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def two_ports() -> SimulatedStack:
 
 
 @pytest.mark.parametrize("grade", BINS)
-def test_the_cube_ends_in_its_bin(grade: str) -> None:
+def test_cube_lands_in_its_bin(grade: str) -> None:
     rig = two_ports()
     job = UnpacedJob(rig, grade)
     job.run()
@@ -30,7 +30,7 @@ def test_the_cube_ends_in_its_bin(grade: str) -> None:
     assert largest.max() < 0.08 and rms.max() < 0.03
 
 
-def test_ids_repeat_and_each_line_speaks_its_own_protocol() -> None:
+def test_two_buses_may_share_ids_and_use_different_protocols() -> None:
     rig = two_ports()
     ids = {joint.name: (joint.bus, joint.servo_id) for joint in rig.files.robot.joints}
     assert ids["joint1"] == ("arm", 1) and ids["hand_right_joint"] == ("hand", 1)
@@ -38,16 +38,16 @@ def test_ids_repeat_and_each_line_speaks_its_own_protocol() -> None:
     assert all(data[:3] != b"\xff\xff\xfd" for _, data in rig.ports["arm"].sent)
 
 
-def test_the_world_is_one_and_its_time_is_the_clocks() -> None:
-    """Two lines ask for physics; it moves once."""
+def test_two_buses_share_one_world_and_its_time() -> None:
+    """Although two buses advance the physics, time passes only once."""
     rig = two_ports()
     begin_s, world_s = rig.clock.now(), rig.world.time_s
     rig.run(1.0)
     assert rig.world.time_s - world_s == pytest.approx(rig.clock.now() - begin_s, abs=0.01)
 
 
-def test_the_two_lines_answer_at_the_same_time() -> None:
-    """Reading both takes as long as the longer line, not as both together. The simulated clock is exact."""
+def test_two_buses_are_read_in_parallel() -> None:
+    """Reading both buses takes as long as the slower bus alone. The simulated clock is exact."""
     rig = two_ports()
     rig.run(0.5)
     buses = rig._open_buses()
@@ -67,7 +67,7 @@ def test_the_two_lines_answer_at_the_same_time() -> None:
 @pytest.mark.parametrize(
     ("bus", "servo_id", "joint"), [("arm", 3, "joint3"), ("arm", 1, "joint1"), ("hand", 1, "hand_right_joint")]
 )
-def test_a_silent_servo_of_one_line_hides_nobody_on_the_other(bus: str, servo_id: int, joint: str) -> None:
+def test_silent_servo_on_one_bus_does_not_hide_servos_on_the_other(bus: str, servo_id: int, joint: str) -> None:
     rig = two_ports()
     rig.go(PICK)
     rig.run(0.3)
@@ -85,7 +85,7 @@ def test_a_silent_servo_of_one_line_hides_nobody_on_the_other(bus: str, servo_id
 
 @pytest.mark.parametrize(("lost", "joint"), [("arm", "joint4"), ("hand", "hand_right_joint")])
 @pytest.mark.parametrize("relax", [False, True])
-def test_a_lost_port_ends_the_run_as_chosen_and_is_named(lost: str, joint: str, relax: bool) -> None:
+def test_lost_port_is_reported_and_the_exit_policy_is_followed(lost: str, joint: str, relax: bool) -> None:
     rig = two_ports()
     rig.go(PICK)
     rig.run(0.8)
@@ -102,7 +102,7 @@ def test_a_lost_port_ends_the_run_as_chosen_and_is_named(lost: str, joint: str, 
     assert driven == [not relax] * len(driven)
 
 
-def test_the_same_run_gives_the_same_bytes() -> None:
+def test_equal_runs_give_equal_bytes() -> None:
     def run() -> tuple[object, ...]:
         rig = two_ports()
         rig.lines["arm"].faults.corrupt_next(3)

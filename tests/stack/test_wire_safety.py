@@ -1,4 +1,4 @@
-"""What never goes over the wire, whatever goes wrong: many scenarios, each by its seed."""
+"""Unsafe commands never reach the bus, in many random scenarios with seeds."""
 
 import random
 from collections.abc import Callable
@@ -34,7 +34,7 @@ SCENARIO_S = 2.5
 
 @dataclass(slots=True)
 class Rogue:
-    """A controller gone mad: now and then it wants NaN, the moon, or the other end of the joint."""
+    """Defective controller that sometimes commands NaN, a huge value or the opposite end of a joint."""
 
     inner: Controller
     chance: random.Random
@@ -80,7 +80,7 @@ class Rogue:
 
 
 class Scenario:
-    """One random story on one rig."""
+    """Random scenario on one rig."""
 
     def __init__(self, seed: int, rogue: bool) -> None:
         self.chance = random.Random(seed)
@@ -92,7 +92,7 @@ class Scenario:
         self.handles: list[GoalHandle] = []
 
     def play(self) -> list[str]:
-        """From configure to the end of the program; returns what could not be done at the end."""
+        """Run the scenario from configuration to shutdown, and return the failures of the shutdown."""
         self.rig.up()
         with suppress(PortLost, RuntimeError):  # the program ends then, as below
             self.rig.run(SCENARIO_S)
@@ -102,7 +102,7 @@ class Scenario:
         return shut_down(self.rig.loop, relax, park.pose, park.velocity_scale, lambda: hurried)
 
     def mischief(self) -> None:
-        """One cycle's worth of it."""
+        """Run the events of one cycle."""
         chance, rig = self.chance, self.rig
         acts: list[tuple[float, Callable[[], None]]] = [
             (0.08, self.send_goal),
@@ -136,7 +136,7 @@ class Scenario:
 @pytest.mark.soak
 @pytest.mark.parametrize("rogue", [False, True], ids=["sane", "rogue"])
 @pytest.mark.parametrize("seed", range(CYCLES // 100))
-def test_nothing_unsafe_goes_over_the_wire(seed: int, rogue: bool) -> None:
+def test_no_unsafe_command_reaches_the_bus(seed: int, rogue: bool) -> None:
     scenario = Scenario(seed, rogue)
     scenario.play()
     assert scenario.monitor.broken == []
@@ -146,8 +146,8 @@ def test_nothing_unsafe_goes_over_the_wire(seed: int, rogue: bool) -> None:
     assert scenario.rig.hardware.state is LifecycleState.UNCONFIGURED
 
 
-def test_the_monitor_sees_what_it_is_there_for() -> None:
-    """Writes that pass the stack's layers by are caught, each of them."""
+def test_monitor_detects_unsafe_writes() -> None:
+    """The monitor detects every write that bypasses the layers of the stack."""
     scenario = Scenario(3, rogue=False)
     rig = scenario.rig
     rig.after_cycle = lambda: None
@@ -169,7 +169,7 @@ def test_the_monitor_sees_what_it_is_there_for() -> None:
 
 
 @pytest.mark.parametrize("relax", [False, True], ids=["hold", "relax"])
-def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> None:
+def test_shutdown_stops_the_arm_and_follows_the_exit_policy(relax: bool) -> None:
     rig = SimulatedStack().up()
     rig.go(PICK, 1.0)
     rig.run(0.7)
@@ -184,7 +184,7 @@ def test_the_end_stops_the_arm_and_leaves_the_torque_as_asked(relax: bool) -> No
         assert np.abs(rig.world.position()[:6] - [park.pose[name] for name in ARM]).max() < 0.1
 
 
-def test_a_second_signal_lets_go_without_parking() -> None:
+def test_second_signal_releases_without_parking() -> None:
     rig = SimulatedStack().up()
     rig.go(PICK, 1.0)
     rig.run(0.7)
@@ -204,7 +204,7 @@ def test_torque_stays_off_while_a_servo_is_silent_at_activation() -> None:
     assert monitor.torque_on_seen == 0
 
 
-def test_a_silent_servo_is_named_in_the_goals_result_and_the_others_are_still_read() -> None:
+def test_silent_servo_is_in_the_goal_result_and_others_are_still_read() -> None:
     rig = SimulatedStack().up()
     handle = rig.go(PICK)
     rig.run(0.5)
@@ -219,7 +219,7 @@ def test_a_silent_servo_is_named_in_the_goals_result_and_the_others_are_still_re
     assert np.abs(rig.world.velocity()[:6]).max() < 0.1
 
 
-def test_one_corrupt_reply_disturbs_nobody() -> None:
+def test_one_corrupt_reply_has_no_effect() -> None:
     rig = SimulatedStack().up()
     handle = rig.go(PICK)
     rig.run(0.5)
@@ -231,8 +231,8 @@ def test_one_corrupt_reply_disturbs_nobody() -> None:
 
 @pytest.mark.parametrize("servo_id", range(1, 8))
 @pytest.mark.parametrize("corrupt", [1, 2, 3, 4, 5, 6])
-def test_corrupt_replies_while_starting_leave_the_arm_holding_or_off(servo_id: int, corrupt: int) -> None:
-    """However many replies are lost on the way up, what comes up is sane, or says why it does not."""
+def test_corrupt_replies_during_start_leave_the_arm_holding_or_off(servo_id: int, corrupt: int) -> None:
+    """However many replies are lost during the start, the arm is either safe or reports an error."""
     rig = SimulatedStack()
     monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
     rig.port.on_write = monitor.see
@@ -248,8 +248,8 @@ def test_corrupt_replies_while_starting_leave_the_arm_holding_or_off(servo_id: i
 
 
 @pytest.mark.parametrize(("late_s", "found"), [(0.01, False), (0.05, True)])
-def test_torque_that_goes_on_long_after_the_measurement_is_found(late_s: float, found: bool) -> None:
-    """Within a moment a horn may slip, and no stack can know."""
+def test_torque_enabled_long_after_the_measurement_is_detected(late_s: float, found: bool) -> None:
+    """A servo horn may slip within a moment, which no stack can detect."""
     rig = SimulatedStack()
     monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
     servo = rig.bus.servo(1)

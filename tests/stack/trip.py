@@ -1,7 +1,7 @@
-"""Trips through the project: which of its files a goal passes on its way to the wire, and a reply on its way up.
+"""Find the project files that a goal passes on its way to the bus, and that a reply passes on its way up.
 
-A file is on a trip if one of its functions runs on the way. Functions that run in the same cycle without being on the
-way (the other controllers, the read before the write) are muted, with all that they call.
+A file is on the path if one of its functions runs. Functions that run in the same cycle but are not on the path (other
+controllers, the read before the write) are muted, with all functions that they call.
 """
 
 import ast
@@ -28,22 +28,21 @@ from tests.stack.rig import ARM, BINS, PICK, READY
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("drivers", "hal", "controller", "nodes", "servoloop")
-"""The project's folders that a trip can lead through. The simulation stands for hardware, and does not count, nor does
-what wires it in."""
+"""Project folders that count. The simulation and the code that connects it do not count, as they replace hardware."""
 
 Function = Callable[..., Any]
 
 
 class TripRecorder:
-    """The recorder notes each project file once, in the order in which the files' functions first run.
+    """Recorder of project files, in the order in which their functions first run.
 
-    It sees the functions of the thread that begins it, and of threads that start later.
+    It records the thread that starts it, and threads that start later.
     """
 
     def __init__(
         self, since: Function | None = None, until: Function | None = None, muted: Iterable[Function] = ()
     ) -> None:
-        """The trip begins when ``since`` first returns (None: at once), and ends when ``until`` is first called."""
+        """Record from the first return of ``since`` (None: immediately) until the first call of ``until``."""
         self.files: list[str] = []
         self._since = since.__code__ if since else None
         self._until = until.__code__ if until else None
@@ -51,11 +50,11 @@ class TripRecorder:
         self._names: dict[CodeType, str | None] = {}
         self._on, self._ended = since is None, False
         self._thread = threading.local()
-        """``muted``: the frame of the muted function that the thread is in."""
+        """``muted`` is the frame of the muted function that the thread executes, if any."""
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """While this lasts the trip can begin."""
+        """Allow the recording to start within the context."""
         threading.setprofile(self._event)
         sys.setprofile(self._event)
         try:
@@ -79,7 +78,7 @@ class TripRecorder:
             self._begin(frame)
 
     def _begin(self, frame: FrameType | None) -> None:
-        """Those who are in the middle of the call are on the way too."""
+        """Add the files of the callers, which are also on the path."""
         self._on = True
         callers: list[CodeType] = []
         while frame is not None:
@@ -123,13 +122,13 @@ def _code_lines(text: str) -> int:
 
 
 ONE_POINT = TrajectoryGoal(ARM, (GoalPoint(PICK, 2.0),))
-"""A goal as the pick-place node and most clients send it."""
+"""Goal of the pick-place node and of most clients."""
 THREE_POINTS = TrajectoryGoal(ARM, tuple(GoalPoint(p, 2.0 * (i + 1)) for i, p in enumerate((PICK, BINS["A"], READY))))
-"""A goal that is planned through way-points, as MoveIt sends it."""
+"""Goal with waypoints, as sent by MoveIt."""
 
 
 def goal_to_wire(rig: SimulatedStack, goal: TrajectoryGoal = ONE_POINT) -> list[str]:
-    """The files from the submission of a goal to the first byte of its command, in the next cycle."""
+    """Return the files from the submission of a goal to the first byte of its command, in the next cycle."""
     hand, broadcaster = ForwardCommandController, JointStateBroadcaster
     others: list[Function] = [ComponentSet.read, hand.update, hand.settled, broadcaster.update]
     others.append(StallWatch.goal)  # changes the goal of a joint that presses, and of no other
@@ -142,7 +141,7 @@ def goal_to_wire(rig: SimulatedStack, goal: TrajectoryGoal = ONE_POINT) -> list[
 
 
 def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
-    """The files from the first bytes of a cycle's replies to the values that a node publishes on /joint_states."""
+    """Return the files from the first reply bytes of a cycle to the values published on /joint_states."""
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
     others.append(ServoFaults.present)  # asks one servo in turn for its torque: no state comes of that

@@ -1,4 +1,4 @@
-"""A virtual arm under gravity on simulated time, and a hand of limited force that moves it."""
+"""Virtual arm under gravity in simulated time, moved by a hand with limited force."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
 from servoloop.teach.arm import add_freedrive, build_arm
 from servoloop.teach.record import Recording
-from servoloop.teach.taught import Taught
+from servoloop.teach.taught import RecordedMotion
 from servoloop.teleop.arms import Side
 from sim_backend.clock import SimulatedClock
 from sim_backend.scene.hand import DAMPING_NM_S, STIFFNESS_NM_RAD, STRONGEST_NM
@@ -21,19 +21,19 @@ from tests.teleop.rig import Lines
 
 SO101 = read_arm_files(find_arm("so101"))
 FREE: Mapping[str, float] = {"shoulder_lift": -0.9, "elbow_flex": 0.3, "wrist_flex": 0.6}
-"""A pose with nothing around it."""
+"""Collision-free pose."""
 RATE_HZ = 50
 
 Pose = Mapping[str, float]
 
 
 class Rig:
-    """The arm under its loop, not yet configured: its controller comes first."""
+    """Arm with its loop, not yet configured, so that a controller can be added first."""
 
     def __init__(self, soft: bool = False, pose: Pose = FREE, files: Files = SO101) -> None:
         self.clock = SimulatedClock()
         self.take_to: Callable[[float], Pose] = lambda time_s: {}
-        """Where the hand takes joints at a time; those that it does not name are free."""
+        """Positions to which the hand moves joints at a time. Other joints are free."""
         self._moved = [joint.name for joint in files.robot.joints]
         self.lines = Lines(files, pose, self._push)
         self.arm = build_arm(Side(files, self.lines.devices, self.lines), RATE_HZ, self.clock, run_at_once, soft)
@@ -42,7 +42,7 @@ class Rig:
         self.commands: list[FloatArray] = []
 
     def configure(self, take: Callable[[JointState], None] = lambda state: None) -> None:
-        """Find the servos; ``take`` is called at the end of each cycle."""
+        """Configure the arm. ``take`` is called at the end of each cycle."""
 
         def on_cycle(state: JointState) -> None:
             self.states.append(state)
@@ -52,14 +52,14 @@ class Rig:
         self.loop.on_cycle = on_cycle
         configure_all(self.loop.hardware)
 
-    def run(self, seconds: float, look: Callable[[], bool] = lambda: True) -> bool:
-        """Cycles for so long, or until somebody who looks on between them says no; whether nobody did."""
+    def run(self, seconds: float, poll: Callable[[], bool] = lambda: True) -> bool:
+        """Run cycles for a time, or until the callback between cycles returns false. Return its last result."""
         end_s = self.clock.now() + seconds - 1e-9
         going = True
 
         def stop() -> bool:
             nonlocal going
-            going = going and look()
+            going = going and poll()
             return not going or self.clock.now() >= end_s
 
         self.loop.run(stop)
@@ -67,28 +67,28 @@ class Rig:
 
     @property
     def places(self) -> FloatArray:
-        """Where the joints are in the world (n,)."""
+        """Joint positions (n,) in the world."""
         return np.array([float(self.lines.world.data.joint(name).qpos[0]) for name in self.names])
 
     def push(self, joint: str) -> float:
-        """What the hand does to a joint now, N m."""
+        """Return the current torque of the hand on a joint, in N m."""
         return float(self.lines.world.data.joint(joint).qfrc_applied[0])
 
     def register(self, joint: str, register: Register) -> int:
-        """What the joint's servo has in a register."""
+        """Return the value of a register in a joint's servo."""
         one = next(one for one in self.arm.files.robot.joints if one.name == joint)
         return int(self.lines.lines[one.bus].servo(one.servo_id).memory.get(register))
 
     def measured(self, since: int = 0) -> FloatArray:
-        """The positions in each cycle (k, n)."""
+        """Return the positions in each cycle (k, n)."""
         return np.array([state.position for state in self.states[since:]])
 
     def speeds(self, since: int = 0) -> FloatArray:
-        """How fast the commands were in each cycle (k, n)."""
+        """Return the velocity of the commands in each cycle (k, n)."""
         return np.abs(np.diff(np.array(self.commands[since:]), axis=0)) * RATE_HZ
 
     def _push(self, time_s: float) -> None:
-        """The hand pulls like a spring, and no stronger than it is."""
+        """Apply the force of the hand, a spring with a limited force."""
         taken = self.take_to(time_s)
         for joint in self._moved:
             data = self.lines.world.data.joint(joint)
@@ -98,17 +98,17 @@ class Rig:
 
 
 class Lesson:
-    """A recording on a rig of its own. ``kept`` are the motions and their warnings."""
+    """Recording on a rig of its own. ``kept`` has the saved motions and their warnings."""
 
     def __init__(self, soft: bool, poses: bool = False, pose: Pose = FREE) -> None:
         self.rig = Rig(soft, pose)
-        self.kept: list[tuple[Taught, Sequence[str]]] = []
+        self.kept: list[tuple[RecordedMotion, Sequence[str]]] = []
         self.asked: list[str] = []
         freedrive = add_freedrive(self.rig.arm) if soft else None
         self.recording = Recording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
 
     def begin(self) -> "Lesson":
-        """The arm is in the hand, which holds it still, and gives way."""
+        """Start the recording. The hand holds the arm still while it becomes free."""
         self.rig.configure(self.recording.take)
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: here
@@ -118,11 +118,11 @@ class Lesson:
         return self
 
     def go_on(self, seconds: float) -> bool:
-        """So long, or until the recording's end; whether it has not come."""
-        return self.rig.run(seconds, lambda: self.recording.look(self.rig.clock.now()))
+        """Run for a time or until the end of the recording. Return whether it is still running."""
+        return self.rig.run(seconds, lambda: self.recording.update(self.rig.clock.now()))
 
     def show(self, seconds: float, size: float = 1.0) -> None:
-        """The hand goes a way of so long, and stands."""
+        """Move the hand along a path in a given time, then hold it still."""
         begun_s = self.rig.clock.now()
         here = dict(zip(self.rig.names, self.rig.places.tolist(), strict=True))
         self.rig.take_to = lambda time_s: way(here, min((time_s - begun_s) / seconds, 1.0), size)
@@ -130,7 +130,7 @@ class Lesson:
 
 
 def way(here: Pose, share: float, size: float = 1.0) -> Pose:
-    """A way in free air that begins and ends at rest, at its share (0 to 1), from the pose ``here``."""
+    """Return a collision-free motion from the pose ``here``, starting and ending at rest, at a share (0 to 1) of it."""
     rests = math.sin(math.pi * share) ** 2
     arrives = 0.2 * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     return {

@@ -1,4 +1,4 @@
-"""docs/teach.md: its commands on a virtual arm on a pseudo-terminal, in real time, by somebody at a terminal."""
+"""Run the commands of docs/teach.md on a virtual arm in real time, with typed keys."""
 
 import json
 import os
@@ -33,7 +33,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
 
 
 def of_mine(command: str) -> str:
-    """The command for an arm of one's own, whose folder may be written."""
+    """Return the command for a user's arm in a writable folder."""
     return command.replace("--arm so101", "--arm ./mine").replace("/dev/ttyACM0", "./bus")
 
 
@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 class Typing:
-    """A program at whose terminal somebody types; ``said`` is what it has printed."""
+    """Program on a terminal with typed keys. ``output`` has its output."""
 
     def __init__(self, command: str, folder: Path) -> None:
         self._master, terminal = pty.openpty()
@@ -54,25 +54,25 @@ class Typing:
             words, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder
         )
         os.close(terminal)
-        self.said = ""
+        self.output = ""
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
         assert self.process.stdout is not None
         while text := self.process.stdout.read(1):
-            self.said += text
+            self.output += text
 
     def type(self, keys: str) -> None:
         os.write(self._master, keys.encode())
 
     def hears(self, word: str) -> None:
-        eventually(lambda: word in " ".join(self.said.split()) or self.process.poll() is not None, 60.0)
-        assert word in " ".join(self.said.split()), self.said
+        eventually(lambda: word in " ".join(self.output.split()) or self.process.poll() is not None, 60.0)
+        assert word in " ".join(self.output.split()), self.output
 
 
 @contextmanager
 def typing(command: str, folder: Path) -> Iterator[Typing]:
-    """The program until the end of the block."""
+    """Run the program within the context."""
     one = Typing(command, folder)
     try:
         yield one
@@ -82,15 +82,15 @@ def typing(command: str, folder: Path) -> Iterator[Typing]:
 
 
 def place(joint: str, folder: Path) -> float:
-    """Where a joint is."""
+    """Return the position of a joint."""
     return float(json.loads(run("servoloop hand ./bus look --json", folder).stdout)[joint]["position"])
 
 
 @pytest.mark.runs(*REAL, *VIRTUAL)
-def test_the_commands_show_the_virtual_arm_a_way_and_let_it_go_there_again(folder: Path) -> None:
+def test_documented_commands_record_and_play_a_motion(folder: Path) -> None:
     with started(of_mine(EMULATE), folder, "ready"):
         with typing(of_mine(RECORD), folder) as record:
-            record.hears("have a hand at it")
+            record.hears("Keep a hand on the arm")
             record.type("y\n")
             record.hears("recording: move the arm")
             with LiveRobot.find("mine") as looking:
@@ -101,9 +101,9 @@ def test_the_commands_show_the_virtual_arm_a_way_and_let_it_go_there_again(folde
                 *_, joint, there = shlex.split(command)
                 eventually(lambda joint=joint, there=there: abs(place(joint, folder) - float(there)) < 0.03)
             record.type("\n")
-            record.hears("the arm holds itself: let it go")
+            record.hears("the arm holds its position: release it")
             assert run(RELEASE, folder).returncode == 0
-            assert record.process.wait(60.0) == 0 and "wave: a path of" in record.said
+            assert record.process.wait(60.0) == 0 and "wave: a path of" in record.output
         with typing(of_mine(PLAY), folder) as play:
             play.hears("waiting: hold a key")
             assert abs(place("shoulder_pan", folder) - 0.5) < 0.05, "nothing moves yet"
@@ -113,31 +113,31 @@ def test_the_commands_show_the_virtual_arm_a_way_and_let_it_go_there_again(folde
                 return play.process.poll() is not None
 
             eventually(held, 90.0)
-            assert play.process.wait() == 0 and "playing" in play.said
+            assert play.process.wait() == 0 and "playing" in play.output
         assert abs(place("shoulder_pan", folder) - 0.5) < 0.05 and abs(place("elbow_flex", folder) - 1.2) < 0.06
         listing, forgetting = map(of_mine, REAL[2:])
         assert run(listing, folder).stdout.startswith("wave: a path of")
         assert run(forgetting, folder).returncode == 0 and run(listing, folder).stdout == ""
 
 
-def test_the_commands_for_a_real_arm_are_those_for_the_virtual_one() -> None:
+def test_commands_for_real_and_virtual_arms_are_equal() -> None:
     assert [of_mine(command) for command in REAL[:2]] == [of_mine(RECORD), of_mine(PLAY).removesuffix(" --speed 0.5")]
 
 
-def test_ctrl_c_keeps_what_was_shown_and_the_arm_holds_itself(folder: Path) -> None:
+def test_ctrl_c_saves_the_motion_and_the_arm_holds_its_position(folder: Path) -> None:
     with started(of_mine(EMULATE), folder, "ready"), typing(f"{of_mine(RECORD)} --limp --yes", folder) as record:
         record.hears("recording: move the arm")
         assert run(BEND, folder).returncode == 0
         eventually(lambda: abs(place("elbow_flex", folder) - 1.2) < 0.03)
         record.process.send_signal(signal.SIGINT)
-        record.hears("the arm holds itself: let it go")
-        assert record.process.wait(60.0) == 0 and "wave: a path of" in record.said
+        record.hears("the arm holds its position: release it")
+        assert record.process.wait(60.0) == 0 and "wave: a path of" in record.output
         assert run(RELEASE, folder).returncode == 0
         assert abs(place("elbow_flex", folder) - 1.2) < 0.1
 
 
 @pytest.mark.runs(REPLAY[0])
-def test_a_recording_goes_onto_the_virtual_arm(tmp_path: Path) -> None:
+def test_documented_replay_moves_the_virtual_arm(tmp_path: Path) -> None:
     rig = Rig((0.0, 0.0, -0.6, -0.8, -0.95, -1.68))
     file = RecordingFile(tmp_path / "run.mcap", rig.messages)
     rig.stack.go((0.4, 0.1, -0.4, -0.8, -0.95, -1.68))
@@ -154,7 +154,7 @@ def test_a_recording_goes_onto_the_virtual_arm(tmp_path: Path) -> None:
         assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr
 
 
-def test_the_figures_are_those_of_the_code() -> None:
+def test_figures_in_the_docs_match_the_code() -> None:
     prose = " ".join(TEXT.split())
     assert APPROACH == 0.25 and "a quarter of each joint's velocity limit" in prose
     assert HANDS_S == 2.0 and "for two seconds the arm holds itself" in prose

@@ -1,4 +1,4 @@
-"""The soft arm, on virtual servos under gravity: it holds itself, and gives way to a hand."""
+"""A soft arm on virtual servos holds its position under gravity and follows a hand."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,9 +17,9 @@ from servoloop.teach.taught import TeachError
 from tests.teach.rig import FREE, SO101, Rig
 
 STRETCHED: Mapping[str, float] = {"shoulder_lift": 0.0, "elbow_flex": -0.5, "wrist_flex": 0.2}
-"""The elbow carries most here, and the shoulder half of what its servo is said to lift."""
+"""Pose with the highest load on the elbow, and half the rated load on the shoulder."""
 FOLDED: Mapping[str, float] = {"shoulder_lift": -1.2, "elbow_flex": -0.5, "wrist_flex": 0.2}
-"""Gravity pulls the shoulder back."""
+"""Pose in which gravity pulls the shoulder backward."""
 LIFT, PAN = "shoulder_lift", "shoulder_pan"
 
 
@@ -34,7 +34,7 @@ def floating(pose: Mapping[str, float]) -> tuple[Rig, FreedriveController]:
 
 
 @pytest.mark.parametrize("pose", [FREE, STRETCHED, FOLDED])
-def test_a_soft_arm_that_nobody_holds_stays_where_it_is(pose: Mapping[str, float]) -> None:
+def test_soft_arm_holds_its_position_without_help(pose: Mapping[str, float]) -> None:
     rig, _ = floating(pose)
     begun = rig.places
     rig.run(8.0)
@@ -44,7 +44,7 @@ def test_a_soft_arm_that_nobody_holds_stays_where_it_is(pose: Mapping[str, float
         assert rig.register(name, sts.torque_limit) <= round(1000 * SOFT_SHARE * limits[name]), "the limit is lower"
 
 
-def test_a_limp_arm_that_nobody_holds_falls() -> None:
+def test_limp_arm_sinks_without_help() -> None:
     rig = Rig(pose=STRETCHED)
     rig.configure()
     rig.loop.activate(keep_inactive=["arm"])
@@ -54,28 +54,28 @@ def test_a_limp_arm_that_nobody_holds_falls() -> None:
 
 
 @pytest.mark.parametrize("joint", [PAN, LIFT, "elbow_flex"])
-def test_a_soft_joint_goes_where_a_light_hand_takes_it_and_stays_there(joint: str) -> None:
+def test_soft_joint_follows_a_light_hand_and_stays_there(joint: str) -> None:
     rig, _ = floating(FREE)
     index, begun_s = rig.names.index(joint), rig.clock.now()
     here = float(rig.places[index])
     pushes: list[float] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         pushes.append(abs(rig.push(joint)))
         return True
 
     rig.take_to = lambda time_s: {joint: here - min(0.5 * (time_s - begun_s), 0.5)}
-    rig.run(2.0, look)
+    rig.run(2.0, poll)
     taken = rig.places[index]
     assert taken == pytest.approx(here - 0.5, abs=0.03)
-    # It slips at 0.29 N m, by the servo's data sheet; the virtual one is 1.7 times as strong, and has friction.
+    # By its data sheet the servo slips at 0.29 N m. The virtual servo is 1.7 times as strong and has friction.
     assert max(pushes) < 1.0
     rig.take_to = lambda time_s: {}
     rig.run(3.0)
     assert rig.places[index] == pytest.approx(taken, abs=0.04), "it springs back by no more than its slack"
 
 
-def test_a_soft_arm_does_not_go_on_by_itself_when_it_is_let_go_in_motion() -> None:
+def test_soft_arm_stops_when_it_is_released_in_motion() -> None:
     rig, _ = floating(FREE)
     index, begun_s = rig.names.index(PAN), rig.clock.now()
     rig.take_to = lambda time_s: {PAN: 0.8 * (time_s - begun_s)}
@@ -88,7 +88,7 @@ def test_a_soft_arm_does_not_go_on_by_itself_when_it_is_let_go_in_motion() -> No
     assert abs(stands - thrown) < 0.06 and abs(rig.places[index] - stands) < 0.01
 
 
-def test_a_push_that_is_weaker_than_the_slack_leaves_the_set_point() -> None:
+def test_push_below_the_threshold_does_not_move_the_set_point() -> None:
     rig, freedrive = floating(FREE)
     index = rig.names.index(PAN)
     here, command = float(rig.places[index]), freedrive.command[index]
@@ -103,22 +103,22 @@ def test_a_push_that_is_weaker_than_the_slack_leaves_the_set_point() -> None:
     assert rig.places[index] == pytest.approx(here, abs=0.005)
 
 
-def test_the_set_points_stay_within_the_limits_where_a_hand_goes_beyond() -> None:
+def test_set_points_stay_within_the_limits() -> None:
     rig, freedrive = floating(FREE)
     index, begun_s = rig.names.index("wrist_roll"), rig.clock.now()
     upper = SO101.limits["wrist_roll"].upper
     wanted: list[float] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         wanted.append(float(freedrive.command[index]))
         return True
 
     rig.take_to = lambda time_s: {"wrist_roll": min(1.0 * (time_s - begun_s), upper + 0.04)}
-    rig.run(4.0, look)
+    rig.run(4.0, poll)
     assert max(wanted) == pytest.approx(upper, abs=1e-6) and rig.push("wrist_roll") > 0.2, "there it is a wall"
 
 
-def test_a_silent_servo_keeps_its_set_point_and_the_others_give_way() -> None:
+def test_silent_servo_keeps_its_set_point_and_other_joints_stay_soft() -> None:
     rig, freedrive = floating(FREE)
     (line,) = rig.lines.lines.values()
     elbow, begun_s = rig.names.index("elbow_flex"), rig.clock.now()
@@ -131,17 +131,17 @@ def test_a_silent_servo_keeps_its_set_point_and_the_others_give_way() -> None:
     line.faults.silence(1)
     commands: list[float] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         if PAN in rig.states[-1].faults:
             commands.append(float(freedrive.command[0]))
         return True
 
-    rig.run(0.9, look)
+    rig.run(0.9, poll)
     assert len(commands) > 30 and np.ptp(commands) == 0.0, "whatever it was doing"
     assert rig.places[elbow] == pytest.approx(here - 0.3, abs=0.03)
 
 
-def test_a_joint_that_is_measured_again_elsewhere_was_not_thrown_there() -> None:
+def test_position_change_during_silence_is_not_a_velocity() -> None:
     joint = GuidedJoint("j", JointLimits(-3.0, 3.0, 20.0, 100.0, 1000.0), 0.03, SO101.robot.joints[0].compliance)
     freedrive, still = FreedriveController("freedrive", [joint], ["j"]), np.zeros(1)
 
@@ -159,7 +159,7 @@ def test_a_joint_that_is_measured_again_elsewhere_was_not_thrown_there() -> None
         assert cycle(0.02 * number, 0.3, {}) <= 0.3, "it stands there"
 
 
-def test_holding_takes_the_set_points_to_where_the_joints_are() -> None:
+def test_holding_sets_the_set_points_to_the_measured_positions() -> None:
     rig, freedrive = floating(FREE)
     here = float(rig.places[0])
     rig.take_to = lambda time_s: {PAN: here + 0.3}
@@ -173,14 +173,14 @@ def test_holding_takes_the_set_points_to_where_the_joints_are() -> None:
     assert np.array_equal(freedrive.command, command)
 
 
-def test_an_arm_whose_weight_nobody_carries_is_not_made_soft() -> None:
+def test_arm_without_gravity_compensation_is_not_made_soft() -> None:
     def refused(joints: tuple[Joint, ...]) -> str:
         rig = Rig(soft=True, files=replace(SO101, robot=replace(SO101.robot, joints=joints)))
-        with pytest.raises(TeachError, match="say --limp, and hold it") as error:
+        with pytest.raises(TeachError, match="use --limp, and hold the arm") as error:
             add_freedrive(rig.arm)
         return str(error.value)
 
     joints = SO101.robot.joints
     assert "gravity is not compensated" in refused(tuple(replace(one, gravity_compensation=False) for one in joints))
     scs = replace(joints[1], model=MODELS["scs0009"])
-    assert "nobody knows how far shoulder_lift gives way" in refused((joints[0], scs, *joints[2:]))
+    assert "the stiffness of shoulder_lift is unknown" in refused((joints[0], scs, *joints[2:]))

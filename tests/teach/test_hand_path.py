@@ -1,4 +1,4 @@
-"""The path that a hand has shown, and its speed: pure arithmetic."""
+"""Computation of a path recorded by hand, and of its speed."""
 
 import math
 from itertools import pairwise
@@ -20,7 +20,7 @@ waves = st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.1, 2.0),
 
 
 def shown(wave: tuple[float, float, float, float], seconds: float = 4.0) -> tuple[FloatArray, FloatArray]:
-    """Samples (k,) and (k, 2) of a hand's way that begins and ends at rest: a share of each joint's range."""
+    """Return times (k,) and positions (k, 2) of a motion by hand from rest to rest, as shares of the joint ranges."""
     size, other, hz, phase = wave
     times_s = np.arange(0.0, seconds + 1e-9, GRID_S)
     rests = np.sin(math.pi * times_s / seconds) ** 2
@@ -30,7 +30,7 @@ def shown(wave: tuple[float, float, float, float], seconds: float = 4.0) -> tupl
 
 
 @given(waves)
-def test_a_thinned_path_is_where_the_whole_one_was_at_every_sample(wave: tuple[float, float, float, float]) -> None:
+def test_thinned_path_equals_the_full_path_at_every_sample(wave: tuple[float, float, float, float]) -> None:
     times_s, position = shown(wave)
     whole = HandPath(times_s, position, np.gradient(position, GRID_S, axis=0))
     thin = whole.thinned(tolerances(LIMITS))
@@ -41,7 +41,7 @@ def test_a_thinned_path_is_where_the_whole_one_was_at_every_sample(wave: tuple[f
 
 
 @given(waves, st.floats(0.05, 1.0))
-def test_no_joint_is_faster_than_it_can_and_the_way_stays(
+def test_slowed_path_respects_velocity_limits_and_keeps_its_shape(
     wave: tuple[float, float, float, float], speed: float
 ) -> None:
     path = path_of(*shown(wave), LIMITS)
@@ -57,7 +57,7 @@ def test_no_joint_is_faster_than_it_can_and_the_way_stays(
 
 
 @given(waves)
-def test_the_points_of_a_goal_are_within_the_limits_and_more_than_the_planner_joins_its_own_way(
+def test_goal_points_are_within_the_limits_and_dense_enough_for_the_planner(
     wave: tuple[float, float, float, float],
 ) -> None:
     path = path_of(*shown(wave), LIMITS)
@@ -70,7 +70,7 @@ def test_the_points_of_a_goal_are_within_the_limits_and_more_than_the_planner_jo
     assert all(earlier.time_from_start_s < later.time_from_start_s for earlier, later in pairwise(points))
 
 
-def test_what_the_joints_can_do_is_not_slowed_down() -> None:
+def test_feasible_path_is_not_slowed_down() -> None:
     times_s, position = shown((0.1, 0.1, 0.3, 0.0))
     path = path_of(times_s, position, LIMITS)
     assert path is not None
@@ -78,7 +78,7 @@ def test_what_the_joints_can_do_is_not_slowed_down() -> None:
     assert slowed(path, LIMITS, 0.5).duration_s == pytest.approx(2.0 * path.duration_s, abs=1e-9)
 
 
-def test_where_the_hand_was_too_fast_only_that_part_takes_longer() -> None:
+def test_only_parts_that_are_too_fast_are_slowed_down() -> None:
     times_s = np.arange(0.0, 6.0, GRID_S)
     leap = np.clip((times_s - 3.0) / 0.2, 0.0, 1.0)  # 1.5 rad in 0.2 s, where the joint needs half a second
     slow = np.sin(times_s) * 0.2
@@ -89,7 +89,7 @@ def test_where_the_hand_was_too_fast_only_that_part_takes_longer() -> None:
     assert 0.3 < longer_s < 1.5
 
 
-def test_shaking_and_encoder_steps_are_smoothed_and_the_movement_keeps_its_size() -> None:
+def test_smoothing_removes_noise_and_keeps_the_amplitude() -> None:
     times_s, still = shown((0.2, 0.0, 0.5, 0.0))
     count = math.tau / 4096
     shaking = 0.01 * np.sin(math.tau * 9.0 * times_s)
@@ -105,7 +105,7 @@ def test_shaking_and_encoder_steps_are_smoothed_and_the_movement_keeps_its_size(
     assert len(path.times_s) < len(times_s) / 3
 
 
-def test_standing_before_and_behind_is_cut_off_and_no_movement_is_no_path() -> None:
+def test_rest_before_and_after_is_removed_and_rest_alone_is_no_path() -> None:
     times_s = np.arange(0.0, 10.0, GRID_S)
     position = np.stack([np.clip(times_s - 4.0, 0.0, 1.0), np.full_like(times_s, 0.02)], axis=1)
     path = path_of(times_s, position, LIMITS)
@@ -125,14 +125,14 @@ def test_uneven_samples_with_a_gap_become_an_even_path() -> None:
     assert gap.duration_s == pytest.approx(path.duration_s, abs=0.05)
 
 
-def test_beyond_the_limits_is_taken_to_them_and_told() -> None:
+def test_positions_beyond_the_limits_are_limited_with_a_warning() -> None:
     position = np.array([[-2.5, 0.02], [0.0, 0.07]])
     assert outside(position, LIMITS) == pytest.approx([0.5, 0.02])
     assert not outside(inside(position, LIMITS), LIMITS).any()
 
 
 @given(waves)
-def test_a_path_that_the_hand_took_beyond_the_limits_is_played_within_them_between_its_points_too(
+def test_path_beyond_the_limits_is_played_within_them_between_points_too(
     wave: tuple[float, float, float, float],
 ) -> None:
     times_s, position = shown(wave)

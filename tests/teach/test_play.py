@@ -1,4 +1,4 @@
-"""A motion that is played: slowly to its beginning, as long as the key is held, within the limits."""
+"""Playback of a motion: slowly to its start, only while the key is held, and within the limits."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ from drivers.servos import sts
 from servoloop.manual.dead_man import HandsFree
 from servoloop.teach.arm import add_trajectory
 from servoloop.teach.play import APPROACH, Phase, Play
-from servoloop.teach.taught import Taught, TeachError
+from servoloop.teach.taught import RecordedMotion, TeachError
 from tests.teach.player import FASTEST, PAN, Key, Player, path
 from tests.teach.rig import FREE, Rig
 
 
-def test_the_way_to_the_beginning_is_slow() -> None:
+def test_motion_to_the_start_is_slow() -> None:
     player = Player(path(), pose={**FREE, "shoulder_pan": -1.2})
     player.go_on(until=Phase.PLAYING)
     speeds = np.abs(player.speeds)
@@ -21,7 +21,7 @@ def test_the_way_to_the_beginning_is_slow() -> None:
     assert player.rig.measured()[-1, PAN] == pytest.approx(0.0, abs=0.02)
 
 
-def test_nothing_moves_without_the_key_and_the_arm_stops_within_its_limits_when_it_is_let_go() -> None:
+def test_arm_moves_only_while_the_key_is_held_and_stops_within_its_limits() -> None:
     player = Player(path(), key=Key(held=False))
     player.go_on(2.0)
     assert player.play.phase is Phase.WAITING and np.ptp(np.array(player.rig.commands), axis=0).max() == 0.0
@@ -41,14 +41,14 @@ def test_nothing_moves_without_the_key_and_the_arm_stops_within_its_limits_when_
     assert player.rig.measured()[-1, PAN] == pytest.approx(0.8, abs=0.01), "it goes on where it stood"
 
 
-def test_q_ends_at_once() -> None:
+def test_q_ends_the_playback_immediately() -> None:
     player = Player(path())
     player.go_on(until=Phase.PLAYING)
     player.key.quit = True
     assert not player.go_on(0.1)
 
 
-def test_half_the_speed_takes_twice_as_long() -> None:
+def test_half_speed_takes_twice_the_time() -> None:
     durations_s = []
     for speed in (1.0, 0.5):
         player = Player(path(), speed)
@@ -59,7 +59,7 @@ def test_half_the_speed_takes_twice_as_long() -> None:
     assert durations_s[0] == pytest.approx(3.0, abs=0.2) and durations_s[1] == pytest.approx(6.0, abs=0.2)
 
 
-def test_a_hand_that_was_faster_than_the_joints_is_followed_as_fast_as_they_can() -> None:
+def test_motion_faster_than_the_joints_is_played_at_their_limits() -> None:
     player = Player(path(seconds=0.3, turns=1.2))  # 6 rad/s, where the joint has 4
     player.go_on(until=Phase.PLAYING)
     cycle = len(player.rig.commands)
@@ -68,7 +68,7 @@ def test_a_hand_that_was_faster_than_the_joints_is_followed_as_fast_as_they_can(
     assert player.rig.measured()[-1, PAN] == pytest.approx(1.2, abs=0.02)
 
 
-def test_an_obstacle_ends_the_playing_with_the_joints_name() -> None:
+def test_obstacle_ends_the_playback_and_names_the_joint() -> None:
     player = Player(path(seconds=3.0, turns=1.5))
     player.go_on(until=Phase.PLAYING)
     player.rig.take_to = lambda time_s: {"shoulder_pan": 0.0}
@@ -76,7 +76,7 @@ def test_an_obstacle_ends_the_playing_with_the_joints_name() -> None:
         player.go_on()
 
 
-def test_a_silent_servo_ends_the_playing_with_its_name() -> None:
+def test_silent_servo_ends_the_playback_and_is_named() -> None:
     player = Player(path())
     player.go_on(until=Phase.PLAYING)
     (line,) = player.rig.lines.lines.values()
@@ -85,13 +85,13 @@ def test_a_silent_servo_ends_the_playing_with_its_name() -> None:
         player.go_on()
 
 
-def test_what_cannot_be_played_is_refused_before_torque_is_on() -> None:
+def test_infeasible_motion_is_refused_before_torque_is_enabled() -> None:
     times_s = np.array([0.0, 1.0, 1.0001, 2.0])
     position = np.tile(path().position[0], (4, 1))
     position[2:, PAN] += 0.5
-    jump = Taught(path().joints, position, HandPath(times_s, position, np.zeros_like(position)))
+    jump = RecordedMotion(path().joints, position, HandPath(times_s, position, np.zeros_like(position)))
     rig = Rig()
-    with pytest.raises(TeachError, match="this cannot be played, and nothing has moved: shoulder_pan"):
+    with pytest.raises(TeachError, match="the motion cannot be played, and the arm has not moved: shoulder_pan"):
         Play(rig.arm, add_trajectory(rig.arm), jump, 1.0, HandsFree())
     assert not any(rig.register(name, sts.torque_enable) for name in rig.names)
 
@@ -101,4 +101,4 @@ def test_hands_free_needs_no_key() -> None:
     play = Play(rig.arm, add_trajectory(rig.arm), path(seconds=1.0), 1.0, HandsFree())
     rig.configure()
     play.begin()
-    assert not rig.run(20.0, lambda: play.look(rig.clock.now())) and play.phase is Phase.DONE
+    assert not rig.run(20.0, lambda: play.update(rig.clock.now())) and play.phase is Phase.DONE

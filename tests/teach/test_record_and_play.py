@@ -1,4 +1,4 @@
-"""What a hand has shown is what the arm does then: on virtual servos and simulated time."""
+"""Playback repeats motions recorded by hand, on virtual servos in simulated time."""
 
 import re
 
@@ -20,7 +20,7 @@ from tests.teach.rig import FREE, SO101, Lesson
 
 
 def recorded(soft: bool) -> tuple[Lesson, FloatArray]:
-    """A lesson that is over, and where the joints were while the hand showed the way (k, n)."""
+    """Return a finished recording, and the joint positions (k, n) during the motion by hand."""
     lesson = Lesson(soft).begin()
     cycle = len(lesson.rig.states)
     lesson.show(4.0)
@@ -30,12 +30,12 @@ def recorded(soft: bool) -> tuple[Lesson, FloatArray]:
 
 
 def nearest(places: FloatArray, among: FloatArray) -> FloatArray:
-    """How far each of some poses is from the nearest of others, by its worst joint (k,)."""
+    """Return the distance (k,) of each pose from the nearest of other poses, at its worst joint."""
     return np.array([np.abs(among - place).max(axis=1).min() for place in places])
 
 
 def delayed(shown: FloatArray, done: FloatArray) -> float:
-    """By how much one way in time is beside the other at the most, at the delay at which that is least."""
+    """Return the largest distance between two motions over time, at the delay with the best match."""
     times = np.arange(len(done))
 
     def beside(delay: float) -> float:
@@ -46,7 +46,7 @@ def delayed(shown: FloatArray, done: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("soft", [True, False])
-def test_what_the_hand_did_is_what_the_arm_does(soft: bool) -> None:
+def test_playback_repeats_the_motion_of_the_hand(soft: bool) -> None:
     lesson, shown = recorded(soft)
     taught, warnings = lesson.kept[0]
     assert taught.path is not None and not warnings and np.ptp(shown[:, PAN]) > 0.6
@@ -61,7 +61,7 @@ def test_what_the_hand_did_is_what_the_arm_does(soft: bool) -> None:
 
 
 @pytest.mark.parametrize("soft", [True, False])
-def test_the_arm_stays_where_it_was_left_when_torque_comes_back(soft: bool) -> None:
+def test_arm_does_not_move_when_torque_is_enabled_again(soft: bool) -> None:
     lesson, _ = recorded(soft)
     rig, left = lesson.rig, lesson.rig.places
     assert lesson.recording.phase is Teaching.HOLDING
@@ -77,7 +77,7 @@ def test_the_arm_stays_where_it_was_left_when_torque_comes_back(soft: bool) -> N
 
 
 @pytest.mark.parametrize("soft", [True, False])
-def test_an_arm_that_holds_itself_is_parked_from_where_it_was_left(soft: bool) -> None:
+def test_arm_is_parked_from_its_last_position(soft: bool) -> None:
     lesson, _ = recorded(soft)
     assert not lesson.go_on(HANDS_S + 1.0)
     rig, cycle = lesson.rig, len(lesson.rig.commands) - 1
@@ -95,19 +95,19 @@ def test_an_arm_that_holds_itself_is_parked_from_where_it_was_left(soft: bool) -
     assert not any(rig.register(name, sts.torque_enable) for name in rig.names)
 
 
-def test_a_limp_arm_whose_recording_breaks_off_stays_limp() -> None:
+def test_limp_arm_stays_limp_after_an_aborted_recording() -> None:
     lesson = Lesson(soft=False).begin()
     assert shut_down(lesson.rig.loop, True, FREE, 0.25) == []
     assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
 
 
-def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
+def test_torque_is_disabled_only_after_confirmation() -> None:
     lesson = Lesson(soft=False)
     lesson.rig.configure()
     lesson.recording.ask(lesson.asked.append)
     lesson.recording.begin()
     assert not lesson.asked, "it is limp already"
-    lesson.recording.look(0.0)
+    lesson.recording.update(0.0)
     lesson.recording.stop()
     lesson.rig.run(0.2)
     assert lesson.rig.arm.hardware.state is LifecycleState.ACTIVE
@@ -126,7 +126,7 @@ def test_torque_goes_off_only_where_somebody_holds_the_arm() -> None:
     assert not any(lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names)
 
 
-def test_soft_torque_is_announced_and_recording_begins_when_the_arm_gives_way() -> None:
+def test_soft_torque_needs_confirmation_and_recording_starts_when_the_arm_is_free() -> None:
     lesson = Lesson(soft=True)
     lesson.rig.configure(lesson.recording.take)
     lesson.recording.ask(lesson.asked.append)
@@ -138,7 +138,7 @@ def test_soft_torque_is_announced_and_recording_begins_when_the_arm_gives_way() 
     assert lesson.recording.phase is Teaching.BY_HAND
 
 
-def test_an_arm_that_was_not_moved_leaves_nothing_and_holds_itself_all_the_same() -> None:
+def test_unmoved_arm_saves_nothing_and_holds_its_position() -> None:
     lesson = Lesson(soft=False).begin()
     lesson.recording.press("q")
     assert isinstance(lesson.recording.error, TeachError) and "was not moved" in str(lesson.recording.error)
@@ -146,7 +146,7 @@ def test_an_arm_that_was_not_moved_leaves_nothing_and_holds_itself_all_the_same(
     assert all(lesson.rig.register(name, sts.torque_enable) == 1 for name in lesson.rig.names)
 
 
-def test_a_lost_port_ends_the_loop_and_what_was_shown_until_then_is_kept() -> None:
+def test_lost_port_ends_the_loop_and_the_motion_so_far_is_saved() -> None:
     lesson = Lesson(soft=True).begin()
     lesson.show(2.0)
     lesson.rig.lines.unplug()
@@ -157,7 +157,7 @@ def test_a_lost_port_ends_the_loop_and_what_was_shown_until_then_is_kept() -> No
     assert found[0].path is not None and found[0].path.duration_s > 1.5
 
 
-def test_a_servo_that_is_silent_for_a_while_is_named_and_the_path_goes_on() -> None:
+def test_silent_servo_is_named_and_the_path_continues() -> None:
     lesson = Lesson(soft=False).begin()
     (line,) = lesson.rig.lines.lines.values()
     begun_s = lesson.rig.clock.now()
@@ -170,26 +170,26 @@ def test_a_servo_that_is_silent_for_a_while_is_named_and_the_path_goes_on() -> N
     lesson.recording.stop()
     taught, warnings = lesson.kept[0]
     (warning,) = warnings
-    assert re.fullmatch(r"elbow_flex not measured for 0\.\d s: the path is straight there", warning)
+    assert re.fullmatch(r"elbow_flex not measured for 0\.\d s: the path is a straight line in this gap", warning)
     assert taught.path is not None and taught.position[-1, PAN] == pytest.approx(0.6, abs=0.01)
 
 
 @pytest.mark.parametrize("soft", [True, False])
-def test_torque_that_cannot_come_back_is_told_and_the_arm_is_as_it_was(soft: bool) -> None:
+def test_failure_to_enable_torque_is_reported_and_the_arm_is_unchanged(soft: bool) -> None:
     lesson = Lesson(soft).begin()
     lesson.show(1.0)
     (line,) = lesson.rig.lines.lines.values()
     line.faults.silence(3)
     lesson.recording.press("\n")
     assert len(lesson.kept) == 1, "what was shown is kept first"
-    how = "soft: let it go" if soft else "limp: put it down"
+    how = "soft: release it" if soft else "limp: put it down"
     with pytest.raises(TeachError, match=rf"the arm is {how}\..*(elbow_flex|servo 3)"):
         lesson.go_on(3.0)
     held = [lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names]
     assert held == [int(soft)] * 6
 
 
-def test_a_servo_that_may_still_hold_is_told_before_anybody_takes_the_arm() -> None:
+def test_servo_that_may_hold_torque_is_reported_before_the_recording() -> None:
     lesson = Lesson(soft=False)
     lesson.rig.configure()
     (line,) = lesson.rig.lines.lines.values()
@@ -198,7 +198,7 @@ def test_a_servo_that_may_still_hold_is_told_before_anybody_takes_the_arm() -> N
         lesson.recording.begin()
 
 
-def test_poses_are_kept_where_they_are_marked_and_played_one_after_the_other() -> None:
+def test_marked_poses_are_recorded_and_played_in_order() -> None:
     lesson = Lesson(soft=True, poses=True).begin()
     for key in ("p", "\n"):
         lesson.show(1.5)
@@ -216,7 +216,7 @@ def test_poses_are_kept_where_they_are_marked_and_played_one_after_the_other() -
     assert (np.abs(player.speeds) <= APPROACH * FASTEST + 1e-6).all()
 
 
-def test_poses_that_were_never_marked_are_an_error_that_says_how() -> None:
+def test_error_without_marked_poses_explains_the_keys() -> None:
     lesson = Lesson(soft=False, poses=True).begin()
     lesson.show(1.0)
     lesson.recording.press("q")

@@ -1,4 +1,4 @@
-"""Recordings onto an arm, and into the view."""
+"""Replay of recordings on an arm and in the view."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +33,7 @@ THERE = (0.5, 0.2, -0.4, *READY[3:])
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A recording of an arm that goes a way and back, and what a program leaves that was killed half-way."""
+    """Record a motion there and back, and an incomplete recording of a program killed halfway."""
     folder, rig = tmp_path_factory.mktemp("recordings"), RecordedRig(HERE)
     whole, killed = folder / "whole.mcap", folder / "killed.mcap"
     file = RecordingFile(whole, rig.messages)
@@ -48,7 +48,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return whole, killed
 
 
-def test_the_arm_does_what_is_in_the_recording(recordings: tuple[Path, Path]) -> None:
+def test_arm_replays_the_recording(recordings: tuple[Path, Path]) -> None:
     recorded = read_recording(recordings[0]).position
     taught, warnings = recorded_motion(recordings[0], NAMES, LIMITS)
     assert not warnings and np.ptp(recorded[:, 0]) > 0.45
@@ -58,26 +58,28 @@ def test_the_arm_does_what_is_in_the_recording(recordings: tuple[Path, Path]) ->
     play.begin()
     cycles: list[int] = []
 
-    def look() -> bool:
+    def poll() -> bool:
         if play.phase is Phase.PLAYING:
             cycles.append(len(rig.states))
-        return play.look(rig.clock.now())
+        return play.update(rig.clock.now())
 
-    assert not rig.run(60.0, look) and play.phase is Phase.DONE
+    assert not rig.run(60.0, poll) and play.phase is Phase.DONE
     done = rig.measured(cycles[0])
     for mine, other in ((done, recorded), (recorded, done)):
         assert max(np.abs(other - place).max(axis=1).min() for place in mine) < 0.02
     assert len(done) * rig.loop.period_s == pytest.approx(4.0, abs=1.0)
 
 
-def test_what_a_killed_program_has_left_is_played_as_far_as_it_goes(recordings: tuple[Path, Path]) -> None:
+def test_incomplete_recording_is_played_up_to_its_end(recordings: tuple[Path, Path]) -> None:
     taught, _ = recorded_motion(recordings[1], NAMES, LIMITS)
     assert taught.position[-1, 0] == pytest.approx(THERE[0], abs=0.02) and taught.position[0, 0] < 0.02
 
 
 def test_a_recording_of_another_arm_is_refused_by_its_joints(recordings: tuple[Path, Path]) -> None:
     so101 = read_arm_files(find_arm("so101")).robot.joints
-    with pytest.raises(TeachError, match=r"whole.mcap is of another arm: it has no shoulder_pan, .* has no joint1, "):
+    with pytest.raises(
+        TeachError, match=r"whole.mcap was recorded on another arm: it has no shoulder_pan, .* has no joint1, "
+    ):
         recorded_motion(recordings[0], [joint.name for joint in so101], [joint.limits for joint in so101])
 
 
@@ -86,20 +88,20 @@ def test_joints_come_in_the_order_of_the_arm(recordings: tuple[Path, Path]) -> N
     assert taught.joints == tuple(NAMES[::-1]) and np.ptp(taught.position[:, -1]) > 0.45
 
 
-def test_what_is_beyond_the_limits_of_this_arm_is_told_and_taken_to_them(recordings: tuple[Path, Path]) -> None:
+def test_positions_beyond_this_arms_limits_are_limited_with_a_warning(recordings: tuple[Path, Path]) -> None:
     taught, warnings = recorded_motion(recordings[0], NAMES, [replace(LIMITS[0], upper=0.3), *LIMITS[1:]])
     assert len(warnings) == 1 and warnings[0].startswith("joint1 went 0.")
     assert taught.position[:, 0].max() <= 0.3
 
 
-def test_a_recording_without_a_movement_or_without_a_run_is_refused(tmp_path: Path) -> None:
+def test_recording_without_motion_or_joint_states_is_refused(tmp_path: Path) -> None:
     rig, path = RecordedRig(HERE), tmp_path / "still.mcap"
     rig.run(2.0)
     file = RecordingFile(path, rig.messages)
     for sample in rig.run(0.5):
         file.write(sample)
     file.close((), failed=False)
-    with pytest.raises(TeachError, match="nothing moves"):
+    with pytest.raises(TeachError, match="no joint of the arm moves"):
         recorded_motion(path, NAMES, LIMITS)
     with pytest.raises(RecordingError, match="cannot read"):
         recorded_motion(tmp_path / "none.mcap", NAMES, LIMITS)
@@ -113,12 +115,12 @@ def test_without_a_port_the_recording_is_shown(monkeypatch: pytest.MonkeyPatch) 
     assert shown == [(Path("run.mcap"), None)]
 
 
-def test_the_verb_refuses_before_it_opens_a_port(recordings: tuple[Path, Path]) -> None:
+def test_command_reports_errors_before_it_opens_a_port(recordings: tuple[Path, Path]) -> None:
     def refused(*words: str) -> str:
         with pytest.raises(DriverError) as error:
             CliRunner().invoke(app, ["replay", *words, "--port", "./no_such_port"], catch_exceptions=False)
         return str(error.value)
 
     assert "nobody can hold a key here" in refused(str(recordings[0]))
-    assert "is of another arm" in refused(str(recordings[0]), "--arm", "so101", "--hands-free")
+    assert "was recorded on another arm" in refused(str(recordings[0]), "--arm", "so101", "--hands-free")
     assert "no_such_port" in refused(str(recordings[0]), "--hands-free")

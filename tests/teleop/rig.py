@@ -1,4 +1,4 @@
-"""Two virtual arms on simulated time: a leader in somebody's hand, and its follower."""
+"""Two virtual arms in simulated time: a leader moved by hand, and its follower."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ from servoloop.stack.robot_files import Files
 from servoloop.stack.virtual_lines import VirtualLines
 from servoloop.teleop.arms import Side, Teleop, build_teleop, release_leader
 from servoloop.teleop.attendance import HINT, Attendance
-from servoloop.teleop.screen import said
+from servoloop.teleop.screen import status_line
 from sim_backend.buses.build import Build
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
@@ -27,7 +27,7 @@ REST = {"shoulder_pan": 0.0, "shoulder_lift": -0.9, "elbow_flex": 0.9, "wrist_fl
 
 
 class Lines(VirtualLines):
-    """Virtual lines whose adapter can be pulled and plugged in again."""
+    """Virtual lines with adapters that can be unplugged and plugged in again."""
 
     def __init__(self, files: Files, pose: Mapping[str, float], on_step: Callable[[float], None]) -> None:
         names = [joint.name for joint in files.robot.joints]
@@ -50,7 +50,7 @@ class Lines(VirtualLines):
 
 
 class Watcher:
-    """A person at the keys who sees what is shown."""
+    """User interface with keys pressed by the test. It records the displayed lines."""
 
     hint = HINT
 
@@ -69,11 +69,11 @@ class Watcher:
         return typed
 
     def show(self, both: Teleop, notes: Sequence[str]) -> None:
-        self.shown.append("; ".join([said(both), *notes]))
+        self.shown.append("; ".join([status_line(both), *notes]))
 
 
 class Rig:
-    """Both arms, configured and active. ``move`` says where the hand takes the leader's joints."""
+    """Both arms, configured and active. ``move`` returns the leader positions set by the hand."""
 
     def __init__(
         self, rate_hz: int = 50, leader: Mapping[str, float] = REST, follower: Mapping[str, float] = REST
@@ -107,23 +107,23 @@ class Rig:
         self.loop.activate(keep_inactive=["leader"])
 
     def run(self, seconds: float) -> None:
-        """Cycles for so long; both worlds go on."""
+        """Run cycles of both worlds for a time."""
         end_s = self.clock.now() + seconds - 1e-9
         self.loop.run(lambda: self.clock.now() >= end_s)
 
     def end(self) -> None:
-        """The person's thread ends it."""
+        """End the teleoperation, as the user interface does."""
         self.ended = True
 
     def attend(self, seconds: float) -> str:
-        """Cycles for so long, with the person at the keys; the last line that was shown."""
+        """Run cycles with the user interface for a time, and return the last displayed line."""
         for _ in range(round(seconds / 0.1)):
             self.run(0.1)
-            self.attendance.look(self.clock.now())
+            self.attendance.update(self.clock.now())
         return self.person.shown[-1]
 
     def follow(self) -> "Rig":
-        """Let the follower join and follow."""
+        """Run until the follower has joined the leader."""
         self.controller.allowed = True
         for _ in range(100):
             self.run(0.1)
@@ -132,11 +132,11 @@ class Rig:
         raise AssertionError(self.controller.phase, self.controller.reason)
 
     def joint(self, name: str) -> int:
-        """The joint's place among the follower's commands."""
+        """Return the index of a joint in the follower's commands."""
         return self.names.index(name)
 
     def _take(self, time_s: float) -> None:
-        """A hand that is strong enough: the leader's joints are where it wants them."""
+        """Move the leader's joints exactly to the positions of the hand."""
         data = self.leader.world.data
         for name, position in self.hand(time_s).items():
             data.joint(name).qpos[0] = position
@@ -144,7 +144,7 @@ class Rig:
 
 
 def sine(joint: str, size: float, hz: float) -> Callable[[float], Mapping[str, float]]:
-    """A hand that turns one joint to and fro, and holds the others."""
+    """Return the motion of a hand that moves one joint back and forth and holds the others."""
 
     def hand(time_s: float) -> Mapping[str, float]:
         return {**REST, joint: REST[joint] + size * math.sin(2.0 * math.pi * hz * time_s)}
@@ -153,7 +153,7 @@ def sine(joint: str, size: float, hz: float) -> Callable[[float], Mapping[str, f
 
 
 def delay_s(times_s: FloatArray, wanted: Callable[[float], float], measured: FloatArray) -> float:
-    """By how much a curve must be shifted to be nearest to the one that was wanted."""
+    """Return the delay at which a curve matches the commanded curve best."""
     shifts = np.arange(-0.05, 0.3, 0.001)
     errors = [np.sum((measured - np.array([wanted(time_s - shift) for time_s in times_s])) ** 2) for shift in shifts]
     return float(shifts[int(np.argmin(errors))])

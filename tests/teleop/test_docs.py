@@ -1,4 +1,4 @@
-"""docs/teleop.md: its commands between two virtual arms on pseudo-terminals, in real time."""
+"""Run the commands of docs/teleop.md with two virtual arms on pseudo-terminals, in real time."""
 
 import json
 import shlex
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
 @contextmanager
 def started(command: str, folder: Path, word: str) -> Iterator["subprocess.Popen[str]"]:
-    """The command as a process that has said the word; it is ended with the block."""
+    """Run the command as a process within the context, and wait until it prints a word."""
     words = [sys.executable, "-m", *shlex.split(command)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True, cwd=folder) as process:
         try:
@@ -41,7 +41,7 @@ def run(command: str, folder: Path) -> "subprocess.CompletedProcess[str]":
 
 
 def pan(arm: str, folder: Path) -> float:
-    """Where an arm's first joint is."""
+    """Return the position of an arm's first joint."""
     return float(json.loads(run(f"servoloop hand ./{arm} look --json", folder).stdout)["shoulder_pan"]["position"])
 
 
@@ -52,7 +52,7 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def look_on(folder: Path) -> None:
-    """Record the teleoperation that runs: both arms are in it, and what goes over both lines."""
+    """Record the running teleoperation, with both arms and the traffic on both buses."""
     recorded = run("servoloop record both.mcap --arm so101 --seconds 1", folder)
     assert recorded.returncode == 0, recorded.stderr
     found = by_rosbags(folder / "both.mcap")
@@ -62,7 +62,7 @@ def look_on(folder: Path) -> None:
 
 
 @pytest.mark.runs(REAL, LEADER, FOLLOWER, TELEOP, HAND)
-def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: Path) -> None:
+def test_documented_commands_make_the_follower_follow(tmp_path: Path) -> None:
     with started(LEADER, tmp_path, "ready"), started(FOLLOWER, tmp_path, "ready"):
         assert run("servoloop hand ./leader hold", tmp_path).returncode == 0
         with started(TELEOP, tmp_path, "following") as teleop:
@@ -72,8 +72,8 @@ def test_the_commands_bring_the_follower_to_where_the_leader_is_taken(tmp_path: 
             look_on(tmp_path)
             teleop.send_signal(signal.SIGINT)
             assert teleop.stdout is not None
-            said = teleop.stdout.read()
-            assert "from the leader's angles to the follower's goals: median" in " ".join(said.split())
+            output = teleop.stdout.read()
+            assert "from the leader's angles to the follower's goals: median" in " ".join(output.split())
             assert teleop.wait(30.0) == 0
         refused = run(REAL.replace("/dev/ttyACM0", "./leader").replace("/dev/ttyACM1", "./follower"), tmp_path)
         assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr

@@ -1,4 +1,4 @@
-"""A leader in somebody's hand and its follower, on virtual servos and simulated time."""
+"""A leader moved by hand and its follower, on virtual servos in simulated time."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from hal.types import FloatArray
 from servoloop.stack.hardware import open_buses
 from servoloop.teleop.arms import TeleopError, release_leader
 from servoloop.teleop.attendance import HINT
-from servoloop.teleop.screen import rows, said
+from servoloop.teleop.screen import rows, status_line
 from sim_backend.clock import SimulatedClock
 from sim_backend.line.line import ServoLine
 from tests.teleop.rig import FOLLOWER, LEADER, REST, Lines, Rig, delay_s, sine
@@ -27,7 +27,7 @@ def commands(rig: Rig, since: int = 0) -> FloatArray:
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100])
-def test_the_follower_follows_half_a_hertz_within_sixty_milliseconds(rate_hz: int) -> None:
+def test_follower_lags_less_than_sixty_milliseconds_at_half_a_hertz(rate_hz: int) -> None:
     rig = Rig(rate_hz).follow()
     begun_s, cycle = rig.clock.now(), len(rig.states)
     hand = sine(PAN, 0.5, 0.5)
@@ -42,7 +42,7 @@ def test_the_follower_follows_half_a_hertz_within_sixty_milliseconds(rate_hz: in
     assert 0.0 < max(rig.teleop.latency.ages_s) <= 1.0 / rate_hz
 
 
-def test_the_leader_never_gets_torque_and_the_follower_keeps_its_own() -> None:
+def test_leader_never_has_torque_and_follower_keeps_its_torque() -> None:
     rig = Rig().follow()
     rig.run(1.0)
     memories = [servo.memory for line in rig.leader.lines.values() for servo in line.servos]
@@ -51,7 +51,7 @@ def test_the_leader_never_gets_torque_and_the_follower_keeps_its_own() -> None:
 
 
 def hold(line: ServoLine[Any], *servo_ids: int) -> None:
-    """Give servos torque, as a former program may have left them."""
+    """Enable torque on servos, as an earlier program may have left them."""
     for servo_id in servo_ids:
         line.servo(servo_id).memory.put(sts.torque_enable, 1)
 
@@ -60,7 +60,7 @@ def torque(line: ServoLine[Any]) -> list[int]:
     return [servo.servo_id for servo in line.servos if servo.memory.get(sts.torque_enable)]
 
 
-def test_a_leader_that_holds_torque_is_released_only_after_a_yes() -> None:
+def test_leader_with_torque_is_released_only_after_confirmation() -> None:
     rig = Rig()
     (line,) = rig.leader.lines.values()
     assert rig.asked == []
@@ -79,7 +79,7 @@ def test_a_leader_that_holds_torque_is_released_only_after_a_yes() -> None:
     assert torque(line) == []
 
 
-def test_a_leader_with_other_settings_that_holds_torque_is_released_before_they_are_written() -> None:
+def test_leader_with_torque_is_released_before_its_settings_are_written() -> None:
     lines, clock = Lines(LEADER, REST, lambda time_s: None), SimulatedClock()
     (line,) = lines.lines.values()
     leader = LeaderArm(
@@ -96,7 +96,7 @@ def test_a_leader_with_other_settings_that_holds_torque_is_released_before_they_
     assert torque(line) == [] and line.servo(6).memory.get(sts.max_torque) == 500
 
 
-def test_a_leader_that_comes_back_with_torque_is_not_released_and_the_person_is_told() -> None:
+def test_leader_that_returns_with_torque_is_reported_but_not_released() -> None:
     rig = Rig().follow()
     (line,) = rig.leader.lines.values()
     rig.leader.unplug()
@@ -108,7 +108,7 @@ def test_a_leader_that_comes_back_with_torque_is_not_released_and_the_person_is_
     assert "leader/elbow_flex (servo 3) holds torque, and the arm may fall" in shown
 
 
-def test_the_follower_joins_slowly_from_wherever_it_stands() -> None:
+def test_follower_joins_the_leader_slowly_from_any_position() -> None:
     rig = Rig(follower={**REST, PAN: -1.0, "elbow_flex": 0.2})
     assert commands(rig).size == 0
     rig.controller.allowed = True
@@ -121,7 +121,7 @@ def test_the_follower_joins_slowly_from_wherever_it_stands() -> None:
     assert commands(rig)[-1][rig.joint(PAN)] == pytest.approx(REST[PAN], abs=0.05)
 
 
-def test_nothing_moves_without_the_key_and_the_follower_holds_when_it_is_let_go() -> None:
+def test_follower_moves_only_while_the_key_is_held() -> None:
     rig = Rig(follower={**REST, PAN: -1.0})
     rig.run(1.0)
     assert rig.controller.phase is Phase.HOLDING and np.ptp(commands(rig), axis=0).max() == 0.0
@@ -137,7 +137,7 @@ def test_nothing_moves_without_the_key_and_the_follower_holds_when_it_is_let_go(
     assert rig.controller.phase is Phase.JOINING, "the leader has gone on meanwhile"
 
 
-def test_it_holds_within_a_cycle_when_the_leaders_port_is_pulled_and_joins_anew_when_it_is_back() -> None:
+def test_follower_holds_when_the_leader_port_is_lost_and_rejoins_when_it_returns() -> None:
     rig = Rig().follow()
     rig.hand = sine(PAN, 0.5, 0.5)
     rig.run(1.2)
@@ -157,7 +157,7 @@ def test_it_holds_within_a_cycle_when_the_leaders_port_is_pulled_and_joins_anew_
     assert ways.max() <= max(joint.limits.velocity for joint in FOLLOWER.robot.joints)
 
 
-def test_a_silent_servo_of_the_leader_is_named_and_holds_the_follower() -> None:
+def test_silent_leader_servo_is_reported_and_the_follower_holds() -> None:
     rig = Rig().follow()
     (line,) = rig.leader.lines.values()
     line.faults.silence(3)
@@ -169,7 +169,7 @@ def test_a_silent_servo_of_the_leader_is_named_and_holds_the_follower() -> None:
     rig.follow()
 
 
-def test_a_silent_servo_of_the_follower_is_named_and_the_others_follow() -> None:
+def test_silent_follower_servo_is_reported_and_others_follow() -> None:
     rig = Rig().follow()
     (line,) = rig.follower.lines.values()
     line.faults.silence(3)
@@ -178,10 +178,10 @@ def test_a_silent_servo_of_the_follower_is_named_and_the_others_follow() -> None
     rig.run(1.0)
     assert "servo 3" in rig.states[-1].faults["elbow_flex"].text and len(rig.states[-1].faults) == 1
     assert rig.states[-1].position[rig.joint(PAN)] == pytest.approx(0.4, abs=0.02)
-    assert "servo 3" in said(rig.teleop) and said(rig.teleop).startswith("following")
+    assert "servo 3" in status_line(rig.teleop) and status_line(rig.teleop).startswith("following")
 
 
-def test_a_leader_beyond_the_limits_takes_the_follower_to_them_and_no_further() -> None:
+def test_follower_stops_at_its_limits_when_the_leader_exceeds_them() -> None:
     rig = Rig().follow()
     rig.hand = lambda time_s: {**REST, PAN: 3.0}
     rig.run(4.0)
@@ -189,10 +189,10 @@ def test_a_leader_beyond_the_limits_takes_the_follower_to_them_and_no_further() 
     assert commands(rig)[:, rig.joint(PAN)].max() == pytest.approx(upper, abs=1e-9)
 
 
-def test_a_leader_far_outside_the_followers_limits_is_named_and_the_error_is_from_where_it_is() -> None:
+def test_leader_far_outside_the_limits_is_reported_with_the_full_error() -> None:
     rig = Rig(leader={**REST, "wrist_flex": -2.958}).follow()
     rig.run(3.0)
-    shown = said(rig.teleop)
+    shown = status_line(rig.teleop)
     assert "leader/wrist_flex would move wrist_flex to -2.958, outside its limits -1.658 to 1.658" in shown
     assert "calibrated wrongly" in shown and "shoulder_pan" not in shown
     (row,) = [row for row in rows(rig.teleop) if row[0] == "wrist_flex"]
@@ -202,17 +202,17 @@ def test_a_leader_far_outside_the_followers_limits_is_named_and_the_error_is_fro
     assert "calibrated" in rig.attend(0.2)
     rig.hand = lambda time_s: {**REST, "wrist_flex": -1.70}  # a stop of the leader's may be a little outside
     rig.run(0.5)
-    assert said(rig.teleop) == Phase.FOLLOWING
+    assert status_line(rig.teleop) == Phase.FOLLOWING
 
 
-def test_a_leader_far_outside_is_named_before_anything_moves() -> None:
+def test_leader_far_outside_the_limits_is_reported_before_anything_moves() -> None:
     rig = Rig(leader={**REST, "elbow_flex": -2.4})
     rig.person.held = False
     assert "leader/elbow_flex would move elbow_flex to -2.40" in rig.attend(0.2)
     assert np.ptp(commands(rig), axis=0).max() == 0.0
 
 
-def test_a_jammed_servo_of_the_follower_is_activated_again_by_a_key_where_it_stands() -> None:
+def test_key_reactivates_a_jammed_follower_servo_at_its_position() -> None:
     rig = Rig().follow()
     (line,) = rig.follower.lines.values()
     line.servo(3).power_cycle()
@@ -231,7 +231,7 @@ def test_a_jammed_servo_of_the_follower_is_activated_again_by_a_key_where_it_sta
     assert rig.states[-1].position[rig.joint(PAN)] == pytest.approx(0.2, abs=0.02)
 
 
-def test_an_activation_that_fails_is_shown_and_can_be_tried_again() -> None:
+def test_failed_activation_is_shown_and_can_be_repeated() -> None:
     rig = Rig().follow()
     (line,) = rig.follower.lines.values()
     line.servo(3).power_cycle()
@@ -247,7 +247,7 @@ def test_an_activation_that_fails_is_shown_and_can_be_tried_again() -> None:
     assert torque(line) == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_leap_of_the_leader_is_not_followed() -> None:
+def test_jump_of_the_leader_is_not_followed() -> None:
     rig = Rig().follow()
     cycle = len(rig.commands)
     rig.hand = lambda time_s: {**REST, PAN: 1.2}

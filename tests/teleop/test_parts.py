@@ -1,4 +1,4 @@
-"""The parts of teleoperation: the dead-man key, which joints belong together, what is refused."""
+"""Parts of teleoperation: the dead-man key, the mapping of joints, and refused combinations."""
 
 from dataclasses import replace
 
@@ -21,12 +21,12 @@ from tests.teleop.rig import FOLLOWER, LEADER, Rig
 
 @pytest.fixture
 def key(monkeypatch: pytest.MonkeyPatch) -> DeadMansKey:
-    """A key on a terminal on which nobody types."""
+    """Return a dead-man key on a terminal without input."""
     monkeypatch.setattr(dead_man, "typed", lambda wait_s: [])
     return DeadMansKey()
 
 
-def test_a_key_counts_as_held_until_its_repeats_stay_out(key: DeadMansKey) -> None:
+def test_key_counts_as_held_until_its_repeats_stop(key: DeadMansKey) -> None:
     assert not key.allowed(0.0)
     key.press("space", 1.0)
     assert key.allowed(1.0 + FIRST_S) and not key.allowed(1.0 + FIRST_S + 0.01), "a tap is no more than that"
@@ -35,14 +35,14 @@ def test_a_key_counts_as_held_until_its_repeats_stay_out(key: DeadMansKey) -> No
     assert key.allowed(3.57 + REPEAT_S) and not key.allowed(3.58 + REPEAT_S)
 
 
-def test_q_ends_and_the_key_is_let_go_with_it(key: DeadMansKey) -> None:
+def test_q_ends_the_teleoperation_and_releases_the_key(key: DeadMansKey) -> None:
     key.press("x", 1.0)
     key.press("q", 1.0)
     assert key.ended() and not key.allowed(1.0)
     assert HandsFree().allowed(0.0) and not HandsFree().ended()
 
 
-def test_a_command_key_is_no_key_that_is_held(key: DeadMansKey) -> None:
+def test_command_key_does_not_count_as_held(key: DeadMansKey) -> None:
     with_commands = DeadMansKey("a")
     with_commands.press("x", 1.0)
     with_commands.press("a", 1.1)
@@ -51,7 +51,7 @@ def test_a_command_key_is_no_key_that_is_held(key: DeadMansKey) -> None:
     assert key.allowed(1.0) and not key.commands()
 
 
-def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
+def test_joints_follow_by_angle_and_hands_by_share_of_range() -> None:
     trigger = next(joint for joint in LEADER.robot.joints if joint.name == "gripper")
     pulled = replace(trigger, limits=replace(trigger.limits, lower=0.0, upper=0.5))
     robot = replace(LEADER.robot, joints=(*LEADER.robot.joints[:-1], pulled))
@@ -66,7 +66,7 @@ def test_joints_turn_by_the_same_angle_and_the_hand_by_the_same_share() -> None:
 
 
 def test_a_follower_with_other_joints_is_refused() -> None:
-    with pytest.raises(TeleopError, match="so101_leader has no joint1, joint2"):
+    with pytest.raises(TeleopError, match="so101_leader lacks joint1, joint2"):
         followed_joints(LEADER, read_arm_files(find_arm("robot_arm")), Rig().teleop.stack.setup)
 
 
@@ -78,7 +78,7 @@ def test_a_leader_is_never_driven() -> None:
 
 
 @given(st.lists(st.floats(-1.5, 1.5), min_size=2, max_size=6))
-def test_a_ramp_is_never_faster_than_its_share_wherever_the_leader_goes(targets: list[float]) -> None:
+def test_joining_never_exceeds_its_share_of_the_velocity_limit(targets: list[float]) -> None:
     limits = [joint.limits for joint in FOLLOWER.robot.joints[:1]]
     ramp = RampIn(np.array([0.0]), limits, 0.02)
     for target in targets:

@@ -1,4 +1,4 @@
-"""docs/test-your-robot.md: its package is the one that lies in docs/examples, and its tests find the bug."""
+"""docs/test-your-robot.md shows the package in docs/examples, and the tests of the package find the bug."""
 
 import re
 import shutil
@@ -32,7 +32,7 @@ def package(tmp_path: Path) -> Path:
 
 
 @pytest.mark.runs(*named(PAGE, "yaml", "toml"), f"{PAGE} python 1", f"{PAGE} python 2")
-def test_the_page_shows_every_file_as_it_is() -> None:
+def test_page_shows_every_file_unchanged() -> None:
     there = {str(path.relative_to(PACKAGE)): path.read_text() for path in PACKAGE.rglob("*.*") if path.is_file()}
     shown = {name: text for name, text in there.items() if not name.endswith((".pyc", "__init__.py"))}
     assert shown == FILES
@@ -41,7 +41,7 @@ def test_the_page_shows_every_file_as_it_is() -> None:
 
 @pytest.mark.slow
 @pytest.mark.runs(*commands(PAGE), f"{PAGE} diff 1")
-def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> None:
+def test_example_tests_find_the_bug_and_pass_once_it_is_fixed(package: Path) -> None:
     assert commands(PAGE) == [f"cd {PACKAGE.relative_to(ROOT)}", "pytest"]
     ran = pytest_in(package)
     assert ran.returncode == 1 and "1 failed, 12 passed" in ran.stdout, ran.stdout
@@ -57,7 +57,7 @@ def test_its_tests_find_the_bug_and_pass_once_it_is_mended(package: Path) -> Non
 
 @pytest.fixture
 def reach(tmp_path: Path) -> Path:
-    """The file with a controller that takes goals and its test."""
+    """Return the file with a controller that accepts goals and its test."""
     path = tmp_path / "test_reach.py"
     path.write_text(REACH)
     return path
@@ -65,7 +65,7 @@ def reach(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 3", f"{PAGE} diff 2")
-def test_invariants_name_the_controller_whose_success_is_not_true(reach: Path) -> None:
+def test_invariants_name_the_controller_with_false_success(reach: Path) -> None:
     ran = pytest_in(reach.parent)
     (words,) = re.findall(r"```\n(success is true.*?)```", TEXT, re.DOTALL)
     assert ran.returncode == 1 and words in ran.stdout, ran.stdout
@@ -79,11 +79,11 @@ def test_invariants_name_the_controller_whose_success_is_not_true(reach: Path) -
     ("change", "report"),
     [
         (("        self.canceled = handle\n", "        pass\n"), "cancels are followed: a goal canceled at "),
-        (("    arm.cancel(goal)\n", ""), "cancels are followed: this invariant examined nothing"),
+        (("    arm.cancel(goal)\n", ""), "cancels are followed: the condition of this invariant never occurred"),
     ],
     ids=["cancels are ignored", "nothing is canceled"],
 )
-def test_the_second_invariant_of_the_page_is_needed_too(reach: Path, change: tuple[str, str], report: str) -> None:
+def test_second_invariant_of_the_page_is_needed(reach: Path, change: tuple[str, str], report: str) -> None:
     mend(reach.parent, code(PAGE, "diff", 2))
     assert change[0] in reach.read_text()
     reach.write_text(reach.read_text().replace(*change))

@@ -1,4 +1,4 @@
-"""The fixtures and markers of servoloop.testing, as tests of users see them."""
+"""Fixtures and markers of servoloop.testing, as used in tests of users."""
 
 from pathlib import Path
 from typing import Any, Self
@@ -36,7 +36,7 @@ class DriftParameters(Parameters):
 
 
 class Drift:
-    """Takes goals of one joint, does not move, and says after ten cycles that it is there."""
+    """Controller that accepts goals of one joint, does not move, and reports success after ten cycles."""
 
     kind = "tests/Drift"
     parameters_type = DriftParameters
@@ -76,14 +76,14 @@ class Drift:
 
 
 def drifting(arm: VirtualArm) -> VirtualArm:
-    """The hand's controller is replaced by ``Drift``."""
+    """Replace the controller of the hand by ``Drift``."""
     arm.up()
     arm.load_controller("drift", Drift, joint="hand_right_joint")
     arm.switch_controllers(activate=["drift"], deactivate=["hand_controller"])
     return arm
 
 
-def test_a_goal_is_reached_on_the_arm_of_the_house(virtual_arm: VirtualArm) -> None:
+def test_goal_is_reached_on_the_default_arm(virtual_arm: VirtualArm) -> None:
     virtual_arm.up()
     goal = virtual_arm.send_goal({"joint2": -0.3}, seconds=1.0)
     virtual_arm.run(5.0, until=lambda: goal.done)
@@ -94,7 +94,7 @@ def test_a_goal_is_reached_on_the_arm_of_the_house(virtual_arm: VirtualArm) -> N
 
 @pytest.mark.virtual_arm("so101", backlash_deg=0.0)
 @pytest.mark.faults("silent id=3 at=0.2s for=0.5s")
-def test_what_goes_wrong_when_is_said_by_markers_and_later_by_hand(virtual_arm: VirtualArm) -> None:
+def test_faults_come_from_markers_and_from_calls(virtual_arm: VirtualArm) -> None:
     virtual_arm.up()
     virtual_arm.run(0.5)
     assert virtual_arm.state is not None and set(virtual_arm.state.faults) == {"elbow_flex"}
@@ -106,7 +106,7 @@ def test_what_goes_wrong_when_is_said_by_markers_and_later_by_hand(virtual_arm: 
 
 
 @pytest.mark.invariants(also=[Never])
-def test_a_fault_by_hand_is_reported_with_its_time_since_the_arm_is_up(virtual_arm: VirtualArm) -> None:
+def test_injected_fault_is_reported_with_its_time_since_activation(virtual_arm: VirtualArm) -> None:
     virtual_arm.up().run(0.45)
     virtual_arm.fault("noise at=0.1s for=0.2s")
     assert "kind: noise\n  at_s: 0.6" in virtual_arm.end()
@@ -121,7 +121,7 @@ def test_each_seed_has_its_own_arm_and_faults(virtual_arm: VirtualArm, seed: int
 
 
 @pytest.mark.invariants(also=[Never])
-def test_what_falls_is_named_with_its_time_and_the_faults(virtual_arm: VirtualArm) -> None:
+def test_violation_is_reported_with_its_time_and_the_faults(virtual_arm: VirtualArm) -> None:
     virtual_arm.plan("noise at=0.1s for=0.2s")
     virtual_arm.up()
     report = virtual_arm.end()
@@ -130,7 +130,7 @@ def test_what_falls_is_named_with_its_time_and_the_faults(virtual_arm: VirtualAr
     assert virtual_arm.end() == ""
 
 
-def test_invariants_look_at_the_goals_of_a_controller_of_ones_own(virtual_arm: VirtualArm) -> None:
+def test_invariants_check_goals_of_user_controllers(virtual_arm: VirtualArm) -> None:
     arm = drifting(virtual_arm)
     goal = arm.send_goal({"hand_right_joint": 0.05}, controller="drift")
     arm.cancel(goal)
@@ -144,33 +144,37 @@ def test_invariants_look_at_the_goals_of_a_controller_of_ones_own(virtual_arm: V
     arm._watch.violations.clear()
 
 
-def test_only_controllers_with_goals_take_goals_and_only_their_own_are_canceled(virtual_arm: VirtualArm) -> None:
+def test_only_controllers_with_goals_accept_goals_and_cancel_their_own(virtual_arm: VirtualArm) -> None:
     arm = drifting(virtual_arm)
-    with pytest.raises(ArmTestError, match="there is no controller 'drifts': joint_state_broadcaster, arm_controller"):
+    with pytest.raises(
+        ArmTestError, match="there is no controller 'drifts': choose one of joint_state_broadcaster, arm_controller"
+    ):
         arm.send_goal({"joint1": 0.0}, controller="drifts")
-    with pytest.raises(ArmTestError, match=r"hand_controller takes no goals: .* joints, check, .* and parameters\.tol"):
+    with pytest.raises(
+        ArmTestError, match=r"hand_controller does not accept goals: .* joints, check, .* and parameters\.tol"
+    ):
         arm.send_goal({"joint1": 0.0}, controller="hand_controller")
-    with pytest.raises(ArmTestError, match="drift has no joint 'joint1': hand_right_joint"):
+    with pytest.raises(ArmTestError, match="drift has no joint 'joint1': choose from hand_right_joint"):
         arm.send_goal({"joint1": 0.0}, controller="drift")
     with pytest.raises(ArmTestError, match="drift refuses the goal: it goes up only"):
         arm.send_goal({"hand_right_joint": -0.1}, controller="drift")
-    with pytest.raises(ArmTestError, match=r"was not sent by virtual_arm\.send_goal"):
+    with pytest.raises(ArmTestError, match=r"the goal is unknown: pass the handle"):
         arm.cancel(GoalHandle(TrajectoryGoal((), ())))
 
 
-def test_an_invariant_that_examined_nothing_is_named_with_what_it_looks_at() -> None:
+def test_invariant_that_examined_nothing_is_reported_with_its_condition() -> None:
     arm = VirtualArm({}, also=(Never,), examined=("cancels are followed", "safe commands", "never"))
     arm.up()
     assert arm.end().splitlines()[-2:] == [
-        "cancels are followed: this invariant examined nothing: let the test bring its condition about, or remove the "
-        "name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, "
+        "cancels are followed: the condition of this invariant never occurred: make it occur in the test, or remove "
+        "the name from `examined`. The invariant: A canceled goal brakes and soon ends as canceled, "
         "unless it has already ended.",
-        "never: this invariant examined nothing: let the test bring its condition about, or remove the name from "
-        "`examined`. An invariant of your own counts in `self.examined`.",
+        "never: the condition of this invariant never occurred: make it occur in the test, or remove the name from "
+        "`examined`. Your own invariants must count in `self.examined`.",
     ]
 
 
-def test_mistakes_say_what_to_mend(virtual_arm: VirtualArm) -> None:
+def test_errors_explain_the_correction(virtual_arm: VirtualArm) -> None:
     with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
         virtual_arm.run(1.0)
     with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
@@ -178,7 +182,7 @@ def test_mistakes_say_what_to_mend(virtual_arm: VirtualArm) -> None:
     with pytest.raises(ArmTestError, match=r"call virtual_arm\.up\(\) first"):
         virtual_arm.fault("silent id=3")
     virtual_arm.up()
-    with pytest.raises(ArmTestError, match="arm_controller has no joint 'elbow': joint1"):
+    with pytest.raises(ArmTestError, match="arm_controller has no joint 'elbow': choose from joint1"):
         virtual_arm.send_goal({"elbow": 0.0})
     with pytest.raises(ArmTestError, match="refuses the goal"):
         virtual_arm.send_goal({"joint1": 100.0})
@@ -186,16 +190,16 @@ def test_mistakes_say_what_to_mend(virtual_arm: VirtualArm) -> None:
         virtual_arm.switch_controllers(activate=["sway"])
     with pytest.raises(FaultError):
         virtual_arm.fault("silence id=3")
-    with pytest.raises(ArmTestError, match="there is no invariant 'safe wires': known are safe wire"):
+    with pytest.raises(ArmTestError, match="there is no invariant 'safe wires': choose from safe wire"):
         VirtualArm({}, without=("safe wires",))
-    with pytest.raises(ArmTestError, match="there is no invariant 'never': known are safe wire"):
+    with pytest.raises(ArmTestError, match="there is no invariant 'never': choose from safe wire"):
         VirtualArm({}, examined=("never",))
-    with pytest.raises(ArmTestError, match="'safe wire' is in both `without` and `examined`: take it out of one"):
+    with pytest.raises(ArmTestError, match="'safe wire' is in both `without` and `examined`: remove it from one"):
         VirtualArm({}, without=("safe wire",), examined=("safe wire",))
 
 
 @pytest.mark.slow
-def test_a_test_fails_with_its_invariants_and_an_unknown_option_is_named(tmp_path: Path) -> None:
+def test_violated_invariants_fail_the_test_and_unknown_options_are_named(tmp_path: Path) -> None:
     from tests.testing.test_docs import pytest_in
 
     (tmp_path / "test_it.py").write_text(
@@ -217,18 +221,18 @@ def test_a_test_fails_with_its_invariants_and_an_unknown_option_is_named(tmp_pat
         "def test_without_a_key(virtual_arm): ...\n"
     )
     (tmp_path / "pytest.ini").write_text(f"[pytest]\npythonpath = {Path(__file__).resolve().parents[2]}\n")
-    said = pytest_in(tmp_path).stdout
-    assert "never: it moved" in said and "to see it again: pytest 'test_it.py::test_falls'" in said
-    assert "assert 1 == 2" in said and "virtual_arm takes the arm and" in said and "not arms" in said
-    assert "success is true: this invariant examined nothing" in said
-    assert "invariants takes the lists also, without and examined, not examine" in said
-    assert "invariants(without='safe wire'): write a list, ['safe wire']" in said
-    assert "invariants takes the lists also, without and examined, not 'safe wire'" in said
-    assert "3 failed" in said and "4 errors" in said
+    output = pytest_in(tmp_path).stdout
+    assert "never: it moved" in output and "to reproduce: pytest 'test_it.py::test_falls'" in output
+    assert "assert 1 == 2" in output and "virtual_arm accepts the arm and" in output and "not arms" in output
+    assert "success is true: the condition of this invariant never occurred" in output
+    assert "invariants accepts the lists also, without and examined, not examine" in output
+    assert "invariants(without='safe wire') must be a list: ['safe wire']" in output
+    assert "invariants accepts the lists also, without and examined, not 'safe wire'" in output
+    assert "3 failed" in output and "4 errors" in output
 
 
-def test_the_plugin_brings_nothing_along(tmp_path: Path) -> None:
-    """It is loaded into every pytest of its environment."""
+def test_plugin_imports_nothing_on_its_own(tmp_path: Path) -> None:
+    """Pytest loads the plugin in every run of its environment."""
     from tests.testing.test_docs import pytest_in
 
     (tmp_path / "test_it.py").write_text(

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from servoloop.recording.mcap_messages import Received
-from servoloop.recording.robot_state import Watched
+from servoloop.recording.robot_state import ObservedRobot
 from servoloop.recording.sampler import CycleSample
 from tests.recorder.rig import Rig
 
@@ -15,9 +15,9 @@ def received(rig: Rig, samples: Sequence[CycleSample]) -> Iterator[Received]:
             yield Received(one.topic, one.stamp_ns, one.message, number)
 
 
-def watched(rig: Rig) -> Watched:
+def watched(rig: Rig) -> ObservedRobot:
     """All that the stack has done so far, looked at."""
-    found = Watched()
+    found = ObservedRobot()
     for one in rig.messages.latched(0.0):
         found.take(Received(one.topic, one.stamp_ns, one.message, 0))
     for message in received(rig, rig.samples):

@@ -21,12 +21,12 @@ class Playing:
     def __init__(self, server: PageServer, path: Path) -> None:
         self.recording, self.clock = Recording(path), SimulatedClock()
         self.player = Player(server, self.recording, self.clock)
-        self.begin_s = self.recording.watched.state.snapshot.stamp_s
+        self.begin_s = self.recording.robot.state.snapshot.stamp_s
 
     def after(self, seconds: float) -> float:
         """The moment (s since the first cycle) that is shown after so long."""
         self.clock.sleep_until(self.clock.now() + seconds)
-        return self.player.watched.state.snapshot.stamp_s - self.begin_s
+        return self.player.robot.state.snapshot.stamp_s - self.begin_s
 
     def slide(self, time_s: float) -> None:
         """Move the slider as a browser does."""
