@@ -1,1 +1,1 @@
-"""The command line's tools, a module for each group of verbs: they read arguments, call commissioning/ and print."""
+"""The commands of the command line: they parse arguments, call the other packages and print results."""

@@ -33,7 +33,7 @@ def test_without_a_yes_nothing_is_opened_nor_moved(tmp_path: Path) -> None:
         done = CliRunner().invoke(
             app, ["bench", "arm", "--port", port, "--out", str(tmp_path / "page.html")], input="n\n"
         )
-        assert done.exit_code == 1 and "See that it has room. Go on?" in done.output
+        assert done.exit_code == 1 and "Make sure that it has room. Continue?" in done.output
         assert not any(servo.memory.get(sts.torque_enable) for servo in line.servos)
     assert not (tmp_path / "page.html").exists()
 
@@ -72,7 +72,7 @@ def test_a_page_that_cannot_be_written_hides_no_figures(
     if json_:
         assert json.loads(said.out)["page"] is None
     else:
-        assert "0 of 100 cycles missed" in said.out and "with pictures" not in said.out
+        assert "0 of 100 cycles missed" in said.out and "Report page" not in said.out
 
 
 @pytest.mark.ros

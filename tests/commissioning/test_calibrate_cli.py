@@ -80,7 +80,7 @@ def test_an_arm_that_moves_by_itself_is_stopped_by_any_key_and_where_the_termina
     ask(control_path(bus), {"do": "release"})
     command = [sys.executable, "-m", "servoloop", "calibrate", "--arm", str(arm), "--port", str(bus), "--auto"]
     with AtTerminal(command) as terminal:
-        terminal.wait_for("Any key stops it. Begin? [y/N]")
+        terminal.wait_for("Any key stops it. Continue? [y/N]")
         terminal.type("y\n")
         terminal.wait_for("turns a little")
         if way_out == "a key":
@@ -130,7 +130,7 @@ def test_a_folder_that_takes_no_calibration_is_said_before_the_port_is_opened(
 
     monkeypatch.setattr("servoloop.stack.robot_files.tempfile.TemporaryFile", read_only)
     said = complaint(capsys, monkeypatch, "calibrate", "--arm", "so101", "--port", str(tmp_path / "none"))
-    assert f"cannot write into {ARMS / 'so101'}: Read-only file system: copy the arm's folder" in said
+    assert f"cannot write into {ARMS / 'so101'}: Read-only file system; copy the arm's folder" in said
 
 
 def test_a_hand_says_what_it_cannot_do_and_where_there_is_none(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def test_a_signal_while_a_horn_turns_is_an_interruption_and_the_servo_is_limp() 
         return table.servo(JAW).memory.get(sts.torque_enable) == 1 and table.clock.now() > 18.0
 
     with pytest.raises(
-        Interrupted, match=r"interrupted; no servo is set up yet\. The servos' torque is as it was"
+        Interrupted, match=r"interrupted; no servo is set up yet\. The torque of the servos is unchanged"
     ) as end:
         _run(table.set_up(stopped=stopped))
     assert isinstance(end.value.__context__, StoppedError)

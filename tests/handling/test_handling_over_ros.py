@@ -231,7 +231,7 @@ def test_a_pose_is_saved_gone_to_listed_and_forgotten_in_a_terminal(robot: LiveR
     assert at(robot) == pytest.approx(saved, abs=0.02)
     listed = re.match(r"over_the_box: joint1 (\S+), joint2 ", servoloop(list_, "--arm", "my_arm").stdout)
     assert listed and float(listed[1]) == pytest.approx(saved, abs=0.005)
-    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box is forgotten\n"
+    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box was removed\n"
     lost = servoloop(go)
     assert lost.returncode == 1 and "there is no pose over_the_box in" in lost.stderr
 

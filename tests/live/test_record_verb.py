@@ -55,9 +55,9 @@ def test_without_a_name_it_is_below_out_by_date_and_arm_and_the_stacks_end_is_sa
     (path,) = (tmp_path / "out").glob("????-??-??_??-??-??_robot_arm.mcap")
     stamps = [stamp_s(message) for message in by_mcap(path)["/joint_states"]]
     assert result.stdout.splitlines() == [
-        f"{path.relative_to(tmp_path)}: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended"
+        f"{path.relative_to(tmp_path)}: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s; the stack has ended"
     ]
-    assert f"recording robot_arm into out/{path.name}; Ctrl-C ends it" in result.stderr
+    assert f"Recording robot_arm to out/{path.name}; press Ctrl-C to stop" in result.stderr
 
 
 def test_its_figures_are_for_programs_too() -> None:

@@ -61,7 +61,7 @@ def test_the_keys_and_figures_are_those_of_the_code() -> None:
 def test_without_a_terminal_it_says_what_to_do(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, recording: Path
 ) -> None:
-    assert "has none here: run it in one" in complaint(capsys, monkeypatch, "monitor", str(recording))
+    assert "is not a terminal; run it in a terminal" in complaint(capsys, monkeypatch, "monitor", str(recording))
 
 
 def test_without_textual_it_says_what_to_install(
@@ -75,4 +75,4 @@ def test_an_arm_is_not_chosen_of_a_recording(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, recording: Path
 ) -> None:
     said = complaint(capsys, monkeypatch, "monitor", str(recording), "--arm", "so101")
-    assert "give one of them" in said
+    assert "use only one of them" in said

@@ -61,7 +61,7 @@ def test_a_running_stack_is_seen_and_recorded_and_its_end_is_said(
         assert recorder.returncode == 0
     messages = by_mcap(tmp_path / "run.mcap")
     stamps = [stamp_s(message) for message in messages["/joint_states"]]
-    assert f"run.mcap: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended\n" == said
+    assert f"run.mcap: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s; the stack has ended\n" == said
     numbers = [cycle.number for cycle in messages["/servoloop/cycles"]]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "not one is missing"
     (result,) = messages["/arm_controller/goal_result"]

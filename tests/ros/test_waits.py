@@ -67,7 +67,7 @@ def test_a_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
     pick.process.send_signal(signal.SIGINT)
     pick.process.send_signal(signal.SIGTERM)
     assert pick.process.wait(8.0) in AT_ONCE  # of the ten seconds for the confirmation
-    assert "ended at once: the node may go on with the job" in pick.words
+    assert "ended at once: the node may continue the job" in pick.words
 
 
 def test_a_signal_before_the_job_of_pick_begins_none(ros_domain: int, tmp_path: Path) -> None:

@@ -160,7 +160,10 @@ def test_an_arm_that_a_hand_moves_is_served_by_an_emulator_of_its_own(
     verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = complaint(capsys, monkeypatch, *verb.split())
-    assert "'virtual' is not a device" in said and "`servoloop emulate LINK --arm so101`, and name LINK" in said
+    assert (
+        "'virtual' is not a serial port" in said
+        and "`servoloop emulate LINK --arm so101` and pass LINK as the port" in said
+    )
 
 
 @pytest.mark.parametrize("verb", ["doctor", "tune shoulder_pan --yes", "bench arm --yes"])
@@ -170,4 +173,4 @@ def test_where_no_adapter_is_plugged_in_virtual_servos_are_offered(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "so101")
-    assert "no USB adapter is plugged in" in said and "; --port virtual is for virtual servos\n" in said
+    assert "no USB adapter is plugged in" in said and "; for virtual servos, use --port virtual\n" in said

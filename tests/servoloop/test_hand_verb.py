@@ -26,8 +26,8 @@ def printed(monkeypatch: pytest.MonkeyPatch, connected: tuple[bool, bool], *word
     ("connected", "words", "expected"),
     [
         ((False, True), ("connect", "grip"), "connected: grip (ID 6)\n"),
-        ((True, True), ("connect",), "connected (the whole chain): pan (ID 1), grip (ID 6)\n"),
-        ((False, False), ("disconnect",), "no servo is connected\n"),
+        ((True, True), ("connect",), "connected (all servos): pan (ID 1), grip (ID 6)\n"),
+        ((False, False), ("disconnect",), "No servo is connected.\n"),
     ],
 )
 def test_connect_prints_what_is_connected(

@@ -54,7 +54,7 @@ def save(line: VirtualBus, servo_id: int, value: int) -> None:
 def test_saved_compared_and_written_back(line: VirtualBus, port: str, tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     assert "servos 1, 2, 3, 4, 5, 6, 7" in run("save", file, "--port", port)
-    assert "every servo holds" in run("diff", file, "--port", port)
+    assert "All servos match" in run("diff", file, "--port", port)
     save(line, 6, 16)
     assert "position_p" in run("diff", file, "--port", port, status=1)
     said = json.loads(run("diff", file, "--port", port, "--json", status=1))
@@ -82,7 +82,7 @@ def test_the_commands_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     models = {joint.servo_id: joint.model for joint in robot.joints}
     with served(VirtualBus.of(BenchPlant(tuple(models)), models), tmp_path / "old") as port:
         assert "servos 1, 2, 3, 4, 5, 6" in run(*save_, "--port", port)
-        assert "every servo holds" in run(*diff, "--port", port)
+        assert "All servos match" in run(*diff, "--port", port)
         run(*restore, "--port", port, answer="y\n")
     new = VirtualBus.of(BenchPlant((1,)), {1: models[6]})
     with served(new, tmp_path / "new") as port:
@@ -114,7 +114,9 @@ def test_without_a_file_it_is_that_of_the_adapters_serial_number(
     save(line, 6, 16)
     assert "position_p" in run("diff", "--port", port, status=1)
     monkeypatch.setattr("servoloop.commands.passport.adapter_serial", lambda device: "other")
-    assert "of adapter 5A/68 01, this is other" in run("restore", "5A_68_01.passport.yaml", "--port", port, "--yes")
+    assert "with the adapter 5A/68 01, but this is the adapter other" in run(
+        "restore", "5A_68_01.passport.yaml", "--port", port, "--yes"
+    )
     assert line.servo(6).memory.get(sts.position_p) == 32
 
 
@@ -122,7 +124,7 @@ def test_an_adapter_without_serial_number_needs_a_files_name(
     port: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = complaint(capsys, monkeypatch, "passport", "save", "--port", port)
-    assert "has no serial number by which to name its passport" in said
+    assert "has no serial number, so its passport has no default name" in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -140,7 +142,7 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
         put(memory, register, value)
 
     monkeypatch.setattr(Eeprom, "_put", signalled)
-    with pytest.raises(Interrupted, match="interrupted, and the port closed"):
+    with pytest.raises(Interrupted, match="interrupted; the port is closed"):
         CliRunner().invoke(app, ["passport", "restore", file, "--port", port, "--yes"], catch_exceptions=False)
     assert (line.servo(6).memory.get(sts.lock), line.servo(6).memory.get(sts.position_p)) == (1, 16)
 
@@ -153,4 +155,4 @@ def test_what_goes_wrong_is_said(
     said = complaint(capsys, monkeypatch, "passport", "restore", str(file), "--port", port)
     assert "broken.yaml:2: servos.1.registers" in said
     assert "--to-new needs --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")
-    assert "say --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")
+    assert "add --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")

@@ -92,7 +92,7 @@ def test_a_box_becomes_an_arm_over_runs_that_are_interrupted(link: Path) -> None
         setup.send_signal(signal.SIGINT)
         assert setup.wait(LIMIT_S) == 130
         said = setup.stderr.read()
-    assert "set up so far: gripper, wrist_roll" in said and "it goes on from there" in said
+    assert "set up so far: gripper, wrist_roll" in said and "to continue" in said
     ask(control_path(link), {"do": "connect", "joints": JOINTS[4:]})
     with program(*words) as setup:
         assert setup.stderr is not None
@@ -137,4 +137,4 @@ def test_a_lost_port_says_what_is_done_and_how_to_go_on(packets: int, done: str)
     bench.port.before_write = count
     with pytest.raises(PortLost) as lost:
         _run(bench.set_up(Hands(bench)))
-    assert done in lost.value.__notes__[-1] and "Run the same again" in lost.value.__notes__[-1]
+    assert done in lost.value.__notes__[-1] and "Run the same command again" in lost.value.__notes__[-1]

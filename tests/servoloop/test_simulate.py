@@ -149,4 +149,4 @@ def test_it_ends_with_1_where_a_cube_is_not_in_its_bin(monkeypatch: pytest.Monke
 def test_a_grade_that_the_arm_does_not_know_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, job: str
 ) -> None:
-    assert "--job takes grades of A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)
+    assert "--job accepts the grades A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)

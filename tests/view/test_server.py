@@ -116,7 +116,7 @@ def test_without_a_stack_the_verb_says_how_to_start_one(
         assert "start one with `servoloop up`" in complaint(capsys, monkeypatch, "view")
     assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap")
     assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap", "--arm", "koch")
-    assert "give one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--bus", "./bus")
+    assert "use only one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--bus", "./bus")
 
 
 def test_the_page_is_given_the_folder_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
