@@ -64,14 +64,14 @@ def test_the_page_has_all_of_it_and_needs_nothing_else(measured: tuple[Lying, Me
     text = page(measured[1])
     for joint in measured[1].figures.motions:
         assert f"<td>{joint.joint}</td>" in text
-    assert text.count("<svg") == 4 and "Not measured: virtual lines" in text
+    assert text.count("<svg") == 4 and "Not measured: the virtual servos" in text
     assert "<script" not in text and "src=" not in text
 
 
 @slow
 def test_somebody_who_stops_it_has_an_arm_that_has_gone_back_and_is_limp() -> None:
     lying = Lying()
-    with pytest.raises(Interrupted, match="the arm is limp"):
+    with pytest.raises(Interrupted, match="the torque of the arm is off"):
         lying.bench(lambda: int(lying.clock.now() > 6.5))
     assert lying.held == 0 and lying.fastest.max() > 0.1, "it had set out"
     assert lying.lines.world.position() == pytest.approx(lying.lay, abs=0.05)

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from hal.types import JointLimits
 from servoloop.cli import app
-from servoloop.manual.poses import CLOSE, FILE, OPEN, Offer, Poses, offer
+from servoloop.manual.poses import CLOSE, FILE, OPEN, Poses, Targets, find_targets
 from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import LiveRig, runtime_folder
 
@@ -26,7 +26,7 @@ def arm(tmp_path: Path) -> Path:
 
 
 def test_the_hand_opens_and_closes_where_pick_and_place_does() -> None:
-    found = offer(ARMS / "so101", {"arm_controller": ("shoulder_pan",), "hand_controller": ("gripper",)}, {})
+    found = find_targets(ARMS / "so101", {"arm_controller": ("shoulder_pan",), "hand_controller": ("gripper",)}, {})
     assert found.joints == ("shoulder_pan", "gripper")
     assert found.hand == {OPEN: {"gripper": 0.7}, CLOSE: {"gripper": -0.1}}
 
@@ -36,7 +36,7 @@ def test_the_hand_opens_and_closes_where_pick_and_place_does() -> None:
     [(ARMS / "robot_arm", {"arm_controller": ("joint1",)}), (ARMS, DRIVEN), (None, DRIVEN)],
 )
 def test_no_hand_where_nobody_says_which_it_is(folder: Path | None, driven: dict[str, tuple[str, ...]]) -> None:
-    assert offer(folder, driven, LIMITS).hand == {}
+    assert find_targets(folder, driven, LIMITS).hand == {}
 
 
 def test_poses_that_the_arm_cannot_reach_are_named_and_not_offered(arm: Path) -> None:
@@ -44,24 +44,27 @@ def test_poses_that_the_arm_cannot_reach_are_named_and_not_offered(arm: Path) ->
     poses.save("good", {"joint1": 0.5})
     poses.save("far", {"joint1": 1.5})
     poses.save("other", {"wheel": 0.0})
-    found = offer(arm, DRIVEN, LIMITS)
+    found = find_targets(arm, DRIVEN, LIMITS)
     assert found.poses == {"good": {"joint1": 0.5}}
     far, other = found.refused
-    assert far.startswith("not far: joint1 would go to 1.5") and other == "not other: the arm has no wheel"
-    still = offer(arm, {"arm_controller": ("joint2",)}, LIMITS)
-    assert still.poses == {} and still.refused[0] == "not good: no active controller moves joint1"
+    assert (
+        far.startswith("far is not available: joint1: 1.5")
+        and other == "other is not available: the arm has no joint wheel"
+    )
+    still = find_targets(arm, {"arm_controller": ("joint2",)}, LIMITS)
+    assert still.poses == {} and still.refused[0] == "good is not available: no active controller moves joint1"
 
 
 def test_a_broken_file_of_poses_leaves_joints_and_hand(arm: Path) -> None:
     (arm / FILE).write_text("poses: [")
-    found = offer(arm, DRIVEN, LIMITS)
+    found = find_targets(arm, DRIVEN, LIMITS)
     assert found.joints == ("joint1", "joint2", "hand_right_joint") and found.hand[OPEN] == {"hand_right_joint": 0.0}
-    assert found.refused[0].startswith("no poses: ") and FILE in found.refused[0]
+    assert found.refused[0].startswith("No poses are available: ") and FILE in found.refused[0]
 
 
 def test_a_stack_that_does_not_tell_its_folder_has_its_joints_and_no_poses() -> None:
-    found = offer(None, DRIVEN, LIMITS)
-    assert isinstance(found, Offer) and found.joints and "does not tell its arm's folder" in found.refused[0]
+    found = find_targets(None, DRIVEN, LIMITS)
+    assert isinstance(found, Targets) and found.joints and "does not report its arm's folder" in found.refused[0]
 
 
 def test_poses_go_to_the_folder_of_the_running_arm_and_not_to_the_one_of_this_name(
@@ -87,4 +90,4 @@ def test_poses_go_to_the_folder_of_the_running_arm_and_not_to_the_one_of_this_na
     (pose,) = Poses(own).all().values()
     assert set(pose) == set(rig.stack.loop.hardware.joints)
     assert "mine: " in CliRunner().invoke(app, ["pose", "list", "--arm", "./so101"]).output
-    assert offer(own, {"all": tuple(pose)}, dict.fromkeys(pose, WIDE)).poses == {"mine": pose}
+    assert find_targets(own, {"all": tuple(pose)}, dict.fromkeys(pose, WIDE)).poses == {"mine": pose}

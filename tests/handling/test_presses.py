@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from servoloop.manual.buttons import GAP_S, GOOD_S, LONGEST_S, REPEATS_HZ, TAKEN, TOO_LONG, Presses, Turn
+from servoloop.manual.buttons import GAP_S, GOOD_S, LONGEST_S, REPEATS_HZ, TAKEN, TOO_LONG, HeldButtons, Turn
 from sim_backend.clock import SimulatedClock
 
 LEFT, RIGHT = Turn("joint1", -1.0), Turn("joint2", 1.0)
@@ -16,18 +16,18 @@ class Page:
 
     def __init__(self) -> None:
         self.clock = SimulatedClock()
-        self.presses = Presses(self.clock)
+        self.buttons = HeldButtons(self.clock)
         self.said: list[str] = []
 
     def hold(self, who: str, seconds: float, wish: Turn = LEFT, period_s: float = PERIOD_S) -> None:
         for _ in range(round(seconds / period_s)):
-            self.said.append(self.presses.hold(who, wish))
+            self.said.append(self.buttons.hold(who, wish))
             self.after(period_s)
 
     def after(self, seconds: float) -> Turn | None:
         """What is to be done after so long."""
         self.clock.sleep_until(self.clock.now() + seconds)
-        wish = self.presses.wish()
+        wish = self.buttons.command()
         assert wish is None or isinstance(wish, Turn)
         return wish
 
@@ -50,9 +50,9 @@ def test_a_button_counts_while_the_browser_says_so_and_no_longer(page: Page) -> 
 
 def test_the_end_of_a_click_ends_it_at_once(page: Page) -> None:
     page.hold("a", 0.5)
-    page.presses.release("b")
+    page.buttons.release("b")
     assert page.after(0.0) == LEFT
-    page.presses.release("a")
+    page.buttons.release("a")
     assert page.after(0.0) is None
     page.hold("a", 0.3, RIGHT)
     assert page.after(0.0) == RIGHT, "and the next press counts"
@@ -66,19 +66,19 @@ def test_a_short_click_moves_nothing(page: Page, words: int) -> None:
 
 def test_words_that_a_network_has_kept_back_move_nothing(page: Page) -> None:
     for _ in range(200):
-        page.presses.hold("a", LEFT)
+        page.buttons.hold("a", LEFT)
     assert all(page.after(0.01) is None for _ in range(50))
 
 
 def test_a_hidden_page_that_says_a_word_a_second_moves_nothing(page: Page) -> None:
     for _ in range(20):
-        page.presses.hold("a", LEFT)
+        page.buttons.hold("a", LEFT)
         assert page.after(0.1) is None and page.after(0.9) is None
 
 
 def test_a_browser_that_stutters_still_moves_the_arm(page: Page) -> None:
     page.hold("a", 2.0, period_s=GAP_S / 2)
-    page.presses.hold("a", LEFT)
+    page.buttons.hold("a", LEFT)
     assert page.after(0.0) == LEFT
 
 
@@ -95,7 +95,7 @@ def test_the_first_who_holds_has_it_and_the_other_is_told_once(page: Page) -> No
         page.hold("b", PERIOD_S, RIGHT)
         assert page.after(0.0) == LEFT
     assert page.refusals == [TAKEN]
-    page.presses.release("a")
+    page.buttons.release("a")
     page.hold("b", 3.0, RIGHT)
     assert page.after(0.0) is None, "it does not move by itself when the first lets go"
     page.after(GAP_S + 0.01)
@@ -113,10 +113,10 @@ def test_one_that_was_silent_for_a_moment_does_not_take_it_back(page: Page) -> N
 
 def test_what_was_ended_begins_anew_only_with_another_press(page: Page) -> None:
     page.hold("a", 0.3)
-    page.presses.end()
+    page.buttons.end()
     page.hold("a", 3.0)
     assert page.after(0.0) is None
-    page.presses.release("a")
+    page.buttons.release("a")
     page.hold("a", 0.3)
     assert page.after(0.0) == LEFT
 
@@ -137,4 +137,4 @@ def test_who_is_gone_is_forgotten(page: Page) -> None:
         page.hold(client, PERIOD_S)
     page.after(GAP_S)
     page.hold("a", 0.3)
-    assert page.after(0.0) == LEFT and not page.presses._over
+    assert page.after(0.0) == LEFT and not page.buttons._over

@@ -160,7 +160,7 @@ def test_the_demo_ends_when_one_of_its_processes_is_killed_and_says_which(
         assert not any(other.is_running() for other in others)
 
 
-@pytest.mark.parametrize("when", ["the stack", "the pick-place node", "grade A: ready"])
+@pytest.mark.parametrize("when", ["the stack", "the pick-and-place node", "grade A: ready"])
 def test_the_demo_ends_at_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when: str) -> None:
     with demo(tmp_path) as process:
         until(lambda: when in process.words, lambda: process.process.poll() is not None and process.words)
@@ -172,7 +172,7 @@ def test_the_demo_ends_at_a_signal_at_any_time(ros_domain: int, tmp_path: Path, 
 
 def test_a_second_signal_ends_the_demo_and_its_processes(ros_domain: int, tmp_path: Path) -> None:
     with demo(tmp_path) as process:
-        until(lambda: "the pick-place node" in process.words)
+        until(lambda: "the pick-and-place node" in process.words)
         others = psutil.Process(process.process.pid).children()
         stopped = child(process, "servoloop up")
         stopped.suspend()

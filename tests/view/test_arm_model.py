@@ -13,8 +13,8 @@ from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
 from servoloop.dashboard.arm_model import ArmModel
 from servoloop.dashboard.page import known_arm
-from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, colour, shares
-from servoloop.dashboard.shapes import GREY, Shape, arm_shapes, scene_shapes, shapes
+from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, color_of, shares
+from servoloop.dashboard.shapes import GRAY, Shape, arm_shapes, scene_shapes, shapes
 from servoloop.stack.arm_folders import arms, find_arm
 from tests.stack.rig import PICK, READY
 
@@ -133,7 +133,7 @@ def test_a_mesh_is_read_beside_the_description_and_a_missing_one_is_named(tmp_pa
     names = ("meshes/part.stl", "package://meshes/part.stl", f"file://{tmp_path}/meshes/part.stl", "meshes/none.stl")
     links = "".join(f"<link name='l'>{visual.format(name)}</link>" for name in names)
     found, missing = shapes(f"<robot name='r'>{links}</robot>", tmp_path)
-    assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GREY}
+    assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GRAY}
     for shape in found:
         np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), (0.1, 0.2, 0.3))
 
@@ -151,5 +151,5 @@ def test_joints_are_coloured_from_blue_to_red_and_not_where_nothing_is_known() -
     assert shares(TEMPERATURE, temperature, effort, limit)[:2].tolist() == [0.0, 1.0]
     assert shares(LOAD, temperature, effort, limit).tolist() == [0.0, 0.5, 3.0]
     assert np.isnan(shares(PLAIN, temperature, effort, limit)).all()
-    assert colour(0.0) == (62, 121, 214) and colour(1.0) == colour(3.0) == (214, 48, 40)
-    assert colour(float("nan")) is None
+    assert color_of(0.0) == (62, 121, 214) and color_of(1.0) == color_of(3.0) == (214, 48, 40)
+    assert color_of(float("nan")) is None

@@ -26,7 +26,7 @@ from tests.view.view_process import viewing
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
-ON, BACK = "Turn on (+)", "Turn back (−)"
+ON, BACK = "Move (+)", "Move (−)"
 AGAIN_S = 9.0
 SPEED = 0.5 * SLOW
 """The slider's, as it comes."""
@@ -121,7 +121,7 @@ def check_held_and_let_go(shown: OpenPage, robot: LiveRobot) -> None:
 
 
 def check_pose_and_hand(shown: OpenPage, robot: LiveRobot) -> None:
-    hold(shown, "Go to the pose", says(shown, "there: aside"))
+    hold(shown, "Go to the pose", says(shown, "reached: aside"))
     shown.page.mouse.up()
     resting(robot)
     assert at(robot) == pytest.approx(0.3, abs=0.02)
@@ -160,7 +160,7 @@ def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
     shown.page.mouse.up()
     shown.page.get_by_role("button", name="Stop everything").click()
     assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
-    shown.wait_for_text("stopped: all motions, everybody's")
+    shown.wait_for_text("All motions of all clients were stopped.")
     resting(robot)
 
 

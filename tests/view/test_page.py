@@ -12,7 +12,7 @@ import pytest
 from hal.robot_description.link_meshes import PLACES
 from servoloop.dashboard.arm_model import ArmModel
 from servoloop.dashboard.page import Page
-from servoloop.dashboard.scene import CELL, COMMANDED, HOT_C, MEASURED, PATH, TEMPERATURE, THINGS, colour
+from servoloop.dashboard.scene import CELL, COMMANDED, HOT_C, MEASURED, PATH, TEMPERATURE, THINGS, color_of
 from servoloop.dashboard.server import PageServer
 from servoloop.dashboard.shapes import thing_shapes
 from servoloop.recording.robot_state import health
@@ -94,12 +94,12 @@ def test_the_hottest_joint_is_red_and_the_others_are_as_described(
     said = health(looked_at.state.snapshot)
     hot = np.where(np.arange(len(said.temperature_c)) == 2, HOT_C, np.nan)
     monkeypatch.setattr("servoloop.dashboard.page.health", lambda _: said._replace(temperature_c=hot))
-    page._colours.value = TEMPERATURE
+    page._colors.value = TEMPERATURE
     page.show_numbers(looked_at)
     link3, link2 = "/base_link/link1/link2/link3/shape8", "/base_link/link1/link2/shape6"
-    assert tuple(node(server, MEASURED + link3).color) == colour(1.0)
-    assert tuple(node(server, MEASURED + link2).color) != colour(1.0)
-    assert tuple(node(server, COMMANDED + link3).color) != colour(1.0), "the ghost stays a ghost"
+    assert tuple(node(server, MEASURED + link3).color) == color_of(1.0)
+    assert tuple(node(server, MEASURED + link2).color) != color_of(1.0)
+    assert tuple(node(server, COMMANDED + link3).color) != color_of(1.0), "the ghost stays a ghost"
     assert "27" in page._servos.content and "control loop" in page._loop.content
 
 
@@ -109,13 +109,13 @@ def test_the_link_of_a_servo_with_a_fault_is_red(server: PageServer) -> None:
     page.show_arm(watched(rig))
     link3 = f"{MEASURED}/base_link/link1/link2/link3/shape8"
     page.show_numbers(watched(rig))
-    assert tuple(node(server, link3).color) != colour(1.0)
+    assert tuple(node(server, link3).color) != color_of(1.0)
     rig.stack.bus.faults.silence(3)
     rig.run(2.0)
     looked_at = watched(rig)
     page.show_arm(looked_at)
     page.show_numbers(looked_at)
-    assert tuple(node(server, link3).color) == colour(1.0)
+    assert tuple(node(server, link3).color) == color_of(1.0)
 
 
 def test_another_arm_takes_the_place_of_the_first(server: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:

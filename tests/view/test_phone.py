@@ -62,7 +62,7 @@ def check_stop(shown: OpenPage) -> None:
     for scrolled in (False, True):
         if scrolled:
             shown.page.locator(SHEET).first.evaluate(SCROLL)
-            assert not in_sight(shown, "text=Colour")
+            assert not in_sight(shown, "text=Color")
         assert in_sight(shown, f"button:has-text('{STOP}')")
 
 

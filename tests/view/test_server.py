@@ -105,7 +105,7 @@ def test_nobody_opens_a_tunnel_through_the_internet(local: PageServer) -> None:
 
 
 def test_an_address_that_this_machine_has_not_is_refused() -> None:
-    with pytest.raises(ViewError, match="--host takes an IPv4 address of this machine"):
+    with pytest.raises(ViewError, match="--host must be an IPv4 address of this machine"):
         PageServer("192.0.2.1", port=0)
 
 

@@ -47,10 +47,10 @@ def test_loop_counters_and_controllers_have_their_tables(looked_at: Watched) -> 
     snapshot = looked_at.state.snapshot
     assert "<td>missed cycles</td><td>0</td>" in loop_table(snapshot)
     assert "<td>rate hz</td><td>20</td>" in loop_table(snapshot)
-    assert "<td>joint1 (servo 1)</td><td>nothing</td>" in counter_table(snapshot)
+    assert "<td>joint1 (servo 1)</td><td>none</td>" in counter_table(snapshot)
     table = controller_table(snapshot)
     assert "<td>robot_arm</td><td>active</td>" in table and "joint1" not in table and "control loop" not in table
-    assert "<td>arm_controller: newest goal</td><td>succeeded" in table
+    assert "<td>arm_controller: latest goal</td><td>succeeded" in table
 
 
 def test_a_silent_servo_is_named_and_counted() -> None:
