@@ -1,4 +1,4 @@
-"""Joints of a real stack moved by hand from programs: as long as somebody says so, and no longer."""
+"""Manual control of a running stack over ROS: joints move only while commands arrive."""
 
 import os
 import pty
@@ -51,7 +51,7 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         assert up == "up"
         with running(folder, port, str(link), "--arm", "my_arm"):
             with arm_client() as arm:
-                arm.wait(arm.send(READY))  # limp it has lain down
+                arm.wait(arm.send(READY))  # the arm sank while its torque was off
             yield
 
 
@@ -76,7 +76,7 @@ def at(robot: LiveRobot, joint: str = JOINT) -> float:
 
 
 def standstill(robot: LiveRobot) -> None:
-    """Wait until no joint is commanded to move any more."""
+    """Wait until the commands of all joints are constant."""
     last: list[bytes] = []
 
     def still() -> bool:
@@ -88,7 +88,7 @@ def standstill(robot: LiveRobot) -> None:
 
 
 def hold_on(moving: RobotClient, joint: str) -> None:
-    """Turn the joint on; a machine that held all servos up for a moment has let go of it, and it is begun again."""
+    """Move the joint by one step. Ignore a motion that ended because this machine was too busy."""
     try:
         moving.jog(joint, 1.0)
     except HandlingError as error:
@@ -96,7 +96,7 @@ def hold_on(moving: RobotClient, joint: str) -> None:
             raise
 
 
-def test_a_joint_turns_as_long_as_somebody_says_so_and_the_hand_too(robot: LiveRobot) -> None:
+def test_a_joint_moves_while_commands_are_sent_and_so_does_the_hand(robot: LiveRobot) -> None:
     with client(robot) as moving:
         assert moving.joints == ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "hand_right_joint")
         for joint in (JOINT, "hand_right_joint"):
@@ -106,18 +106,18 @@ def test_a_joint_turns_as_long_as_somebody_says_so_and_the_hand_too(robot: LiveR
                 time.sleep(0.04)
             standstill(robot)
             assert at(robot, joint) > before + 0.003
-            assert speed(robot, joint, began_s) <= 1.6 * SLOW, "a little faster where the set point came late"
+            assert speed(robot, joint, began_s) <= 1.6 * SLOW, "the speed is a little higher after a late set point"
 
 
 def speed(robot: LiveRobot, joint: str, since_s: float) -> float:
-    """The highest speed that a joint was commanded to have, over five cycles each."""
+    """Return the highest commanded speed of a joint, averaged over five cycles."""
     curves, number = robot.curves, robot.snapshot.joints.index(joint)
     mine = curves.time_s > since_s
     time_s, command = curves.time_s[mine], curves.command[mine, number]
     return float((np.abs(command[5:] - command[:-5]) / (time_s[5:] - time_s[:-5])).max())
 
 
-def test_a_goal_of_somebody_is_not_overridden_and_stop_cancels_it(robot: LiveRobot) -> None:
+def test_a_goal_of_another_client_is_not_overridden_and_stop_cancels_it(robot: LiveRobot) -> None:
     with client(robot) as moving:
         arm = ArmClient()
         try:
@@ -130,16 +130,16 @@ def test_a_goal_of_somebody_is_not_overridden_and_stop_cancels_it(robot: LiveRob
             assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
             before = at(robot)
             for _ in range(30):
-                with suppress(HandlingError):  # until the word has come that the goal has ended
+                with suppress(HandlingError):  # until the client knows that the goal has ended
                     moving.jog(JOINT, -1.0)
                 time.sleep(0.04)
             standstill(robot)
-            assert at(robot) < before - 0.05, "and behind it the arm can be moved again"
+            assert at(robot) < before - 0.05, "after that, the arm can be moved again"
         finally:
             arm.close()
 
 
-def test_a_controller_that_is_deactivated_is_named_and_the_others_go_on(robot: LiveRobot) -> None:
+def test_a_deactivated_controller_is_named_and_the_others_continue(robot: LiveRobot) -> None:
     def switch(**lists: list[str]) -> None:
         answer = service.call_async(SwitchController.Request(strictness=2, **lists))
         executor.spin_until_future_complete(answer, 20.0)
@@ -179,7 +179,7 @@ def test_a_controller_that_is_deactivated_is_named_and_the_others_go_on(robot: L
 
 
 class Faulty:
-    """A robot as it is, with a fault of a servo beside."""
+    """Robot with an additional fault of a servo."""
 
     def __init__(self, robot: LiveRobot) -> None:
         self._robot = robot
@@ -192,14 +192,14 @@ class Faulty:
         return replace(self._robot.joints_now(), faults={"joint2": "servo 2 has let go"})
 
 
-def test_a_joint_with_a_fault_is_named_and_none_beside_it_is_moved(robot: LiveRobot) -> None:
+def test_a_joint_with_a_fault_is_named_and_its_controller_moves_no_joint(robot: LiveRobot) -> None:
     with client(Faulty(robot)) as moving:
         with pytest.raises(HandlingError, match="joint2: servo 2 has let go"):
             moving.jog(JOINT, 1.0)
-        moving.jog("hand_right_joint", 1.0)  # the hand is another controller's
+        moving.jog("hand_right_joint", 1.0)  # the hand has another controller
 
 
-def test_a_pose_comes_back_and_wrong_ones_are_refused(robot: LiveRobot, tmp_path: Path) -> None:
+def test_a_pose_is_approached_and_an_invalid_pose_is_refused(robot: LiveRobot, tmp_path: Path) -> None:
     with client(robot) as moving:
         pose = {JOINT: at(robot) + 0.2, "joint6": at(robot, "joint6") - 0.2}
         until(lambda: moving.approach(pose) or time.sleep(0.04))
@@ -210,14 +210,14 @@ def test_a_pose_comes_back_and_wrong_ones_are_refused(robot: LiveRobot, tmp_path
 
 
 def servoloop(words: str, *more: str) -> subprocess.CompletedProcess[str]:
-    """A command of the page, to its end."""
+    """Run a command of the page to its end."""
     return subprocess.run(
         [sys.executable, "-m", *shlex.split(words), *more], capture_output=True, text=True, timeout=120.0, check=False
     )
 
 
 @pytest.mark.runs(UP, *POSES)
-def test_a_pose_is_saved_gone_to_listed_and_forgotten_in_a_terminal(robot: LiveRobot) -> None:
+def test_a_pose_is_saved_approached_listed_and_removed_in_a_terminal(robot: LiveRobot) -> None:
     save, list_, go, remove = POSES
     saved = at(robot)
     done = servoloop(save)
@@ -236,7 +236,7 @@ def test_a_pose_is_saved_gone_to_listed_and_forgotten_in_a_terminal(robot: LiveR
     assert lost.returncode == 1 and "there is no pose over_the_box in" in lost.stderr
 
 
-def test_the_arm_rests_when_who_moves_it_is_killed(robot: LiveRobot) -> None:
+def test_the_arm_comes_to_rest_when_its_client_is_killed(robot: LiveRobot) -> None:
     program = (
         "import time\n"
         "from tests.handling.test_handling_over_ros import LiveRobot, client\n"
@@ -254,11 +254,11 @@ def test_the_arm_rests_when_who_moves_it_is_killed(robot: LiveRobot) -> None:
         process.send_signal(signal.SIGKILL)
     killed = at(robot)
     standstill(robot)
-    assert killed - at(robot) <= SLOW * (HORIZON_S + 0.5), "it rests behind its last set point; the feed is late"
+    assert killed - at(robot) <= SLOW * (HORIZON_S + 0.5), "the arm stops at its last set point; the feed is delayed"
 
 
 class Screen:
-    """What a program writes into a terminal; read all the time, or the terminal fills and the program waits."""
+    """Output of a program in a terminal. It is read continuously, so that the program is not blocked."""
 
     def __init__(self, terminal: int) -> None:
         self.shown = b""
@@ -266,14 +266,14 @@ class Screen:
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        with suppress(OSError):  # it is closed
+        with suppress(OSError):  # the terminal is closed
             while text := os.read(self._terminal, 65536):
                 self.shown += text
 
 
 @pytest.mark.runs(JOG)
 def test_jog_in_a_terminal(robot: LiveRobot) -> None:
-    """A key that repeats turns the joint, no repeat stops it, q ends and leaves the terminal as it was."""
+    """A held key moves the joint, its release stops it, and q ends the command and restores the terminal."""
     ours, theirs = pty.openpty()
     before, modes = at(robot), termios.tcgetattr(theirs)
     screen = Screen(ours)

@@ -1,4 +1,4 @@
-"""The keys of ``servoloop jog``, without ROS: one press is one motion, and what keeps the arm still is shown."""
+"""Keys of ``servoloop jog``, without ROS: each press is one motion, and the reason for a stop is shown."""
 
 from collections.abc import Sequence
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ FIRST_REPEAT_S, REPEATS_S = 0.5, 0.04
 
 
 class Client:
-    """Moves joints for as long as it is asked; ``wrong`` is why it does not. It begins at its first call."""
+    """Client that moves joints while it is called. ``wrong`` is the reason why it refuses."""
 
     def __init__(self, now: "Terminal", joints: Sequence[str] = JOINTS) -> None:
         self.now, self.joints, self.wrong = now, joints, ""
@@ -41,14 +41,14 @@ class Client:
 
 
 class Terminal:
-    """The time, and keys that are typed in it; ``late_s``: how late this machine comes to each look."""
+    """Simulated time and held keys. ``late_s`` is the delay of each call on a busy machine."""
 
     def __init__(self) -> None:
         self.s, self.late_s = 10.0, 0.0
         self._held, self._next_s, self._repeats = "", 0.0, False
 
     def hold(self, key: str) -> None:
-        """Press a key and hold it; empty: let it go."""
+        """Hold a key; an empty string releases it."""
         self._held, self._next_s, self._repeats = key, self.s, False
 
     def typed(self, wait_s: float) -> list[str]:
@@ -81,19 +81,19 @@ def step(jog: Jogging, terminal: Terminal, seconds: float) -> None:
 
 
 def tap(jog: Jogging, terminal: Terminal, key: str) -> None:
-    """Press a key and let it go at once."""
+    """Press a key and release it at once."""
     terminal.hold(key)
     jog.step()
     terminal.hold("")
 
 
 def said(jog: Jogging) -> str:
-    """What stands below the table."""
+    """Return the text below the table."""
     return str(jog.table().caption)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.2])
-def test_a_tap_turns_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s: float) -> None:
+def test_a_short_key_press_moves_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s: float) -> None:
     jog, client = jogging(terminal)
     terminal.late_s = late_s
     tap(jog, terminal, "right")
@@ -104,7 +104,7 @@ def test_a_tap_turns_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s:
     assert client.turned["joint1"] == pytest.approx(0.0, abs=TICK_S + late_s)
 
 
-def test_a_joint_turns_while_the_key_is_held_and_stops_when_it_is_let_go(terminal: Terminal) -> None:
+def test_a_joint_moves_while_the_key_is_held_and_stops_when_it_is_released(terminal: Terminal) -> None:
     jog, client = jogging(terminal)
     terminal.hold("right")
     step(jog, terminal, 2.0)
@@ -115,7 +115,7 @@ def test_a_joint_turns_while_the_key_is_held_and_stops_when_it_is_let_go(termina
     assert client.turned["joint1"] <= turned + 0.35
 
 
-def test_what_keeps_a_joint_still_is_shown_and_a_new_motion_needs_a_new_press(terminal: Terminal) -> None:
+def test_the_reason_for_a_stop_is_shown_and_a_new_motion_needs_a_new_press(terminal: Terminal) -> None:
     jog, client = jogging(terminal)
     terminal.hold("right")
     step(jog, terminal, 1.0)
@@ -124,7 +124,7 @@ def test_what_keeps_a_joint_still_is_shown_and_a_new_motion_needs_a_new_press(te
     assert "no active controller moves joint1: activate arm_controller. Then press the key again" in said(jog)
     client.joints = JOINTS
     step(jog, terminal, 3.0)
-    assert client.turned["joint1"] == turned, "the key is held on, and nothing goes on by itself"
+    assert client.turned["joint1"] == turned, "the motion does not resume although the key is still held"
     assert "no active controller" in said(jog)
     terminal.hold("")
     step(jog, terminal, 1.0)
@@ -134,17 +134,17 @@ def test_what_keeps_a_joint_still_is_shown_and_a_new_motion_needs_a_new_press(te
 
 
 @pytest.mark.parametrize("between", ["space", "2", "down", "x"])
-def test_another_key_ends_a_motion_until_its_key_is_pressed_again(terminal: Terminal, between: str) -> None:
+def test_another_key_ends_a_motion_until_the_first_key_is_pressed_again(terminal: Terminal, between: str) -> None:
     jog, client = jogging(terminal)
     terminal.hold("right")
     step(jog, terminal, 1.0)
     jog._press(between)
     turned = dict(client.turned)
     step(jog, terminal, 2.0)
-    assert client.turned == turned, "the first key repeats still"
+    assert client.turned == turned, "although the first key still repeats"
 
 
-def test_a_number_means_the_same_joint_whichever_controllers_are_active(terminal: Terminal) -> None:
+def test_a_number_always_selects_the_same_joint(terminal: Terminal) -> None:
     jog, client = jogging(terminal, joints=("hand",))
     jog._press("1")
     tap(jog, terminal, "right")

@@ -1,4 +1,4 @@
-"""What a page offers to do with an arm, from the arm's files and its active controllers."""
+"""Joints and poses that the page can move to, from the arm's files and its active controllers."""
 
 from pathlib import Path
 from threading import Event, Thread
@@ -25,7 +25,7 @@ def arm(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_hand_opens_and_closes_where_pick_and_place_does() -> None:
+def test_the_hand_poses_are_those_of_pick_and_place() -> None:
     found = find_targets(ARMS / "so101", {"arm_controller": ("shoulder_pan",), "hand_controller": ("gripper",)}, {})
     assert found.joints == ("shoulder_pan", "gripper")
     assert found.hand == {OPEN: {"gripper": 0.7}, CLOSE: {"gripper": -0.1}}
@@ -35,11 +35,13 @@ def test_the_hand_opens_and_closes_where_pick_and_place_does() -> None:
     ("folder", "driven"),
     [(ARMS / "robot_arm", {"arm_controller": ("joint1",)}), (ARMS, DRIVEN), (None, DRIVEN)],
 )
-def test_no_hand_where_nobody_says_which_it_is(folder: Path | None, driven: dict[str, tuple[str, ...]]) -> None:
+def test_without_a_known_hand_joint_there_are_no_hand_poses(
+    folder: Path | None, driven: dict[str, tuple[str, ...]]
+) -> None:
     assert find_targets(folder, driven, LIMITS).hand == {}
 
 
-def test_poses_that_the_arm_cannot_reach_are_named_and_not_offered(arm: Path) -> None:
+def test_poses_that_the_arm_cannot_reach_are_refused_with_a_reason(arm: Path) -> None:
     poses = Poses(arm)
     poses.save("good", {"joint1": 0.5})
     poses.save("far", {"joint1": 1.5})
@@ -55,21 +57,19 @@ def test_poses_that_the_arm_cannot_reach_are_named_and_not_offered(arm: Path) ->
     assert still.poses == {} and still.refused[0] == "good is not available: no active controller moves joint1"
 
 
-def test_a_broken_file_of_poses_leaves_joints_and_hand(arm: Path) -> None:
+def test_an_invalid_pose_file_does_not_affect_joints_and_hand(arm: Path) -> None:
     (arm / FILE).write_text("poses: [")
     found = find_targets(arm, DRIVEN, LIMITS)
     assert found.joints == ("joint1", "joint2", "hand_right_joint") and found.hand[OPEN] == {"hand_right_joint": 0.0}
     assert found.refused[0].startswith("No poses are available: ") and FILE in found.refused[0]
 
 
-def test_a_stack_that_does_not_tell_its_folder_has_its_joints_and_no_poses() -> None:
+def test_without_the_arm_folder_there_are_joints_but_no_poses() -> None:
     found = find_targets(None, DRIVEN, LIMITS)
     assert isinstance(found, Targets) and found.joints and "does not report its arm's folder" in found.refused[0]
 
 
-def test_poses_go_to_the_folder_of_the_running_arm_and_not_to_the_one_of_this_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_poses_are_saved_in_the_folder_of_the_running_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = tmp_path / "so101"
     own.mkdir()
     (own / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'so101'}\n")

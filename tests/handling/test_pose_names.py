@@ -1,4 +1,4 @@
-"""Names of poses: what can be typed and printed again."""
+"""Names of poses must be printable."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ def test_a_name_that_cannot_be_printed_is_refused(tmp_path: Path, name: str) -> 
     Poses(tmp_path).save("über der Kiste", {"joint1": 0.0})
 
 
-def test_a_pose_that_the_arm_cannot_have_is_named_with_file_and_line(tmp_path: Path) -> None:
+def test_an_invalid_pose_is_reported_with_file_and_line(tmp_path: Path) -> None:
     poses = Poses(tmp_path)
     poses.path.write_text("poses:\n  home: {elbow: 0.1}\n  far: {elbow: 3.0, wrist: 0.0}\n")
     limits = {"elbow": JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)}

@@ -1,9 +1,9 @@
-"""Faults of servos in words, as they are told to who wants to move the arm."""
+"""Message about faults of servos that prevent a motion."""
 
 from nodes.handling.robot import in_words
 
 
-def test_a_fault_of_several_joints_is_said_once_and_a_joint_is_named_once() -> None:
+def test_a_fault_of_several_joints_is_reported_once() -> None:
     faults = {
         "joint1": "nobody answers on ./bus",
         "joint2": "joint2: servo 2 is hot",

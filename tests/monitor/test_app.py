@@ -1,4 +1,4 @@
-"""The monitor's screen, of a simulated arm: what is to be read there, and what its keys do."""
+"""Text and keys of the monitor's screen for a simulated arm."""
 
 from pathlib import Path
 from threading import Event
@@ -47,7 +47,7 @@ def squeezed(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_all_that_is_known_of_the_arm_is_on_the_screen(looked_at: Watched) -> None:
+def test_the_screen_shows_joints_loop_controllers_goals_and_counters(looked_at: Watched) -> None:
     snapshot = looked_at.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -85,7 +85,7 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     on_screen(Looked(watched(rig)), look)
 
 
-def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: Watched) -> None:
+def test_keys_select_a_joint_and_its_plots(looked_at: Watched) -> None:
     snapshot = looked_at.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -101,13 +101,13 @@ def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: Watched) -> None
         assert "temperature (°C) 27" in text and "voltage (V) 12" in text and "position, command" not in text
         await pilot.press("9", "p")
         await pilot.pause()
-        assert title(6) in squeezed(words(app)), "the last one, for there is no ninth"
+        assert title(6) in squeezed(words(app)), "the last joint, because there is no ninth"
 
     on_screen(Looked(looked_at), look)
 
 
-def test_the_strips_are_the_lines_of_the_last_minute(looked_at: Watched) -> None:
-    """The newest seconds are at the right: the arm has turned up from below, and the rest of the minute is blank."""
+def test_the_plots_show_the_last_minute(looked_at: Watched) -> None:
+    """The latest seconds are on the right, where the position rises; the rest of the minute is blank."""
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         rows = [line[AXIS:] for line in str(app._charts[0].content).splitlines()[1:]]
@@ -122,7 +122,7 @@ def test_the_strips_are_the_lines_of_the_last_minute(looked_at: Watched) -> None
 
 
 @pytest.mark.parametrize("size", [(80, 24), (30, 8), (4, 2)])
-def test_a_small_terminal_shows_what_there_is_room_for(looked_at: Watched, size: tuple[int, int]) -> None:
+def test_the_screen_also_works_in_a_small_terminal(looked_at: Watched, size: tuple[int, int]) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("v", "u", "t")
         await pilot.resize_terminal(100, 30)
@@ -132,7 +132,7 @@ def test_a_small_terminal_shows_what_there_is_room_for(looked_at: Watched, size:
     on_screen(Looked(looked_at), look, size)
 
 
-def test_before_the_first_message_the_screen_is_empty_and_there() -> None:
+def test_the_screen_is_shown_before_the_first_message() -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("2", "down", "t")
         assert "robot_arm: live" in words(app)
@@ -144,7 +144,7 @@ def test_before_the_first_message_the_screen_is_empty_and_there() -> None:
 def test_a_key_ends_it(looked_at: Watched, key: str) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("space", "left", "plus")
-        assert app.is_running, "keys of recordings mean nothing to a stack"
+        assert app.is_running, "playback keys have no effect on a running stack"
         await pilot.press(key)
         await pilot.pause()
         assert not app.is_running
@@ -164,7 +164,7 @@ def test_a_signal_ends_it(looked_at: Watched) -> None:
 
 
 @pytest.mark.slow
-def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path) -> None:
+def test_a_recording_can_be_played_paused_and_searched(rig: Rig, tmp_path: Path) -> None:
     file = RecordingFile(tmp_path / "run.mcap", rig.messages)
     for sample in rig.samples:
         file.write(sample)
@@ -198,7 +198,7 @@ def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path)
     on_screen(playback, look)
 
 
-def test_a_stack_that_ends_is_said_to_have_and_is_shown_again_when_it_comes_back(
+def test_the_end_of_a_stack_is_reported_and_a_restarted_stack_is_shown_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(live_source, "AGAIN_S", 0.01)

@@ -1,4 +1,4 @@
-"""Twenty-four bugs, each a change of one place of the stack, and the invariants that may name them."""
+"""Twenty-four bugs, each in one place of the stack, and the invariants that may detect them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
 
 
 def named_by(*invariants: str) -> Callable[[Plant], Plant]:
-    """Register a bug with the invariants that may name it."""
+    """Register a bug with the invariants that may detect it."""
 
     def register(plant: Plant) -> Plant:
         BUGS[plant.__name__] = plant, frozenset(invariants)

@@ -1,4 +1,4 @@
-"""``servoloop campaign``: the same result however many processes, and of what fell the smallest schedule."""
+"""``servoloop campaign``: results do not depend on the number of processes, and failures are minimized."""
 
 import json
 from pathlib import Path
@@ -40,18 +40,18 @@ def test_any_number_of_processes_gives_the_same_reports_in_the_same_order() -> N
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", range(CYCLES // 100))
-def test_no_invariant_falls_whatever_happens_during_a_job(seed: int) -> None:
+def test_no_invariant_is_violated_whatever_happens_during_a_job(seed: int) -> None:
     scenario = read_scenario(ROOT / "docs" / "campaign.yaml")
     assert run_schedule_of(schedule_of(scenario, seed)).violations == ()
 
 
 @pytest.mark.parametrize("file", KEPT, ids=lambda file: file.stem)
-def test_what_a_campaign_once_found_stays_mended(file: Path) -> None:
+def test_failures_found_by_earlier_campaigns_stay_fixed(file: Path) -> None:
     assert run_schedule_of(read_schedule(file)).violations == ()
 
 
 @pytest.mark.slow
-def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_broken_gate_is_found_minimized_and_saved(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def broken(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
         return Gated(wanted, {})
 
@@ -68,7 +68,7 @@ def test_a_broken_gate_is_found_shrunk_and_kept(monkeypatch: pytest.MonkeyPatch,
     assert "safe commands" in {violation.invariant for violation in run_schedule_of(kept).violations}
 
 
-def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
+def test_a_campaign_without_violations_ends_with_0(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text("{seconds: 0.5, faults: 1, within_s: 0.3, promises: {examined: [safe wire]}}")
     arguments = ["--scenario", str(scenario), "--seeds", "2", "--jobs", "1", "--out", str(tmp_path / "out")]
@@ -76,7 +76,7 @@ def test_a_campaign_in_which_nothing_falls_ends_with_0(tmp_path: Path) -> None:
     assert ran.exit_code == 0 and "no invariant was violated" in ran.output
 
 
-def test_a_page_that_cannot_be_written_takes_no_result_with_it(
+def test_results_are_kept_if_the_page_cannot_be_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario, out = tmp_path / "scenario.yaml", tmp_path / "out"
@@ -96,7 +96,7 @@ def test_the_page_names_every_invariant_and_every_key() -> None:
     assert [key for key in Scenario.model_fields if f"| `{key}` |" not in page] == []
 
 
-def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> None:
+def test_a_campaign_that_checked_nothing_fails_with_a_message(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(
         "seconds: 0.5\nfaults: 1\nwithin_s: 0.3\nkinds: [noise]\n"
@@ -119,7 +119,7 @@ def test_a_campaign_that_looked_at_nothing_fails_and_says_so(tmp_path: Path) -> 
         ("{visits: [{fault: silence}]}", "there is no fault 'silence'"),
     ],
 )
-def test_a_promise_that_cannot_be_kept_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:
+def test_an_impossible_promise_is_refused_with_its_line(tmp_path: Path, promise: str, text: str) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(f"faults: 1\npromises: {promise}\n")
     with pytest.raises(ScenarioError, match=f"scenario.yaml:2: .*{text}"):
@@ -134,7 +134,7 @@ def test_each_seed_draws_an_arm_a_client_and_an_end() -> None:
     assert drawn == [schedule_of(scenario, seed) for seed in range(20)]
 
 
-def test_what_clients_do_is_kept_in_a_schedule(tmp_path: Path) -> None:
+def test_client_actions_are_saved_in_a_schedule(tmp_path: Path) -> None:
     scenario = Scenario(clients=("moves", "switches", "streams"), on_exit=("relax",), within_s=4.0)
     for seed in range(10):
         schedule = schedule_of(scenario, seed)
@@ -142,7 +142,7 @@ def test_what_clients_do_is_kept_in_a_schedule(tmp_path: Path) -> None:
         assert read_schedule(tmp_path / "kept.yaml") == schedule
 
 
-def test_mistakes_in_a_scenario_are_told_before_anything_runs(
+def test_errors_in_a_scenario_are_reported_before_anything_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = tmp_path / "scenario.yaml"
@@ -161,8 +161,8 @@ EVENTS = st.lists(
 
 
 @given(events=EVENTS)
-def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, float]]) -> None:
-    """Here: that servo 3 is silent at all, at whatever time."""
+def test_minimizing_removes_everything_that_the_failure_does_not_need(events: list[tuple[str, float]]) -> None:
+    """The failure only needs a silence of servo 3 at any time."""
     faults = tuple(parse(f"{text} at={at_s}s for=1s") for text, at_s in (*events, ("silent id=3", 4.321)))
 
     def breaks(schedule: Schedule) -> bool:
@@ -172,7 +172,7 @@ def test_shrinking_leaves_what_matters_and_nothing_else(events: list[tuple[str, 
     assert left.kind == "silent" and left.at_s == round(left.at_s) and left.for_s is not None and left.for_s <= 0.1
 
 
-def test_the_arm_on_the_command_line_takes_the_place_of_the_scenarios(tmp_path: Path) -> None:
+def test_the_arm_on_the_command_line_replaces_that_of_the_scenario(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text("{arm: nowhere, seconds: 0.3, faults: 0, promises: {examined: []}}")
     arguments = ["--scenario", str(scenario), "--arm", "so101", "--seeds", "1", "--jobs", "1"]

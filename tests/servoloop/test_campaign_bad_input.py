@@ -1,4 +1,4 @@
-"""Contradictions in scenarios and schedules: one sentence with file and line before anything runs."""
+"""Contradictions in scenarios and schedules are reported with file and line before anything runs."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_duration_of_a_fault_that_is_over_at_once_is_refused(tmp_path: Path) -> None:
+def test_a_duration_is_refused_for_an_instantaneous_fault(tmp_path: Path) -> None:
     path = written(tmp_path, "seconds: 2\nfaults:\n- kind: brown_out\n  servo_id: 3\n  for_s: 1.0\n")
     with pytest.raises(ScheduleError) as refused:
         read_schedule(path)
@@ -36,7 +36,7 @@ def test_a_fault_after_the_end_of_a_run_without_jobs_is_refused(tmp_path: Path) 
     assert len(read_schedule(written(tmp_path, f"seconds: 2\njob: [A]\nfaults:\n{late}")).faults) == 3
 
 
-def test_shrinking_keeps_schedules_that_can_be_read_again(tmp_path: Path) -> None:
+def test_minimized_schedules_can_be_read_again(tmp_path: Path) -> None:
     faults = (parse("silent id=3 at=1s"), parse("echo at=5s"))
     left = shrink(Schedule(seconds=2.0, job=("A",), faults=faults), lambda one: len(one.faults) == 2)
     assert left.job == ("A",)
@@ -54,7 +54,7 @@ def test_faults_of_a_scenario_without_jobs_are_drawn_within_its_run(tmp_path: Pa
     assert max(event.at_s for event in drawn if event.since == "up") <= 0.5
 
 
-def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
+def test_a_fault_kind_that_no_servo_of_the_arm_supports_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nwithin_s: 1\nkinds:\n- silent\n- dead_encoder\n")
@@ -67,7 +67,7 @@ def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
     assert "robot_arm_dynamixel cannot have 'dead_encoder'" in said
 
 
-def test_a_fault_that_the_arm_cannot_have_is_refused_with_its_line(
+def test_a_fault_that_the_arm_does_not_support_is_refused_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nfaults:\n- {kind: echo}\n- {kind: dead_encoder, servo_id: 3}\n")

@@ -1,4 +1,4 @@
-"""docs/campaigns.md: its commands, run with fewer seeds, and its table of a trace's columns."""
+"""Commands of docs/campaigns.md, run with fewer seeds, and its table of trace columns."""
 
 import re
 import shlex
@@ -23,7 +23,7 @@ KEPT = "out/campaign/safe-commands-seed-0.yaml"
 @pytest.mark.slow
 @pytest.mark.runs(*COMMANDS)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_commands_do_their_work(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_of_the_page_work(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if "--ray" in command:
         pytest.importorskip("ray", reason="Ray is not installed: pip install 'servoloop[ray]'")
     monkeypatch.chdir(tmp_path)

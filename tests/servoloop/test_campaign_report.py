@@ -1,4 +1,4 @@
-"""The report of a campaign and its traces: on one page, the same for the same runs, and to be seen again."""
+"""Report page and traces of a campaign: self-contained and reproducible."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ JUMPS = Schedule(
 
 
 class Page(HTMLParser):
-    """What a browser would load, and what stands in the elements of a class; raises where tags do not match."""
+    """Parser that collects loaded resources and the text of elements by class. It raises if tags do not match."""
 
     VOID = ("meta", "br", "hr", "img", "link", "input")
 
@@ -71,7 +71,7 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def open_gate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> pytest.MonkeyPatch:
-    """A fixture that has the gate let everything pass, in an empty folder."""
+    """Let the safety gate pass everything, in an empty folder."""
 
     def limit(gate: SafetyGate, wanted: FloatArray, *_: object) -> Gated:
         return Gated(wanted, {})
@@ -91,7 +91,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 def commanded(schedule: Schedule) -> dict[float, dict[str, float]]:
-    """What the loop commanded in each cycle of a run, by the cycle's time."""
+    """Return the commands of each cycle of a run, by the time of the cycle."""
     found: dict[float, dict[str, float]] = {}
 
     def prepare(stack: FaultyStack) -> None:
@@ -124,7 +124,7 @@ def test_a_trace_has_the_two_seconds_before_and_what_the_stack_commanded(
 
 
 @pytest.mark.parametrize("blocked", ["jumps.html", "jumps-safe-commands.csv"])
-def test_what_fell_is_told_though_a_file_cannot_be_written(
+def test_violations_are_reported_even_if_a_file_cannot_be_written(
     open_gate: pytest.MonkeyPatch, tmp_path: Path, blocked: str
 ) -> None:
     (tmp_path / "jumps.yaml").write_text(schedule_text(JUMPS))
@@ -153,7 +153,7 @@ def test_a_trace_names_faults_states_and_packets(open_gate: pytest.MonkeyPatch, 
 
 
 @pytest.mark.slow
-def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_page_works_offline_and_shows_the_violations(open_gate: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "scenario.yaml").write_text(
         "{seconds: 1.5, faults: 6, within_s: 1.2, kinds: [controller_jumps, noise, silent, hot]}"
     )
@@ -178,7 +178,7 @@ def test_the_page_needs_no_network_and_shows_what_fell(open_gate: pytest.MonkeyP
 
 
 @pytest.mark.slow
-def test_the_command_on_the_page_shows_it_again_until_it_is_mended(
+def test_the_command_on_the_page_reproduces_the_violation_until_it_is_fixed(
     open_gate: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "scenario.yaml").write_text("{seconds: 1.5, faults: 2, within_s: 1.2, kinds: [controller_jumps]}")
@@ -213,7 +213,7 @@ def test_an_exception_is_traced_too(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     Page((tmp_path / "still.html").read_text())
 
 
-def test_interrupted_it_reports_what_was_done_and_ends_with_130(
+def test_an_interrupted_campaign_reports_its_results_and_ends_with_130(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -235,7 +235,7 @@ def test_interrupted_it_reports_what_was_done_and_ends_with_130(
 
 
 def asked_signals(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The Signals of the verb, once it has made them."""
+    """Return the Signals of the command, once they exist."""
     from servoloop.commands import campaign as verb
 
     made: list[Any] = []
@@ -249,7 +249,7 @@ def asked_signals(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return made
 
 
-def test_a_campaign_that_was_ended_at_once_has_a_page_too() -> None:
+def test_a_campaign_that_was_ended_at_once_also_writes_a_page() -> None:
     scenario = Scenario(seconds=0.5, faults=1, within_s=0.3)
     page = reports.page(Tally(scenario, 10), [])
     assert "Interrupted: 0 of 10 runs were done." in page
@@ -257,12 +257,14 @@ def test_a_campaign_that_was_ended_at_once_has_a_page_too() -> None:
     assert list(campaign(scenario, range(10), 1, lambda: True)) == []
 
 
-def test_what_a_fault_says_is_no_markup(tmp_path: Path) -> None:
+def test_messages_of_faults_are_escaped(tmp_path: Path) -> None:
     tally = Tally(Scenario(arm=("<b>arm</b>",)), 0)
     assert "<b>arm" not in reports.page(tally, [])
 
 
-def test_without_the_plots_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_plot_library_is_reported_with_the_command_to_install_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(reports, "NEEDED", ("matplotlib", "a_library_that_is_not_there"))
     (tmp_path / "still.yaml").write_text("seconds: 0.5\n")
     ran = run("--schedule", str(tmp_path / "still.yaml"), "--out", str(tmp_path))

@@ -1,4 +1,4 @@
-"""Workers: results in the order of the seeds, an end when told so, and what is said of a worker that is killed."""
+"""Workers of a campaign: order of the results, end on request, and killed workers."""
 
 import os
 import signal
@@ -30,7 +30,7 @@ SCENARIO = Scenario(seconds=1.0, faults=2, within_s=0.8)
 
 
 def with_ray(test: Any) -> Any:
-    """A test on a local Ray, which takes ten seconds to come and go."""
+    """Mark a test that needs a local Ray, which takes ten seconds to start and stop."""
     reason = "Ray is not installed: pip install 'servoloop[ray]'"
     return pytest.mark.slow(pytest.mark.timeout(240)(pytest.mark.skipif(not RAY, reason=reason)(test)))
 
@@ -40,7 +40,7 @@ def never() -> bool:
 
 
 class OtherOrder:
-    """Workers that are done with their tasks in an order of their own."""
+    """Workers that complete their tasks in another order."""
 
     def __init__(self, order: Callable[[list[int]], int]) -> None:
         self._order = order
@@ -54,7 +54,7 @@ class OtherOrder:
         return future
 
     def work(self) -> bool:
-        """One task is done; called where ``in_order`` looks whether to stop."""
+        """Complete one task. It is called when ``in_order`` checks whether to stop."""
         if self._open:
             future, chunk = self._open.pop(self._order(list(range(len(self._open)))))
             future.set_result([seed * seed for seed in chunk])
@@ -63,7 +63,7 @@ class OtherOrder:
 
 @pytest.fixture(scope="module")
 def without_waiting() -> Iterator[None]:
-    """A fixture that has whoever waits for a worker look at once: these workers work only when they are looked at."""
+    """Remove the waits for workers, because these workers only work when they are polled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workers, "LOOK_S", 0.0)
         yield
@@ -79,7 +79,7 @@ def test_results_come_in_the_order_of_the_seeds_and_few_are_kept(
     assert there.most <= many * TASKS_AHEAD
 
 
-def test_told_to_stop_nothing_more_is_handed_out() -> None:
+def test_after_a_stop_request_no_more_seeds_are_started() -> None:
     handed: list[range] = []
 
     def submit(chunk: range) -> "Future[list[int]]":
@@ -102,13 +102,13 @@ def kill_at_7(seed: int) -> int:
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_is_told_of_in_words() -> None:
+def test_a_killed_worker_process_is_reported() -> None:
     with pytest.raises(WorkerError, match="was killed, perhaps for want of memory: take fewer, with --jobs"):
         list(in_processes(kill_at_7, range(20), 1, never))
 
 
 def killed_once(marker: Path, victim: int, scenario: Scenario, seed: int) -> RunReport:
-    """The run of a seed, but the victim's worker is killed the first time."""
+    """Run a seed, but kill the worker of one seed at its first attempt."""
     if seed == victim and not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -129,7 +129,7 @@ def test_a_task_whose_worker_is_always_killed_ends_the_campaign() -> None:
         list(on_ray(kill_at_7, range(6, 9), LOCAL, 1, never))
 
 
-def test_without_ray_the_option_says_what_to_install(
+def test_a_missing_ray_is_reported_with_the_command_to_install_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scenario = tmp_path / "scenario.yaml"
@@ -146,15 +146,15 @@ def test_without_ray_the_option_says_what_to_install(
         ("the cluster", r"an address is HOST:PORT, such as 10\.0\.0\.1:6379, or local"),
     ],
 )
-def test_an_address_where_no_cluster_is_is_named(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
-    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # is not asked for a cluster before somebody answers
+def test_an_address_without_a_cluster_is_reported(monkeypatch: pytest.MonkeyPatch, address: str, words: str) -> None:
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))  # must not ask for a cluster before an address answers
     with pytest.raises(RayError, match=words):
         list(on_ray(kill_at_7, range(3), address, 1, never))
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_the_processes_and_reports_what_was_done(tmp_path: Path) -> None:
-    """In real time: the whole group gets the signal, as from a terminal."""
+def test_ctrl_c_ends_the_processes_and_reports_the_results(tmp_path: Path) -> None:
+    """The whole process group gets the signal, as from a terminal. This test runs in real time."""
     (tmp_path / "scenario.yaml").write_text("{seconds: 0.5, faults: 1, within_s: 0.3}")
     words = ["campaign", "--scenario", "scenario.yaml", "--seeds", "100000", "--jobs", "2"]
     command = [sys.executable, "-m", "servoloop", *words]

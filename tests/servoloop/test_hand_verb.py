@@ -1,4 +1,4 @@
-"""``servoloop hand``: what it prints of plugs and joints."""
+"""Output of ``servoloop hand`` about connected servos and joints."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ JOINT: dict[str, Any] = {"position": 0.1, "held": False, "arrived": True}
 
 
 def printed(monkeypatch: pytest.MonkeyPatch, connected: tuple[bool, bool], *words: str) -> str:
-    """What the command prints for an emulator that answers with these plugs."""
+    """Return the output of the command for an emulator with these servos connected."""
     answer = {
         name: {**JOINT, "servo_id": servo_id, "connected": there}
         for name, servo_id, there in zip(("pan", "grip"), (1, 6), connected, strict=True)

@@ -1,4 +1,4 @@
-"""The folder *Move*, without a browser: what its buttons ask for, and what it shows."""
+"""Commands and display of the folder *Move*, without a browser."""
 
 import asyncio
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ TARGETS = Targets(
 
 
 class Panel:
-    """The panel with a mover that does nothing, and browsers that press."""
+    """Panel with a mover that does nothing, and simulated browsers."""
 
     def __init__(self, server: PageServer) -> None:
         self.clock, self.stops = SimulatedClock(), 0
@@ -45,7 +45,7 @@ class Panel:
         return buttons[label]
 
     def hold(self, label: str, browser: int = 1, words: int = 10) -> Command | None:
-        """A browser holds a button and says so so often; what is to be done then."""
+        """Hold a button for a number of reports, and return the resulting command."""
         client = SimpleNamespace(add_notification=lambda title, body, **_: self.notices.append(body))
         event = SimpleNamespace(client=client, client_id=browser)
         for _ in range(words):
@@ -72,7 +72,7 @@ def panel(server: PageServer) -> Panel:
     return Panel(server)
 
 
-def test_where_nothing_can_be_moved_it_says_why_and_no_button_can_be_pressed(panel: Panel) -> None:
+def test_the_panel_shows_why_the_arm_cannot_be_moved_and_disables_its_buttons(panel: Panel) -> None:
     assert "no ROS here" in panel.panel._text.content
     assert all(button.disabled or not button.visible for button in (*panel.panel._needs_arm, panel.panel._go))
     panel.set_targets(TARGETS)
@@ -82,7 +82,7 @@ def test_where_nothing_can_be_moved_it_says_why_and_no_button_can_be_pressed(pan
     assert panel.button("Stop everything").disabled and panel.panel._joint.options == (NONE,)
 
 
-def test_the_buttons_ask_for_what_they_say(panel: Panel) -> None:
+def test_each_button_sends_its_command(panel: Panel) -> None:
     panel.set_targets(TARGETS)
     panel.panel._joint.value = "joint2"
     panel.panel._share.value = 0.4
@@ -100,7 +100,7 @@ def test_the_buttons_ask_for_what_they_say(panel: Panel) -> None:
     ]
 
 
-def test_no_browser_makes_it_faster_than_slow(panel: Panel) -> None:
+def test_the_speed_sent_by_a_browser_is_limited(panel: Panel) -> None:
     panel.set_targets(TARGETS)
     for sent, taken in ((50.0, 1.0), (float("nan"), SLOWEST), (-3.0, SLOWEST)):
         panel.panel._share.value = sent
@@ -108,20 +108,20 @@ def test_no_browser_makes_it_faster_than_slow(panel: Panel) -> None:
         panel.click("Move (+)")
 
 
-def test_an_arm_without_hand_and_poses_has_no_such_buttons(panel: Panel) -> None:
+def test_an_arm_without_hand_and_poses_has_no_buttons_for_them(panel: Panel) -> None:
     panel.set_targets(Targets(("joint1",)))
     assert not panel.button("Open the hand").visible and not panel.panel._pose.visible
     assert panel.hold("Go to the pose") is None, "whatever a browser sends"
 
 
-def test_another_browser_is_told_that_the_arm_is_taken(panel: Panel) -> None:
+def test_a_second_browser_is_notified_that_the_arm_is_in_use(panel: Panel) -> None:
     panel.set_targets(TARGETS)
     first = panel.hold("Move (+)")
     assert panel.hold("Move (−)", browser=2, words=2) == first == Turn("joint1", 0.5)
     assert panel.notices == [TAKEN]
 
 
-def test_stop_works_as_it_is_pressed_and_by_keyboard(panel: Panel) -> None:
+def test_stop_works_when_pressed_and_by_keyboard(panel: Panel) -> None:
     panel.set_targets(TARGETS)
     (called,) = panel.button("Stop everything")._button_impl.hold_cbs_from_freq[10.0]
     asyncio.run(called(SimpleNamespace()))

@@ -1,4 +1,4 @@
-"""The tables and strips of the page, of a simulated arm."""
+"""Tables and plots of the page for a simulated arm."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def looked_at(rig: Rig) -> Watched:
     return watched(rig)
 
 
-def test_a_servo_has_its_numbers_in_the_units_that_people_read(looked_at: Watched) -> None:
+def test_the_joint_table_uses_degrees_and_millimeters(looked_at: Watched) -> None:
     snapshot = looked_at.state.snapshot
     text = servo_table(snapshot, parse_urdf(snapshot.description_xml).joints)
     place = snapshot.joints.index("joint1")
@@ -43,7 +43,7 @@ def test_a_servo_has_its_numbers_in_the_units_that_people_read(looked_at: Watche
     assert faults(snapshot) == ""
 
 
-def test_loop_counters_and_controllers_have_their_tables(looked_at: Watched) -> None:
+def test_loop_counters_and_controllers_have_tables(looked_at: Watched) -> None:
     snapshot = looked_at.state.snapshot
     assert "<td>missed cycles</td><td>0</td>" in loop_table(snapshot)
     assert "<td>rate hz</td><td>20</td>" in loop_table(snapshot)
@@ -67,7 +67,7 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     assert ">joint3: servo 3 does not answer</b>" in servo_table(snapshot, {})
 
 
-def test_what_a_stack_says_is_text_and_no_markup(looked_at: Watched) -> None:
+def test_messages_of_a_stack_are_escaped(looked_at: Watched) -> None:
     snapshot = looked_at.state.snapshot
     name = "servoloop: joint1 (servo 1)"
     evil = replace(snapshot.statuses[name], level=2, message="<script>1</script>", values={"<b>": "<i>"})
@@ -76,7 +76,7 @@ def test_what_a_stack_says_is_text_and_no_markup(looked_at: Watched) -> None:
         assert "<script>" not in text and "<i>" not in text and "<u>" not in text
 
 
-def test_a_strip_has_the_last_minute_up_to_now(rig: Rig, looked_at: Watched) -> None:
+def test_a_plot_covers_the_last_minute(rig: Rig, looked_at: Watched) -> None:
     times, position, command = strip_data(looked_at.minute(), COLUMNS["position"], 0)
     assert times[-1] == 0.0 and times[0] == pytest.approx(rig.samples[0].state.stamp_s - rig.samples[-1].state.stamp_s)
     assert position[-1] == rig.samples[-1].state.position[0] and command[-1] == pytest.approx(0.2)
@@ -84,11 +84,11 @@ def test_a_strip_has_the_last_minute_up_to_now(rig: Rig, looked_at: Watched) -> 
     assert len(times) == len(voltage) >= 4 and (voltage > 11.0).all() and times[0] < times[-1] <= 0.0
 
 
-def test_a_strip_of_nothing_can_be_drawn() -> None:
+def test_an_empty_plot_can_be_drawn() -> None:
     assert [len(data) for data in strip_data(Watched().minute(), ("position", "command"), 0)] == [1, 1, 1]
 
 
-def test_an_axis_holds_all_numbers_and_does_not_follow_noise() -> None:
+def test_an_axis_contains_all_values_and_does_not_follow_noise() -> None:
     low, high = axis_range([np.array([0.1, 0.9, np.nan]), np.array([-0.2])], 0.02)
     assert low < -0.2 and high > 0.9 and high - low <= 2.0
     quiet = [axis_range([np.full(9, 12.0 + noise)], 2.0) for noise in (0.0, 0.04, 0.08)]
