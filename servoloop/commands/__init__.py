@@ -1,1 +1,1 @@
-"""The commands of the command line: they parse arguments, call the other packages and print results."""
+"""Commands of ``servoloop``, which parse arguments, call the other packages and print results."""

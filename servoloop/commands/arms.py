@@ -114,8 +114,9 @@ def moveit(
         Path, typer.Argument(help="Folder for the files. Existing files are kept as backups with the suffix .1.")
     ],
 ) -> None:
-    """Write a MoveIt configuration for an arm: SRDF, limits, kinematics, controllers, planners and scene.
+    """Write a MoveIt configuration for an arm.
 
+    It consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning scene.
     Example: `servoloop arms moveit so101 so101_moveit`
     """
     from servoloop.moveit.files import write_moveit

@@ -29,7 +29,7 @@ MOVES = (
 
 @app.command()
 def bus(
-    port: Annotated[str, typer.Option(help="Serial device of the servos.")],
+    port: Annotated[str, typer.Option(help="Serial port of the servos.")],
     ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7",
     model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
     baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
@@ -39,13 +39,14 @@ def bus(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one line of JSON instead of a table.")] = False,
 ) -> None:
-    """Measure the speed and error rate of a bus by reading and writing all servos as fast as possible.
+    """Measure the speed and error rate of a servo bus.
 
-    Nothing moves: each servo is sent the goal that it already holds. A goal would enable the torque of a servo whose
-    torque is off, so such servos are only read. With --hold they are held at their position during the measurement,
-    and their torque is off again at the end. For servos that are sent goals, goal speed and acceleration are set to 0
-    (no limit). Communication errors are counted and do not end the measurement. The exit status is 1 if no servo
-    answers, if the control table of every servo differs from that of --model, or if the port is lost.
+    The command reads and writes all servos as fast as possible. Nothing moves, because each servo is sent the goal that
+    it already holds. A goal would enable the torque of a servo whose torque is off, so such servos are only read. With
+    --hold they are held at their position during the measurement, and their torque is off again at the end. For servos
+    that are sent goals, goal speed and acceleration are set to 0 (no limit). Communication errors are counted and do
+    not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo differs from
+    that of --model, or if the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
     from rich.console import Console
@@ -68,11 +69,11 @@ def arm(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure an arm on this machine (bus, control loop, ROS interface and motion) and write a report page.
+    """Measure the bus, control loop, ROS interface and motion of an arm.
 
-    The command asks for confirmation because the arm moves: slowly to its ready pose, then joint by joint, then back.
-    At the end its torque is switched off, also after Ctrl-C or an error. A second Ctrl-C ends the command at once and
-    leaves the torque on. Without ROS, the ROS figures are omitted.
+    The command writes a report page. It asks for confirmation because the arm moves: slowly to its ready pose, then
+    joint by joint, then back. At the end its torque is switched off, also after Ctrl-C or an error. A second Ctrl-C
+    skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console

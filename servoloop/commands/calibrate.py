@@ -132,7 +132,7 @@ def hand(
     do: Annotated[
         str,
         typer.Argument(
-            help="hold, release or move joints; look (print positions); lay (put the table under the arm); "
+            help="hold, release or move joints; look (print positions); lay (put cube, bins and stand back); "
             "connect or disconnect servos (with `emulate --box`)."
         ),
     ],
@@ -142,7 +142,7 @@ def hand(
     position: Annotated[float | None, typer.Argument(help="Target position for move, in rad or m.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Move the joints of a virtual arm as you would move a real arm by hand, to practice calibration.
+    """Move the joints of a virtual arm as if by hand, to practice calibration.
 
     Example: `servoloop hand ./bus hold`, `servoloop hand ./bus move elbow_flex 1.2`
     """

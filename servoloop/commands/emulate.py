@@ -137,7 +137,7 @@ def _ready(link: Path, files: ServoFiles) -> str:
 
 @contextmanager
 def _page(link: Path, arm: str, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Yield a function that reports the servos as ready and, if wanted, opens the view in a process of its own."""
+    """Yield a function that reports the servos as ready and, if wanted, starts the view in its own process."""
     pages: list[subprocess.Popen[bytes]] = []
 
     def show(ready: str) -> None:

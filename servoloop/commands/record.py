@@ -65,9 +65,10 @@ def plot(
     out: Annotated[Path | None, typer.Option(help="HTML page to write (default: next to the recording).")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Draw a recording as a web page with plots of commands, positions, velocities, efforts, timing and faults.
+    """Draw plots of a recording on a web page.
 
-    The page works offline. If the recorded program was killed, the complete part of its recording is drawn.
+    The plots show commands, positions, velocities, efforts, the timing of the control loop and faults. The page works
+    offline. If the recorded program was killed, the complete part of its recording is drawn.
     Example: `servoloop plot out/run.mcap`
     """
     from rich.console import Console

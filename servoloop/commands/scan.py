@@ -49,8 +49,8 @@ def scan(
 ) -> None:
     """List the servos on a bus, of all makes and at all baud rates, and report their problems.
 
-    The command only pings and reads; torque and registers do not change. After one servo has answered, servos with the
-    other wire protocol are searched for only if --make asks for them. The exit status is 1 if no servo was found or an
+    The command only pings and reads; torque and registers do not change. If a servo answers,
+    servos with the other wire protocol are only searched for with --make. The exit status is 1 if no servo was found or an
     expected ID is missing.
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """

@@ -29,11 +29,12 @@ def setup(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Set the IDs and settings of new servos from the robot file, while you connect them one after another.
+    """Set the IDs and settings of new servos, one servo after another.
 
-    Only registers that differ are written; they are read back and locked. Servos with torque enabled are refused. The
-    torque does not change, except that --turn enables it briefly. You can run the command again at any time; it
-    recognizes the servos that are done.
+    The command asks you to connect one servo at a time and takes the settings from the robot file. Only registers that
+    differ are written; they are read back and locked. Servos with torque enabled are refused. The torque does not
+    change, except that --turn enables it briefly. You can run the command again at any time; it recognizes the servos
+    that are done.
     Example: `servoloop setup --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.set_up.flow import SetUp

@@ -63,11 +63,11 @@ def record(
     if motions.path(name).exists():
         confirm(f"The motion {name} exists already. Replace it?", yes)
 
-    def keep(taught: "Taught", warnings: Sequence[str]) -> None:
-        motions.save(name, taught, {joint.name: joint for joint in side.files.robot.joints})
+    def keep(motion: "Taught", warnings: Sequence[str]) -> None:
+        motions.save(name, motion, {joint.name: joint for joint in side.files.robot.joints})
         for warning in warnings:
             print_styled(f"! {warning}", fg="yellow")
-        typer.echo(f"{name}: {summary(taught)}, saved in {motions.path(name)}")
+        typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
     log_to_terminal()
     teacher = Teacher(Console(), lambda question: _say_and_confirm(question, yes))
@@ -94,10 +94,10 @@ def play(
     require_keys(hands_free)
     side, motions = side_of(arm, port), TaughtMotions(find_arm(arm).folder)
     joints = side.files.robot.joints
-    taught = motions.get(name).of([joint.name for joint in joints], name)
-    taught.check_units(joints, str(motions.path(name)))
-    taught.check([joint.limits for joint in joints], str(motions.path(name)))
-    raise typer.Exit(played(side, taught, speed, hands_free, rate_hz))
+    motion = motions.get(name).of([joint.name for joint in joints], name)
+    motion.check_units(joints, str(motions.path(name)))
+    motion.check([joint.limits for joint in joints], str(motions.path(name)))
+    raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
 
 
 @app.command("list")
@@ -110,10 +110,10 @@ def list_(arm: AnArm = OWN, json: JsonOption = False) -> None:
 
     motions = TaughtMotions(find_arm(arm).folder).all()
     if json:
-        print_json({name: _plain(taught) for name, taught in motions.items()})
+        print_json({name: _plain(motion) for name, motion in motions.items()})
         return
-    for name, taught in motions.items():
-        typer.echo(f"{name}: {summary(taught)}")
+    for name, motion in motions.items():
+        typer.echo(f"{name}: {summary(motion)}")
 
 
 @app.command()
@@ -128,7 +128,7 @@ def remove(name: Name, arm: AnArm = OWN) -> None:
     typer.echo(f"{name} was removed")
 
 
-def played(side: "Side", taught: "Taught", speed: float, hands_free: bool, rate_hz: int) -> int:
+def played(side: "Side", motion: "Taught", speed: float, hands_free: bool, rate_hz: int) -> int:
     """Play a motion, show its progress, and return the exit status."""
     from rich.console import Console
 
@@ -137,20 +137,20 @@ def played(side: "Side", taught: "Taught", speed: float, hands_free: bool, rate_
 
     log_to_terminal()
     with permission_of(hands_free) as permission, Screen(Console()) as screen:
-        return run(side, rate_hz, taught, speed, permission, screen.show)
+        return run(side, rate_hz, motion, speed, permission, screen.show)
 
 
-def summary(taught: "Taught") -> str:
+def summary(motion: "Taught") -> str:
     """Return a short description of a motion."""
-    if taught.path is None:
-        return counted(len(taught.position), "pose")
-    return f"a path of {taught.path.duration_s:.1f} s through {counted(len(taught.position), 'point')}"
+    if motion.path is None:
+        return counted(len(motion.position), "pose")
+    return f"a path of {motion.path.duration_s:.1f} s through {counted(len(motion.position), 'point')}"
 
 
-def _plain(taught: "Taught") -> dict[str, object]:
+def _plain(motion: "Taught") -> dict[str, object]:
     """Return a motion as JSON content."""
-    kind, duration_s = ("path", taught.path.duration_s) if taught.path else ("poses", None)
-    return {"kind": kind, "joints": taught.joints, "points": len(taught.position), "duration_s": duration_s}
+    kind, duration_s = ("path", motion.path.duration_s) if motion.path else ("poses", None)
+    return {"kind": kind, "joints": motion.joints, "points": len(motion.position), "duration_s": duration_s}
 
 
 def _say_and_confirm(question: str, yes: bool) -> None:

@@ -1,4 +1,4 @@
-"""Cell of the demo: processes for the emulator, the stack and the pick-and-place node, and the clients of them."""
+"""Cell of the demo: the processes of the emulator, the stack and the pick-and-place node, and their clients."""
 
 import os
 import re
@@ -64,7 +64,7 @@ def are_all_grades(grades: Sequence[str], arm: Arm) -> bool:
 
 
 def environment() -> dict[str, str]:
-    """Return the environment variables, with a ROS domain of its own unless the user has set one."""
+    """Return the environment variables, with a separate ROS domain unless the user has set one."""
     values = dict(os.environ)
     values.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     return values
@@ -150,7 +150,7 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     ready = link.with_name("ready")
     ready.unlink(missing_ok=True)
     started: dict[str, int] = {}
-    live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
+    live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']})")
     build, record = options.build, options.record
     built = ("--backlash", str(build.backlash_deg), *(() if build.seed is None else ("--seed", str(build.seed))))
     command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)

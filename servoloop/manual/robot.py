@@ -55,10 +55,10 @@ class LiveRobot:
         """Follow a running stack.
 
         Args:
-            arm: Name or folder of the arm; needed if several stacks run.
+            arm: Name or folder of the arm; needed if several stacks are running.
 
         Raises:
-            LiveError: No such stack runs.
+            LiveError: No such stack is running.
         """
         return cls(LiveSource(arm, MonotonicClock()))
 

@@ -1,4 +1,4 @@
-"""Running the control loop on one processor, or without that if the system refuses."""
+"""The control loop runs on one processor if the system allows it."""
 
 import os
 import threading
