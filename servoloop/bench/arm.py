@@ -64,8 +64,8 @@ def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
         bus.identify(joint.servo_id, joint.model)
     if held := [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]:
         raise DriverError(
-            f"{falls(held)}. At the end, this command switches the torque off with the arm in its present pose. Lay the "
-            "arm down and switch its torque off first"
+            f"{falls(held)}. At the end, this command switches the torque off with the arm in its present pose. Lay "
+            "the arm down and switch its torque off first"
         )
 
 
