@@ -90,7 +90,7 @@ def diff(
     if json:
         print_json({**asdict(found), "same": found.same, "adapter": adapter})
     else:
-        _show(found, passport, adapter)
+        _print_comparison(found, passport, adapter)
     raise typer.Exit(0 if found.same else 1)
 
 
@@ -120,7 +120,7 @@ def restore_(
         raise PassportError("--json cannot ask for confirmation; add --yes")
     passport = read_passport(_path(file, port))
     with interruptible(), _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
-        _say_other_adapter(passport, adapter_serial(line.name))
+        _warn_of_other_adapter(passport, adapter_serial(line.name))
         if to_new and servo_id is not None:
             found = [plan_replacement(line, passport, servo_id)]
         else:
@@ -130,7 +130,7 @@ def restore_(
             print_table(Console(), _planned(plans), "register")
             confirm("Write this?", yes)
         changes = restore_all(line, MonotonicClock(), plans)
-    _say_changes(changes, json)
+    _print_changes(changes, json)
 
 
 def _robot_file(arm: str | None, robot: Path | None, bus: str | None) -> RobotFile | None:
@@ -160,7 +160,7 @@ def _path(file: Path | None, port: str | None) -> Path:
     return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
 
 
-def _say_other_adapter(passport: Passport, adapter: str | None) -> None:
+def _warn_of_other_adapter(passport: Passport, adapter: str | None) -> None:
     """Warn if the passport was saved with another adapter, and may therefore belong to another arm."""
     if passport.adapter != adapter:
         names = [one or "without a serial number" for one in (passport.adapter, adapter)]
@@ -172,8 +172,8 @@ def _baud(robot: RobotFile | None, bus: str | None, otherwise: int) -> int:
     return robot.lines()[bus_of(robot, bus)].baud if robot else otherwise
 
 
-def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:
-    _say_other_adapter(passport, adapter)
+def _print_comparison(found: Comparison, passport: Passport, adapter: str | None) -> None:
+    _warn_of_other_adapter(passport, adapter)
     table = Table("servo", "joint", "register", "passport", "now")
     for one in found.differences:
         joint = passport.servos[one.servo_id].joint or ""
@@ -196,7 +196,7 @@ def _planned(plans: Sequence[Restoration]) -> Table:
     return table
 
 
-def _say_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
+def _print_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
     written = [
         {"servo_id": servo_id, "register": change.register.name, "old": change.old, "new": change.new}
         for servo_id, made in changes.items()

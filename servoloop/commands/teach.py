@@ -70,7 +70,7 @@ def record(
         typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
     log_to_terminal()
-    teacher = Teacher(Console(), lambda question: _say_and_confirm(question, yes))
+    teacher = Teacher(Console(), lambda question: _print_and_confirm(question, yes))
     raise typer.Exit(run(side, rate_hz, limp, poses, teacher, keep))
 
 
@@ -153,7 +153,7 @@ def _plain(motion: "Taught") -> dict[str, object]:
     return {"kind": kind, "joints": motion.joints, "points": len(motion.position), "duration_s": duration_s}
 
 
-def _say_and_confirm(question: str, yes: bool) -> None:
+def _print_and_confirm(question: str, yes: bool) -> None:
     """Ask for a confirmation; with ``yes``, print the question and continue."""
     if yes:
         typer.echo(question, err=True)

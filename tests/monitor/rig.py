@@ -14,7 +14,7 @@ from servoloop.recording.sources import Source
 SIZE = (140, 44)
 
 
-class Looked:
+class FixedSource:
     """Source with a constant state."""
 
     status, well = "robot_arm: live", True

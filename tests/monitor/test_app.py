@@ -18,7 +18,7 @@ from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import parse
 from tests.live.rig import LiveRig, runtime_folder
-from tests.monitor.rig import Looked, on_screen, words
+from tests.monitor.rig import FixedSource, on_screen, words
 from tests.recorder.rig import Rig
 from tests.servoloop.served import eventually
 from tests.stack.rig import READY
@@ -35,7 +35,7 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def looked_at(rig: Rig) -> Watched:
+def seen(rig: Rig) -> Watched:
     return watched(rig)
 
 
@@ -47,8 +47,8 @@ def squeezed(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_the_screen_shows_joints_loop_controllers_goals_and_counters(looked_at: Watched) -> None:
-    snapshot = looked_at.state.snapshot
+def test_the_screen_shows_joints_loop_controllers_goals_and_counters(seen: Watched) -> None:
+    snapshot = seen.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         text = words(app)
@@ -65,7 +65,7 @@ def test_the_screen_shows_joints_loop_controllers_goals_and_counters(looked_at: 
         assert squeezed(line_of(text, "(servo 7)")).endswith("none")
         assert "faults" not in text
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
 def test_a_silent_servo_is_named_and_counted() -> None:
@@ -82,11 +82,11 @@ def test_a_silent_servo_is_named_and_counted() -> None:
         assert lines[1].endswith("joint3: servo 3 does not answer") and "°C" in lines[1]
         assert "silent " in lines[2]
 
-    on_screen(Looked(watched(rig)), look)
+    on_screen(FixedSource(watched(rig)), look)
 
 
-def test_keys_select_a_joint_and_its_plots(looked_at: Watched) -> None:
-    snapshot = looked_at.state.snapshot
+def test_keys_select_a_joint_and_its_plots(seen: Watched) -> None:
+    snapshot = seen.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         def title(place: int) -> str:
@@ -103,10 +103,10 @@ def test_keys_select_a_joint_and_its_plots(looked_at: Watched) -> None:
         await pilot.pause()
         assert title(6) in squeezed(words(app)), "the last joint, because there is no ninth"
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
-def test_the_plots_show_the_last_minute(looked_at: Watched) -> None:
+def test_the_plots_show_the_last_minute(seen: Watched) -> None:
     """The latest seconds are on the right, where the position rises; the rest of the minute is blank."""
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -118,18 +118,18 @@ def test_the_plots_show_the_last_minute(looked_at: Watched) -> None:
         assert max(max(row) for row in upper if row) == width - 1
         assert max(max(row) for row in lower if row) < width - 1
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (30, 8), (4, 2)])
-def test_the_screen_also_works_in_a_small_terminal(looked_at: Watched, size: tuple[int, int]) -> None:
+def test_the_screen_also_works_in_a_small_terminal(seen: Watched, size: tuple[int, int]) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("v", "u", "t")
         await pilot.resize_terminal(100, 30)
         await pilot.pause()
         assert "joint6" in words(app)
 
-    on_screen(Looked(looked_at), look, size)
+    on_screen(FixedSource(seen), look, size)
 
 
 def test_the_screen_is_shown_before_the_first_message() -> None:
@@ -137,11 +137,11 @@ def test_the_screen_is_shown_before_the_first_message() -> None:
         await pilot.press("2", "down", "t")
         assert "robot_arm: live" in words(app)
 
-    on_screen(Looked(Watched()), look)
+    on_screen(FixedSource(Watched()), look)
 
 
 @pytest.mark.parametrize("key", ["q", "ctrl+c"])
-def test_a_key_ends_it(looked_at: Watched, key: str) -> None:
+def test_a_key_ends_it(seen: Watched, key: str) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("space", "left", "plus")
         assert app.is_running, "playback keys have no effect on a running stack"
@@ -149,10 +149,10 @@ def test_a_key_ends_it(looked_at: Watched, key: str) -> None:
         await pilot.pause()
         assert not app.is_running
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
-def test_a_signal_ends_it(looked_at: Watched) -> None:
+def test_a_signal_ends_it(seen: Watched) -> None:
     signals = Event()
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -160,7 +160,7 @@ def test_a_signal_ends_it(looked_at: Watched) -> None:
         while app.is_running:
             await pilot.pause(0.01)
 
-    on_screen(Looked(looked_at), look, stop=signals.is_set)
+    on_screen(FixedSource(seen), look, stop=signals.is_set)
 
 
 @pytest.mark.slow

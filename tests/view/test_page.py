@@ -40,9 +40,9 @@ def test_the_arm_is_drawn_as_measured_and_the_ghost_as_commanded(server: PageSer
     rig, page = Rig(), Page(server)
     rig.stack.go([*READY[:5], READY[5] + 1.0], 1.0)
     rig.run(0.5)
-    looked_at = watched(rig)
-    page.show_arm(looked_at)
-    snapshot = looked_at.state.snapshot
+    seen = watched(rig)
+    page.show_arm(seen)
+    snapshot = seen.state.snapshot
     turn, command = snapshot.position[5], snapshot.command[5]
     assert abs(command - turn) > 0.01, "the arm must be moving"
     for root, angle in ((MEASURED, turn), (COMMANDED, command)):
@@ -54,14 +54,14 @@ def test_the_arm_is_drawn_as_measured_and_the_ghost_as_commanded(server: PageSer
 def test_the_cube_is_drawn_at_its_simulated_pose_or_hidden(server: PageServer) -> None:
     rig, page = Rig(), Page(server)
     rig.run(0.2)
-    looked_at = watched(rig)
-    page.show_arm(looked_at)
+    seen = watched(rig)
+    page.show_arm(seen)
     cube = node(server, f"{THINGS}/cube")
     assert not cube.visible and node(server, f"{THINGS}/bin_A") is None
     sample = replace(rig.samples[-1], scene=scene_poses(rig.stack.scene))
     for one in received(rig, [sample]):
-        looked_at.take(one)
-    page.show_arm(looked_at)
+        seen.take(one)
+    page.show_arm(seen)
     place, turn = rig.stack.scene()["cube"]
     assert cube.visible and tuple(cube.position) == pytest.approx(place)
     assert tuple(cube.wxyz) == pytest.approx((turn[3], *turn[:3]))
@@ -73,9 +73,9 @@ def test_the_path_is_drawn_while_its_goal_is_active(server: PageServer) -> None:
     rig, page = Rig(), Page(server)
     rig.stack.go([0.4, *READY[1:]], 1.0)
     rig.run(0.5)
-    looked_at = watched(rig)
-    page.show_arm(looked_at)
-    points, snapshot = node(server, PATH).points, looked_at.state.snapshot
+    seen = watched(rig)
+    page.show_arm(seen)
+    points, snapshot = node(server, PATH).points, seen.state.snapshot
     model = ArmModel(rig.stack.files.description.joints, snapshot.joints)
     end = model.place("gripper_base_link", np.array([0.4, *READY[1:], 0.0]))
     np.testing.assert_allclose(points[-1, 1], end, atol=1e-3)
@@ -89,13 +89,13 @@ def test_the_hottest_joint_is_red_and_the_others_are_as_described(
 ) -> None:
     rig, page = Rig(), Page(server)
     rig.run(0.2)
-    looked_at = watched(rig)
-    page.show_arm(looked_at)
-    said = health(looked_at.state.snapshot)
+    seen = watched(rig)
+    page.show_arm(seen)
+    said = health(seen.state.snapshot)
     hot = np.where(np.arange(len(said.temperature_c)) == 2, HOT_C, np.nan)
     monkeypatch.setattr("servoloop.dashboard.page.health", lambda _: said._replace(temperature_c=hot))
     page._colors.value = TEMPERATURE
-    page.show_numbers(looked_at)
+    page.show_numbers(seen)
     link3, link2 = "/base_link/link1/link2/link3/shape8", "/base_link/link1/link2/shape6"
     assert tuple(node(server, MEASURED + link3).color) == color_of(1.0)
     assert tuple(node(server, MEASURED + link2).color) != color_of(1.0)
@@ -112,9 +112,9 @@ def test_the_link_of_a_servo_with_a_fault_is_red(server: PageServer) -> None:
     assert tuple(node(server, link3).color) != color_of(1.0)
     rig.stack.bus.faults.silence(3)
     rig.run(2.0)
-    looked_at = watched(rig)
-    page.show_arm(looked_at)
-    page.show_numbers(looked_at)
+    seen = watched(rig)
+    page.show_arm(seen)
+    page.show_numbers(seen)
     assert tuple(node(server, link3).color) == color_of(1.0)
 
 
@@ -122,10 +122,10 @@ def test_another_arm_replaces_the_first(server: PageServer, monkeypatch: pytest.
     rig, page = Rig(), Page(server)
     rig.run(0.2)
     page.show_arm(watched(rig))
-    looked_at = watched(rig)
-    xml = looked_at.state.snapshot.description_xml.replace("link3", "forearm")
-    monkeypatch.setattr(looked_at.state, "_now", replace(looked_at.state.snapshot, description_xml=xml))
-    page.show_arm(looked_at)
+    seen = watched(rig)
+    xml = seen.state.snapshot.description_xml.replace("link3", "forearm")
+    monkeypatch.setattr(seen.state, "_now", replace(seen.state.snapshot, description_xml=xml))
+    page.show_arm(seen)
     assert node(server, f"{MEASURED}/base_link/link1/link2/link3") is None
     assert node(server, f"{MEASURED}/base_link/link1/link2/forearm") is not None
     assert node(server, f"{CELL}/0") is None, "the surroundings of this arm are unknown"

@@ -29,12 +29,12 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def looked_at(rig: Rig) -> Watched:
+def seen(rig: Rig) -> Watched:
     return watched(rig)
 
 
-def test_the_joint_table_uses_degrees_and_millimeters(looked_at: Watched) -> None:
-    snapshot = looked_at.state.snapshot
+def test_the_joint_table_uses_degrees_and_millimeters(seen: Watched) -> None:
+    snapshot = seen.state.snapshot
     text = servo_table(snapshot, parse_urdf(snapshot.description_xml).joints)
     place = snapshot.joints.index("joint1")
     assert f"<td>{np.degrees(snapshot.position[place]):.1f}\u00a0°</td>" in text
@@ -43,8 +43,8 @@ def test_the_joint_table_uses_degrees_and_millimeters(looked_at: Watched) -> Non
     assert faults(snapshot) == ""
 
 
-def test_loop_counters_and_controllers_have_tables(looked_at: Watched) -> None:
-    snapshot = looked_at.state.snapshot
+def test_loop_counters_and_controllers_have_tables(seen: Watched) -> None:
+    snapshot = seen.state.snapshot
     assert "<td>missed cycles</td><td>0</td>" in loop_table(snapshot)
     assert "<td>rate hz</td><td>20</td>" in loop_table(snapshot)
     assert "<td>joint1 (servo 1)</td><td>none</td>" in counter_table(snapshot)
@@ -67,8 +67,8 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     assert ">joint3: servo 3 does not answer</b>" in servo_table(snapshot, {})
 
 
-def test_messages_of_a_stack_are_escaped(looked_at: Watched) -> None:
-    snapshot = looked_at.state.snapshot
+def test_messages_of_a_stack_are_escaped(seen: Watched) -> None:
+    snapshot = seen.state.snapshot
     name = "servoloop: joint1 (servo 1)"
     evil = replace(snapshot.statuses[name], level=2, message="<script>1</script>", values={"<b>": "<i>"})
     shown = replace(snapshot, statuses={name: evil, "<u>": evil})
@@ -76,11 +76,11 @@ def test_messages_of_a_stack_are_escaped(looked_at: Watched) -> None:
         assert "<script>" not in text and "<i>" not in text and "<u>" not in text
 
 
-def test_a_plot_covers_the_last_minute(rig: Rig, looked_at: Watched) -> None:
-    times, position, command = strip_data(looked_at.minute(), COLUMNS["position"], 0)
+def test_a_plot_covers_the_last_minute(rig: Rig, seen: Watched) -> None:
+    times, position, command = strip_data(seen.minute(), COLUMNS["position"], 0)
     assert times[-1] == 0.0 and times[0] == pytest.approx(rig.samples[0].state.stamp_s - rig.samples[-1].state.stamp_s)
     assert position[-1] == rig.samples[-1].state.position[0] and command[-1] == pytest.approx(0.2)
-    times, voltage = strip_data(looked_at.minute(), COLUMNS["voltage_v"], 0)
+    times, voltage = strip_data(seen.minute(), COLUMNS["voltage_v"], 0)
     assert len(times) == len(voltage) >= 4 and (voltage > 11.0).all() and times[0] < times[-1] <= 0.0
 
 
