@@ -47,7 +47,7 @@ def test_a_running_stack_is_seen_and_recorded_and_its_end_is_said(
         recording() as recorder,
     ):
         terminal.wait_for("robot_arm: live", "joint6", "arm_controller", " V")
-        assert recorder.stderr is not None and "recording robot_arm" in recorder.stderr.readline()
+        assert recorder.stderr is not None and "Recording robot_arm" in recorder.stderr.readline()
         with arm_client() as client:
             client.wait(client.send(PICK))
         terminal.wait_for(f"{np.degrees(PICK[5]):.1f}", "succeeded")
