@@ -1,4 +1,4 @@
-"""The command line: all verbs, and how errors are said."""
+"""Define the command line: register all commands and print the errors that users can correct."""
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
@@ -40,24 +40,24 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="A robot arm on serial bus servos under ROS 2: real, or virtual down to the byte.",
+    help="Control a robot arm on serial bus servos with ROS 2. The servos can be real or virtual.",
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
-    "Look at it": (view, monitor, record, plot),
-    "Move it by hand": (jog, teleop, replay),
-    "Get servos ready": (ports, scan, setup, calibrate, doctor, tune),
+    "Watch and record": (view, monitor, record, plot),
+    "Move an arm manually": (jog, teleop, replay),
+    "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
-    "Without hardware": (emulate, hand, fault, simulate, campaign),
+    "Work without hardware": (emulate, hand, fault, simulate, campaign),
 }
-"""The verbs, by the panel of ``servoloop --help`` in which they stand."""
+"""Commands of each panel of ``servoloop --help``."""
 NEGATIVE_NUMBERS = (hand,)
-"""The verbs whose arguments may be negative numbers: those look like options."""
+"""Commands that accept negative numbers as arguments, although these look like options."""
 ERRORS = (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError)
-"""The errors that a user can correct: their text is printed, without a traceback."""
+"""Errors that a user can correct. They are printed without a traceback."""
 INTERRUPTED = 130
-"""The exit status that a shell gives a program that Ctrl-C has ended."""
+"""Exit status of a program that was ended by Ctrl-C."""
 
 for panel, verbs in VERBS.items():
     for verb in verbs:
@@ -72,7 +72,7 @@ for group, name in (
     (register, "register"),
 ):
     app.add_typer(group.app, name=name)
-app.add_typer(teach.app, name="teach", rich_help_panel="Move it by hand")
+app.add_typer(teach.app, name="teach", rich_help_panel="Move an arm manually")
 
 
 def _version(wanted: bool) -> None:
@@ -87,11 +87,11 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Options of the program itself."""
+    """Handle the options of the program itself."""
 
 
 def main() -> None:
-    """Run a verb. An error that a user can correct is printed as a sentence, without a traceback."""
+    """Run a command. Errors that a user can correct are printed without a traceback."""
     outlive_terminal()
     with complete_output():
         _run()

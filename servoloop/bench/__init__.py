@@ -1,1 +1,1 @@
-"""``servoloop bench arm``: the figures of one arm on one machine, along the path by which it is driven."""
+"""``servoloop bench``: measure the bus, the control loop, the ROS interface and the motion of an arm."""

@@ -1,4 +1,4 @@
-"""The whole bench of an arm: its buses, its loop and motions, and the ROS surface where there is ROS.
+"""Measure an arm: its buses, its control loop and motions, and its ROS interface if ROS is installed.
 
 measured = bench_arm(find_arm("so101"), {"": "/dev/ttyACM0"}, MonotonicClock())
 print(measured.figures.loop.late, measured.figures.motions)
@@ -37,14 +37,16 @@ if TYPE_CHECKING:
 
 
 CYCLES: Final = 1000
+"""Number of cycles to measure on each bus."""
 
 
 def measure_buses(
     files: Files, devices: Mapping[str, str], clock: Clock, open_port: OpenPort, cycles: int = CYCLES
 ) -> dict[str, Run]:
-    """One run for each bus, by its name. Raises DriverError where a servo is missing, another, or under torque.
+    """Measure each bus and return the results by bus name.
 
-    All are looked at before the first gets torque.
+    All servos are checked before the first one is sent a goal. Raises DriverError if a servo is missing, is of another
+    model or has its torque enabled.
     """
     file = files.robot.file
     on_bus = {name: [joint for joint in files.robot.joints if joint.bus == name] for name in file.lines()}
@@ -62,8 +64,8 @@ def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
         bus.identify(joint.servo_id, joint.model)
     if held := [servo_name(joint) for joint in joints if drives(bus, joint.servo_id, joint.model)]:
         raise DriverError(
-            f"{torque_warning(held)}. This command releases the arm at its end: lay the arm down, and switch its "
-            "torque off first"
+            f"{torque_warning(held)}. At the end, this command switches the torque off with the arm in its present "
+            "pose. Lay the arm down and switch its torque off first"
         )
 
 
@@ -80,7 +82,7 @@ def _run(bus: Bus, joints: Sequence[Joint], clock: Clock, cycles: int) -> Run:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The figures, and what they were made of: for the pictures."""
+    """Figures of an arm, with the measurements for the plots."""
 
     figures: ArmFigures
     buses: Mapping[str, Run]
@@ -97,27 +99,38 @@ def bench_arm(
     say: Callable[[str], None] = lambda text: None,
     virtual: "VirtualLines | None" = None,
 ) -> Measured:
-    """Measure a limp arm on these devices, by bus: it moves to its ready pose, each joint a little, and back, slowly.
+    """Measure an arm whose torque is off.
 
-    It is limp behind it, where it lay, whatever happens. ``signals``: how many there were; one ends it, a second one
-    skips the way back. ``virtual``: lines in this process instead of devices.
+    The arm moves slowly to its ready pose, then joint by joint, then back. At the end it is in its initial pose and its
+    torque is off, also after an error.
 
-    Raises DriverError, HalError, Interrupted.
+    Args:
+        arm: The arm.
+        devices: Serial device of each bus, by bus name.
+        clock: Clock for the measurements.
+        signals: Returns the number of signals received. The first ends the measurement; a second skips the way back.
+        say: Prints a line of progress.
+        virtual: Virtual buses in this process, used instead of the devices.
+
+    Raises:
+        DriverError: A servo or the arm does not behave as expected.
+        HalError: A file of the arm is invalid.
+        Interrupted: A signal was received.
     """
     files = slow(read_arm_files(arm))
     poses = bench_poses(load_pick_place(arm.pick_place), files.limits)
-    say("the buses, as fast as they go")
+    say("measuring the buses")
     buses = measure_buses(files, devices, clock, virtual.open if virtual else SerialPort)
     if signals():
-        raise Interrupted("interrupted: nothing was moved")
+        raise Interrupted("interrupted; the arm was not moved")
     realtime = claim_realtime_priority() if virtual is None else False
-    say("the loop and the motions: ready pose, each joint a little, and back")
+    say("measuring the control loop and the motions: to the ready pose, each joint a little, and back")
     trial = run_trial(files, poses, devices, clock, signals, virtual)
-    ros, without_ros = None, _no_ros() if virtual is None else "virtual lines in this process"
+    ros, without_ros = None, _no_ros() if virtual is None else "the virtual servos run in this process"
     if not without_ros:
-        say("the same stack under ROS, and a client of it")
+        say("measuring the same stack with ROS")
         ros = run_ros(arm, files, poses[0], trial.lay, devices, signals)
-    say("the arm is where it lay, and its torque is off")
+    say("the arm is in its initial pose, and its torque is off")
     figures = ArmFigures(
         arm.name,
         dict(devices),
@@ -132,7 +145,7 @@ def bench_arm(
 
 
 def _no_ros() -> str:
-    """Why there is no ROS here; empty where there is."""
+    """Return the reason why ROS is not available, or an empty string if it is."""
     try:
         require_ros()
     except RosError as error:

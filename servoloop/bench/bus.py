@@ -1,4 +1,4 @@
-"""``servoloop bench bus``: how fast and how clean a line of servos is, measured with the driver itself."""
+"""``servoloop bench bus``: measure the speed and error rate of a servo bus with the driver itself."""
 
 import gc
 import json
@@ -21,52 +21,58 @@ from drivers.errors import DriverError
 from drivers.port.serial_port import SerialPort
 from drivers.servos.catalog import MODELS
 from drivers.servos.register import ServoModel
-from servoloop.bench.goals import present_goals, who_answers
+from servoloop.bench.goals import answering_servos, present_goals
 from servoloop.stack.processes import on_one_processor
 
 LOG = logging.getLogger("servoloop")
 
 BUDGET_S: Final = 0.04
-"""What a cycle may spend for each servo beside twice its bytes' time on the wire, retries included. An adapter's
-latency timer of 16 ms must fit, and some servos are asked one by one: a slow adapter must be seen as one."""
+"""Time limit of a cycle per servo, in seconds, in addition to twice the time on the wire and including retries.
+
+It allows for an adapter with a latency timer of 16 ms, even if servos are read one by one, so that a slow adapter is
+measured as slow and not as silent.
+"""
 LARGEST_ID: Final = 253
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """One run. A cycle goes from one answer of at least one servo to the next. Times in microseconds."""
+    """Figures of one measurement. A cycle lasts from one answer of at least one servo to the next."""
 
     hz: float
     p50_us: float
     p99_us: float
     max_us: float
     cpu_us: float
-    """Of processor time, over all exchanges, also those in which nobody answered."""
+    """Mean processor time of an exchange, in microseconds, including exchanges without an answer."""
     wire_us: float
-    """The wire's own time for the bytes of a cycle in which each servo answers."""
+    """Time that the bytes of a complete cycle need on the wire, in microseconds."""
     ratio: float
-    """p50 to wire."""
+    """Ratio of ``p50_us`` to ``wire_us``."""
     faults: dict[str, int]
-    """By kind: ``silent`` counts every cycle in which a servo was missed, asked or not."""
+    """Number of faults by kind. ``silent`` counts each cycle without an answer of a servo, even if it was not read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One run as it was measured, s. A cycle goes from one answer of at least one servo to the next."""
+    """Data of one measurement. A cycle lasts from one answer of at least one servo to the next."""
 
     took_s: list[float]
-    """Each such cycle."""
+    """Duration of each cycle, in seconds."""
     all_s: float
+    """Duration of the measurement, in seconds."""
     since_answer_s: float
-    """What came behind the last answer."""
+    """Time after the last answer, in seconds."""
     cpu_s: float
-    """Of processor time in an exchange."""
+    """Mean processor time of an exchange, in seconds."""
     on_wire_s: float
+    """Time that the bytes of a complete cycle need on the wire, in seconds."""
     faults: dict[str, int]
+    """Number of faults by kind."""
 
     @property
     def figures(self) -> Figures:
-        """In short."""
+        """Figures of this measurement."""
         times_s = sorted(self.took_s) or [self.all_s]
         count = len(times_s)
         p50_s, p99_s = times_s[count // 2], times_s[min(count - 1, count * 99 // 100)]
@@ -78,13 +84,13 @@ class Run:
             cpu_us=round(self.cpu_s * 1e6, 1),
             wire_us=round(self.on_wire_s * 1e6, 1),
             ratio=round(p50_s / self.on_wire_s, 4),
-            # A reply that came even later than was waited for takes back a silence of before the run.
+            # A very late reply can reduce the number of silences counted before the measurement.
             faults={kind: max(0, number) for kind, number in self.faults.items()},
         )
 
 
 def parse_ids(text: str) -> list[int]:
-    """``1-7`` or ``1,2,5-6`` as a list. Raises DriverError where it is neither."""
+    """Parse servo IDs such as ``1-7`` or ``1,2,5-6``. Raises DriverError if the text is invalid."""
     found: list[int] = []
     try:
         for part in text.split(","):
@@ -94,28 +100,41 @@ def parse_ids(text: str) -> list[int]:
                 raise ValueError
             found += range(begin, end + 1)
     except ValueError:
-        raise DriverError(f"--ids takes IDs from 0 to {LARGEST_ID}, such as 1-7 or 1,2,5, not {text!r}") from None
+        raise DriverError(f"--ids accepts IDs from 0 to {LARGEST_ID}, such as 1-7 or 1,2,5, not {text!r}") from None
     if len(set(found)) < len(found):
-        raise DriverError(f"--ids takes different IDs, not {text!r}")
+        raise DriverError(f"--ids accepts each ID only once, not {text!r}")
     return found
 
 
 def bench_bus(
     port: str, servo_ids: Sequence[int], model: str, baud: int, cycles: int, *, hold: bool = False
 ) -> Figures:
-    """Open the port, run and close it. Limp servos are only read, unless ``hold`` switches them on for the run.
+    """Measure a bus.
 
-    Raises DriverError where nobody answers, or only servos with another table than ``model``.
+    Args:
+        port: Serial device of the bus.
+        servo_ids: IDs of the servos.
+        model: Name of the servo model.
+        baud: Baud rate, in bits per second.
+        cycles: Number of cycles to measure.
+        hold: Whether to enable the torque of all servos during the measurement. Otherwise servos whose torque is off
+            are only read.
+
+    Returns:
+        The figures of the measurement.
+
+    Raises:
+        DriverError: No servo answers, or the control table of every servo differs from that of ``model``.
     """
     if model not in MODELS:
-        raise DriverError(f"unknown model {model}: known are {', '.join(sorted(MODELS))}")
+        raise DriverError(f"unknown servo model {model}; the known models are {', '.join(sorted(MODELS))}")
     clock = MonotonicClock()
     models = dict.fromkeys(servo_ids, MODELS[model])
     bus = Bus(SerialPort(port, baud, clock), clock, models)
     try:
         with standing_still(bus, servo_ids, MODELS[model], hold=hold) as goals, on_one_processor():
             return measure(bus, clock, servo_ids, goals, cycles)
-    except ValueError as error:  # of the bus, before any goal goes out: more servos than a packet holds
+    except ValueError as error:  # too many servos for one packet; no goal was sent
         raise DriverError(f"{bus.name}: {error}") from error
     finally:
         bus.close()
@@ -125,46 +144,46 @@ def bench_bus(
 def standing_still(
     bus: Bus, servo_ids: Sequence[int], model: ServoModel, *, hold: bool
 ) -> Iterator[dict[int, ServoGoal]]:
-    """Give the goals that servos may be told again and again; behind it all have the torque that they had before."""
+    """Yield goals that can be sent repeatedly without a motion. At the end, torque is as it was before."""
     found = present_goals(bus, servo_ids, model)
     limp = sorted(found.limp)
     if limp and not hold:
         LOG.warning(
-            "%s: servos %s have no torque, and a goal would switch it on: they are only read, and a cycle has fewer "
-            "bytes. --hold holds them where they stand, and lets go of them in the end",
+            "%s: the torque of servos %s is off, and a goal would enable it. They are only read, so a cycle has fewer "
+            "bytes. With --hold they are held at their position, and their torque is switched off at the end",
             bus.name, ", ".join(map(str, limp)),
         )  # fmt: skip
     goals = found.held | (found.limp if hold else {})
     try:
         if goals:
             bus.write_goals(goals)
-        bus.read_states(servo_ids)  # a Dynamixel's map is new: this finds out whether they can be read fast
+        bus.read_states(servo_ids)  # lets the bus find out whether Dynamixel servos support fast reads
         yield goals
     finally:
         for error in bus.torque_off(limp) if hold else ():
-            LOG.error("%s: %s. Its torque may still be on", bus.name, error)
+            LOG.error("%s: %s; its torque may still be on", bus.name, error)
 
 
 def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -> float:
-    """How long the bytes of one cycle take: the goals, the question, the answers."""
+    """Return the time that the bytes of one cycle (goals, read request and answers) need on the wire, in seconds."""
     return bus.exchange_size(goals, servo_ids) * 10.0 / bus.baud
 
 
 def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> Figures:
-    """``cycles`` times goals out and states in, one after the other without a pause.
-
-    Raises DriverError where nobody answers in any of them, nor behind them.
-    """
+    """Measure a number of cycles and return the figures. Raises DriverError if no servo answers."""
     return run_cycles(bus, clock, servo_ids, goals, cycles).figures
 
 
 def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> Run:
-    """The same, with the time of every cycle."""
+    """Read all states and write all goals, cycle by cycle without a pause, and return the time of each cycle.
+
+    Raises DriverError if no servo answers during or after the cycles.
+    """
     now, first = clock.now, servo_ids[0]
     on_wire_s = wire_s(bus, servo_ids, goals)
     budget_s = BUDGET_S * len(servo_ids) + 2.0 * on_wire_s
     if any(bus.counters.faults().values()):
-        clock.sleep_until(now() + HELD_S)  # what comes late from before the run is none of its
+        clock.sleep_until(now() + HELD_S)  # late replies from before the measurement must not count
         bus.read_states(servo_ids)
     before = Counter(bus.counters.faults())
     took_s: list[float] = []
@@ -177,11 +196,11 @@ def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[
         readings = bus.receive()
         bus.write_goals(goals)
         now_s = now()
-        if readings[first].__class__ is ServoState or _anybody(readings):
+        if readings[first].__class__ is ServoState or _any_answer(readings):
             took_s.append(now_s - answered_s)
             answered_s = now_s
         else:
-            # Whoever is known to be silent is not asked in every cycle: such cycles must not race through the run.
+            # Silent servos are not read in every cycle. Without this pause, such cycles would take almost no time.
             clock.sleep_until(last_s + on_wire_s)
             now_s = now()
         last_s = now_s
@@ -191,21 +210,21 @@ def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[
     faults.subtract(before)
     faults["silent"] += faults.pop("skipped")
     if not took_s:
-        who_answers(bus, servo_ids)
+        answering_servos(bus, servo_ids)  # raises an error that explains the silence
     return Run(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
 
 
-def _anybody(readings: Mapping[int, Reading]) -> bool:
+def _any_answer(readings: Mapping[int, Reading]) -> bool:
     return any(isinstance(reading, ServoState) for reading in readings.values())
 
 
 def as_json(figures: Figures) -> str:
-    """One line."""
+    """Return the figures as one line of JSON."""
     return json.dumps(asdict(figures))
 
 
 def print_table(figures: Figures, console: Console) -> None:
-    """For people."""
+    """Print the figures as a table."""
     table = Table(title="servo bus", show_header=False)
     for name, value in asdict(figures).items():
         if name != "faults":

@@ -1,4 +1,4 @@
-"""The figures of a bench, as ``--json`` prints them and the page shows them."""
+"""Figures of ``servoloop bench arm``, for ``--json`` and the report page."""
 
 import os
 import platform
@@ -13,7 +13,7 @@ from servoloop.bench.bus import Figures as BusFigures
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Times in ms: in the middle, exceeded by one of a hundred, and the largest."""
+    """Distribution of times, in ms: median, 99th percentile and largest value."""
 
     p50_ms: float
     p99_ms: float
@@ -21,7 +21,7 @@ class Spread:
 
     @classmethod
     def of(cls, times_s: Iterable[float]) -> Self | None:
-        """The spread of these times (s); None where there are none."""
+        """Return the distribution of times (in seconds), or None if there are none."""
         ordered = sorted(times_s)
         if not ordered:
             return None
@@ -32,50 +32,51 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """The control loop over one run."""
+    """Timing of the control loop in one measurement."""
 
     rate_hz: float
     cycles: int
     missed: int
     late: Spread | None
-    """How much later than it was due a cycle began."""
+    """Delay of the start of a cycle."""
     took: Spread | None
-    """From there until its goals were out."""
+    """Time from the start of a cycle until its goals were sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointMotion:
-    """One joint's reference less its position, rad or m, at the cycles."""
+    """Following errors of one joint (reference minus position) at the cycles, in rad or m."""
 
     joint: str
     largest: float
     rms_moving: float
     at_rest: float
-    """The largest half a second and more after a motion."""
+    """Largest error from half a second after a motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosFigures:
-    """The surface as a client on this machine sees it."""
+    """Figures of the ROS interface, as a client on this machine measures them."""
 
     goals: int
     failed: int
-    """Goals that did not end well."""
+    """Number of goals that did not succeed."""
     goal_to_answer: Spread | None
+    """Time from sending a goal to its acceptance."""
     goal_to_motion: Spread | None
-    """Until a joint is measured elsewhere than before, by more than its noise."""
+    """Time from sending a goal until a joint has measurably moved."""
     joint_states_hz: float
     joint_states_age: Spread | None
-    """From the measurement to the client."""
+    """Time from a measurement to its arrival at the client."""
     joint_states_jitter: Spread | None
-    """By how much the time between two stamps differs from the usual one."""
+    """Deviation of the time between two stamps from its median."""
     loop: Timing
-    """The loop meanwhile."""
+    """Timing of the control loop during this measurement."""
 
 
 @dataclass(frozen=True, slots=True)
 class MachineFigures:
-    """The machine, as far as it matters."""
+    """Properties of the machine that affect the figures."""
 
     system: str
     processor: str
@@ -89,22 +90,22 @@ class MachineFigures:
 
 @dataclass(frozen=True, slots=True)
 class ArmFigures:
-    """All of it."""
+    """All figures of an arm."""
 
     arm: str
     devices: dict[str, str]
-    """By bus; the only bus of an arm has no name."""
+    """Serial device of each bus. If an arm has only one bus, its name is empty."""
     machine: MachineFigures
     buses: dict[str, BusFigures]
     loop: Timing
     motions: tuple[JointMotion, ...]
     ros: RosFigures | None
     without_ros: str
-    """Why there are no figures of ROS; empty where there are."""
+    """Reason why ROS was not measured; empty if it was."""
 
 
 def machine_figures(devices: Iterable[str], realtime: bool) -> MachineFigures:
-    """Look at this machine."""
+    """Return the properties of this machine."""
     known = {Path(one.device).resolve(): one for one in ports().adapters}
     found = [known.get(Path(device).resolve()) for device in devices]
     return MachineFigures(
@@ -122,7 +123,7 @@ def _adapter_text(chip: str, latency_ms: int | None) -> str:
 
 
 def _processor() -> str:
-    """The processor's name; of ARM boards the kernel says the board's."""
+    """Return the name of the processor, or of the board on ARM machines."""
     try:
         lines: Sequence[str] = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Goals for a measurement that moves nothing, and only for servos that surely take them for goals."""
+"""Find goals that move nothing, for the servos that are known to interpret them as goals."""
 
 import logging
 from collections.abc import Sequence
@@ -21,65 +21,72 @@ LOG = logging.getLogger("servoloop")
 
 TRIES: Final = 3
 SEARCHED: Final = 8
+"""Maximum number of servos to search for at other baud rates."""
+NO_GOAL: Final = "%s: %s; it is read but gets no goal"
 
 
-def _turned(number: int) -> int:
-    """Its two bytes in the other order."""
+def _swapped(number: int) -> int:
+    """Return a 16-bit number with its bytes swapped."""
     return int.from_bytes(number.to_bytes(2, "little"), "big")
 
 
 _NUMBERS: Final = frozenset(model.number for model in MODELS.values())
-_KNOWN: Final = _NUMBERS | frozenset(map(_turned, _NUMBERS))
-"""Also those of the other byte order, as a servo of another series would seem to say."""
+_KNOWN: Final = _NUMBERS | frozenset(map(_swapped, _NUMBERS))
+"""Model numbers in both byte orders, because servos of another series store them in the other order."""
 
 
-class Mute(ServoError):
-    """It gives its state together with others, and answers no question that it is asked by itself."""
+class OnlyGroupReadsError(ServoError):
+    """A servo answers group reads but no single reads."""
 
 
 @dataclass(frozen=True, slots=True)
 class PresentGoals:
-    """Goals by ID that move nobody: of servos that hold them already, and where limp ones stand.
+    """Goals by servo ID that cause no motion.
 
-    To a limp servo of most makes a goal is the order to switch its torque on.
+    For most makes, a goal also enables the torque, so servos whose torque is off are listed separately.
     """
 
     held: dict[int, ServoGoal] = field(default_factory=dict)
+    """Present goals of servos whose torque is enabled."""
     limp: dict[int, ServoGoal] = field(default_factory=dict)
+    """Present positions of servos whose torque is off."""
 
 
 def present_goals(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> PresentGoals:
-    """Find the goal that each servo has already. Nothing is written.
+    """Find the present goal of each servo without writing anything.
 
-    What is a goal to one model may be a setting to another: who has another table, is in another mode, stands where
-    no goal can be or answers only later has none. Raises DriverError where nobody answers, ServoRefused where all
-    have another table.
+    The goal register of one model may be a setting of another. Therefore a servo gets no goal if its control table or
+    operating mode differs, if its position is outside the goal range, or if it does not answer in time.
+
+    Raises:
+        DriverError: No servo answers.
+        ServoRefused: The control table of every servo differs from that of ``model``.
     """
-    states = who_answers(bus, servo_ids)
+    states = answering_servos(bus, servo_ids)
     goals = PresentGoals()
-    strangers: list[ServoRefused] = []
-    mute: list[Mute] = []
+    refused: list[ServoRefused] = []
+    mute: list[OnlyGroupReadsError] = []
     for servo_id, state in states.items():
         try:
             _find_goal(bus, servo_id, model, state, goals, patient=not mute)
         except ServoRefused as error:
-            strangers.append(error)
-            LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
-        except Mute as error:
+            refused.append(error)
+            LOG.warning(NO_GOAL, bus.name, error)
+        except OnlyGroupReadsError as error:
             mute.append(error)
         except ServoError as error:
-            LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
-    if len(strangers) == len(states):
-        raise strangers[0]
-    if len(mute) == len(states):  # a simulator, for no servo is so: the user's word is taken
+            LOG.warning(NO_GOAL, bus.name, error)
+    if len(refused) == len(states):
+        raise refused[0]
+    if len(mute) == len(states):  # no real servo does this; it is a simulator, so --model is trusted
         goals.limp.update({servo_id: ServoGoal(state.position_counts) for servo_id, state in states.items()})
     for one in mute if len(mute) < len(states) else ():
-        LOG.warning("%s: %s. It is read and gets no goal", bus.name, one)
+        LOG.warning(NO_GOAL, bus.name, one)
     return goals
 
 
-def who_answers(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
-    """The states of all who do. Raises DriverError where nobody does."""
+def answering_servos(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
+    """Return the states of all servos that answer. Raises DriverError if no servo answers."""
     states: dict[int, ServoState] = {}
     for _ in range(TRIES):
         missing = [i for i in servo_ids if i not in states]
@@ -87,69 +94,75 @@ def who_answers(bus: Bus, servo_ids: Sequence[int]) -> dict[int, ServoState]:
         if len(states) == len(servo_ids):
             return states
     if not states:
-        raise DriverError(_why_nobody(bus, servo_ids))
+        raise DriverError(_why_no_answer(bus, servo_ids))
     return states
 
 
-def _why_nobody(bus: Bus, servo_ids: Sequence[int]) -> str:
-    """In words. Of many servos the first few are searched at other rates: at slow ones that takes long."""
+def _why_no_answer(bus: Bus, servo_ids: Sequence[int]) -> str:
+    """Return a message with the likely cause. Only the first servos are searched for at other rates, to save time."""
     found = [text for text in diagnose(bus, servo_ids[:SEARCHED]).values() if NO_BAUD_RATE not in text]
-    check = "check the servos' power, their IDs and the baud rate"
+    check = "check the power of the servos, their IDs and the baud rate"
     return f"no servo answers on {bus.name}: " + ("\n".join(found) or check)
 
 
 def _find_goal(
     bus: Bus, servo_id: int, model: ServoModel, state: ServoState, goals: PresentGoals, *, patient: bool
 ) -> None:
-    """Put one servo's goal into ``goals``, if it may have any. Raises ServoRefused for one with another table.
+    """Add the goal of one servo to ``goals``, if it can be sent goals.
 
-    ``patient``: no other has been mute yet. Where one has, all may be, and a second look at each would take long.
+    With ``patient``, a single read is retried. After one servo has answered only group reads, all may do so, and
+    retries would take too long.
+
+    Raises:
+        ServoRefused: The control table of the servo differs from that of ``model``.
+        OnlyGroupReadsError: The servo does not answer single reads.
     """
     question = partial(bus.read, servo_id, series_of(model).model_number)
     try:
         number = retry(question) if patient else question()
     except ServoSilent as error:
-        raise Mute(servo_id, "answers group reads and no others") from error
+        raise OnlyGroupReadsError(servo_id, "answers group reads but no single reads") from error
     try:
         bus.identify(servo_id, model)
     except ServoRefused as error:
-        if number != model.number and not _has_the_table(bus, servo_id, model, number):
+        if number != model.number and not _has_table(bus, servo_id, model, number):
             raise
         if not _is_fit(bus, servo_id, model, number, error):
             return
     holds = bus.torque_is_on(servo_id)
-    # Under a load it stands beside its goal: to make that the goal would lower the load, run by run.
+    # A loaded servo rests beside its goal. If its position became the goal, the load would sink with each measurement.
     counts = bus.goal(servo_id) if holds else state.position_counts
     if model.positions and not 0 <= counts <= model.last_count:
-        LOG.warning("%s: servo %d stands at %d, where no goal can be. It gets none", bus.name, servo_id, counts)
+        LOG.warning("%s: servo %d gets no goal, because its position %d is outside the goal range",
+                    bus.name, servo_id, counts)  # fmt: skip
         return
     (goals.held if holds else goals.limp)[servo_id] = ServoGoal(counts)
 
 
 def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: ServoRefused) -> bool:
-    """Whether one that ``identify`` refused takes goals for goals: of another motor, or a simulator."""
-    if number == 0:  # so its settings may all be 0
+    """Return whether a servo that ``identify`` refused can be sent goals, such as a variant or a simulated servo."""
+    if number == 0:  # a simulated servo, whose settings may all be 0
         return True
     try:
         bus.check_settings(servo_id, model)
     except ServoRefused as error:
-        LOG.warning("%s: %s. It is read and gets no goal", bus.name, error)
+        LOG.warning(NO_GOAL, bus.name, error)
         return False
-    LOG.warning("%s: %s. It is taken for one all the same", bus.name, refused)
+    LOG.warning("%s: %s; it is measured as this model all the same", bus.name, refused)
     return True
 
 
-def _has_the_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
-    """Whether one with another number is likely to have the same registers.
+def _has_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
+    """Return whether a servo with another model number is likely to have the same control table.
 
-    A simulator may have no number (0) or one of its own; then the
-    user is believed, unless the table speaks against it.
+    A simulated servo may have the model number 0 or any other number. Then --model is trusted, unless the content of
+    the control table contradicts it.
     """
     if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):
         return True
     elsewhere = X if series_of(model).make == "feetech" else STS
     of_the_other_make = retry(partial(bus.read, servo_id, elsewhere.model_number)) in _KNOWN
-    if of_the_other_make or (number in _KNOWN and _turned(number) != model.number):
+    if of_the_other_make or (number in _KNOWN and _swapped(number) != model.number):
         return False
     if number == 0:
         return True

@@ -1,4 +1,4 @@
-"""The slow motions of a bench, by the control loop and the trajectory controller that drive the arm; no ROS."""
+"""Slow motions of ``servoloop bench arm``, with the control loop and the trajectory controller but without ROS."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,15 +28,17 @@ if TYPE_CHECKING:
 
 
 Pose = Mapping[str, float]
-"""rad or m by joint."""
+"""Joint positions in rad or m, by joint name."""
 WAY: Final = 0.3
-"""How far each joint turns there and back, rad or m, where a quarter of its range is not less."""
+"""Travel of each joint, in rad or m. It is limited to a quarter of the joint's range."""
 
 
 def slow(files: Files, back_to: Pose | None = None) -> Files:
-    """The files with a quarter of the velocity limits, which controllers plan with and the safety gate holds.
+    """Return the files with a quarter of the velocity limits, for the controllers and the safety gate.
 
-    ``back_to``: where the arm goes when the stack ends (rad or m by joint), to be let go there.
+    Args:
+        files: Files of the arm.
+        back_to: Pose to which the arm moves when the stack ends, before its torque is switched off.
     """
     limits = {name: replace(one, velocity=SPEED_SHARE * one.velocity) for name, one in files.limits.items()}
     if back_to is None:
@@ -47,7 +49,7 @@ def slow(files: Files, back_to: Pose | None = None) -> Files:
 
 
 def bench_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[Pose]:
-    """The arm's ready pose, and from there each joint a little towards its middle and back."""
+    """Return the poses of the measurement: the ready pose, then each joint a little towards its middle and back."""
     ready = dict(zip(pick_place.joints, pick_place.poses.ready, strict=True))
     poses: list[Pose] = [ready]
     for joint, position in ready.items():
@@ -61,38 +63,40 @@ def _way(position: float, limits: JointLimits) -> float:
 
 
 def seconds_for(start: Pose, end: Pose, limits: Mapping[str, JointLimits]) -> float:
-    """The time for a motion that stays well within the joints' velocity limits."""
+    """Return the duration of a motion that stays well within the velocity limits, in seconds."""
     return 0.6 + max(1.4 * abs(position - start[joint]) / limits[joint].velocity for joint, position in end.items())
 
 
 REST_S: Final = 1.5
-"""At both ends; gravity compensation takes that long to come."""
-BACK: Final = "the arm goes back to where it lay and is let go"
+"""Rest after each motion, in seconds, in which gravity compensation settles."""
+BACK: Final = "the arm returns to its initial pose, and its torque is switched off"
 LOG = logging.getLogger("servoloop")
 
 
 @dataclass(slots=True)
 class Trial:
-    """What was measured, cycle by cycle; arrays of shape (joints,), rad or m and per second."""
+    """Measurements of each cycle."""
 
     joints: tuple[str, ...]
     rate_hz: float
     limits: Mapping[str, JointLimits]
-    """Of every joint: how fast it is to be moved."""
+    """Limits of each joint, with reduced velocities."""
     lay: dict[str, float] = field(default_factory=dict)
-    """Where every joint of the arm was at the beginning, the hand's too."""
+    """Initial position of each joint, including the hand, in rad or m."""
     time_s: list[float] = field(default_factory=list)
     reference: list[FloatArray] = field(default_factory=list)
+    """Reference positions (joints,) of each cycle, in rad or m."""
     velocity: list[FloatArray] = field(default_factory=list)
-    """Of the reference."""
+    """Reference velocities (joints,) of each cycle, in rad/s or m/s."""
     position: list[FloatArray] = field(default_factory=list)
+    """Measured positions (joints,) of each cycle, in rad or m."""
     late_s: list[float] = field(default_factory=list)
     took_s: list[float] = field(default_factory=list)
     missed: int = 0
 
     @property
     def timing(self) -> Timing:
-        """The loop's figures."""
+        """Timing of the control loop."""
         return Timing(self.rate_hz, len(self.late_s), self.missed, Spread.of(self.late_s), Spread.of(self.took_s))
 
 
@@ -104,10 +108,21 @@ def run_trial(
     signals: Callable[[], int] = lambda: 0,
     virtual: "VirtualLines | None" = None,
 ) -> Trial:
-    """Take the limp arm through the poses of its trajectory controller's joints, and back to where it lay.
+    """Move an arm through the poses and back to its initial pose, and measure it.
 
-    ``files``: with slow limits. The arm is limp behind it, whatever happens; only a second signal skips the way back.
-    Raises DriverError where the arm does not follow, Interrupted after a signal.
+    At the start and at the end the torque is off, also after an error. Only a second signal skips the way back.
+
+    Args:
+        files: Files of the arm, with reduced velocity limits.
+        poses: Poses of the joints of the trajectory controller.
+        devices: Serial device of each bus, by bus name.
+        clock: Clock of the control loop.
+        signals: Returns the number of signals received.
+        virtual: Virtual buses in this process, used instead of the devices.
+
+    Raises:
+        DriverError: The arm does not follow, or its torque may still be on.
+        Interrupted: A signal was received.
     """
     setup = hardware.build(HardwareKind.SERVOS, files, devices, clock, virtual)
     stack = ControlStack.build(setup, files, clock)
@@ -127,7 +142,7 @@ def run_trial(
     if problems:
         raise DriverError("; ".join(problems))
     if signals():
-        raise Interrupted("interrupted: the arm is limp")
+        raise Interrupted("interrupted; the torque of the arm is off")
     return trial
 
 
@@ -136,7 +151,7 @@ def _arm_controller(stack: ControlStack) -> JointTrajectoryController:
     arm = stack.loop.manager.registry.controllers.get(ARM)
     if not isinstance(arm, JointTrajectoryController):
         path = stack.files.controllers.path
-        raise DriverError(f"{path} has no joint trajectory controller {ARM}, by which the arm moves")
+        raise DriverError(f"{path} has no joint trajectory controller named {ARM}, which the measurement needs")
     return arm
 
 
@@ -147,7 +162,7 @@ def _drive(
     trial: Trial,
     signals: Callable[[], int],
 ) -> None:
-    """Run the loop until the last pose has been rested at."""
+    """Run the control loop until the rest after the last pose is over."""
     moves = _moves(arm, poses, trial, loop.period_s)
     figures = loop.figures
 
@@ -167,16 +182,16 @@ def _drive(
 
 
 def _moves(arm: JointTrajectoryController, poses: Sequence[Pose], trial: Trial, period_s: float) -> Iterator[bool]:
-    """Yields in each cycle, as long as there is something to do."""
+    """Send the goals, and yield in each cycle until the last motion and its rest are over."""
     for before, pose in pairwise([trial.lay, *poses]):
         target = tuple(pose[joint] for joint in arm.joints)
         goal = TrajectoryGoal(arm.joints, (GoalPoint(target, seconds_for(before, pose, trial.limits)),))
         if reason := arm.check(goal):
-            raise DriverError(f"the arm cannot go there: {reason}; {BACK}")
+            raise DriverError(f"the arm cannot move to the next pose: {reason}; {BACK}")
         handle = arm.submit(goal)
         while not handle.done:
             yield True
         if handle.status is not GoalStatus.SUCCEEDED:
-            raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. servoloop doctor finds out why")
+            raise DriverError(f"the arm does not follow: {handle.error_text}; {BACK}. Run servoloop doctor")
         for _ in range(round(REST_S / period_s)):
             yield True

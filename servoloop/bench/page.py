@@ -1,4 +1,4 @@
-"""The bench of an arm as one page with pictures: SVG without scripts, which opens without a network."""
+"""Report page of ``servoloop bench arm``: HTML with SVG plots, which works offline and without scripts."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -16,7 +16,7 @@ NAMES = ("p50 (ms)", "p99 (ms)", "largest (ms)")
 
 
 def page(measured: Measured) -> str:
-    """The page in HTML."""
+    """Return the report page as HTML."""
     environment = Environment(
         loader=PackageLoader("servoloop.bench", "."),
         autoescape=True,
@@ -31,28 +31,31 @@ def page(measured: Measured) -> str:
 
 
 def _spread_text(spread: Spread | None) -> list[str]:
-    """The cells of a spread."""
+    """Return the table cells of a distribution."""
     return ["", "", ""] if spread is None else [f"{getattr(spread, one.name):.3f}" for one in fields(Spread)]
 
 
 def _pictures(measured: Measured) -> Iterator[tuple[str, list[str]]]:
-    """Yields the pictures of each part by its name in the template."""
-    buses = {f"ms a cycle of bus {name}".removesuffix(" of bus "): run for name, run in measured.buses.items()}
+    """Yield the plots of each section, with the section's name in the template."""
+    buses = {f"cycle time of bus {name} (ms)".replace(" of bus  (", " ("): run for name, run in measured.buses.items()}
     yield "buses", [_histogram(run.took_s, axis, "cycles") for axis, run in buses.items()]
     yield "without ROS", _loop("without ROS", measured.trial.late_s, measured.trial.took_s)
     if (ros := measured.ros) is not None:
         yield "under ROS", _loop("under ROS", ros.late_s, ros.took_s)
-        motions = _histogram(ros.motions_s, "ms from the goal to the first motion", "goals")
-        yield "ros", [motions, _histogram(ros.ages_s, "ms of age of /joint_states when they come", "messages")]
+        motions = _histogram(ros.motions_s, "time from the goal to the first motion (ms)", "goals")
+        yield "ros", [motions, _histogram(ros.ages_s, "age of /joint_states on arrival (ms)", "messages")]
     yield "motions", [_motions(measured.trial)]
 
 
 def _loop(where: str, late_s: Sequence[float], took_s: Sequence[float]) -> list[str]:
-    return [_histogram(late_s, f"ms late, {where}", "cycles"), _histogram(took_s, f"ms busy, {where}", "cycles")]
+    return [
+        _histogram(late_s, f"delay of the cycle, {where} (ms)", "cycles"),
+        _histogram(took_s, f"duration of the cycle, {where} (ms)", "cycles"),
+    ]
 
 
 def _histogram(times_s: Sequence[float], axis: str, unit: str) -> str:
-    """How often which time came, in ms; empty where there is none."""
+    """Return a histogram of times in ms as SVG, or an empty string if there are no times."""
     if not len(times_s):
         return ""
     counts, edges = np.histogram(1e3 * np.asarray(times_s), BINS)

@@ -1,4 +1,4 @@
-"""The figures of the ROS 2 surface: the arm's stack in a process of its own, and this process as its client."""
+"""Measure the ROS 2 interface: the stack of the arm runs in its own process, and this process is its client."""
 
 import os
 import tempfile
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from drivers.errors import DriverError
 from servoloop.bench.figures import RosFigures, Spread, Timing
-from servoloop.bench.motion import Pose, seconds_for
+from servoloop.bench.motion import BACK, Pose, seconds_for
 from servoloop.bench.ros_stack import Work
 from servoloop.demo.cell import environment
 from servoloop.recording.reader import RecordedRun, read_recording
@@ -25,18 +25,21 @@ if TYPE_CHECKING:
 
 START_S: Final = 60.0
 LISTEN_S: Final = 5.0
-"""So long /joint_states are listened to while the arm stands."""
+"""Time for which /joint_states is recorded while the arm is at rest, in seconds."""
 GOALS: Final = 10
+"""Number of goals to send."""
 REST_S: Final = 0.5
-"""Before each: what still settles is no motion of the next goal's."""
+"""Rest before each goal, in seconds, so that settling is not measured as motion."""
 STEP: Final = 0.1
-"""Between two goals, rad or m, where a tenth of the joint's range is not less. A twentieth of it counts as motion:
-three counts of an STS."""
+"""Distance between two goals, in rad or m. It is limited to a tenth of the joint's range.
+
+A twentieth of the distance, three counts of an STS servo, counts as motion.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class RosRun:
-    """One run as it was measured, s."""
+    """Figures and data of the measurement with ROS, in seconds."""
 
     figures: RosFigures
     ages_s: Sequence[float]
@@ -48,9 +51,21 @@ class RosRun:
 def run_ros(
     arm: Arm, files: Files, ready: Pose, lay: Pose, devices: Mapping[str, str], signals: Callable[[], int]
 ) -> RosRun:
-    """Bring the stack up, send it goals around the ready pose, bring it down; the arm is limp again where it lay.
+    """Start the stack, send it goals near the ready pose, and end it.
 
-    ``files``: those of the arm, with slow limits. Raises DriverError with the stack's last words, Interrupted.
+    At the end the arm is in its initial pose with its torque off.
+
+    Args:
+        arm: The arm.
+        files: Files of the arm, with reduced velocity limits.
+        ready: Ready pose of the arm.
+        lay: Initial pose of the arm.
+        devices: Serial device of each bus, by bus name.
+        signals: Returns the number of signals received.
+
+    Raises:
+        DriverError: The stack failed; the message has its last output.
+        Interrupted: A signal was received.
     """
     from nodes.timing_client import Promptness
 
@@ -63,20 +78,20 @@ def run_ros(
             stack.start("stack", "servoloop.bench.ros_stack", str(work.write()))
             stack.wait_until(work.ready.exists, "starting the stack", START_S)
             try:
-                _ask(noted, ready, lay, files, signals)
+                _send_goals(noted, ready, lay, files, signals)
             except DriverError:
                 if signals():
-                    raise Interrupted("interrupted: the arm goes back to where it lay and is let go") from None
-                stack.check()  # its last words say more
+                    raise Interrupted(f"interrupted; {BACK}") from None
+                stack.check()  # if the stack has ended, its output explains the error better
                 raise
             if status := stack.end()["stack"]:
-                words = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])
-                raise DriverError(f"the stack ended with status {status}, torque may still be on:\n  {words}")
+                output = "\n  ".join((Path(folder) / "stack.log").read_text(errors="replace").splitlines()[-12:])
+                raise DriverError(f"the stack ended with status {status}; torque may still be on:\n  {output}")
         return _run(noted, read_recording(work.recording), float(files.controllers.update_rate_hz))
 
 
-def _ask(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Callable[[], int]) -> None:
-    """Listen while the arm stands at the ready pose, then send it goals beside it."""
+def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Callable[[], int]) -> None:
+    """Record /joint_states at rest in the ready pose, then send goals near this pose."""
     from nodes.client_node import client_node
     from nodes.timing_client import TimingClient
 
@@ -89,7 +104,7 @@ def _ask(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Cal
             node, executor, list(ready), noted, ARM, moved=0.05 * step, stop=lambda: signals() > 0
         )  # fmt: skip
         client.go(list(ready.values()), seconds_for(lay, ready, files.limits))
-        noted.answers_s.clear()  # this goal came upon an arm that was just let in
+        noted.answers_s.clear()  # the first goal after the start is not typical
         noted.motions_s.clear()
         client.recording = True
         client.spin(LISTEN_S)

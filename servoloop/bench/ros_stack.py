@@ -1,4 +1,4 @@
-"""``python -m servoloop.bench.ros_stack WORK``: the stack of a bench, as ``servoloop up`` runs it, but slow."""
+"""``python -m servoloop.bench.ros_stack WORK``: run the stack as ``servoloop up`` does, with reduced velocities."""
 
 import json
 import sys
@@ -16,35 +16,36 @@ WORK: Final = "work.json"
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What the stack is told."""
+    """Parameters of the stack's process."""
 
     arm: str
-    """The arm's folder."""
+    """Folder of the arm."""
     devices: dict[str, str]
+    """Serial device of each bus, by bus name."""
     lay: dict[str, float]
-    """Where the arm lay: there it goes in the end, to be let go."""
+    """Initial pose, to which the arm returns at the end before its torque is switched off."""
     folder: str
-    """For what it leaves behind."""
+    """Folder for the output of the stack."""
 
     @property
     def ready(self) -> Path:
-        """Is there once goals are taken."""
+        """File that exists once the stack accepts goals."""
         return Path(self.folder) / "ready"
 
     @property
     def recording(self) -> Path:
-        """What the loop did."""
+        """Recording of the stack."""
         return Path(self.folder) / "run.mcap"
 
     def write(self) -> Path:
-        """Write it down for the stack's process."""
+        """Write the parameters to a file for the stack's process, and return its path."""
         path = Path(self.folder) / WORK
         path.write_text(json.dumps(asdict(self)))
         return path
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """What was written."""
+        """Read the parameters from a file."""
         return cls(**json.loads(path.read_text()))
 
 
@@ -55,8 +56,8 @@ def main(work: Work) -> int:
     log_to_terminal()
     files = slow(read_arm_files(find_arm(work.arm)), back_to=work.lay)
 
-    def ready(what: str) -> None:
-        work.ready.write_text(what)
+    def ready(text: str) -> None:
+        work.ready.write_text(text)
 
     return up(HardwareKind.SERVOS, work.devices, files, ready, UpOptions(record=work.recording))
 

@@ -1,1 +1,1 @@
-"""The command line's tools, a module for each group of verbs: they read arguments, call commissioning/ and print."""
+"""Commands of ``servoloop``, which parse arguments, call the other packages and print results."""

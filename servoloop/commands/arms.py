@@ -1,4 +1,4 @@
-"""``servoloop arms``: what is ready, and what is wrong with a folder."""
+"""``servoloop arms``: list, create, check and draw arm folders."""
 
 import json
 from pathlib import Path
@@ -18,12 +18,12 @@ app = typer.Typer()
 
 FOLDER: Final = Path("out") / "arms"
 
-JsonOption = Annotated[bool, typer.Option("--json", help="JSON instead of words.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 @app.callback(invoke_without_command=True)
 def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
-    """List the arms that are ready: what `--arm` takes.
+    """List the arms that come with servoloop; use their names with `--arm`.
 
     Example: `servoloop arms`
     """
@@ -37,8 +37,8 @@ def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
 
 
 def print_table(found: list[Arm], console: Console) -> None:
-    """Print the arms for people."""
-    table = Table("arm", "what it is", "licence")
+    """Print the arms as a table."""
+    table = Table("arm", "description", "license")
     for arm in found:
         table.add_row(arm.name, escape(arm.file.description), arm.file.license)
     console.print(table)
@@ -46,11 +46,11 @@ def print_table(found: list[Arm], console: Console) -> None:
 
 @app.command()
 def new(
-    name: Annotated[Path, typer.Argument(help="Name of the arm: a new folder here; or a path to it.")],
-    urdf: Annotated[Path, typer.Argument(help="Robot description, as any URDF.")],
-    servo: Annotated[str, typer.Option(help="Model of the servos.")] = "sts3215",
+    name: Annotated[Path, typer.Argument(help="Name or path of the new arm folder.")],
+    urdf: Annotated[Path, typer.Argument(help="URDF file of the arm.")],
+    servo: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
 ) -> None:
-    """Write the folder of an arm of your own: description, robot file, controllers and simulated scene.
+    """Create a folder for a new arm from its URDF: robot file, controllers and simulated scene.
 
     Example: `servoloop arms new my_arm robot.urdf`, then `servoloop emulate ./bus --arm ./my_arm`
     """
@@ -62,16 +62,16 @@ def new(
     for problem in check_arm(name):
         print_styled(f"! {problem}", fg="yellow")
     place = name if name.is_absolute() else f"./{name}"
-    typer.echo(f"next: servoloop emulate ./bus --arm {place}")
-    typer.echo(f"and in another terminal: servoloop up --arm {place} --port ./bus")
+    typer.echo(f"Next, run: servoloop emulate ./bus --arm {place}")
+    typer.echo(f"Then, in another terminal: servoloop up --arm {place} --port ./bus")
 
 
 @app.command()
 def check(
-    folder: Annotated[str, typer.Argument(help="An arm's folder, or the name of one that is ready.")],
+    folder: Annotated[str, typer.Argument(help="Arm folder, or a name that `servoloop arms` lists.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Say all that is wrong with an arm, at once; exit with 0 if it is nothing.
+    """Check the files of an arm and list all problems; the exit status is 1 if there are any.
 
     Example: `servoloop arms check ./my_arm`
     """
@@ -82,20 +82,20 @@ def check(
     if as_json:
         typer.echo(json.dumps({"folder": str(place), "problems": problems}, indent=2))
     else:
-        right = [] if problems else [f"{place.name} is right", *missing_parts(read_arm(place))]
-        typer.echo("\n".join([*problems, *right]))
+        summary = [] if problems else [f"{place.name}: no problems found", *missing_parts(read_arm(place))]
+        typer.echo("\n".join([*problems, *summary]))
     raise typer.Exit(1 if problems else 0)
 
 
 @app.command()
 def show(
-    arm: Annotated[str, typer.Argument(help="An arm that `servoloop arms` lists, or its folder.")],
-    out: Annotated[Path | None, typer.Option(help="The picture, PNG; without it out/arms/NAME.png.")] = None,
+    arm: Annotated[str, typer.Argument(help="Name that `servoloop arms` lists, or an arm folder.")],
+    out: Annotated[Path | None, typer.Option(help="PNG file to write (default: out/arms/NAME.png).")] = None,
 ) -> None:
-    """Draw an arm with its joints' names, servos and directions.
+    """Draw an arm with the name, servo and positive direction of each joint.
 
-    The joints are at zero. An arrow points to greater positions; the sentence is what calibrate asks for.
-    Example: `servoloop arms show so101`
+    All joints are at zero. Each arrow points to larger positions. The text next to it describes the direction as
+    `servoloop calibrate` does. Example: `servoloop arms show so101`
     """
     require_view("the picture of an arm", "trimesh")
     from servoloop.arm_pictures.show import draw_arm, write_picture
@@ -109,13 +109,14 @@ def show(
 
 @app.command()
 def moveit(
-    arm: Annotated[str, typer.Argument(help="An arm that `servoloop arms` lists, or its folder.")],
+    arm: Annotated[str, typer.Argument(help="Name that `servoloop arms` lists, or an arm folder.")],
     folder: Annotated[
-        Path, typer.Argument(help="Folder for the files; what is there keeps its name with .1 behind it.")
+        Path, typer.Argument(help="Folder for the files. Existing files are kept as backups with the suffix .1.")
     ],
 ) -> None:
-    """Write MoveIt's configuration of an arm: SRDF, limits, kinematics, controllers, planners and scene.
+    """Write a MoveIt configuration for an arm.
 
+    It consists of the SRDF and of files for limits, kinematics, controllers, planners and the planning scene.
     Example: `servoloop arms moveit so101 so101_moveit`
     """
     from servoloop.moveit.files import write_moveit
@@ -125,7 +126,7 @@ def moveit(
 
 
 def _content(arm: Arm) -> dict[str, str]:
-    """The arm for programs; files are absolute paths."""
+    """Return the arm's JSON content, with absolute paths."""
     files = {name: str(getattr(arm, name)) for name in PATHS}
     about = {"description": arm.file.description, "source": arm.file.source, "license": arm.file.license}
     return {"name": arm.name, **about, "folder": str(arm.folder), **files}

@@ -1,4 +1,4 @@
-"""``servoloop bench``: measure what is connected."""
+"""``servoloop bench``: measure the performance of a bus or of an arm."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -18,32 +18,35 @@ if TYPE_CHECKING:
 
     from servoloop.bench.figures import ArmFigures, Spread
 
-app = typer.Typer(no_args_is_help=True, help="Measure what is connected.")
+app = typer.Typer(no_args_is_help=True, help="Measure the performance of a bus or an arm.")
 
 MOVES = (
-    "Torque goes on, the arm goes from where it lies to its ready pose, each joint turns there by up to 0.3 rad, and "
-    "it comes back and is let go, all with at most a quarter of its speed. See that it has room. Go on?"
+    "The arm will move with torque enabled: to its ready pose, then each joint by up to 0.3 rad, then back to where it "
+    "started. It moves at no more than a quarter of its speed, and its torque is off at the end. Make sure that it has "
+    "room. Continue?"
 )
 
 
 @app.command()
 def bus(
-    port: Annotated[str, typer.Option(help="Serial device of the servos.")],
+    port: Annotated[str, typer.Option(help="Serial port of the servos.")],
     ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7",
     model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
     baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
-    cycles: Annotated[int, typer.Option(min=1, help="How many cycles to measure.")] = 1000,
+    cycles: Annotated[int, typer.Option(min=1, help="Number of cycles to measure.")] = 1000,
     hold: Annotated[
-        bool, typer.Option("--hold", help="Servos without torque get it for as long as this runs.")
+        bool, typer.Option("--hold", help="Enable the torque of all servos during the measurement.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="One line of JSON instead of a table.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one line of JSON instead of a table.")] = False,
 ) -> None:
-    """Read the full state of every servo and write a goal to each, as fast as the line allows.
+    """Measure the speed and error rate of a servo bus.
 
-    Nothing moves: the goals are those that the servos hold. A goal switches a limp servo on: such are only read,
-    unless --hold holds them where they stand; in the end they are limp again. Of those that get goals, goal speed
-    and acceleration become 0, which is as fast as they can. Faults are counted, not fatal; it ends
-    with 1 where nobody answers, where all servos have another table than the model, and where the port is lost.
+    The command reads and writes all servos as fast as possible. Nothing moves, because each servo is sent the goal that
+    it already holds. A goal would enable the torque of a servo whose torque is off, so such servos are only read. With
+    --hold they are held at their position during the measurement, and their torque is off again at the end. For servos
+    that are sent goals, goal speed and acceleration are set to 0 (no limit). Communication errors are counted and do
+    not end the measurement. The exit status is 1 if no servo answers, if the control table of every servo differs from
+    that of --model, or if the port is lost.
     Example: `servoloop bench bus --port /dev/ttyACM0 --ids 1-7`
     """
     from rich.console import Console
@@ -62,15 +65,15 @@ def bus(
 def arm(
     port: PortsOption = None,
     arm: ArmOption = OWN,
-    out: Annotated[Path, typer.Option(help="The page.")] = Path("out/bench.html"),
+    out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("out/bench.html"),
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure bus, control loop, ROS surface and motions of an arm on this machine, and draw one page.
+    """Measure the bus, control loop, ROS interface and motion of an arm.
 
-    It asks first, for the arm moves: slowly, from where it lies to its ready pose, joint by joint, and back. It is let
-    go there, also after Ctrl-C and after an error; a second Ctrl-C leaves servos under torque where they are. Without
-    ROS its figures are left out.
+    The command writes a report page. It asks for confirmation because the arm moves: slowly to its ready pose, then
+    joint by joint, then back. At the end its torque is switched off, also after Ctrl-C or an error. A second Ctrl-C
+    skips the way back; the torque may then stay on. Without ROS, the ROS figures are omitted.
     Example: `servoloop bench arm --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console
@@ -85,7 +88,9 @@ def arm(
     from servoloop.stack.signals import Signals
 
     if not possible():
-        raise DriverError(f"a page needs matplotlib and Jinja2: {install_command('report')}")
+        raise DriverError(
+            f"the report page needs matplotlib and Jinja2; install them with: {install_command('report')}"
+        )
     make_folder(out.parent)
     require_file(out)
     found = find_arm(arm)
@@ -111,19 +116,19 @@ def arm(
     if json:
         print_json({"page": None if failed else str(out), **asdict(measured.figures)})
     elif not failed:
-        typer.echo(f"with pictures: {out}")
+        typer.echo(f"Report page: {out}")
     if failed:
         raise failed
 
 
 def print_figures(figures: "ArmFigures", console: "Console") -> None:
-    """For people: times in ms, errors in rad or m."""
+    """Print the figures as tables: times in ms, following errors in rad or m."""
     from rich.table import Table
 
     table = Table("ms", "p50", "p99", "largest", title=figures.arm)
     for name, bus in figures.buses.items():
         times = (bus.p50_us, bus.p99_us, bus.max_us)
-        table.add_row(f"bus {name}".rstrip() + ", a cycle", *(f"{time_us / 1e3:.3f}" for time_us in times))
+        table.add_row(f"bus {name}".rstrip() + ", cycle time", *(f"{time_us / 1e3:.3f}" for time_us in times))
     for name, spread in _spreads(figures).items():
         if spread is not None:
             table.add_row(name, f"{spread.p50_ms:.3f}", f"{spread.p99_ms:.3f}", f"{spread.largest_ms:.3f}")
@@ -136,14 +141,14 @@ def print_figures(figures: "ArmFigures", console: "Console") -> None:
     under_ros = f", {figures.ros.loop.missed} of {figures.ros.loop.cycles} under ROS" if figures.ros else ""
     console.print(missed + under_ros)
     if figures.without_ros:
-        console.print(f"nothing of ROS: {figures.without_ros}", highlight=False)
+        console.print(f"ROS was not measured: {figures.without_ros}", highlight=False)
 
 
 def _spreads(figures: "ArmFigures") -> "dict[str, Spread | None]":
     loop, ros = figures.loop, figures.ros
-    found = {"loop, late": loop.late, "loop, busy": loop.took}
+    found = {"loop, delay": loop.late, "loop, duration": loop.took}
     if ros is not None:
-        found |= {"under ROS, late": ros.loop.late, "under ROS, busy": ros.loop.took}
+        found |= {"loop under ROS, delay": ros.loop.late, "loop under ROS, duration": ros.loop.took}
         found |= {"goal to answer": ros.goal_to_answer, "goal to first motion": ros.goal_to_motion}
-        found |= {"age of /joint_states": ros.joint_states_age, "their jitter": ros.joint_states_jitter}
+        found |= {"age of /joint_states": ros.joint_states_age, "jitter of /joint_states": ros.joint_states_jitter}
     return found

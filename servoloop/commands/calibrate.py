@@ -1,4 +1,4 @@
-"""``servoloop calibrate``: the servos' counts become the URDF's angles."""
+"""``servoloop calibrate``, ``calibration`` and ``hand``: calibrate an arm, and practice on a virtual one."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -26,23 +26,26 @@ if TYPE_CHECKING:
     from servoloop.stack.robot_files import ServoFiles
 
 
-AUTO = "The arm moves by itself now, slowly, from stop to stop: clear its table, keep away. Any key stops it. Begin?"
+AUTO = (
+    "The arm will now move slowly from stop to stop on its own. Clear the space around it and keep away. Any key stops "
+    "it. Continue?"
+)
 
 
 def calibrate(
-    arm: Annotated[str, typer.Option(help="The arm: a name that `servoloop arms` lists, or its folder.")],
+    arm: Annotated[str, typer.Option(help="Arm: a name that `servoloop arms` lists, or an arm folder.")],
     port: PortOption = None,
     auto: Annotated[
-        bool, typer.Option("--auto", help="Nobody moves the arm: it is driven softly to its stops.")
+        bool, typer.Option("--auto", help="Drive the joints gently to their stops instead of asking you to move them.")
     ] = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Find each joint's zero and direction, and store them beside the arm's robot file.
+    """Find the zero and direction of each joint, and store them next to the robot file.
 
-    Torque is off unless a sentence says that it goes on, and off at the end, whatever happens. Nothing is written
-    before you have seen what was found. With --auto somebody still looks on, and says which way each joint moved.
-    Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
+    Torque is off unless a message announces that it will be enabled, and it is always off at the end. Nothing is stored
+    before you have seen and confirmed the result. With --auto you must still watch the arm and confirm in which
+    direction each joint moved. Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.ports.adapters import only_port
     from servoloop.commands.calibrate_terminal import Terminal
@@ -54,28 +57,29 @@ def calibrate(
     buses = list(files.robot.file.lines())
     if len(buses) != 1:
         raise DescriptionError(
-            f"{found.robot}: an arm with several buses is calibrated bus by bus: not yet by this verb"
+            f"{found.robot}: this command can only calibrate an arm with one bus; this arm has {len(buses)}"
         )
     _require_writable(found.robot)
     (device,) = named_devices([port or only_port()], buses, arm).values()
-    with Signals("servos that were under torque hold") as signals, Terminal(signals, yes) as terminal:
+    with Signals("servos with torque enabled hold their position") as signals, Terminal(signals, yes) as terminal:
         outcome = _calibrated(found, files, device, terminal, auto)
     if json:
         print_json(_outcome_as_json(outcome))
     elif outcome.stored:
         former = outcome.path.with_name(outcome.path.name + ".1")
-        typer.echo(f"stored in {outcome.path}{f'; the former one is {former}' if former.exists() else ''}")
+        backup = f"; the previous calibration is in {former}" if former.exists() else ""
+        typer.echo(f"Calibration stored in {outcome.path}{backup}")
     raise typer.Exit(0 if outcome.stored else 1)
 
 
 def _require_writable(robot: Path) -> None:
-    """Raise DriverError where no calibration could be stored: who has moved every joint is told too late."""
+    """Raise DriverError if the calibration could not be stored, before the user has moved any joint."""
     from servoloop.stack.robot_files import require_writable
 
     try:
         require_writable(robot.parent)
     except DriverError as error:
-        raise DriverError(f"{error}: copy the arm's folder (docs/calibrate.md) and name that with --arm") from error
+        raise DriverError(f"{error}; copy the arm's folder (docs/calibrate.md) and pass the copy with --arm") from error
 
 
 def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "Outcome":
@@ -95,13 +99,13 @@ def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto:
         return servo_bus(files.robot.file, SerialPort(port, baud, clock), clock)
 
     if auto and not terminal.confirm(AUTO):
-        raise Interrupted("nothing was moved")
+        raise Interrupted("canceled; the arm was not moved")
     measure = by_itself(open_bus, plan, terminal, clock, terminal.stopped) if auto else None
     return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure, terminal.stopped)
 
 
 def _outcome_as_json(outcome: "Outcome") -> dict[str, Any]:
-    """The outcome for programs."""
+    """Return the outcome as JSON content."""
     return {
         "stored": outcome.stored,
         "file": str(outcome.path),
@@ -124,13 +128,21 @@ def _outcome_as_json(outcome: "Outcome") -> dict[str, Any]:
 
 
 def hand(
-    link: Annotated[Path, typer.Argument(help="Where `servoloop emulate` serves the bus.")],
-    do: Annotated[str, typer.Argument(help="hold, release, move, look, lay (the table); connect, disconnect (a box).")],
-    joint: Annotated[str | None, typer.Argument(help="One joint; hold, release and connect take all without.")] = None,
-    position: Annotated[float | None, typer.Argument(help="Where to move it, rad or m as the URDF counts.")] = None,
+    link: Annotated[Path, typer.Argument(help="Path at which `servoloop emulate` serves the bus.")],
+    do: Annotated[
+        str,
+        typer.Argument(
+            help="hold, release or move joints; look (print positions); lay (put cube, bins and stand back); "
+            "connect or disconnect servos (with `emulate --box`)."
+        ),
+    ],
+    joint: Annotated[
+        str | None, typer.Argument(help="Joint name. Without it, hold, release and connect apply to all joints.")
+    ] = None,
+    position: Annotated[float | None, typer.Argument(help="Target position for move, in rad or m.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Take the virtual arm by the hand, to practise: hold joints, move one to a position, let go.
+    """Move the joints of a virtual arm as if by hand, to practice calibration.
 
     Example: `servoloop hand ./bus hold`, `servoloop hand ./bus move elbow_flex 1.2`
     """
@@ -138,7 +150,7 @@ def hand(
 
     command: dict[str, Any] = {"do": do, "joints": [joint] if joint else []}
     if do == "move" and (joint is None or position is None):
-        raise DriverError("move takes a joint and a position: servoloop hand ./bus move elbow_flex 1.2")
+        raise DriverError("move needs a joint and a position, such as: servoloop hand ./bus move elbow_flex 1.2")
     if position is not None:
         command["position"] = position
     try:
@@ -153,20 +165,20 @@ def hand(
         return
     for name, state in found.items():
         held = "held" if state["held"] else "free"
-        typer.echo(f"{name:18} {state['position']:+8.4f}  {held}{'' if state['arrived'] else ', on its way'}")
+        typer.echo(f"{name:18} {state['position']:+8.4f}  {held}{'' if state['arrived'] else ', moving'}")
 
 
 def _connected(found: "Mapping[str, Mapping[str, Any]]") -> str:
-    """The joints whose servos are connected, with the IDs that the servos have."""
+    """Return a line that lists the joints whose servos are connected, with the servo IDs."""
     names = [f"{name} (ID {state['servo_id']})" for name, state in found.items() if state["connected"]]
     if not names:
-        return "no servo is connected"
-    every = " (the whole chain)" if len(names) == len(found) else ""
+        return "No servo is connected."
+    every = " (all servos)" if len(names) == len(found) else ""
     return f"connected{every}: {', '.join(names)}"
 
 
-app = typer.Typer(no_args_is_help=True, help="An arm's calibration: shown, and exchanged with LeRobot.")
-LerobotArgument = Annotated[Path, typer.Argument(help="LeRobot's calibration file, JSON.")]
+app = typer.Typer(no_args_is_help=True, help="Show an arm's calibration, or exchange it with LeRobot.")
+LerobotArgument = Annotated[Path, typer.Argument(help="LeRobot calibration file (JSON).")]
 
 
 @app.command("import")
@@ -175,12 +187,13 @@ def import_(
     arm: ArmOption = OWN,
     robot: RobotOption = None,
     urdf: UrdfOption = None,
-    prefix: Annotated[str, typer.Option(help="Prefix of this arm's joints in the file, such as LeKiwi's arm_.")] = "",
+    prefix: Annotated[str, typer.Option(help="Prefix of the joint names in the file, such as arm_ for LeKiwi.")] = "",
     json: JsonOption = False,
 ) -> None:
-    """Take LeRobot's calibration for this arm: directions, homing offsets and travel; zeros found anew in the travel.
+    """Import a LeRobot calibration file for an arm.
 
-    Nothing is written to servos: they hold LeRobot's offsets already. The former calibration file is kept.
+    Directions, homing offsets and travel come from the file; the zeros are computed from the travel. Nothing is written
+    to the servos, because they already hold LeRobot's offsets. The previous calibration file is kept as a backup.
     Example: `servoloop calibration import my_arm.json --arm so101`
     """
     known = known_arm(arm, urdf, robot)
@@ -188,7 +201,7 @@ def import_(
     if json:
         print_json({"written": str(written), "joints": [_imported_as_json(one) for one in made]})
         return
-    print_table(Console(), _imported(made), "joint", "doubtful")
+    print_table(Console(), _imported(made), "joint", "warning")
     typer.echo(f"{ITS_ZERO}.\nWritten: {written}")
 
 
@@ -200,20 +213,21 @@ def export(
     urdf: UrdfOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write this arm's calibration as LeRobot's file. A former file is kept with .1 behind its name.
+    """Export an arm's calibration to a LeRobot file.
 
+    An existing file is kept as a backup with the suffix .1.
     Example: `servoloop calibration export my_arm.json --arm so101`
     """
     export_calibration(file, known_arm(arm, urdf, robot).robot)
     if json:
         print_json({"written": str(file)})
     else:
-        typer.echo(f"{file} has the servos' travel and offsets, and no zeros: {ITS_ZERO}")
+        typer.echo(f"{file} contains the travel and homing offsets of the servos, but no zeros: {ITS_ZERO}")
 
 
 @app.command()
 def show(arm: ArmOption = OWN, robot: RobotOption = None, urdf: UrdfOption = None, json: JsonOption = False) -> None:
-    """Show each joint's direction, zero, homing offset, and its travel against the URDF's.
+    """Show the direction, zero, homing offset and travel of each joint, and its range in the URDF.
 
     Example: `servoloop calibration show --arm so101`
     """
@@ -222,7 +236,7 @@ def show(arm: ArmOption = OWN, robot: RobotOption = None, urdf: UrdfOption = Non
     if json:
         print_json(rows)
     else:
-        print_table(Console(), _shown(rows), "joint", "doubtful")
+        print_table(Console(), _shown(rows), "joint", "warning")
 
 
 def _imported_as_json(one: Imported) -> dict[str, Any]:
@@ -237,7 +251,7 @@ def _imported_as_json(one: Imported) -> dict[str, Any]:
 
 
 def _imported(made: list[Imported]) -> Table:
-    table = Table("joint", "sign", "zero", "found", "at LeRobot's zero", "offset", "doubtful")
+    table = Table("joint", "sign", "zero", "source", "at LeRobot's zero", "offset", "warning")
     for one in made:
         at = f"{one.at_lerobot_zero:+.3f}"
         counts = str(one.made.zero_counts)
@@ -248,7 +262,7 @@ def _imported(made: list[Imported]) -> Table:
 
 
 def _shown(rows: list[Row]) -> Table:
-    table = Table("joint", "servo", "sign", "zero", "offset", "travel", "URDF's", "doubtful")
+    table = Table("joint", "servo", "sign", "zero", "offset", "travel", "URDF range", "warning")
     for row in rows:
         travel = "" if row.travel is None else f"{row.travel:.3f}"
         offset = "" if row.homing_offset is None else str(row.homing_offset)

@@ -1,4 +1,4 @@
-"""A person at a terminal as the guide of a calibration: texts, a live table, Enter when it is done, yes and no."""
+"""Guide a person at a terminal through a calibration with instructions, a live table and questions."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from commissioning.calibrate.by_hand import Task
     from commissioning.calibrate.run import Difference
 
-NOTHING, STORED = "nothing was stored", "the calibration is stored, and was not tried"
+NOTHING, STORED = "nothing was stored", "the calibration is stored, but it was not tested"
 
 
 class Terminal:
-    """The person; everything for people goes to stderr, so that stdout has the result alone."""
+    """Dialog with the person who calibrates. It uses stderr, so that stdout has only the result."""
 
     def __init__(self, signals: Signals, yes: bool) -> None:
-        """``yes``: questions of whether to go on are not asked."""
+        """Start the dialog; with ``yes``, confirmations are not asked for."""
         self.console = Console(stderr=True, highlight=False)
         self._signals = signals
         self._keyboard = Keyboard(signals, NOTHING)
@@ -39,7 +39,7 @@ class Terminal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave the terminal as it was."""
+        """Restore the terminal."""
         self._keyboard.whole_lines()
 
     def say(self, text: str) -> None:
@@ -47,8 +47,8 @@ class Terminal:
         self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
 
     def until_done(self, task: "Task", update: Callable[[], None]) -> None:
-        """Show the task, and where all joints are, until Enter."""
-        self.console.print(f"[bold]{task.text}[/]; Enter when it is done", soft_wrap=True)
+        """Show the task and the positions of all joints until Enter is pressed."""
+        self.console.print(f"[bold]{task.text}[/]; press Enter when done", soft_wrap=True)
         with self._table() as show:
             while self._keyboard.line() is None:
                 update()
@@ -63,38 +63,39 @@ class Terminal:
             yield lambda task: live.update(_sweep_table(task))
 
     def confirm(self, question: str) -> bool:
-        """Ask; yes without asking, if told so at the start."""
+        """Ask for a confirmation, or return True without asking if ``yes`` was set."""
         if self._yes:
             self.say(f"{question} yes")
         agreed = self._yes or self._keyboard.agrees(question)
         if question == STORE and agreed:
-            self._keyboard.left = STORED  # when it is asked again, or ends
+            self._keyboard.left = STORED
         return agreed
 
     def moved_so(self, joint: str, text: str) -> bool:
-        """Ask what only somebody who looks at the arm can know. Raises StoppedError where a key was pressed before.
+        """Ask whether a joint first moved in the direction that ``text`` describes.
 
-        Enter alone is no answer: it may have been meant to stop, and a wrong answer turns the joint's direction round.
+        Raises StoppedError if a key was pressed before the question. Enter alone is not an answer: the user may have
+        meant to stop the arm, and a wrong answer would reverse the direction of the joint.
         """
-        if self._keyboard.pressed():  # behind the last cycle of the motion
-            raise StoppedError("stopped: the arm is limp")
-        question = f"{joint} turned first one way, then back. Was the first way this: {text}?"
+        if self._keyboard.pressed():  # after the last cycle of the motion
+            raise StoppedError("stopped; the torque of the arm is off")
+        question = f"{joint} moved in one direction and back. Was the first direction: {text}?"
         return self._keyboard.agrees(question, enter_is_no=False)
 
     def show(self, differences: "Sequence[Difference]") -> None:
-        """Print what has been found, beside what was."""
+        """Print the new calibration next to the previous one."""
         print_table(self.console, difference_table(differences), "joint", "zero", "homing offset")
         for one in differences:
             if one.doubt:
                 self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)
 
     def stopped(self) -> bool:
-        """Whether somebody pressed a key or sent a signal."""
+        """Return whether a key was pressed or a signal received."""
         return self._keyboard.pressed() or self._signals.count > 0
 
 
 def _sweep_table(task: "Task") -> Table:
-    table = Table("joint", "servo", "counts", "from", "to", "swept")
+    table = Table("joint", "servo", "counts", "minimum", "maximum", "covered")
     for joint in task.sweep.joints:
         swept = task.sweep.swept.get(joint.name)
         style = "bold" if joint.name in task.joints else "dim"
@@ -108,9 +109,9 @@ def _sweep_table(task: "Task") -> Table:
 
 
 def difference_table(differences: "Sequence[Difference]") -> Table:
-    """Each joint's sign, zero and offset before and now, and its travel against the URDF's range."""
+    """Return a table of the previous and new sign, zero and offset of each joint, its travel and its URDF range."""
     table = Table(
-        "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "in the URDF"
+        "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "URDF range"
     )
     for one in differences:
         before, made = one.before, one.made

@@ -1,4 +1,4 @@
-"""How tools print: one JSON document for programs, tables for people."""
+"""Input and output of commands at a terminal: JSON, tables, confirmations and keyboard input."""
 
 import json
 import os
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 
 UNLIMITED: Final = 1000
-"""More columns than any table needs."""
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document instead of tables.")]
-YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask.")]
+"""Width for measuring tables, in columns. No table is wider."""
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+YesOption = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 
 
 def print_json(value: Any) -> None:
-    """Print a dataclass, or a list or mapping of them."""
+    """Print a dataclass, or a list or mapping of dataclasses, as JSON."""
     typer.echo(json.dumps(value, default=_plain, indent=2))
 
 
@@ -40,12 +40,12 @@ def _plain(value: Any) -> Any:
 
 
 def print_table(console: "Console", table: "Table", *texts: str) -> None:
-    """Print a table without cutting anything, also where it is wider than the terminal.
+    """Print a table without truncating any text, even if the table is wider than the terminal.
 
     Args:
         console: The terminal.
         table: The table.
-        texts: The headings of the columns that are wrapped first; the others are wrapped in a narrow terminal only.
+        texts: Headings of the columns to wrap first. Other columns are wrapped only in a narrow terminal.
     """
     table.show_edge = table.pad_edge = False
     for column in table.columns:
@@ -58,26 +58,28 @@ def print_table(console: "Console", table: "Table", *texts: str) -> None:
 
 
 def confirm(question: str, yes: bool) -> None:
-    """Ask unless ``yes``; without a yes nothing is done, and the exit status is 1."""
+    """Ask for a confirmation unless ``yes`` is set. A refusal ends the command with exit status 1."""
     if yes:
         return
     try:
         typer.confirm(question, abort=True, err=True)
     except typer.Abort as error:
         if isinstance(error.__context__, EOFError):
-            raise DriverError("the question has no answer, so nothing was done: answer it at a terminal") from None
+            message = "the question was not answered, and nothing was done; run this command at a terminal"
+            raise DriverError(message) from None
         raise
 
 
-LOOK_S: Final = 0.03
+POLL_S: Final = 0.03
+"""Maximum time to wait for input in one call, in seconds."""
 CHUNK: Final = 4096
 
 
 class Keyboard:
-    """Reads lines from standard input. Nobody else may read there: several lines can come at once."""
+    """Reader of lines and keys from standard input. Nothing else in the process may read from standard input."""
 
     def __init__(self, signals: Signals, left: str = "") -> None:
-        """``left``: what is said of how things are left, behind the reason for an interruption."""
+        """Read from standard input; ``left`` describes the resulting state in the message of an interruption."""
         self.left = left
         self._signals = signals
         self._typed = b""
@@ -85,7 +87,10 @@ class Keyboard:
         self._gives_keys = False
 
     def line(self) -> str | None:
-        """The next line, if one comes within ``LOOK_S``. Raises Interrupted after a signal, and at the input's end."""
+        """Return the next line, or None if no line arrives within ``POLL_S``.
+
+        Raises Interrupted after a signal and at the end of the input.
+        """
         self._go_on()
         self.whole_lines()
         if b"\n" not in self._typed and self._ready():
@@ -100,15 +105,15 @@ class Keyboard:
         return line.decode(errors="replace")
 
     def next_line(self, meanwhile: Callable[[], None] = lambda: None) -> str:
-        """Wait for a line; ``meanwhile`` is called all the while."""
+        """Wait for a line, and call ``meanwhile`` repeatedly while waiting."""
         while (line := self.line()) is None:
             meanwhile()
         return line
 
     def agrees(self, question: str, enter_is_no: bool = True) -> bool:
-        """Ask a question that y or n answers; anything else is asked again, and Enter alone where it does not mean no.
+        """Ask a yes-or-no question and repeat it until the answer is valid.
 
-        What was typed at a terminal before the question is forgotten: it was meant for something else.
+        Enter alone means no, unless ``enter_is_no`` is False. Keys that were typed before the question are discarded.
         """
         while True:
             self._forget()
@@ -120,9 +125,9 @@ class Keyboard:
                 return True
 
     def pressed(self) -> bool:
-        """Whether somebody pressed a key at a terminal since the last question, any key; a terminal that is gone too.
+        """Return whether any key was pressed since the last question, or the terminal is gone.
 
-        From here to the next question the terminal gives each key as it is pressed, and shows none.
+        Until the next question, the terminal delivers each key immediately and does not echo it.
         """
         if not self._gives_keys:
             if not sys.stdin.isatty():
@@ -132,7 +137,7 @@ class Keyboard:
         return bool(self._typed or select.select([sys.stdin], [], [], 0.0)[0])
 
     def whole_lines(self) -> None:
-        """The terminal waits for whole lines again, as it did before."""
+        """Set the terminal back to delivering whole lines."""
         self._raw.close()
         self._gives_keys = False
 
@@ -140,18 +145,18 @@ class Keyboard:
         self.whole_lines()
         if sys.stdin.isatty():
             self._typed = b""
-            with suppress(termios.error):  # it is gone now
+            with suppress(termios.error):  # the terminal is gone
                 termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
     def _read(self) -> bytes:
-        """What was typed; nothing at the input's end, and from a terminal that is gone."""
+        """Read the available input. The result is empty at the end of the input or if the terminal is gone."""
         try:
             return os.read(sys.stdin.fileno(), CHUNK)
         except OSError:
             return b""
 
     def _ready(self) -> bool:
-        return bool(select.select([sys.stdin], [], [], LOOK_S)[0])
+        return bool(select.select([sys.stdin], [], [], POLL_S)[0])
 
     def _go_on(self) -> None:
         if self._signals.count:

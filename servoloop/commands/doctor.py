@@ -1,4 +1,4 @@
-"""``servoloop doctor``: what ails the arm, the likeliest root first, each with the command that mends it."""
+"""``servoloop doctor``: list the faults of an arm, most likely cause first, with the commands that correct them."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 STYLES = {"fault": "red", "warning": "yellow", "note": "dim"}
 MOVES = (
-    "each joint will turn by up to 0.4 rad, slowly and under torque, and the arm is limp then, as it is now: see "
-    "that it has room, off its table, and hold it if it could fall. Go on?"
+    "Each joint will move slowly by up to 0.4 rad with torque enabled. Afterwards the torque is off again. Lift the "
+    "arm off its table, make sure that it has room, and hold it if it could fall. Continue?"
 )
 
 
@@ -34,18 +34,18 @@ def doctor(
     robot: RobotOption = None,
     urdf: UrdfOption = None,
     report_file: Annotated[
-        Path | None, typer.Option("--report", help="Write all of it to this file too, to attach to a bug report.")
+        Path | None, typer.Option("--report", help="Markdown file for the full report, to attach to a bug report.")
     ] = None,
     move: Annotated[
-        bool, typer.Option("--move", help="Try gears, gains and gravity hold by small slow motions; it asks first.")
+        bool, typer.Option("--move", help="Test gears, gains and gravity hold with small, slow motions, after asking.")
     ] = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Examine the arm: port, line, servos, settings, supply, calibration. It warns where it is not sure.
+    """Diagnose an arm: check its port, bus, servos, settings, supply and calibration.
 
-    It only pings and reads, and torque stays as it is; only --move moves anything. It ends with 1 where there are
-    faults.
+    The command only reads from the servos. Nothing moves and the torque does not change, except with --move. Uncertain
+    findings are reported as warnings. The exit status is 1 if there are faults.
     Example: `servoloop doctor --port /dev/ttyACM0`, `servoloop doctor --arm so101 --report doctor.md`
     """
     from rich.console import Console
@@ -66,8 +66,8 @@ def doctor(
     with served_devices(port, files) as devices:
         if move:
             confirm(MOVES, yes)
-        # While nothing moves, Ctrl-C ends at once.
-        with Signals("servos that were under torque hold") if move else nullcontext() as signals:
+        # Without motions, Ctrl-C ends the command immediately.
+        with Signals("servos with torque enabled hold their position") if move else nullcontext() as signals:
             motion = _motion(files, clock, signals)
             report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
     if json:
@@ -80,7 +80,7 @@ def doctor(
 
 
 def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "Move":
-    """The motion that a signal stops; none without."""
+    """Return the motion test, which signals can stop; without signals, return an empty test."""
     from commissioning.doctor.motion import SmallMotions, no_move
     from drivers.port.serial_port import SerialPort
     from hal.compensation.gravity import Gravity
@@ -92,7 +92,7 @@ def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "
 
 
 def print_report(report: "Report", console: "Console") -> None:
-    """For people: the findings, then who is there."""
+    """Print the findings, then a table of the servos of each bus."""
     for number, one in enumerate(report.findings, 1):
         where = f"{one.place}: " if str(one.place) else ""
         console.print(f"{number}. {one.severity}: {where}{one.symptom}", style=STYLES[one.severity],
@@ -102,7 +102,7 @@ def print_report(report: "Report", console: "Console") -> None:
             console.print(f"   run: {one.command}", style="bold", highlight=False, markup=False, soft_wrap=True)
     for bus in report.buses:
         if bus.servos:
-            print_table(console, _table(bus), "joint", "model", "heard", "alarms")
+            print_table(console, _table(bus), "joint", "model", "answers", "alarms")
     if not report.findings:
         console.print("nothing is wrong", style="green")
 
@@ -110,7 +110,7 @@ def print_report(report: "Report", console: "Console") -> None:
 def _table(bus: "BusFigures") -> "Table":
     from rich.table import Table
 
-    table = Table("joint", "ID", "model", "heard", "position", "V", "°C", "torque", "alarms", title=bus.port)
+    table = Table("joint", "ID", "model", "answers", "position", "V", "°C", "torque", "alarms", title=bus.port)
     for one in bus.servos:
         row = (
             one.heard,

@@ -1,4 +1,4 @@
-"""``servoloop emulate``: the virtual servos on a pseudo-terminal, for any program."""
+"""``servoloop emulate`` and ``fault``: serve virtual servos on a pseudo-terminal, and inject faults into them."""
 
 import logging
 import shlex
@@ -36,30 +36,32 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("servoloop")
 LinkArgument = Annotated[
-    Path, typer.Argument(help="Where to serve the bus: a free path. Several buses: LINK.NAME each.")
+    Path, typer.Argument(help="Unused path for the serial port of the bus. With several buses: LINK.NAME for each.")
 ]
 PracticeOption = Annotated[
     int | None,
     typer.Option(
-        min=0, help="An arm that nobody has calibrated, by this seed, on an empty table: see `servoloop hand`."
+        min=0, help="Seed for an uncalibrated arm on an empty table, to practice calibration with `servoloop hand`."
     ),
 ]
 BoxOption = Annotated[
     bool,
     typer.Option(
         "--box",
-        help="Servos as they come from the factory, all with ID 1, none connected: `servoloop hand LINK connect`.",
+        help="Serve factory-new servos: all have ID 1 and none is connected (see `servoloop hand LINK connect`).",
     ),
 ]
 EepromOption = Annotated[
-    Path | None, typer.Option(help="File that keeps the servos' EEPROM: read if it is there, renewed as they save.")
+    Path | None, typer.Option(help="File for the servos' EEPROM: loaded if it exists and updated at every change.")
 ]
 FaultsOption = Annotated[
     Path | None,
-    typer.Option(help="YAML file with what is to go wrong, in times since ready: see `servoloop fault --list`."),
+    typer.Option(help="YAML file with faults, timed from when the servos are ready (see `servoloop fault --list`)."),
 ]
-ViewOption = Annotated[bool, typer.Option("--view", help="Show the arm in a browser: `servoloop view --bus LINK`.")]
-PicturesOption = Annotated[Path | None, typer.Option(help="Folder for a picture and a film of the arm at work.")]
+ViewOption = Annotated[
+    bool, typer.Option("--view", help="Show the arm in a browser, as `servoloop view --bus LINK` does.")
+]
+PicturesOption = Annotated[Path | None, typer.Option(help="Folder for an image and a video of the arm.")]
 
 
 def emulate(
@@ -76,9 +78,9 @@ def emulate(
     view: ViewOption = False,
     pictures: PicturesOption = None,
 ) -> None:
-    """Serve the virtual servos with their world on a pseudo-terminal until Ctrl-C.
+    """Serve virtual servos and their simulated scene on a pseudo-terminal until Ctrl-C.
 
-    Example: `servoloop emulate ./bus`, and then any program that takes a serial port: `./bus`
+    Any program can open LINK as a serial port. Example: `servoloop emulate ./bus`
     """
     from servoloop.stack.emulator import EmulatorOptions
     from servoloop.stack.emulator import emulate as run
@@ -100,22 +102,22 @@ def emulate(
 
 
 def _require_page(urdf: Path | None) -> None:
-    """Check that the arm can be shown in a browser. Raises DriverError."""
+    """Raise DriverError if the arm cannot be shown in a browser."""
     require_view()
     if urdf is not None:
-        raise DriverError("--view shows the arm of --arm: leave out --urdf")
+        raise DriverError("--view always shows the arm of --arm and cannot be combined with --urdf")
 
 
 def _require_paths(link: Path, pictures: Path | None) -> None:
-    """Check the place of the bus, and make the folder of the pictures. Raises DriverError."""
+    """Check the path of the bus and create the folder of the pictures. Raises DriverError."""
     if not link.name:
-        raise DriverError(f"LINK is a free path such as ./bus, not {str(link)!r}")
+        raise DriverError(f"LINK must be an unused path such as ./bus, not {str(link)!r}")
     if pictures is not None:
         make_folder(pictures)
 
 
 def _events(faults: Path | None, files: ServoFiles, box: bool) -> "Sequence[FaultEvent]":
-    """The faults of the file, which the servos can have. Raises FaultError."""
+    """Read the fault file. Raises FaultError if the servos cannot have one of its faults."""
     from servoloop.simulation.stack_faults import inventory_of, require_possible_in
     from sim_backend.faults.script import read_script
 
@@ -128,14 +130,14 @@ def _events(faults: Path | None, files: ServoFiles, box: bool) -> "Sequence[Faul
 
 
 def _ready(link: Path, files: ServoFiles) -> str:
-    """The line that is printed once clients can open the buses."""
+    """Return the line to print when clients can open the buses."""
     places = " and ".join(str(path) for path in device_paths(link, files.robot.file.lines()).values())
     return f"ready: {counted(len(files.robot.joints), 'servo')} at {places}"
 
 
 @contextmanager
 def _page(link: Path, arm: str, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Say that the servos are ready, and have a program of its own show them where that is wanted."""
+    """Yield a function that reports the servos as ready and, if wanted, starts the view in its own process."""
     pages: list[subprocess.Popen[bytes]] = []
 
     def show(ready: str) -> None:
@@ -152,25 +154,26 @@ def _page(link: Path, arm: str, wanted: bool) -> Iterator[Callable[[str], None]]
 
 
 def _as_child() -> None:
-    at_ordinary_priority()  # this program has real-time priority
+    at_ordinary_priority()  # the emulator itself has real-time priority
     end_with_parent()
 
 
 def fault(
-    link: Annotated[Path | None, typer.Argument(help="Where `servoloop emulate` serves the bus.")] = None,
+    link: Annotated[Path | None, typer.Argument(help="Path at which `servoloop emulate` serves the bus.")] = None,
     what: Annotated[
         list[str] | None,
-        typer.Argument(help="A kind and its parameters, such as silent id=3 for=2s; without: the faults that are on."),
+        typer.Argument(help="Fault kind and parameters, such as silent id=3 for=2s. Without it, list active faults."),
     ] = None,
     clear: Annotated[
-        bool, typer.Option("--clear", help="Take back the faults of this kind and these parameters; without WHAT, all.")
+        bool,
+        typer.Option("--clear", help="Remove faults of this kind with these parameters; without WHAT, remove all."),
     ] = False,
-    kinds: Annotated[bool, typer.Option("--list", help="All kinds, and how each is typed.")] = False,
+    kinds: Annotated[bool, typer.Option("--list", help="List all fault kinds with their parameters.")] = False,
     json: JsonOption = False,
 ) -> None:
-    """Let something go wrong with virtual servos, now or `at=` so many seconds from now.
+    """Inject a fault into virtual servos, now or after a delay (`at=2s`).
 
-    Example: `servoloop fault ./bus silent id=3`, taken back by `servoloop fault ./bus --clear silent`
+    Example: `servoloop fault ./bus silent id=3`, then `servoloop fault ./bus --clear silent`
     """
     from sim_backend.control import ask, control_path
 
@@ -178,7 +181,7 @@ def fault(
         _list(json)
         return
     if link is None:
-        raise DriverError("name the emulator's LINK, such as ./bus; `servoloop fault --list` shows all kinds")
+        raise DriverError("pass the LINK of the emulator, such as ./bus; `servoloop fault --list` shows all kinds")
     command: dict[str, Any] = {"do": "fault", "clear": clear}
     if what:
         command["text"] = what[0] if len(what) == 1 else shlex.join(what)
@@ -191,10 +194,10 @@ def fault(
         return
     lines = [
         f"{word}: {text}"
-        for word, key in (("done", "done"), ("taken back", "taken_back"), ("on", "active"), ("coming", "coming"))
+        for word, key in (("done", "done"), ("removed", "taken_back"), ("active", "active"), ("pending", "coming"))
         for text in found[key]
     ]
-    typer.echo("\n".join(lines) or "nothing is wrong")
+    typer.echo("\n".join(lines) or "no faults")
 
 
 def _list(json: bool) -> None:
@@ -209,7 +212,7 @@ def _list(json: bool) -> None:
 
 
 def does(kind: str) -> str:
-    """What a kind does, in a sentence."""
+    """Return a sentence that describes a fault kind."""
     from sim_backend.faults.events import KINDS
 
     return " ".join((KINDS[kind].__doc__ or "").split("\n\n")[0].split())

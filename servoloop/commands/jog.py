@@ -1,4 +1,4 @@
-"""``servoloop jog``: keys that turn joints of a running arm."""
+"""``servoloop jog`` and ``pose``: move the joints of a running arm with keys, and save and approach named poses."""
 
 import sys
 from pathlib import Path
@@ -23,26 +23,28 @@ if TYPE_CHECKING:
 
 TICK_S: Final = 0.04
 TAP_S: Final = 0.1
-"""A tap turns a joint for so long."""
+"""Duration of the motion after a short key press, in seconds."""
 WAYS: Final = {"right": 1.0, "+": 1.0, "left": -1.0, "-": -1.0}
-HELP: Final = "up, down or 1 to 9: which joint · hold left or right: turn it\nspace: stop everything · q: end"
-WIDTH: Final = 64
-"""Of the table, in columns: so wide is the help."""
+HELP: Final = "up, down or 1 to 9: choose a joint · hold left or right: move it\nspace: stop everything · q: quit"
+WIDTH: Final = 66
+"""Width of the table and its help text, in columns."""
 
 
 def jog(
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Name, folder or process ID of the arm if several are running.")
+    ] = None,
     network: NetworkOption = False,
 ) -> None:
-    """Turn joints of a running arm with the arrow keys, slowly, through its controllers; it stops with the key.
+    """Move the joints of a running arm slowly with the arrow keys, through its controllers.
 
-    Example: `servoloop jog`
+    A joint stops when its key is released. Example: `servoloop jog`
     """
     from nodes.handling.robot import HandlingError
 
     require_ros()
     if not sys.stdin.isatty():
-        raise HandlingError("stdin is no terminal, and jogging needs keys: run it in one")
+        raise HandlingError("jogging needs a keyboard, but stdin is not a terminal; run this command in a terminal")
     from rich.live import Live
 
     from nodes.client_node import client_node
@@ -63,7 +65,7 @@ def jog(
 
 
 class Jogging:
-    """What keys do."""
+    """Jog session: handles keys, sends motions and shows the joints."""
 
     def __init__(self, client: "RobotClient", robot: "LiveRobot") -> None:
         from servoloop.stack.terminal import HeldKey
@@ -71,18 +73,19 @@ class Jogging:
         self.ended = False
         self._client, self._robot = client, robot
         self._joints = tuple(joint for joint in robot.snapshot.joints if joint in robot.limits)
-        """All joints, also those that no active controller moves: a number always means the same joint."""
+        """All joints, including joints without an active controller, so that each number always selects one joint."""
         self._chosen = 0
         self._key = HeldKey(TAP_S)
         self._way = 0.0
-        """Which way the joint turns; 0 if no motion is under way."""
+        """Direction of the motion; 0 at rest."""
         self._began_s: float | None = None
-        """When the joint began to turn, and when it was last sent on."""
+        """Start of the motion, on the monotonic clock in seconds."""
         self._sent_s = 0.0
-        self._said = ""
+        """Time of the last command."""
+        self._message = ""
 
     def step(self) -> None:
-        """Take the keys, and turn the chosen joint on a little where its key is held."""
+        """Process the pressed keys, and move the chosen joint by one step if its key is held."""
         from nodes.handling.robot import HandlingError
         from servoloop.stack.terminal import typed
 
@@ -94,21 +97,21 @@ class Jogging:
             return
         try:
             self._client.jog(self._joints[self._chosen], self._way)
-            self._said = ""
+            self._message = ""
             self._sent_s = monotonic()
             self._began_s = self._sent_s if self._began_s is None else self._began_s
         except HandlingError as error:
-            self._said = f"{error}. Then press the key again"
+            self._message = f"{error}. Then press the key again."
             self._stop()
 
     def _turns(self) -> bool:
-        """Whether the key is held, or a tap has not yet turned the joint for ``TAP_S``."""
+        """Return whether the key is held, or a short press has not yet moved the joint for ``TAP_S``."""
         if not self._way:
             return False
         return bool(self._key.held(monotonic())) or self._began_s is None or self._sent_s - self._began_s < TAP_S
 
     def _stop(self) -> None:
-        """No motion goes on; a new one needs a new press."""
+        """End the motion until a key is pressed again."""
         self._key.release()
         self._way, self._began_s = 0.0, None
 
@@ -116,7 +119,7 @@ class Jogging:
         if key in WAYS:
             now_s = monotonic()
             new = self._key.press(key, now_s)
-            if new or (self._key.held(now_s) and not self._way):  # the tap is over when the first repeat comes
+            if new or (self._key.held(now_s) and not self._way):  # a repeat after a short press moves on
                 self._way, self._began_s = WAYS[key], None
             return
         self._stop()
@@ -124,17 +127,19 @@ class Jogging:
             self.ended = True
         elif key == "space":
             self._client.stop()
-            self._said = "stopped: all motions, everybody's"
+            self._message = "All motions of all clients were stopped."
         elif key in ("up", "down"):
             self._chosen = (self._chosen + (1 if key == "down" else -1)) % len(self._joints)
         elif key.isdigit() and 0 < int(key) <= len(self._joints):
             self._chosen = int(key) - 1
 
     def table(self) -> "Table":
-        """The joints, where they are and where they may go."""
+        """Return a table of the joints with their positions and limits."""
         from rich.table import Table
 
-        table = Table("", "joint", "position", "from", "to", caption=f"{HELP}\n{self._said}", min_width=WIDTH)
+        table = Table(
+            "", "joint", "position", "minimum", "maximum", caption=f"{HELP}\n{self._message}", min_width=WIDTH
+        )
         now, driven = self._robot.snapshot, self._client.joints
         at = dict(zip(now.joints, now.position.tolist(), strict=True))
         for number, joint in enumerate(self._joints):
@@ -145,18 +150,18 @@ class Jogging:
         return table
 
 
-app = typer.Typer(no_args_is_help=True, help="Poses of an arm, with names: saved, gone to slowly.")
+app = typer.Typer(no_args_is_help=True, help="Save, list and remove named poses of an arm, and move to them.")
 POLL_S: Final = 0.05
-Name = Annotated[str, typer.Argument(help="The pose's name.")]
+Name = Annotated[str, typer.Argument(help="Name of the pose.")]
 RunningArm = Annotated[
-    str | None, typer.Option("--arm", help="Which running arm, of several: name, folder or process.")
+    str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
 ]
-AnArm = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
+AnArm = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
 
 
 @app.command()
 def save(name: Name, arm: RunningArm = None) -> None:
-    """Keep where the running arm's joints are now. A pose of the same name is replaced.
+    """Save the measured pose of a running arm under a name, replacing any pose with this name.
 
     Example: `servoloop pose save over_the_box`
     """
@@ -166,18 +171,19 @@ def save(name: Name, arm: RunningArm = None) -> None:
         robot.wait()
         now = robot.snapshot
     if now.faults:
-        raise DriverError(f"the arm is not well, and its pose may be an old one: {'; '.join(now.faults.values())}")
+        faults = "; ".join(now.faults.values())
+        raise DriverError(f"the pose was not saved, because the arm has faults and positions may be outdated: {faults}")
     poses = Poses(robot.folder)
     poses.save(name, dict(zip(now.joints, now.position.tolist(), strict=True)))
     typer.echo(f"{name}: {counted(len(now.joints), 'joint')} of {robot.arm}")
-    typer.echo(f"kept in {poses.path}", err=True)
+    typer.echo(f"saved in {poses.path}", err=True)
 
 
 @app.command()
 def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> None:
-    """Bring the running arm to a pose, slowly, through its controllers. It stops where this is interrupted.
+    """Move a running arm slowly to a saved pose, through its controllers.
 
-    Example: `servoloop pose go over_the_box`
+    The arm stops if the command is interrupted. Example: `servoloop pose go over_the_box`
     """
     from nodes.client_node import client_node
     from nodes.handling.robot_client import RobotClient
@@ -197,14 +203,14 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
             client.connect()
             while not client.approach(pose):
                 if signals.count:
-                    raise Interrupted("the arm has stopped on its way")
+                    raise Interrupted("interrupted; the arm has stopped before the pose")
                 sleep(POLL_S)
     typer.echo(f"{robot.arm} is at {name}")
 
 
 @app.command("list")
 def list_(arm: AnArm = OWN) -> None:
-    """List an arm's poses, in rad or m.
+    """List the saved poses of an arm, with joint positions in rad or m.
 
     Example: `servoloop pose list --arm so101`
     """
@@ -214,15 +220,15 @@ def list_(arm: AnArm = OWN) -> None:
 
 @app.command()
 def remove(name: Name, arm: AnArm = OWN) -> None:
-    """Forget a pose.
+    """Remove a saved pose.
 
     Example: `servoloop pose remove over_the_box`
     """
     _poses(arm).remove(name)
-    typer.echo(f"{name} is forgotten")
+    typer.echo(f"{name} was removed")
 
 
 def _poses(arm: str) -> Poses:
-    """The poses of an arm that is named, or of a folder that has poses, such as a robot description's."""
+    """Return the poses of an arm, or of any folder with a pose file, such as the folder of a URDF."""
     folder = Path(arm)
     return Poses(folder if "/" in arm and (folder / FILE).is_file() else find_arm(arm).folder)

@@ -1,4 +1,4 @@
-"""The line that a verb works on: the options that say which, and the bus or the one servo on it."""
+"""Options that select a serial port, a servo or a baud rate, and functions that open the bus they select."""
 
 import signal
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,56 +20,56 @@ if TYPE_CHECKING:
     from hal.robot_file.robot_file import RobotFile
     from servoloop.stack.robot_files import ServoFiles
 
-PortOption = Annotated[str | None, typer.Option("--port", help="Serial device; without it the only adapter there is.")]
+PortOption = Annotated[str | None, typer.Option("--port", help="Serial port (default: the only adapter).")]
 PortsOption = Annotated[
     list[str] | None,
     typer.Option(
         "--port",
-        help="Serial device; NAME=PATH for each of several buses; `virtual`: virtual servos. "
-        "Without: the only adapter there is.",
+        help="Serial port (default: the only adapter); NAME=PATH for each of several buses; `virtual` for virtual "
+        "servos.",
     ),
 ]
 BaudOption = Annotated[
     int | None,
-    typer.Option("--baud", min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Only at this rate; without it all are tried."),
+    typer.Option("--baud", min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Baud rate (default: all rates are tried)."),
 ]
-IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="The servo's ID.")]
-IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="The servo's ID.")]
+IdOption = Annotated[int, typer.Option("--id", min=0, max=253, help="ID of the servo.")]
+IdArgument = Annotated[int, typer.Argument(min=0, max=253, help="ID of the servo.")]
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block as Ctrl-C does: on the way out an open EEPROM is locked, and torque taken back.
+    """Let SIGTERM and SIGHUP end the block as Ctrl-C does, so that EEPROMs are locked and torque is released.
 
-    Raises Interrupted then, with what may be left behind.
+    Raises Interrupted after a signal. Its message describes what could not be restored.
     """
     former = {number: signal.signal(number, _interrupt) for number in end_signals() if number != signal.SIGINT}
     try:
         yield
     except KeyboardInterrupt as error:
         left = "".join(f"; {note}" for note in _left(error))
-        raise Interrupted(f"interrupted, and the port closed{left}") from None
+        raise Interrupted(f"interrupted; the port is closed{left}") from None
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
 
 
 def _left(error: BaseException | None) -> Iterator[str]:
-    """What is said beside an error, and beside those whose place it took: a second Ctrl-C that of the first."""
+    """Yield the notes of an error and of the errors in its context, such as those of a first Ctrl-C."""
     while error is not None:
         yield from getattr(error, "__notes__", ())
         error = error.__context__
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    if number == signal.SIGHUP:  # the kernel and the shell each send one: a second must not interrupt the ending
+    if number == signal.SIGHUP:  # the kernel and the shell both send SIGHUP; the second must not interrupt the cleanup
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 @contextmanager
 def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """The servo, its port opened for as long as the block lasts; interruptible."""
+    """Open the port and find a servo for the duration of the block, which signals can interrupt."""
     from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
@@ -86,7 +86,7 @@ def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["Fou
 
 @contextmanager
 def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -> "Iterator[Bus]":
-    """A bus on this port, or on that of the only USB adapter. Raises DriverError."""
+    """Open a bus on a port, by default on the only USB adapter. Raises DriverError."""
     from commissioning.ports.adapters import only_port
     from drivers.bus.bus import Bus
     from drivers.clock import MonotonicClock
@@ -97,25 +97,26 @@ def open_line(port: str | None, baud: int, models: "Mapping[int, ServoModel]") -
         yield bus
 
 
-def bus_of(robot: "RobotFile", said: str | None) -> str:
-    """The bus of a robot file that is meant: the one that is said, or the only one. Raises CommissioningError."""
+def bus_of(robot: "RobotFile", name: str | None) -> str:
+    """Return the name of the chosen bus of a robot file, or of its only bus. Raises CommissioningError."""
     from commissioning.errors import CommissioningError
 
     names = list(robot.lines())
-    if said is None and len(names) == 1:
+    if name is None and len(names) == 1:
         return names[0]
-    if said in names:
-        return said
+    if name in names:
+        return name
     if len(names) == 1:
-        raise CommissioningError(f"the robot file has one bus, and none with the name {said}: leave out --bus")
-    raise CommissioningError(f"the robot file has several buses, and this is for one: say --bus {' or '.join(names)}")
+        raise CommissioningError(f"the robot file has only one bus and none named {name}; omit --bus")
+    raise CommissioningError(f"the robot file has several buses; choose one with --bus {' or '.join(names)}")
 
 
 @contextmanager
-def served_devices(said: list[str] | None, files: "ServoFiles") -> Iterator[dict[str, str]]:
-    """The device of each bus: those of ``--port``, the only adapter, or with ``virtual`` those of virtual servos.
+def served_devices(ports: list[str] | None, files: "ServoFiles") -> Iterator[dict[str, str]]:
+    """Yield the serial device of each bus, as selected by ``--port``.
 
-    Virtual servos are served by a child process until the end of the block. Raises DriverError.
+    By default it is the only adapter. With ``virtual``, a child process serves virtual servos until the end of the
+    block. Raises DriverError.
     """
     from commissioning.errors import CommissioningError
     from commissioning.ports.adapters import only_port
@@ -123,12 +124,12 @@ def served_devices(said: list[str] | None, files: "ServoFiles") -> Iterator[dict
     from servoloop.stack.emulator_process import virtual_servos
 
     buses = list(files.robot.file.lines())
-    if not said and len(buses) > 1:
-        raise CommissioningError(f"the robot has the buses {', '.join(buses)}: name a --port NAME=PATH for each")
+    if not ports and len(buses) > 1:
+        raise CommissioningError(f"the robot has the buses {', '.join(buses)}; pass --port NAME=PATH for each of them")
     try:
-        devices = parse_ports(said or [only_port()], buses)
+        devices = parse_ports(ports or [only_port()], buses)
     except CommissioningError as error:
-        raise CommissioningError(f"{error}; --port {VIRTUAL} is for virtual servos") from error
+        raise CommissioningError(f"{error}; for virtual servos, use --port {VIRTUAL}") from error
     if devices is not None:
         yield devices
         return
@@ -137,25 +138,26 @@ def served_devices(said: list[str] | None, files: "ServoFiles") -> Iterator[dict
         yield served
 
 
-def named_devices(said: list[str], buses: Iterable[str], arm: str) -> dict[str, str]:
-    """The device of each bus of an arm that is moved by hand, which virtual servos of a child process cannot be.
+def named_devices(ports: list[str], buses: Iterable[str], arm: str) -> dict[str, str]:
+    """Return the device of each bus of an arm that a person moves by hand.
 
-    ``arm``: as it was named on the command line. Raises DriverError.
+    Virtual servos in a child process cannot be moved by hand, so ``virtual`` is refused. ``arm`` is the arm's name as
+    given on the command line. Raises DriverError.
     """
     from drivers.errors import DriverError
     from servoloop.stack.devices import parse_ports
 
-    devices = parse_ports(said, buses)
+    devices = parse_ports(ports, buses)
     if devices is None:
         raise DriverError(
-            f"{' '.join(said)!r} is not a device: serve virtual servos that a hand can move with "
-            f"`servoloop emulate LINK --arm {arm}`, and name LINK"
+            f"{' '.join(ports)!r} is not a serial port; for virtual servos that can be moved by hand, run "
+            f"`servoloop emulate LINK --arm {arm}` and pass LINK as the port"
         )
     return devices
 
 
 def adapter_serial(device: str) -> str | None:
-    """The serial number of the USB adapter behind a device; None where it has none."""
+    """Return the serial number of the USB adapter of a device, or None if it has no serial number."""
     from serial.tools.list_ports import comports
 
     path = Path(device).resolve()

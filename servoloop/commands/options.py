@@ -1,4 +1,4 @@
-"""The options by which verbs are told which arm it is, and what they then know of it."""
+"""Options that several commands share: the arm, its files, the network, and the permission to move."""
 
 import os
 import sys
@@ -22,23 +22,25 @@ if TYPE_CHECKING:
     from servoloop.teleop.arms import Side
 
 
-ArmOption = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
-UrdfOption = Annotated[Path | None, typer.Option("--urdf", help="Robot description instead of the arm's.")]
+ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
+UrdfOption = Annotated[Path | None, typer.Option("--urdf", help="URDF file to use instead of the arm's own.")]
 BacklashOption = Annotated[
-    float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each virtual servo's shaft is free.")
+    float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each virtual servo, in degrees.")
 ]
 SeedOption = Annotated[
     int | None,
-    typer.Option("--seed", min=0, help="A virtual arm of its own: friction, motors, masses and supply differ by 10 %."),
+    typer.Option(
+        "--seed", min=0, help="Seed that varies friction, motors, masses and supply of the virtual arm by up to 10 %."
+    ),
 ]
 BACKLASH_DEG = 1.0
-"""What owners measure at the shaft of an STS3215."""
+"""Typical backlash that users measure at the shaft of an STS3215, in degrees."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownArm:
-    """An arm's robot file, what is in it, and how its joints are calibrated."""
+    """Robot file of an arm with its content, its joints and their calibration plans."""
 
     robot: Path
     file: RobotFile
@@ -47,18 +49,20 @@ class KnownArm:
 
 
 def known_arm(arm: str, urdf: Path | None = None, robot: Path | None = None) -> KnownArm:
-    """Read an arm's files; single files count more. Raises HalError."""
+    """Read the files of an arm; ``urdf`` and ``robot`` replace the arm's own files. Raises HalError."""
     found = find_arm(arm)
     files = read_arm_servos(found, urdf, robot)
     joints = tuple(joint.between_stops() for joint in files.robot.joints)
     return KnownArm(files.robot_path, files.robot.file, joints, found.file.calibration.joints)
 
 
-NetworkOption = Annotated[bool, typer.Option("--network", help="Not only this machine: the whole network.")]
+NetworkOption = Annotated[
+    bool, typer.Option("--network", help="Communicate with all machines of the network, not only this one.")
+]
 
 
 def set_network(network: bool) -> None:
-    """Let nodes of this process talk to the whole network, where it is wanted."""
+    """Let the nodes of this process communicate with the whole network if ``network`` is set."""
     from nodes.discovery import open_to_network
 
     if network:
@@ -67,21 +71,21 @@ def set_network(network: bool) -> None:
 
 SLOWEST_HZ, FASTEST_HZ = 20, 200
 RATE_HZ: Final = 50
-RateOption = Annotated[int, typer.Option("--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help="Cycles a second.")]
+RateOption = Annotated[int, typer.Option("--rate", min=SLOWEST_HZ, max=FASTEST_HZ, help="Cycles per second.")]
 HandsFreeOption = Annotated[
-    bool, typer.Option("--hands-free", help="Move without a key that is held: have an emergency stop at hand.")
+    bool, typer.Option("--hands-free", help="Move without a dead-man key. Keep an emergency stop within reach.")
 ]
 UnattendedOption = Annotated[
     bool,
-    typer.Option("--hands-free", "--yes", help="Do not ask for a key that is held: have an emergency stop at hand."),
+    typer.Option("--hands-free", "--yes", help="Move without a dead-man key. Keep an emergency stop within reach."),
 ]
 SpeedOption = Annotated[
-    float, typer.Option(min=0.05, max=1.0, help="Share of the speed of the hand, or of the recording.")
+    float, typer.Option(min=0.05, max=1.0, help="Playback speed as a fraction of the recorded speed.")
 ]
 
 
 def side_of(arm: str, port: str) -> "Side":
-    """An arm's files and its devices. Raises errors that say what to do."""
+    """Return the files and devices of an arm. Raises HalError or DriverError."""
     from servoloop.teleop.arms import Side
 
     files = read_arm_files(find_arm(arm))
@@ -89,14 +93,19 @@ def side_of(arm: str, port: str) -> "Side":
 
 
 def require_keys(hands_free: bool) -> None:
-    """Raise DriverError where no key could ever be held."""
+    """Raise DriverError if a dead-man key is needed but stdin is not a terminal."""
     if not hands_free and not sys.stdin.isatty():
-        raise DriverError("nobody can hold a key here, stdin is no terminal: run it in one, or say --hands-free")
+        raise DriverError(
+            "no key can be held because stdin is not a terminal; run this in a terminal or use --hands-free"
+        )
 
 
 @contextmanager
 def permission_of(hands_free: bool, commands: Collection[str] = ()) -> "Iterator[Keys]":
-    """The permission to move: a key of this terminal that is held, or always. ``commands``: keys that are none."""
+    """Yield the permission to move: a held key of this terminal, or always if ``hands_free`` is set.
+
+    The keys in ``commands`` do not count as the dead-man key.
+    """
     from servoloop.manual.dead_man import DeadMansKey, HandsFree
     from servoloop.stack.terminal import raw_keys
 

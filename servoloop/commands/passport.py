@@ -1,4 +1,4 @@
-"""``servoloop passport``: every servo's EEPROM in a file, compared with the servos, and written back."""
+"""``servoloop passport``: save the EEPROM of all servos to a file, compare it with the servos, and restore it."""
 
 import re
 from collections.abc import Sequence
@@ -24,15 +24,19 @@ from servoloop.commands.console import JsonOption, YesOption, confirm, print_jso
 from servoloop.commands.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
 from servoloop.stack.arm_folders import find_arm
 
-app = typer.Typer(no_args_is_help=True, help="Every servo's EEPROM in a file: kept, compared, written back.")
+app = typer.Typer(no_args_is_help=True, help="Save, compare and restore the EEPROM of all servos.")
 
 FileArgument = Annotated[
-    Path | None, typer.Argument(help="The passport; without it SERIAL.passport.yaml, of the adapter's serial number.")
+    Path | None,
+    typer.Argument(help="Passport file (default: SERIAL.passport.yaml, with the serial number of the adapter)."),
 ]
-ArmOption = Annotated[str | None, typer.Option("--arm", help="The arm whose servos they are, as in `servoloop arms`.")]
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file instead of the arm's.")]
-BusOption = Annotated[str | None, typer.Option("--bus", help="Which bus of a robot file that has several.")]
+ArmOption = Annotated[
+    str | None, typer.Option("--arm", help="Arm of the servos: a name that `servoloop arms` lists, or an arm folder.")
+]
+RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
+BusOption = Annotated[str | None, typer.Option("--bus", help="Bus, if the robot file has several.")]
 USUAL_BAUD = 1_000_000
+SAME = "All servos match the passport."
 
 
 @app.command()
@@ -44,26 +48,27 @@ def save(
     bus: BusOption = None,
     baud: Annotated[
         int,
-        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second, where no robot file says it."),
+        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second, if no robot file is given."),
     ] = USUAL_BAUD,
     json: JsonOption = False,
 ) -> None:
-    """Write every servo's EEPROM into a file: of those in the robot file, or of all STS servos that answer.
+    """Save the EEPROM of all servos to a file.
 
-    Servos are only read. A former file is kept. Example: `servoloop passport save my_arm.passport.yaml`
+    The command reads the servos of the robot file, or without one all STS servos that answer. It writes nothing to
+    them. An existing file is kept as a backup. Example: `servoloop passport save my_arm.passport.yaml`
     """
-    path, said = _path(file, port), _robot_file(arm, robot, bus)
-    joints = said.joints_on(bus_of(said, bus)) if said else {}
+    path, robot_file = _path(file, port), _robot_file(arm, robot, bus)
+    joints = robot_file.joints_on(bus_of(robot_file, bus)) if robot_file else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
-    with open_line(port, _baud(said, bus, baud), models) as line:
+    with open_line(port, _baud(robot_file, bus, baud), models) as line:
         taken = take_passport(line, models or None, names, adapter_serial(line.name))
     write_passport(path, taken)
     if json:
         print_json({"written": str(path), **taken.model_dump()})
     else:
         servos = ", ".join(map(str, taken.servos))
-        typer.echo(f"{path} has servos {servos} of adapter {taken.adapter or 'without serial number'}")
+        typer.echo(f"{path}: saved servos {servos} of the adapter {taken.adapter or 'without a serial number'}")
 
 
 @app.command()
@@ -75,9 +80,9 @@ def diff(
     bus: BusOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Show what the servos hold otherwise than the passport says, register by register; ends with 1 if anything.
+    """Show the registers whose values differ from the passport.
 
-    Example: `servoloop passport diff my_arm.passport.yaml`
+    The exit status is 1 if there are differences. Example: `servoloop passport diff my_arm.passport.yaml`
     """
     passport = read_passport(_path(file, port))
     with _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
@@ -85,7 +90,7 @@ def diff(
     if json:
         print_json({**asdict(found), "same": found.same, "adapter": adapter})
     else:
-        _show(found, passport, adapter)
+        _print_comparison(found, passport, adapter)
     raise typer.Exit(0 if found.same else 1)
 
 
@@ -96,25 +101,26 @@ def restore_(
     arm: ArmOption = None,
     robot: RobotOption = None,
     bus: BusOption = None,
-    servo_id: Annotated[int | None, typer.Option("--id", help="Only this servo of the passport.")] = None,
+    servo_id: Annotated[int | None, typer.Option("--id", help="Restore only this servo of the passport.")] = None,
     to_new: Annotated[
-        bool, typer.Option("--to-new", help="Make a new servo the one that --id was: connect only the new one.")
+        bool, typer.Option("--to-new", help="Write the data of servo --id to a new servo. Connect only the new servo.")
     ] = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Write back what differs. Nothing is written under torque, nor before you said yes.
+    """Write the passport's values to all registers that differ, after you have confirmed the changes.
 
-    Each register is read back, the EEPROM locked again, and the servo restarted. Example, for a gripper's servo that
-    was replaced: `servoloop passport restore my_arm.passport.yaml --id 6 --to-new`
+    Servos with torque enabled are refused. Each register is read back; then the EEPROM is locked and the servo is
+    restarted. Example, after replacing the gripper's servo:
+    `servoloop passport restore my_arm.passport.yaml --id 6 --to-new`
     """
     if to_new and servo_id is None:
-        raise PassportError("--to-new needs --id: which servo of the passport the new one is to be")
+        raise PassportError("--to-new needs --id, the servo of the passport that the new servo replaces")
     if json and not yes:
-        raise PassportError("--json cannot ask: say --yes too")
+        raise PassportError("--json cannot ask for confirmation; add --yes")
     passport = read_passport(_path(file, port))
     with interruptible(), _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
-        _say_other_adapter(passport, adapter_serial(line.name))
+        _warn_of_other_adapter(passport, adapter_serial(line.name))
         if to_new and servo_id is not None:
             found = [plan_replacement(line, passport, servo_id)]
         else:
@@ -124,13 +130,13 @@ def restore_(
             print_table(Console(), _planned(plans), "register")
             confirm("Write this?", yes)
         changes = restore_all(line, MonotonicClock(), plans)
-    _say_changes(changes, json)
+    _print_changes(changes, json)
 
 
 def _robot_file(arm: str | None, robot: Path | None, bus: str | None) -> RobotFile | None:
     path = robot or (find_arm(arm).robot if arm else None)
     if bus is not None and path is None:
-        raise PassportError("--bus names a bus of a robot file: say --arm or --robot, too, or leave it out")
+        raise PassportError("--bus selects a bus of a robot file; add --arm or --robot, or omit --bus")
     return load_robot_file(path) if path else None
 
 
@@ -142,7 +148,7 @@ def _line_of(
 
 
 def _path(file: Path | None, port: str | None) -> Path:
-    """The passport's file: the one that was named, or that of the adapter."""
+    """Return the path of the passport, by default named after the adapter's serial number."""
     from commissioning.ports.adapters import only_port
 
     if file is not None:
@@ -150,23 +156,24 @@ def _path(file: Path | None, port: str | None) -> Path:
     device = port or only_port()
     serial = adapter_serial(device)
     if serial is None:
-        raise PassportError(f"{device} has no serial number by which to name its passport: name a file")
+        raise PassportError(f"{device} has no serial number, so its passport has no default name; pass a file name")
     return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
 
 
-def _say_other_adapter(passport: Passport, adapter: str | None) -> None:
-    """Tell that the passport may be that of another arm; adapters can be exchanged, too."""
+def _warn_of_other_adapter(passport: Passport, adapter: str | None) -> None:
+    """Warn if the passport was saved with another adapter, and may therefore belong to another arm."""
     if passport.adapter != adapter:
-        names = [one or "without serial number" for one in (passport.adapter, adapter)]
-        typer.echo(f"the passport is of adapter {names[0]}, this is {names[1]}", err=True)
+        names = [one or "without a serial number" for one in (passport.adapter, adapter)]
+        message = f"the passport was saved with the adapter {names[0]}, but this is the adapter {names[1]}"
+        typer.echo(message, err=True)
 
 
 def _baud(robot: RobotFile | None, bus: str | None, otherwise: int) -> int:
     return robot.lines()[bus_of(robot, bus)].baud if robot else otherwise
 
 
-def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:
-    _say_other_adapter(passport, adapter)
+def _print_comparison(found: Comparison, passport: Passport, adapter: str | None) -> None:
+    _warn_of_other_adapter(passport, adapter)
     table = Table("servo", "joint", "register", "passport", "now")
     for one in found.differences:
         joint = passport.servos[one.servo_id].joint or ""
@@ -176,20 +183,20 @@ def _show(found: Comparison, passport: Passport, adapter: str | None) -> None:
     for servo_id in found.absent:
         typer.echo(f"servo {servo_id} does not answer")
     for servo_id in found.others:
-        typer.echo(f"servo {servo_id} answers, and is not in the passport")
+        typer.echo(f"servo {servo_id} answers, but it is not in the passport")
     if found.same:
-        typer.echo("every servo holds what the passport says")
+        typer.echo(SAME)
 
 
 def _planned(plans: Sequence[Restoration]) -> Table:
-    table = Table("servo", "register", "now", "to be")
+    table = Table("servo", "register", "now", "new")
     for plan in plans:
         for register, value in plan.values.items():
             table.add_row(str(plan.servo_id), register.name, str(plan.now[register.name]), str(value))
     return table
 
 
-def _say_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
+def _print_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
     written = [
         {"servo_id": servo_id, "register": change.register.name, "old": change.old, "new": change.new}
         for servo_id, made in changes.items()
@@ -199,5 +206,5 @@ def _say_changes(changes: dict[int, tuple[Change, ...]], json: bool) -> None:
         print_json(written)
         return
     for one in written:
-        typer.echo(f"servo {one['servo_id']}: {one['register']} was {one['old']}, is {one['new']}")
-    typer.echo("every servo holds what the passport says" if not written else "locked again, restarted and checked")
+        typer.echo(f"servo {one['servo_id']}: {one['register']} changed from {one['old']} to {one['new']}")
+    typer.echo("The EEPROMs are locked, and the servos were restarted and checked." if written else SAME)

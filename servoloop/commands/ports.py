@@ -1,4 +1,4 @@
-"""``servoloop ports``: serial adapters, and what stands between them and a program."""
+"""``servoloop ports``: list serial adapters and what prevents programs from using them."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,24 +15,23 @@ if TYPE_CHECKING:
 
 def ports(
     wait: Annotated[
-        bool, typer.Option("--wait", help="Wait until one is plugged in or pulled, and say which.")
+        bool, typer.Option("--wait", help="Wait until an adapter is plugged in or unplugged, and print which.")
     ] = False,
-    timeout: Annotated[float, typer.Option(min=0.1, help="How long to wait for that, s.")] = 60.0,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Maximum time that --wait waits, in seconds.")] = 60.0,
     json: JsonOption = False,
 ) -> None:
-    """List the serial adapters: chip, serial number, who may open them, who has them open, what to mend.
+    """List the serial adapters with their chip, serial number, permissions, users and problems.
 
-    Nothing is opened.
-    Example: `servoloop ports`, and `servoloop ports --wait` while plugging one in.
+    The command opens no port. Example: `servoloop ports`, or `servoloop ports --wait` while you plug in an adapter
     """
     from rich.console import Console
 
-    from commissioning.ports.adapters import ports as look
+    from commissioning.ports.adapters import ports as inspect
 
     if wait:
         _wait(timeout, json)
         return
-    report = look()
+    report = inspect()
     if json:
         print_json(report)
     else:
@@ -44,7 +43,7 @@ def _wait(timeout_s: float, json: bool) -> None:
 
     from commissioning.ports.plugging import wait_for_plugging
 
-    typer.echo("plug the adapter in, or pull it out", err=True)
+    typer.echo("Plug in or unplug the adapter.", err=True)
     try:
         plugged = wait_for_plugging(timeout_s)
     except KeyboardInterrupt:
@@ -52,7 +51,7 @@ def _wait(timeout_s: float, json: bool) -> None:
     if json:
         print_json(plugged)
         return
-    words = {"plugged": "was plugged in", "pulled": "was pulled", "vanished": "was plugged in and vanished at once"}
+    words = {"plugged": "was plugged in", "pulled": "was unplugged", "vanished": "was plugged in and vanished at once"}
     why = f": {plugged.why}" if plugged.why else ""
     console = Console()
     console.print(f"{plugged.adapter.device} {words[plugged.happened]}{why}", highlight=False)
@@ -61,17 +60,17 @@ def _wait(timeout_s: float, json: bool) -> None:
 
 
 def print_report(report: "PortsReport", console: "Console") -> None:
-    """For people."""
+    """Print the adapters, their problems and the udev rule to add."""
     from commissioning.ports.adapters import RELOAD, RULE_FILE
 
     for adapter in report.adapters:
         _print_adapter(adapter, console)
     if not report.adapters:
-        console.print("no serial adapter is plugged in")
+        console.print("No serial adapter is plugged in.")
     for complaint in report.complaints:
         console.print(f"! {complaint}", style="yellow", highlight=False, markup=False)
     if report.udev_rule:
-        console.print(f"\nudev rule for {RULE_FILE}, then {RELOAD}:", highlight=False)
+        console.print(f"\nAdd this udev rule to {RULE_FILE}, then run {RELOAD}:", highlight=False)
         console.print(report.udev_rule, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -85,7 +84,7 @@ def _print_adapter(adapter: "Adapter", console: "Console") -> None:
         "chip": adapter.chip + numbers,
         "product": adapter.product,
         "serial number": adapter.serial_number,
-        "lasting name": adapter.by_id,
+        "permanent name": adapter.by_id,
         "access": allowed and f"{allowed.mode}, group {allowed.group}: {'yours' if allowed.may_open else 'not yours'}",
         "latency timer": None if adapter.latency_ms is None else f"{adapter.latency_ms} ms",
         "in use by": ", ".join(f"{holder.program} ({holder.pid})" for holder in adapter.holders) or None,

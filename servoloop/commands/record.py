@@ -1,4 +1,4 @@
-"""``servoloop record``: a recording of a stack that runs already."""
+"""``servoloop record``, ``plot`` and ``replay``: record a running stack, draw a recording, and repeat its motion."""
 
 from contextlib import nullcontext
 from dataclasses import asdict
@@ -24,17 +24,19 @@ OUT: Final = Path("out")
 
 def record(
     file: Annotated[
-        Path | None, typer.Argument(metavar="[FILE.mcap]", help="Without: below out/, by date and arm.")
+        Path | None, typer.Argument(metavar="[FILE.mcap]", help="File to write (default: out/DATE_ARM.mcap).")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Name, folder or process ID of the arm if several are running.")
+    ] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, help="So long; without: until Ctrl-C, or until the stack ends.")
+        float | None, typer.Option(min=0.0, help="Duration in seconds (default: until Ctrl-C or the end of the stack).")
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Record an arm that runs already: every cycle from now on and all bus traffic, as --record does from the start.
+    """Record every cycle and all bus traffic of a running arm.
 
-    Example: `servoloop record --seconds 60`
+    To record from the start, use `servoloop up --record`. Example: `servoloop record --seconds 60`
     """
     from servoloop.recording.stack_recording import record as run
     from servoloop.recording.stream import find_stack, open_live
@@ -48,24 +50,25 @@ def record(
         file = OUT / f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{stack.arm}{SUFFIX}"
         make_folder(OUT)
     with Signals() as signals:
-        typer.echo(f"recording {stack.arm} into {file}; Ctrl-C ends it", err=True)
+        typer.echo(f"Recording {stack.arm} to {file}; press Ctrl-C to stop.", err=True)
         done = run(open_live(stack), file, seconds, lambda: signals.count > 0)
     if json:
         print_json({"file": str(file), **asdict(done)})
         return
-    end = ", then the stack ended" if done.stack_ended else ""
-    lost = f", {done.lost_cycles} between them are missing: this machine was too slow" if done.lost_cycles else ""
+    end = "; the stack has ended" if done.stack_ended else ""
+    lost = f"; {done.lost_cycles} cycles are missing because this machine was too slow" if done.lost_cycles else ""
     typer.echo(f"{file}: {counted(done.cycles, 'cycle')} in {done.length_s:.1f} s{lost}{end}")
 
 
 def plot(
-    recording: Annotated[Path, typer.Argument(help="FILE.mcap, as --record and out/faults/ have it.")],
-    out: Annotated[Path | None, typer.Option(help="The page; beside the recording without.")] = None,
+    recording: Annotated[Path, typer.Argument(help="MCAP file, from --record or out/faults/.")],
+    out: Annotated[Path | None, typer.Option(help="HTML page to write (default: next to the recording).")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Draw a recording: commands and positions, their difference, velocities, efforts, the loop's timing, faults.
+    """Draw plots of a recording on a web page.
 
-    One page that opens without a network. A recording of a program that was killed is drawn as far as it goes.
+    The plots show commands, positions, velocities, efforts, the timing of the control loop and faults. The page works
+    offline. If the recorded program was killed, the complete part of its recording is drawn.
     Example: `servoloop plot out/run.mcap`
     """
     from rich.console import Console
@@ -75,12 +78,12 @@ def plot(
     from servoloop.recording.reader import read_recording
 
     if not possible():
-        raise DriverError(f"a page needs matplotlib and Jinja2: {install_command('report')}")
+        raise DriverError(f"the page needs matplotlib and Jinja2; install them with: {install_command('report')}")
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))
     with console.status(f"drawing {counted(len(run.time_s), 'cycle')}") if console.is_terminal else nullcontext():
-        from servoloop.recording.page import write_page  # with matplotlib, which takes a second
+        from servoloop.recording.page import write_page  # imports matplotlib, which takes a second
 
         path = out or recording.with_suffix(".html")
         write_page(path, run, recording.name)
@@ -93,19 +96,21 @@ def plot(
 
 
 def replay(
-    recording: Annotated[Path, typer.Argument(help="FILE.mcap, as --record writes it.")],
+    recording: Annotated[Path, typer.Argument(help="MCAP file, from --record.")],
     port: Annotated[
-        str | None, typer.Option(help="Serial device of the arm; NAME=PATH,NAME=PATH of several. Without: the view.")
+        str | None,
+        typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses. Without it, only view."),
     ] = None,
-    arm: Annotated[str, typer.Option(help="The arm: a name that `servoloop arms` lists, or its folder.")] = OWN,
+    arm: Annotated[str, typer.Option(help="Arm: a name that `servoloop arms` lists, or an arm folder.")] = OWN,
     speed: SpeedOption = 1.0,
     hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
 ) -> None:
-    """Have an arm do what is in a recording, as long as a key is held: any but q, which ends.
+    """Repeat the motion of a recording on an arm while you hold a key.
 
-    The arm goes slowly to where the recording begins, then where its joints were measured to be. Without --port the
-    recording is shown, as `servoloop view` does. Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
+    Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then it
+    follows the recorded joint positions. Without --port the recording is only shown, as by `servoloop view`.
+    Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
     from servoloop.teach.recorded import recorded_motion
 
@@ -117,8 +122,8 @@ def replay(
     joints = side.files.robot.joints
     followers = [joint.name for joint in side.files.description.joints.values() if joint.mimic is not None]
     names, limits = [joint.name for joint in joints], [joint.limits for joint in joints]
-    taught, warnings = recorded_motion(recording, names, limits, followers)
-    taught.check([joint.limits for joint in joints], str(recording))
+    motion, warnings = recorded_motion(recording, names, limits, followers)
+    motion.check([joint.limits for joint in joints], str(recording))
     for warning in warnings:
         print_styled(f"! {warning}", fg="yellow")
-    raise typer.Exit(played(side, taught, speed, hands_free, rate_hz))
+    raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))

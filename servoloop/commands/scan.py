@@ -1,4 +1,4 @@
-"""``servoloop scan``: who is on a line, and what is wrong with whom."""
+"""``servoloop scan``: list the servos on a bus and their problems."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,36 +23,34 @@ if TYPE_CHECKING:
 
 
 class MakeChoice(Enum):
-    """A make as an option: typer takes no list of literals."""
+    """Make of servos, as an enumeration because typer does not support lists of literals."""
 
     feetech = "feetech"
     dynamixel = "dynamixel"
 
     @property
     def make(self) -> "Make":
-        """The make as the catalog has it."""
+        """Name of the make in the servo catalog."""
         return "feetech" if self is MakeChoice.feetech else "dynamixel"
 
 
 def scan(
-    port: Annotated[str | None, typer.Argument(help="Serial device; without it the only adapter there is.")] = None,
+    port: Annotated[str | None, typer.Argument(help="Serial port (default: the only adapter).")] = None,
     baud: Annotated[
         list[int] | None,
-        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Only this rate; may be given several times."),
+        typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Baud rate to try (default: all). May be repeated."),
     ] = None,
-    ids: Annotated[str | None, typer.Option(help="Only these IDs, one by one, such as 1-6 or 1,2,5.")] = None,
+    ids: Annotated[str | None, typer.Option(help="IDs to ping (default: all), such as 1-6 or 1,2,5.")] = None,
     make: Annotated[
-        list[MakeChoice] | None, typer.Option(help="Look for this make to the end; may be given several times.")
+        list[MakeChoice] | None, typer.Option(help="Make to search for completely. May be repeated.")
     ] = None,
-    arm: Annotated[
-        str | None, typer.Option(help="Only this arm's IDs, and whether each is the model that the arm has there.")
-    ] = None,
+    arm: Annotated[str | None, typer.Option(help="Arm whose servo IDs and models are checked.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Look for servos at all rates and of all makes, and say what is wrong with whom.
+    """List the servos on a bus, of all makes and at all baud rates, and report their problems.
 
-    It only pings and reads: torque and registers stay as they are. Once somebody has answered, servos of the other wire
-    protocol are looked for only if --make says so. It ends with 1 where nobody was found or an ID is absent.
+    The command only pings and reads; torque and registers do not change. If a servo answers, servos with the other wire
+    protocol are only searched for with --make. The exit status is 1 if no servo was found or an expected ID is missing.
     Example: `servoloop scan /dev/ttyACM0`, `servoloop scan --ids 1-6 --baud 1000000`, `servoloop scan --arm so101`
     """
     from rich.console import Console
@@ -73,7 +71,7 @@ def scan(
                 line, clock, bauds=baud or (), servo_ids=servo_ids, makes=makes, models=models, progress=progress
             )
     except KeyboardInterrupt:
-        raise Interrupted("interrupted: nothing was changed") from None
+        raise Interrupted("interrupted; nothing was changed") from None
     finally:
         line.close()
     if json:
@@ -84,20 +82,20 @@ def scan(
 
 
 def _models(arm: str) -> "dict[int, ServoModel]":
-    """The arm's servos by ID. Raises DriverError where it has several lines: one is scanned."""
+    """Return the servo models of an arm by ID. Raises DriverError if the arm has several buses."""
     from drivers.errors import DriverError
     from drivers.servos.catalog import MODELS
     from servoloop.commands.options import known_arm
 
     file = known_arm(arm).file
     if len(file.lines()) > 1:
-        raise DriverError(f"{arm} has several buses, and one port is scanned: name the IDs with --ids")
+        raise DriverError(f"{arm} has several buses, but a scan covers one port; use --ids instead of --arm")
     return {joint.servo_id: MODELS[joint.model] for joint in file.joints.values()}
 
 
 @contextmanager
 def _bar(console: "Console", quiet: bool) -> Iterator["Progress"]:
-    """A progress bar with the number of servos found so far."""
+    """Show a progress bar with the number of servos found so far."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[found]} found"))
@@ -111,24 +109,24 @@ def _bar(console: "Console", quiet: bool) -> Iterator["Progress"]:
 
 
 def print_report(report: "ScanReport", console: "Console") -> None:
-    """For people: a table of who is there, then what is wrong."""
+    """Print a table of the servos, then their problems."""
     if report.servos:
         print_table(console, _table(report), "model", "mode", "alarms")
     else:
-        console.print(f"{report.port}: nobody answers. Is the servos' supply on, and the cable in the right socket?")
+        console.print(f"{report.port}: no servo answers. Check the power supply of the servos and their cable.")
     for servo in report.servos:
         for problem in servo.problems:
             console.print(f"! servo {servo.servo_id}: {problem.text}", style="yellow", highlight=False, markup=False)
     for servo_id in report.absent:
-        text = "is absent: it answers at none of these rates. Check its power, its cable and its ID"
+        text = "does not answer at any of these baud rates; check its power, its cable and its ID"
         console.print(f"! servo {servo_id}: {text}", style="yellow", highlight=False)
     for baud, count in report.noise.items():
-        console.print(f"  {counted(count, 'byte')} of nobody at {baud} baud", highlight=False)
+        console.print(f"  {counted(count, 'byte')} of noise at {baud} baud", highlight=False)
     if report.refused_bauds:
         refused = ", ".join(map(str, report.refused_bauds))
-        console.print(f"  not tried, for the adapter cannot make them: {refused} baud", highlight=False)
+        console.print(f"  not tried, because the adapter does not support them: {refused} baud", highlight=False)
     for what in report.skipped:
-        console.print(f"  not looked for: {what} (name the make with --make, and it is)", highlight=False)
+        console.print(f"  not searched for: {what} (choose the make with --make)", highlight=False)
 
 
 def _table(report: "ScanReport") -> "Table":

@@ -1,4 +1,4 @@
-"""Verbs for one servo: its ID and rate, factory reset and reboot."""
+"""Commands for one servo: set its ID and baud rate, reset it, reboot it, and read and write its registers."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,13 +13,14 @@ if TYPE_CHECKING:
 
 def set_id(
     servo_id: IdArgument,
-    new_id: Annotated[int, typer.Argument(min=0, max=253, help="The ID that it gets.")],
+    new_id: Annotated[int, typer.Argument(min=0, max=253, help="New ID of the servo.")],
     port: PortOption = None,
     baud: BaudOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Give a servo another ID, read back. Refused where another servo has it, or two have the old one.
+    """Change the ID of a servo and verify it.
 
+    The command refuses an ID that another servo has, and an old ID that two servos share.
     Example: `servoloop set-id 1 4 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import set_id as change
@@ -29,25 +30,27 @@ def set_id(
     if json:
         print_json(changed)
     else:
-        typer.echo(f"servo {servo_id} is {new_id} now, at {changed.baud} baud")
+        typer.echo(f"servo {servo_id} now has ID {new_id}, at {changed.baud} baud")
 
 
 def set_baud(
     servo_id: IdArgument,
-    new_baud: Annotated[int, typer.Argument(min=1, help="The rate that it gets.")],
+    new_baud: Annotated[int, typer.Argument(min=1, help="New baud rate of the servo.")],
     port: PortOption = None,
     baud: BaudOption = None,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Give a servo another baud rate; it is looked for there. Asks first, for at its old rate it is silent then.
+    """Change the baud rate of a servo and check that it answers at the new rate.
 
+    The command asks for confirmation, because the servo no longer answers at its old rate.
     Example: `servoloop set-baud 3 500000 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import set_baud as change
 
     with servo_at(port, servo_id, baud) as servo:
-        confirm(f"servo {servo_id} ({servo.name}) goes from {servo.port.baud} to {new_baud} baud: go on?", yes)
+        question = f"servo {servo_id} ({servo.name}) will change from {servo.port.baud} to {new_baud} baud: continue?"
+        confirm(question, yes)
         changed = change(servo, new_baud)
     if json:
         print_json(changed)
@@ -55,7 +58,7 @@ def set_baud(
     typer.echo(f"servo {servo_id} answers at {changed.new_baud} baud")
     if changed.old_baud != changed.new_baud:
         where = f" --port {port}" if port else ""
-        typer.echo(f"back: servoloop set-baud {servo_id} {changed.old_baud}{where}")
+        typer.echo(f"To undo this, run: servoloop set-baud {servo_id} {changed.old_baud}{where}")
 
 
 def factory_reset(
@@ -65,22 +68,24 @@ def factory_reset(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Give a servo its factory's settings, and say which it has lost. Asks first.
+    """Reset a servo to its factory settings and list the settings that changed.
 
-    It keeps its ID, but for Dynamixels of protocol 1.0, which get 1; the rate may change.
+    The command asks for confirmation. The servo keeps its ID, except that a Dynamixel with protocol 1.0 gets ID 1. Its
+    baud rate may change.
     Example: `servoloop factory-reset 3 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import factory_reset as reset
 
     with servo_at(port, servo_id, baud) as servo:
-        confirm(f"servo {servo_id} ({servo.name}) loses its settings, homing offset and limits too: go on?", yes)
+        question = f"servo {servo_id} ({servo.name}) will lose its settings, homing offset and limits: continue?"
+        confirm(question, yes)
         report = reset(servo)
     if json:
         print_json(report)
         return
-    typer.echo(f"servo {report.servo_id} answers at {report.baud} baud with its factory's settings")
+    typer.echo(f"servo {report.servo_id} answers at {report.baud} baud with its factory settings")
     for was, now in report.changes:
-        typer.echo(f"  {was.name}: {was.text}, now {now.text}")
+        typer.echo(f"  {was.name}: changed from {was.text} to {now.text}")
 
 
 def reboot(
@@ -90,8 +95,9 @@ def reboot(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Restart a servo's firmware and wait until it answers. Asks first where it holds torque, for it lets go.
+    """Restart the firmware of a servo and wait until it answers.
 
+    A restart switches the torque off, so the command asks for confirmation if the torque is enabled.
     Example: `servoloop reboot 3 --port /dev/ttyACM0`
     """
     from commissioning.registers.address import reboot as restart
@@ -100,23 +106,23 @@ def reboot(
     with servo_at(port, servo_id, baud) as servo:
         held = servo.holds_torque()
         if held:
-            confirm(f"{torque_warning([f'servo {servo_id}'])}, which a reboot does: go on?", yes)
+            confirm(f"{torque_warning([f'servo {servo_id}'])}. A reboot switches the torque off. Continue?", yes)
         report = restart(servo, let_go=held)
     if json:
         print_json(report)
     else:
-        typer.echo(f"servo {servo_id} answers again after {report.took_s:.1f} s, without torque")
+        typer.echo(f"servo {servo_id} answers again after {report.took_s:.1f} s; its torque is off")
 
 
-NameArgument = Annotated[str, typer.Argument(help="Register, such as present_voltage.")]
-app = typer.Typer(no_args_is_help=True, help="Registers of one servo by name, with units.")
+NameArgument = Annotated[str, typer.Argument(help="Name of the register, such as present_voltage.")]
+app = typer.Typer(no_args_is_help=True, help="Read and write the registers of one servo, by name and with units.")
 
 
 @app.command("list")
 def list_registers(
     servo_id: IdOption, port: PortOption = None, baud: BaudOption = None, json: JsonOption = False
 ) -> None:
-    """Print the whole table of the servo's model, with present values. Nothing is written.
+    """List all registers of a servo with their present values.
 
     Example: `servoloop register list --port /dev/ttyACM0 --id 3`
     """
@@ -130,7 +136,7 @@ def list_registers(
     if json:
         print_json(values)
         return
-    table = Table("register", "address", "access", "kept", "value", "raw", title=f"servo {servo_id}: {servo.name}")
+    table = Table("register", "address", "access", "memory", "value", "raw", title=f"servo {servo_id}: {servo.name}")
     for one in values:
         access, kept = "read, write" if one.writable else "read", "EEPROM" if one.persistent else "RAM"
         table.add_row(one.name, str(one.address), access, kept, one.text, "" if one.raw is None else str(one.raw))
@@ -145,7 +151,7 @@ def read(
     baud: BaudOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Print one register in its unit, and as the servo counts it.
+    """Print the value of one register, in its unit and as the raw number.
 
     Example: `servoloop register read --port /dev/ttyACM0 --id 3 present_voltage`
     """
@@ -162,17 +168,18 @@ def read(
 @app.command(context_settings={"ignore_unknown_options": True})  # such as the value -300
 def write(
     name: NameArgument,
-    value: Annotated[str, typer.Argument(help="As the servo counts (120), or a quantity with its unit (12.0V).")],
+    value: Annotated[str, typer.Argument(help="New value: a raw number (120), or a quantity with its unit (12.0V).")],
     servo_id: IdOption,
     port: PortOption = None,
     baud: BaudOption = None,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Write one register and read it back. EEPROM only where it differs, under its lock.
+    """Write one register and verify it.
 
-    Goals are refused, and under torque everything but the torque switch. That asks first: switched on, the servo is
-    held where it stands, and stays so; switched off, what it held torque_warning.
+    EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
+    torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation: switched on, the
+    servo holds its present position; switched off, whatever it was holding falls.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register
@@ -181,15 +188,15 @@ def write(
     with servo_at(port, servo_id, baud) as servo:
         if switch:
             on = value_to_write(servo, name, value)
-            does = "holds where it stands, under torque" if on else "lets go, and what it holds torque_warning"
-            confirm(f"servo {servo_id} {does}: go on?", yes)
+            effect = "holds its position, with torque enabled" if on else "loses its torque, and what it holds falls"
+            confirm(f"servo {servo_id} {effect}: continue?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:
         print_json(written)
     elif written.changed:
-        typer.echo(f"servo {servo_id}: {_text(written.after)}, before {written.before.text}")
+        typer.echo(f"servo {servo_id}: {_text(written.after)}, previously {written.before.text}")
     else:
-        typer.echo(f"servo {servo_id}: {_text(written.after)} already: nothing written")
+        typer.echo(f"servo {servo_id}: {_text(written.after)}; nothing was written because the value is the same")
 
 
 def _text(value: "RegisterValue") -> str:

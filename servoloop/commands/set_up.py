@@ -1,4 +1,4 @@
-"""``servoloop setup``: from factory-new servos to those of an arm, one connected after the other."""
+"""``servoloop setup``: give factory-new servos the IDs and settings of an arm, one servo after another."""
 
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,16 +23,18 @@ def setup(
     arm: ArmOption = OWN,
     robot: RobotOption = None,
     urdf: UrdfOption = None,
-    bus: Annotated[str | None, typer.Option("--bus", help="Which bus of a robot file that has several.")] = None,
+    bus: Annotated[str | None, typer.Option("--bus", help="Bus, if the robot file has several.")] = None,
     turn: Annotated[
-        bool, typer.Option("--turn", help="Have each loose servo turn its horn a little: that tells a wrong gear.")
+        bool, typer.Option("--turn", help="Turn the horn of each loose servo a little, to detect a wrong gear ratio.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Give new servos their IDs and the settings of the robot file, connected one after the other.
+    """Set the IDs and settings of new servos, one servo after another.
 
-    Only what differs is written, read back and locked; nothing is written under torque, and torque stays as it is: only
-    --turn switches it on, and off again. Run it again at any time: what is done is recognised.
+    The command asks you to connect one servo at a time and takes the settings from the robot file. Only registers that
+    differ are written; they are read back and locked. Servos with torque enabled are refused. The torque does not
+    change, except that --turn enables it briefly. You can run the command again at any time; it recognizes the servos
+    that are done.
     Example: `servoloop setup --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.set_up.flow import SetUp
@@ -43,7 +45,7 @@ def setup(
     name = bus_of(file, bus)
     places = places_of(file, name)
     models = {place.servo_id: place.model for place in places}
-    left = "a servo that turned may hold torque" if turn else ""
+    left = "a servo that was turned may still have torque enabled" if turn else ""
     with Signals(left) as signals, open_line(port, file.lines()[name].baud, models) as line:
         plugger = Plugger(signals)
         made = SetUp(line, MonotonicClock(), places, plugger, turn=turn, stopped=lambda: signals.count > 0)
@@ -55,7 +57,7 @@ def setup(
 
 
 class Plugger:
-    """The person who plugs servos in. What is for people goes to stderr, so that stdout has the result alone."""
+    """Dialog with the person who connects the servos. It uses stderr, so that stdout has only the result."""
 
     def __init__(self, signals: Signals) -> None:
         self._keyboard = Keyboard(signals)
@@ -65,7 +67,7 @@ class Plugger:
         typer.echo(text, err=True)
 
     def connect(self, task: "Task") -> None:
-        """Print what to connect, and what was wrong with what is; wait for Enter."""
+        """Print the problem with the connected servos, if any, and the next task; then wait for Enter."""
         if task.problem:
             print_styled(task.problem, fg="yellow", err=True)
         print_styled(f"{task.text}, then press Enter", bold=True, err=True)
@@ -73,19 +75,19 @@ class Plugger:
 
 
 def _run(made: "SetUp") -> "list[Audit]":
-    """Run it; whatever ends it says what is done, and how to go on."""
+    """Run the setup. Errors and interruptions state which servos are done and how to continue."""
     from commissioning.slow_arm import StoppedError
 
     try:
         return made.run()
     except (DriverError, Interrupted) as error:
         done = f"set up so far: {', '.join(made.done)}" if made.done else "no servo is set up yet"
-        torque = "" if made.turn and isinstance(error, PortLost) else "The servos' torque is as it was. "
-        said = f"{done}. {torque}Run the same again: it goes on from there"
+        torque = "" if made.turn and isinstance(error, PortLost) else "The torque of the servos is unchanged. "
+        state = f"{done}. {torque}Run the same command again to continue"
         if isinstance(error, Interrupted | StoppedError):
             why = "interrupted" if isinstance(error, StoppedError) else error
-            raise Interrupted(f"{why}; {said}") from None
-        error.add_note(said)
+            raise Interrupted(f"{why}; {state}") from None
+        error.add_note(state)
         raise
 
 
@@ -102,12 +104,12 @@ def _print(rows: "list[Audit]") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("joint", "servo", "model", "V", "was", "gear", "written")
-    table.title = "every servo answers, holds this, is locked"
+    table = Table("joint", "servo", "model", "V", "before", "gear", "written")
+    table.title = "All servos answer, have these settings and are locked."
     for row in rows:
         was = "" if row.from_id is None else f"ID {row.from_id}"
         was += f", {row.from_baud} baud" if row.from_baud else ""
         gear = row.gear.verdict if row.gear else ""
         written = ", ".join(f"{one.register.name} {one.old} to {one.new}" for one in row.changes)
         table.add_row(row.joint, str(row.servo_id), row.model, f"{row.voltage_v:.1f}", was, gear, written or "nothing")
-    print_table(Console(), table, "joint", "model", "was", "gear", "written")
+    print_table(Console(), table, "joint", "model", "before", "gear", "written")

@@ -1,4 +1,4 @@
-"""``servoloop simulate``: the whole stack on simulated time, in one thread."""
+"""``servoloop simulate``: run the whole stack in simulated time, in one thread."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,27 +21,30 @@ if TYPE_CHECKING:
 def simulate(
     arm: ArmOption = OWN,
     robot: RobotOption = None,
-    job: Annotated[str | None, typer.Option(help="Grades to pick one after the other, such as A,B,C.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="Stay up so long, behind the jobs.")] = None,
+    job: Annotated[str | None, typer.Option(help="Grades of the cubes to pick, such as A,B,C.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Time to run after the jobs, in seconds.")] = None,
     backlash_deg: Annotated[
-        float, typer.Option("--backlash", min=0.0, max=10.0, help="Degrees by which each servo's shaft is free.")
+        float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each servo, in degrees.")
     ] = 1.0,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="An arm of its own: friction, motors, masses and supply differ by 10 %.")
+        int | None,
+        typer.Option(min=0, help="Seed that varies friction, motors, masses and supply of the arm by up to 10 %."),
     ] = None,
     faults: Annotated[
-        Path | None, typer.Option(help="YAML list of faults that happen meanwhile, see `servoloop fault --list`.")
+        Path | None, typer.Option(help="YAML file with faults to inject (see `servoloop fault --list`).")
     ] = None,
     schedule: Annotated[
-        Path | None, typer.Option(help="All of these from one file, instead of the other options.")
+        Path | None,
+        typer.Option(help="YAML file with arm, seed, backlash, jobs, duration and faults, instead of options."),
     ] = None,
     record: RecordOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Run controllers, loop, driver, bytes, servos and physics on simulated time: no ROS, no threads, no waiting.
+    """Run pick-and-place jobs on a virtual arm in simulated time, without ROS.
 
-    Prints figures, and a digest of every byte on every wire and every joint state: the same for the same arguments.
-    Without --job and --seconds it runs all grades of the arm once. It ends with 1 where a job failed.
+    The command runs the whole stack from the controllers to the simulated physics, faster than real time. It prints
+    following errors, timing and a digest of all bytes on the bus and all joint states. The same arguments give the same
+    digest. Without --job and --seconds, it picks all grades of the arm once. The exit status is 1 if a job failed.
     Example: `servoloop simulate --arm so101 --seed 1 --job A,B,C`
     """
     from rich.console import Console
@@ -57,14 +60,14 @@ def simulate(
 
     if record is not None:
         check_path(record)
-    said = read_schedule(schedule) if schedule else None
-    chosen = find_arm(said.arm if said else arm)
-    if said is None:
+    plan = read_schedule(schedule) if schedule else None
+    chosen = find_arm(plan.arm if plan else arm)
+    if plan is None:
         grades: tuple[str, ...] = ()
         if job is not None or seconds is None:
             known = load_pick_place(chosen.pick_place).grades
             grades = known if job is None else _grades(job, known)
-        said = Schedule(
+        plan = Schedule(
             arm=arm,
             seed=seed,
             backlash_deg=backlash_deg,
@@ -74,9 +77,9 @@ def simulate(
         )
     files = read_arm_files(chosen, robot=robot)
     if source := schedule or faults:
-        require_possible_in(source, said.faults, simulated(files), ("faults",) if schedule else ())
+        require_possible_in(source, plan.faults, simulated(files), ("faults",) if schedule else ())
     with compilation_announced(lambda text: typer.echo(text, err=True)):
-        result = run(files, job_settings(chosen, said.job), said, record)
+        result = run(files, job_settings(chosen, plan.job), plan, record)
     if json:
         print_json(_plain(result))
     else:
@@ -87,12 +90,12 @@ def simulate(
 def _grades(text: str, known: tuple[str, ...]) -> tuple[str, ...]:
     grades = tuple(grade.strip().upper() for grade in text.split(",") if grade.strip())
     if not grades or set(grades) - set(known):
-        raise DriverError(f"--job takes grades of {', '.join(known)}, such as {','.join(known)}, not {text!r}")
+        raise DriverError(f"--job accepts the grades {', '.join(known)}, such as {','.join(known)}, but not {text!r}")
     return grades
 
 
 def _plain(result: "SimulationResult") -> dict[str, Any]:
-    """The result for programs."""
+    """Return the result as JSON content."""
     return {
         "success": result.success,
         "jobs": [
@@ -130,8 +133,12 @@ def _print(result: "SimulationResult", console: "Console") -> None:
         console.print(table)
     on_time = "all on time" if not result.missed_cycles else f"{result.missed_cycles} missed"
     times = result.simulated_s / result.cpu_s
-    console.print(f"{result.simulated_s:.1f} s in {result.cpu_s:.1f} s of CPU, {times:.0f} times real time")
-    console.print(f"{counted(result.cycles, 'cycle')}, {on_time}, {result.unmeasured_cycles} without a measurement")
+    console.print(
+        f"simulated {result.simulated_s:.1f} s in {result.cpu_s:.1f} s of CPU time ({times:.0f} times real time)"
+    )
+    console.print(
+        f"{counted(result.cycles, 'cycle')}, {on_time}, {result.unmeasured_cycles} without measured positions"
+    )
     for what, cycles in result.faulty_cycles.items():
         console.print(f"{what}: {counted(cycles, 'cycle')}", style="yellow")
     console.print(f"digest {result.digest}", highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""``servoloop teach``: motions that a hand shows, recorded and played back."""
+"""``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from servoloop.teleop.arms import Side
 
 
-app = typer.Typer(no_args_is_help=True, help="Motions that a hand shows: recorded, played back.")
-Name = Annotated[str, typer.Argument(help="The motion's name.")]
-Port = Annotated[str, typer.Option(help="Serial device of the arm; NAME=PATH,NAME=PATH of several buses.")]
-AnArm = Annotated[str, typer.Option("--arm", help="The arm: a name that `servoloop arms` lists, or its folder.")]
+app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
+Name = Annotated[str, typer.Argument(help="Name of the motion.")]
+Port = Annotated[str, typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses.")]
+AnArm = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
 
 
 @app.command()
@@ -39,18 +39,18 @@ def record(
     arm: AnArm = OWN,
     limp: Annotated[
         bool,
-        typer.Option("--limp", help="Torque off: the arm moves more easily, and falls if it is let go."),
+        typer.Option("--limp", help="Switch the torque off. The arm moves more easily, but falls when you release it."),
     ] = False,
     poses: Annotated[
-        bool, typer.Option("--poses", help="Poses instead of a path: one at each Enter or p; q ends.")
+        bool, typer.Option("--poses", help="Record single poses instead of a path: one at each Enter or p; q ends.")
     ] = False,
     yes: YesOption = False,
     rate_hz: RateOption = RATE_HZ,
 ) -> None:
-    """Record how the arm is moved by hand, until Enter.
+    """Record a motion while you move the arm by hand, until you press Enter.
 
-    It holds itself softly, and gives way to the hand. In the end it holds itself as it is left, and then is held or
-    parked as its robot file says. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
+    The arm holds its position softly and yields to your hand. At the end it holds its last position, or parks, as set
+    by on_exit in its robot file. Example: `servoloop teach record wave --arm so101 --port /dev/ttyACM0`
     """
     from rich.console import Console
 
@@ -61,16 +61,16 @@ def record(
     side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
     motions.require_writable()
     if motions.path(name).exists():
-        confirm(f"{name} is there already. Record it anew?", yes)
+        confirm(f"The motion {name} exists already. Replace it?", yes)
 
-    def keep(taught: "RecordedMotion", warnings: Sequence[str]) -> None:
-        motions.save(name, taught, {joint.name: joint for joint in side.files.robot.joints})
+    def keep(motion: "RecordedMotion", warnings: Sequence[str]) -> None:
+        motions.save(name, motion, {joint.name: joint for joint in side.files.robot.joints})
         for warning in warnings:
             print_styled(f"! {warning}", fg="yellow")
-        typer.echo(f"{name}: {said(taught)}, kept in {motions.path(name)}")
+        typer.echo(f"{name}: {summary(motion)}, saved in {motions.path(name)}")
 
     log_to_terminal()
-    teacher = Teacher(Console(), lambda question: _say_and_confirm(question, yes))
+    teacher = Teacher(Console(), lambda question: _print_and_confirm(question, yes))
     raise typer.Exit(run(side, rate_hz, limp, poses, teacher, keep))
 
 
@@ -83,25 +83,26 @@ def play(
     hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
 ) -> None:
-    """Play a motion back, as long as a key is held: any but q, which ends.
+    """Play back a recorded motion while you hold a key.
 
-    The arm goes slowly to where the motion begins, then follows it. Without the key it stands. In the end it is left
-    as its robot file says. Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
+    Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
+    the motion. It stops when you release the key. At the end it holds or parks, as set by on_exit in its robot file.
+    Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     from servoloop.teach.taught import MotionStore
 
     require_keys(hands_free)
     side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
     joints = side.files.robot.joints
-    taught = motions.get(name).of([joint.name for joint in joints], name)
-    taught.check_units(joints, str(motions.path(name)))
-    taught.check([joint.limits for joint in joints], str(motions.path(name)))
-    raise typer.Exit(played(side, taught, speed, hands_free, rate_hz))
+    motion = motions.get(name).of([joint.name for joint in joints], name)
+    motion.check_units(joints, str(motions.path(name)))
+    motion.check([joint.limits for joint in joints], str(motions.path(name)))
+    raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
 
 
 @app.command("list")
 def list_(arm: AnArm = OWN, json: JsonOption = False) -> None:
-    """List an arm's motions.
+    """List the recorded motions of an arm.
 
     Example: `servoloop teach list --arm so101`
     """
@@ -109,26 +110,26 @@ def list_(arm: AnArm = OWN, json: JsonOption = False) -> None:
 
     motions = MotionStore(find_arm(arm).folder).all()
     if json:
-        print_json({name: _plain(taught) for name, taught in motions.items()})
+        print_json({name: _plain(motion) for name, motion in motions.items()})
         return
-    for name, taught in motions.items():
-        typer.echo(f"{name}: {said(taught)}")
+    for name, motion in motions.items():
+        typer.echo(f"{name}: {summary(motion)}")
 
 
 @app.command()
 def remove(name: Name, arm: AnArm = OWN) -> None:
-    """Forget a motion.
+    """Remove a recorded motion.
 
     Example: `servoloop teach remove wave --arm so101`
     """
     from servoloop.teach.taught import MotionStore
 
     MotionStore(find_arm(arm).folder).remove(name)
-    typer.echo(f"{name} is forgotten")
+    typer.echo(f"{name} was removed")
 
 
-def played(side: "Side", taught: "RecordedMotion", speed: float, hands_free: bool, rate_hz: int) -> int:
-    """Play a motion of the arm's joints, and show how it goes; the exit status."""
+def played(side: "Side", motion: "RecordedMotion", speed: float, hands_free: bool, rate_hz: int) -> int:
+    """Play a motion, show its progress, and return the exit status."""
     from rich.console import Console
 
     from servoloop.teach.run import play as run
@@ -136,45 +137,49 @@ def played(side: "Side", taught: "RecordedMotion", speed: float, hands_free: boo
 
     log_to_terminal()
     with permission_of(hands_free) as permission, Screen(Console()) as screen:
-        return run(side, rate_hz, taught, speed, permission, screen.show)
+        return run(side, rate_hz, motion, speed, permission, screen.show)
 
 
-def said(taught: "RecordedMotion") -> str:
-    """A motion in words."""
-    if taught.path is None:
-        return counted(len(taught.position), "pose")
-    return f"a path of {taught.path.duration_s:.1f} s through {counted(len(taught.position), 'point')}"
+def summary(motion: "RecordedMotion") -> str:
+    """Return a short description of a motion."""
+    if motion.path is None:
+        return counted(len(motion.position), "pose")
+    return f"a path of {motion.path.duration_s:.1f} s through {counted(len(motion.position), 'point')}"
 
 
-def _plain(taught: "RecordedMotion") -> dict[str, object]:
-    """A motion for programs."""
-    kind, duration_s = ("path", taught.path.duration_s) if taught.path else ("poses", None)
-    return {"kind": kind, "joints": taught.joints, "points": len(taught.position), "duration_s": duration_s}
+def _plain(motion: "RecordedMotion") -> dict[str, object]:
+    """Return a motion as JSON content."""
+    kind, duration_s = ("path", motion.path.duration_s) if motion.path else ("poses", None)
+    return {"kind": kind, "joints": motion.joints, "points": len(motion.position), "duration_s": duration_s}
 
 
-def _say_and_confirm(question: str, yes: bool) -> None:
-    """Ask; where nobody wants to be asked, say it nevertheless."""
+def _print_and_confirm(question: str, yes: bool) -> None:
+    """Ask for a confirmation; with ``yes``, print the question and continue."""
     if yes:
         typer.echo(question, err=True)
     confirm(question, yes)
 
 
 def teleop(
-    leader: Annotated[str, typer.Argument(help="Serial device of the leader; NAME=PATH,NAME=PATH of several buses.")],
-    follower: Annotated[str, typer.Argument(help="Serial device of the follower.")],
+    leader: Annotated[str, typer.Argument(help="Serial port of the leader, or NAME=PATH,NAME=PATH for several buses.")],
+    follower: Annotated[
+        str, typer.Argument(help="Serial port of the follower, or NAME=PATH,NAME=PATH for several buses.")
+    ],
     leader_arm: Annotated[
-        str, typer.Option(help="The leader: a name that `servoloop arms` lists, or its folder.")
+        str, typer.Option(help="Leader: a name that `servoloop arms` lists, or an arm folder.")
     ] = "so101_leader",
-    follower_arm: Annotated[str, typer.Option(help="The follower, in the same way.")] = "so101",
+    follower_arm: Annotated[
+        str, typer.Option(help="Follower: a name that `servoloop arms` lists, or an arm folder.")
+    ] = "so101",
     rate_hz: RateOption = RATE_HZ,
     hands_free: HandsFreeOption = False,
 ) -> None:
-    """Let a follower arm go where a leader arm is moved by hand, as long as a key is held: any but a and q.
+    """Let a follower arm follow a leader arm that you move by hand, while you hold a key.
 
-    The follower joins the leader slowly, then follows. It holds when the key is let go or the leader is lost, and
-    joins anew when it may go on. Key a gives torque back to servos of the follower that have released, where they
-    stand; q ends. In the end the follower is left as its robot file says; the leader is limp all the time. If the
-    leader holds torque at the start, a question comes first, because what it holds falls.
+    Any key except a and q works; q ends the command. The follower first moves slowly to the pose of the leader, then it
+    follows. It holds its position when you release the key or the leader is lost. Key a re-enables servos of the
+    follower that have switched their torque off. At the end the follower holds or parks, as set by on_exit in its robot
+    file. The torque of the leader is always off; the command asks before it switches the leader's torque off.
     Example: `servoloop teleop /dev/ttyACM0 /dev/ttyACM1`
     """
     from rich.console import Console
@@ -189,7 +194,7 @@ def teleop(
     log_to_terminal()
     sides = side_of(leader_arm, leader), side_of(follower_arm, follower)
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
-        raise TeleopError("leader and follower cannot share a port: name the device of each")
+        raise TeleopError("leader and follower cannot share a port; pass a different port for each")
     keys = partial(permission_of, hands_free, (REACTIVATE,))
     screen = Screen(Console(), keys, partial(confirm, yes=False), HANDS_FREE_HINT if hands_free else HINT)
     status = run(*sides, rate_hz, screen)

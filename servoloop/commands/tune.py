@@ -1,4 +1,4 @@
-"""``servoloop tune``: how a joint follows with its servo's gains, and which ones would be better."""
+"""``servoloop tune``: measure how well a joint follows its commands, and propose better servo gains."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -33,27 +33,28 @@ FOLDER: Final = Path("out") / "tune"
 
 
 def tune(
-    joint: Annotated[str, typer.Argument(help="The joint.")],
-    more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="More gains of --write.")] = None,
+    joint: Annotated[str, typer.Argument(help="Joint to measure.")],
+    more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="Further gains for --write.")] = None,
     port: PortsOption = None,
     arm: ArmOption = OWN,
     robot: RobotOption = None,
     urdf: UrdfOption = None,
     at: Annotated[
-        float | None, typer.Option(help="Where to measure, rad or m; without it a little beside where it stands.")
+        float | None, typer.Option(help="Position to measure at, in rad or m (default: near the present position).")
     ] = None,
     write: Annotated[
-        list[str] | None, typer.Option("--write", help="Write these gains and measure again: --write P=24 D=32.")
+        list[str] | None, typer.Option("--write", help="Gains to write before measuring again: --write P=24 D=32.")
     ] = None,
-    apply: Annotated[bool, typer.Option("--apply", help="Write the gains it proposes, and measure again.")] = False,
-    out: Annotated[Path | None, typer.Option(help="The picture, SVG; without it out/tune/JOINT.svg.")] = None,
+    apply: Annotated[bool, typer.Option("--apply", help="Write the proposed gains and measure again.")] = False,
+    out: Annotated[Path | None, typer.Option(help="SVG file to write (default: out/tune/JOINT.svg).")] = None,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure how one joint follows steps and a sine, and propose gains for its servo. It asks before it moves.
+    """Measure how a joint follows steps and a sine, and propose gains for its servo.
 
-    Overshoot, settling, delay, sag, following error, and whether it shakes. Nothing is written without --write or
-    --apply; then both measurements are shown side by side. No stack may run: it opens the port itself.
+    The command asks before the arm moves. It reports overshoot, settling time, delay, sag, following error and
+    oscillation. Gains are only written with --write or --apply; then it measures again and shows both results side by
+    side. Stop the stack first, because the command opens the port itself.
     Example: `servoloop tune elbow_flex --arm so101 --port /dev/ttyACM0`, then with `--write P=24 D=32`
     """
     from rich.console import Console
@@ -86,7 +87,7 @@ def tune(
     if json:
         print_json({**report.as_dict(), "picture": None if drawn is None else str(drawn)})
     elif drawn is not None:
-        Console().print(f"the picture: {drawn}", highlight=False, markup=False, soft_wrap=True)
+        Console().print(f"Plot: {drawn}", highlight=False, markup=False, soft_wrap=True)
     if failed is not None:
         raise failed
 
@@ -95,14 +96,14 @@ def _check_words(write: list[str] | None, more: list[str] | None, apply: bool) -
     from commissioning.tune.gains import TuneError
 
     if more and not write:
-        raise TuneError(f"{' '.join(more)}: gains are written where --write says so: --write {' '.join(more)}")
+        raise TuneError(f"{' '.join(more)}: gains can only be given after --write: --write {' '.join(more)}")
     if write and apply:
-        raise TuneError("--apply writes what is proposed, --write what you say: give one of them")
+        raise TuneError("--apply writes the proposed gains and --write writes yours; use only one of them")
 
 
 @dataclass(frozen=True, slots=True)
 class _EndingText:
-    """The state in which the arm is left, before the measurement and after it."""
+    """Texts about the final state of the arm: the announcement before and the report after the measurement."""
 
     announced: str
     reached: str
@@ -111,7 +112,7 @@ class _EndingText:
 def _tuner(
     files: "ServoFiles", joint: str, devices: "Mapping[str, str]", signals: "Signals"
 ) -> "tuple[Tuner, _EndingText]":
-    """The tuner of a joint, and how it leaves the arm."""
+    """Return the tuner of a joint and the texts about the final state of the arm."""
     from commissioning.tune.tuner import Ending, Tuner
     from drivers.clock import MonotonicClock
     from servoloop.stack.devices import world_feed
@@ -135,15 +136,17 @@ def _tuner(
 def _ending_text(relax: bool, park: bool) -> _EndingText:
     if not relax:
         return _EndingText(
-            "In the end the arm holds itself where it began.", "the arm holds its position under torque (on_exit: hold)"
+            "At the end the arm holds its initial position.", "the arm holds its position under torque (on_exit: hold)"
         )
-    where = "goes to its park pose" if park else "comes back to where it began"
-    left = "in its park pose" if park else "where it began"
-    return _EndingText(f"In the end the arm {where} and is let go.", f"the arm is {left}, and its torque is off")
+    where = "moves to its park pose" if park else "returns to its initial position"
+    left = "in its park pose" if park else "at its initial position"
+    return _EndingText(
+        f"At the end the arm {where} and its torque is switched off.", f"the arm is {left}, and its torque is off"
+    )
 
 
 def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> "OpenBuses":
-    """Opens all buses for joints whose P gains may differ from the robot file's."""
+    """Return a function that opens all buses for joints whose P gains may differ from the robot file's."""
     from servoloop.stack.hardware import open_buses
 
     def opened(joints: "Sequence[Joint]") -> "Mapping[str, Bus]":
@@ -154,7 +157,7 @@ def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> 
 
 
 def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, end: str) -> str:
-    """Everything that is going to happen. Raises TuneError where it cannot."""
+    """Return the question that describes all motions and writes. Raises TuneError if they are not possible."""
     from commissioning.tune.trial import plan_for, plan_question
 
     tuner.check_write(bool(values or apply))
@@ -165,8 +168,8 @@ def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | Non
         return text
     wanted = " ".join(f"{name}={value}" for name, value in (values or {}).items()) or "The proposed gains"
     return (
-        f"{wanted} will be written to servo {tuner.joint.servo_id} when it has been measured: the arm is let go for "
-        f"that, at its park pose where it has one, comes back, and all is done once more. First: {text}"
+        f"{wanted} will be written to servo {tuner.joint.servo_id} after the first measurement. For that, the torque "
+        f"of the arm is switched off (in the park pose, if it has one). Then the measurement is repeated. First: {text}"
     )
 
 
@@ -186,9 +189,9 @@ def _tuned(
 
 
 def _drawn(path: Path, report: "Report") -> Path | None:
-    """The picture's path; None where matplotlib is missing. Raises DriverError where it cannot be written."""
+    """Draw the plot and return its path, or None without matplotlib. Raises DriverError if it cannot be written."""
     if find_spec("matplotlib") is None:
-        typer.echo(f"no picture is drawn: it needs matplotlib: {install_command('report')}", err=True)
+        typer.echo(f"No plot is drawn because matplotlib is missing: {install_command('report')}", err=True)
         return None
     from servoloop.commands.tune_output import picture
 
@@ -197,7 +200,7 @@ def _drawn(path: Path, report: "Report") -> Path | None:
 
 
 def print_report(report: "Report", robot_file: Path, console: "Console") -> None:
-    """For people: the figures, the proposal, and what to put where."""
+    """Print the figures, the proposed gains and how to keep them."""
     from servoloop.commands.tune_output import table, words
 
     console.print(table(report))

@@ -1,4 +1,4 @@
-"""The figures of a tuning for people, as a table, and the sentences below it."""
+"""Output of ``servoloop tune``: the table of figures, the text below it, and the plot."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from servoloop.plots import PALETTE, new_figure, style, svg
 
 
 class _Row(NamedTuple):
-    """A figure: where it stands in what was measured and predicted, and whether it is a time."""
+    """Row of the table: its name, its field in ``Figures`` and ``Predicted``, and whether it is a time."""
 
     name: str
     field: str
@@ -26,19 +26,19 @@ class _Row(NamedTuple):
 
 ROWS: Final = (
     _Row("overshoot", "overshoot"),
-    _Row("settles after", "settling_s", True),
+    _Row("settling time", "settling_s", True),
     _Row("sag at rest", "sag"),
-    _Row("to either side of it", "stick"),
+    _Row("variation of the sag (±)", "stick"),
     _Row("largest error at rest", "rest_error"),
     _Row("delay", "delay_s", True),
     _Row("largest error in the sine", "following_largest"),
-    _Row("its RMS", "following_rms"),
-    _Row("swing at rest", "swing"),
+    _Row("RMS error in the sine", "following_rms"),
+    _Row("oscillation at rest", "swing"),
 )
 
 
 def table(report: Report) -> Table:
-    """The figures before, as predicted, and after."""
+    """Return a table of the figures before, as predicted and after."""
     shown: list[tuple[str, Figures | Predicted]] = [(_gains(report.before.gains), report.before.figures)]
     if report.predicted is not None:
         values = {one.gain: one.new for one in report.written} or dict(report.proposal.values)
@@ -54,7 +54,7 @@ def table(report: Report) -> Table:
     for row in ROWS:
         write = in_time if row.is_time else in_position
         made.add_row(row.name, *(write(found, row.field) for _, found in shown))
-    made.add_row("shakes at rest", *(_shakes(found) for _, found in shown))
+    made.add_row("oscillates at rest", *(_shakes(found) for _, found in shown))
     return made
 
 
@@ -76,36 +76,36 @@ def _position(report: Report) -> Callable[[Figures | Predicted, str], str]:
 
 def _time(found: Figures | Predicted, field: str) -> str:
     if isinstance(found, Figures) and getattr(found, field) is None:
-        return "does not"
+        return "does not settle" if field == "settling_s" else "none"
     value = getattr(found, field, None)
     return "" if value is None else f"{value * 1e3:.0f} ms"
 
 
 def _shakes(found: Figures | Predicted) -> str:
     if isinstance(found, Predicted):
-        return "measure"
+        return "not predicted"
     return f"yes, {found.swing_hz:.1f} Hz" if found.shakes else "no"
 
 
 def words(report: Report, robot_file: Path) -> Iterator[str]:
-    """The sentences below the table."""
+    """Yield the lines below the table."""
     proposal, joint = report.proposal, report.joint
     yield from (f"· {reason}" for reason in proposal.reasons)
     wanted = " ".join(f"{name}={value}" for name, value in proposal.values.items())
     if wanted and not report.written:
-        yield f"to try: --write {wanted} (or --apply). What it says of them is predicted, not measured"
+        yield f"To try these gains, use --write {wanted} (or --apply). Their figures are predicted, not measured."
     for one in report.written:
-        yield f"servo {joint.servo_id}: {one.gain} ({one.register}) was {one.old}, is {one.new}"
+        yield f"servo {joint.servo_id}: {one.gain} ({one.register}) changed from {one.old} to {one.new}"
     if report.to_keep:
-        yield f"to keep it, in {robot_file} under joints, {joint.name}: {_flow(report.to_keep)}"
+        yield f"To keep the gains, add to {robot_file} under joints, {joint.name}: {_flow(report.to_keep)}"
     if report.written and not report.to_keep:
-        yield "it is gone with the power: these gains live in the servo's RAM, and no robot file names them"
+        yield "These gains are lost at power-off: they are in the servo's RAM, and the robot file cannot set them."
     if report.overruled and not report.to_keep:
-        yield f"{robot_file} names {_flow(report.overruled)}: `servoloop up` writes that to the servo"
+        yield f"{robot_file} sets {_flow(report.overruled)}, which `servoloop up` writes to the servo."
 
 
 def _flow(values: object) -> str:
-    """YAML in one line."""
+    """Return the values as YAML in one line."""
     return yaml.safe_dump(values, default_flow_style=True, sort_keys=False, width=1000).strip()[1:-1]
 
 
@@ -113,15 +113,15 @@ HEIGHT_IN = 5.0
 
 
 class _Curves(NamedTuple):
-    """One motion, measured with one set of gains."""
+    """Curves of one motion, measured with one set of gains."""
 
     label: str
-    colour: str
+    color: str
     trace: Trace
 
 
 def picture(report: Report) -> str:
-    """The picture as SVG: positions above, errors in the encoder's counts below."""
+    """Return an SVG plot with positions above and errors, in encoder counts, below."""
     measured = [one for one in (report.before, report.after) if one is not None]
     columns = [
         ("step away", [one.steps[0] for one in measured]),
@@ -144,15 +144,15 @@ def picture(report: Report) -> str:
 
 
 def _curves(measured: Sequence[Measurement], traces: Sequence[Trace]) -> Iterator[_Curves]:
-    for one, trace, colour in zip(measured, traces, PALETTE, strict=False):
+    for one, trace, color in zip(measured, traces, PALETTE, strict=False):
         words = ", ".join(f"{letter} {one.gains[letter]}" for letter in "PDI" if letter in one.gains)
-        yield _Curves(words or "measured", colour, trace)
+        yield _Curves(words or "measured", color, trace)
 
 
 def _draw(above: Axes, below: Axes, curves: Sequence[_Curves], count: float) -> None:
     first = curves[0].trace
     above.plot(first.time_s, first.command, color="black", linestyle="--", linewidth=0.9)
-    for label, colour, trace in curves:
-        above.plot(trace.time_s, trace.position, color=colour, linewidth=1.2, label=label)
+    for label, color, trace in curves:
+        above.plot(trace.time_s, trace.position, color=color, linewidth=1.2, label=label)
         error: FloatArray = (trace.command - trace.position) / count
-        below.plot(trace.time_s, error, color=colour, linewidth=1.2)
+        below.plot(trace.time_s, error, color=color, linewidth=1.2)

@@ -1,4 +1,4 @@
-"""``servoloop up``: the stack of one arm under ROS 2."""
+"""``servoloop up``, ``pick`` and ``demo``: run an arm with ROS 2, send it a job, and demonstrate pick and place."""
 
 import logging
 import os
@@ -40,53 +40,52 @@ LOG = logging.getLogger("servoloop")
 def up(
     hardware: Annotated[
         HardwareKind | None,
-        typer.Option(help="What is below the loop; by default what the URDF's plugin says."),
+        typer.Option(help="Hardware that the control loop drives (default: the plugin named in the URDF)."),
     ] = None,
     port: Annotated[
         list[str] | None,
-        typer.Option(help="Serial device of the servos; NAME=PATH for each of several buses. Without: virtual servos."),
+        typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
     ] = None,
     arm: ArmOption = OWN,
     controllers: Annotated[
-        Path | None, typer.Option(help="Controllers file, as for ros2_control, instead of the arm's.")
+        Path | None, typer.Option(help="Controllers file (ros2_control format) to use instead of the arm's own.")
     ] = None,
     urdf: UrdfOption = None,
     robot: RobotOption = None,
     keep_alive: Annotated[
         bool,
-        typer.Option("--stay", help="Keep up when servos are lost or missing, and wait to be told to activate them."),
+        typer.Option("--stay", help="Keep running if servos are missing or lost, until they are activated again."),
     ] = False,
     publish_transforms: Annotated[
         bool,
         typer.Option(
             "--robot-state-publisher/--no-robot-state-publisher",
-            help="Publish robot_description and the links' transforms; not where a node of yours does.",
+            help="Publish robot_description and the transforms of the links, unless a node of yours does.",
         ),
     ] = True,
     spawn: Annotated[
         bool,
         typer.Option(
             "--spawn/--no-spawn",
-            help="Load and activate the file's controllers; not where ros2_control's spawner does.",
+            help="Load and activate the controllers of the file, unless ros2_control's spawner does.",
         ),
     ] = True,
     rtf: Annotated[
         str | None,
-        typer.Option(
-            metavar="FACTOR", help="Simulated time, FACTOR times as fast as real time; `max`: as fast as it goes."
-        ),
+        typer.Option(metavar="FACTOR", help="Run in simulated time, FACTOR times as fast as real time, or `max`."),
     ] = None,
     step: Annotated[
-        bool, typer.Option("--step", help="Simulated time that only the service step_simulation advances.")
+        bool, typer.Option("--step", help="Run in simulated time that only the service step_simulation advances.")
     ] = False,
     record: RecordOption = None,
     network: NetworkOption = False,
-    ready_file: Annotated[Path | None, typer.Option(help="Written when the stack is ready for goals.")] = None,
+    ready_file: Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")] = None,
 ) -> None:
-    """Bring the arm up under ROS 2 and keep it up until Ctrl-C.
+    """Run the control stack of an arm with ROS 2 until Ctrl-C.
 
-    Example: `servoloop up --port /dev/ttyACM0`, with two buses `servoloop up --port arm=/dev/ttyACM0
-    --port hand=/dev/ttyUSB0`, virtual servos five times as fast as real ones `servoloop up --rtf 5`
+    Example: `servoloop up --port /dev/ttyACM0`; with two buses,
+    `servoloop up --port arm=/dev/ttyACM0 --port hand=/dev/ttyUSB0`; with virtual servos at five times real time,
+    `servoloop up --rtf 5`
     """
     from servoloop.up import UpOptions
     from servoloop.up import up as run
@@ -95,7 +94,7 @@ def up(
     set_network(network)
     if ready_file is not None:
         if ready_file.is_dir():
-            raise DriverError(f"--ready-file {ready_file} is a folder: choose the name of a file")
+            raise DriverError(f"--ready-file {ready_file} is a folder; choose a file")
         require_writable(ready_file.parent)
     if record is not None:
         check_path(record)
@@ -105,8 +104,8 @@ def up(
         files = replace(files, controllers=replace(files.controllers, controllers=()))
     devices = parse_ports(port or [], files.robot.file.lines())
 
-    def ready(what: str) -> None:
-        typer.echo(f"ready: {what}")
+    def ready(text: str) -> None:
+        typer.echo(f"ready: {text}")
         if ready_file is not None:
             write_ready(ready_file)
 
@@ -114,7 +113,7 @@ def up(
 
 
 def write_ready(path: Path) -> None:
-    """Write the file, whole or not at all. An arm that is up stays so where that fails: it is logged."""
+    """Write the file atomically. A failure is logged and does not end the stack."""
     partial = path.with_name(path.name + ".part")
     try:
         partial.write_text(f"{os.getpid()}\n")
@@ -126,7 +125,7 @@ def write_ready(path: Path) -> None:
 
 
 def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
-    """Simulated time as ``--rtf`` and ``--step`` ask for it; None for the machine's own."""
+    """Return the simulated time that ``--rtf`` and ``--step`` select, or None for real time."""
     if rtf is None and not step:
         return None
     from servoloop.simulation.pace import Pace, parse_factor
@@ -140,26 +139,26 @@ def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
     network: NetworkOption = False,
 ) -> None:
-    """Send one pick-place goal, print its feedback, and exit with 0 if it succeeds.
+    """Send one pick-and-place goal to a running arm and print its feedback.
 
-    Example: `servoloop pick B`
+    The exit status is 0 if the job succeeds. Example: `servoloop pick B`
     """
     if not grade.strip():
-        raise DriverError("GRADE is empty, and every pick-place node refuses that: name one, such as A")
+        raise DriverError("GRADE must not be empty; choose a grade, such as A")
     require_ros()
     from nodes.client_node import client_node
     from nodes.pick_place.client import ACTION, PickClient
     from servoloop.stack.signals import Signals
 
     set_network(network)
-    left = "the node may go on with the job"
+    left = "the node may continue the job"
     with Signals(left) as signals, client_node("servoloop_pick") as (node, executor):
         client = PickClient(node, executor)
-        there = client.wait(5.0, lambda: signals.count > 0)
+        available = client.wait(5.0, lambda: signals.count > 0)
         if signals.count:
             raise Interrupted("interrupted before the job began")
-        if not there:
-            raise DriverError(f"nobody offers {ACTION}: start the stack and the pick-place node")
+        if not available:
+            raise DriverError(f"no node provides the action {ACTION}; start the stack and the pick-and-place node")
         outcome = client.pick(
             grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
         )
@@ -169,18 +168,19 @@ def pick(
 
 def demo(
     grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
-    repeat: Annotated[int, typer.Option(min=1, help="How often to go through them.")] = 1,
+    repeat: Annotated[int, typer.Option(min=1, help="Number of times to pick all grades.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
     arm: ArmOption = OWN,
     robot: RobotOption = None,
     backlash_deg: BacklashOption = BACKLASH_DEG,
     seed: SeedOption = None,
     record: RecordOption = None,
-    view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser meanwhile.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False,
 ) -> None:
-    """Pick and place on virtual servos: show it live, measure it, exit with 0 if all cubes are right.
+    """Sort cubes with a virtual arm, show the progress and measure the motion.
 
-    With all grades two more cubes are sorted for comparison, one without gravity compensation and one without lead.
+    With all grades, two more cubes are sorted for comparison: one without gravity compensation and one without lead.
+    The exit status is 0 if every cube is in the right bin.
     Example: `servoloop demo --grades A,C --repeat 3`
     """
     from rich.console import Console
@@ -193,7 +193,7 @@ def demo(
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
-        raise DriverError(f"--grades takes grades such as A,B,C, not {grades!r}")
+        raise DriverError(f"--grades needs grades such as A,B,C, not {grades!r}")
     if record is not None:
         check_path(record)
     chosen = find_arm(arm)

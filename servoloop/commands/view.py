@@ -1,4 +1,4 @@
-"""``servoloop view``: the arm in a browser."""
+"""``servoloop view`` and ``monitor``: show an arm in a browser or in the terminal."""
 
 import importlib.util
 import os
@@ -20,35 +20,40 @@ if TYPE_CHECKING:
 
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
-"""The variables one of which is set where there is a screen."""
+"""Environment variables; at least one of them is set on a machine with a screen."""
 
 
 def view(
     recording: Annotated[
-        Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
+        Path | None, typer.Argument(help="MCAP file to play (default: the stack running on this machine).")
     ] = None,
     arm: Annotated[
         str | None,
-        typer.Option(help="Which running arm, of several: name, folder or process. With FILE.mcap: the recorded arm."),
+        typer.Option(
+            help="Name, folder or process ID of the arm if several are running. With an MCAP file: the recorded arm."
+        ),
     ] = None,
     bus: Annotated[
-        Path | None, typer.Option(help="The virtual arm (--arm) that `servoloop emulate` serves there, with no stack.")
+        Path | None,
+        typer.Option(help="LINK of a virtual arm that `servoloop emulate` serves without a stack; set --arm too."),
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Where it is taken, the next free one is used.")] = 8080,
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free one is used."),
+    ] = 8080,
     host: Annotated[
-        str, typer.Option(help="Address of this machine at which others may open the page, with the token it prints.")
+        str, typer.Option(help="Network address of the page. Other machines need the token that is printed.")
     ] = "127.0.0.1",
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> None:
-    """Show the arm in a browser: a running stack, a recording, or virtual servos that another program moves.
+    """Show a running arm, a recording or virtual servos in a browser.
 
-    One page on this machine, which needs no other network. Buttons move a running arm as long as they are held.
-    It ends with Ctrl-C; the arm does not notice.
-    Example: `servoloop view`, of a recording `servoloop view out/run.mcap`
+    The page works offline. Its buttons move a running arm while you hold them. Ctrl-C ends the command without
+    affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
     """
     require_view()
     if recording is not None and bus is not None:
-        raise DriverError("--bus names a running arm, FILE.mcap is a recording: give one of them")
+        raise DriverError("--bus shows a virtual arm and FILE.mcap shows a recording; use only one of them")
     from servoloop.dashboard.browser import show
     from servoloop.dashboard.move_panel import MovePanel, Mover
     from servoloop.dashboard.page import Page
@@ -80,7 +85,7 @@ def view(
 def _opened(
     recording: Path | None, bus: Path | None, arm: str | None, clock: Clock
 ) -> "tuple[LiveSource | Recording | EmulatorSource, Path | None]":
-    """Open the source, and find the folder of its arm; None if only the robot description tells which arm it is."""
+    """Open the source and return it with the folder of its arm, or None if only the URDF of the arm is known."""
     from servoloop.recording.sources import LiveSource, Recording
     from servoloop.stack.arm_folders import OWN, find_arm
 
@@ -103,28 +108,30 @@ def _emulated(bus: Path, arm: "Arm", clock: Clock) -> "EmulatorSource":
 
 
 NICE: Final = 5
-"""The loop that is looked at may run on the same machine: it comes first."""
+"""Niceness of the monitor, so that a control loop on the same machine has priority."""
 
 
 def monitor(
     recording: Annotated[
-        Path | None, typer.Argument(help="FILE.mcap to play; without: the stack that runs on this machine.")
+        Path | None, typer.Argument(help="MCAP file to play (default: the stack running on this machine).")
     ] = None,
-    arm: Annotated[str | None, typer.Option(help="Which running arm, of several: name, folder or process.")] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Name, folder or process ID of the arm if several are running.")
+    ] = None,
 ) -> None:
-    """Show the arm in this terminal: a running stack, or a recording. For a machine without a screen, over ssh.
+    """Show a running arm or a recording in this terminal, for example over ssh.
 
-    It only looks, and ends with q or Ctrl-C; the arm does not notice.
-    Example: `servoloop monitor`, of a recording `servoloop monitor out/run.mcap`
+    The command only watches; q or Ctrl-C ends it without affecting the arm.
+    Example: `servoloop monitor`, or `servoloop monitor out/run.mcap` for a recording
     """
     if importlib.util.find_spec("textual") is None:
-        raise DriverError(f"the monitor needs textual: {install_command('monitor')}")
+        raise DriverError(f"the monitor needs textual; install it with: {install_command('monitor')}")
     if recording is not None and arm is not None:
-        raise DriverError("--arm names a running arm, FILE.mcap is a recording: give one of them")
+        raise DriverError("--arm shows a running arm and FILE.mcap shows a recording; use only one of them")
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise DriverError(
-            "the monitor needs a terminal for its keys and its picture, and has none here: run it in one, "
-            "over ssh with `ssh -t`"
+            "the monitor needs a terminal, but stdin or stderr is not a terminal; run it in a terminal (over ssh, use "
+            "`ssh -t`)"
         )
     from servoloop.dashboard.terminal import MonitorApp
     from servoloop.recording.sources import LiveSource, Playback, Recording

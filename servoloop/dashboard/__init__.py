@@ -1,1 +1,1 @@
-"""The view: an arm in a browser, from a running stack or from a recording."""
+"""Show an arm in a browser or in a terminal, from a running stack, a recording or virtual servos."""

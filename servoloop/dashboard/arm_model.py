@@ -1,4 +1,4 @@
-"""The arm as a tree of links: where each one is drawn, and where the tool is for given joint positions."""
+"""Tree of an arm's links, with their poses and the pose of the tool at given joint positions."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,11 +13,11 @@ from servoloop.recording.sampler import LinkPose, LinkPoses
 
 HERE: tuple[Vector, Quaternion] = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 BETWEEN = 16
-"""Points of a drawn path between two points of a goal."""
+"""Number of drawn points from one point of a goal to the next."""
 
 
 class ArmModel:
-    """The links of a robot description; joints are in the order of the measurements."""
+    """Links of a robot description. Joint positions are in the order of the measured joints."""
 
     def __init__(self, joints: Mapping[str, UrdfJoint], measured: Sequence[str]) -> None:
         self._joints = joints
@@ -29,20 +29,20 @@ class ArmModel:
 
     @property
     def reach_m(self) -> float:
-        """The length of the longest chain of joints, in meters."""
-        return max(map(self._away, self.links))
+        """Length of the longest chain of joints, in meters."""
+        return max(map(self._chain_m, self.links))
 
-    def _away(self, link: str) -> float:
+    def _chain_m(self, link: str) -> float:
         joint = self._above.get(link)
-        return 0.0 if joint is None else math.hypot(*joint.xyz_m) + self._away(joint.parent)
+        return 0.0 if joint is None else math.hypot(*joint.xyz_m) + self._chain_m(joint.parent)
 
     def branch(self, link: str) -> str:
-        """A link's place in the tree, from the root on: ``/base_link/link1``."""
+        """Return the path of a link in the tree, such as ``/base_link/link1``."""
         joint = self._above.get(link)
         return f"{self.branch(joint.parent) if joint else ''}/{link}"
 
     def joint_of(self, link: str) -> str | None:
-        """The measured joint that moves this link, of a mimic joint the one that it follows; None where none does."""
+        """Return the measured joint that moves a link, or None. A mimic joint counts as the joint that it follows."""
         joint = self._above.get(link)
         while joint is not None:
             if joint.name in self.measured:
@@ -53,15 +53,18 @@ class ArmModel:
         return None
 
     def fixed(self) -> Iterator[LinkPose]:
-        """The poses of the links that never move in their parents."""
+        """Yield the poses of the links that are fixed to their parents."""
         return iter(self._poses.fixed)
 
     def moving(self, position: FloatArray) -> Iterator[LinkPose]:
-        """The poses of the others at joint positions (n,) in rad or m; a link whose joint is NaN is left out."""
+        """Yield the poses of the moving links at joint positions (n,), in rad or m.
+
+        A link is omitted if the position of its joint is NaN.
+        """
         return self._poses.moving(position)
 
     def tool_link(self, joints: Sequence[str]) -> str:
-        """The link behind the last of these joints and what is fixed to it."""
+        """Return the last link of the chain: the child of the last of these joints, or the last link fixed to it."""
         depths = {self._joints[name].child: self.branch(self._joints[name].child).count("/") for name in joints}
         link = max(depths, key=lambda child: depths[child])
         while after := [j.child for j in self._joints.values() if j.parent == link and j.kind == "fixed"]:
@@ -69,7 +72,7 @@ class ArmModel:
         return link
 
     def pose(self, link: str, position: FloatArray) -> tuple[Vector, Quaternion]:
-        """The pose (m) of a link in the root link at joint positions (n,) in rad or m."""
+        """Return the pose of a link in the root link, in meters, at joint positions (n,) in rad or m."""
         found = {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.fixed}
         found |= {pose.child: (pose.position_m, pose.quaternion) for pose in self._poses.moving(position)}
         (x, y, z), turn = HERE
@@ -83,16 +86,19 @@ class ArmModel:
         return (x, y, z), turn
 
     def place(self, link: str, position: FloatArray) -> Vector:
-        """The place (m) of a link in the root link at joint positions (n,) in rad or m."""
+        """Return the position of a link in the root link, in meters, at joint positions (n,) in rad or m."""
         return self.pose(link, position)[0]
 
     def path(self, joints: Sequence[str], points: FloatArray, start: FloatArray | None) -> FloatArray:
-        """The way (m, 3) of the tool in metres through a goal's points (k, joints), from the positions ``start`` (n,).
+        """Return the path of the tool (m, 3) through a goal's points, in meters.
 
-        Without ``start`` it begins at the goal's first point.
+        Between two points the joint positions are interpolated linearly. The real motion differs slightly, because it
+        respects the acceleration and jerk limits of each joint.
 
-        Between two points the joints go in proportion to each other. The real motion differs from that a little: it
-        keeps within the limits of each joint's acceleration and jerk.
+        Args:
+            joints: Joints of the goal.
+            points: Points of the goal (k, joints), in rad or m.
+            start: Positions of all measured joints (n,) at the start; None to start at the first point.
         """
         columns = [self.measured.index(name) for name in joints]
         rows = np.tile(np.zeros(len(self.measured)) if start is None else np.nan_to_num(start), (len(points) + 1, 1))

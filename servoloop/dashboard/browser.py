@@ -1,4 +1,4 @@
-"""The view's loop: from a source into the page, until it is told to end."""
+"""Update the page of ``servoloop view`` from a source in a loop."""
 
 import importlib.util
 from collections.abc import Callable
@@ -12,15 +12,15 @@ from servoloop.extras import install_command
 from servoloop.recording.sources import Source
 
 ARM_S: Final = 0.05
-"""The arm moves in the page this often,"""
+"""Interval at which the drawn arm is updated, in seconds."""
 NUMBERS: Final = 7
-"""and numbers are renewed every so many times."""
+"""Number of updates of the arm per update of the numbers."""
 BEAT: Final = 20
-"""The number of turns between two signs of life to the browsers."""
+"""Number of updates of the arm per heartbeat to the browsers."""
 
 
 def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], panel: MovePanel | None = None) -> None:
-    """Show the source until ``stop`` says so, with the buttons that move it where there are some."""
+    """Show the source, and the buttons of ``panel`` if there is one, until ``stop`` returns True."""
     turn = 0
     while not stop():
         watched = source.robot
@@ -35,6 +35,6 @@ def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], pan
 
 
 def require_view(what: str = "the view", library: str = "viser") -> None:
-    """Raise DriverError, which names the command that installs it, where the library is missing."""
+    """Raise DriverError, with the command that installs the library, if the library is missing."""
     if importlib.util.find_spec(library) is None:
-        raise DriverError(f"{what} needs {library}: {install_command('view')}")
+        raise DriverError(f"{what} needs {library}; install it with: {install_command('view')}")

@@ -1,15 +1,15 @@
-"""The layout of the page on a phone: the arm above the controls, and the button that stops it always in sight."""
+"""Layout of the page on a phone: the arm is above the controls, and the stop button is always visible."""
 
 from typing import Final
 
 NARROW: Final = "36em"
-"""Below this width viser puts all panels into a sheet at the bottom of the page, over the arm."""
+"""Page width below which viser puts all panels into a sheet at the bottom of the page, over the arm."""
 CONTROLS_SHARE: Final = "45%"
-"""Maximum share of the page's height that the controls take."""
+"""Maximum height of the controls, as a share of the page height."""
 PINNED: Final = "<i class='servoloop-pinned'></i>"
-"""The control that follows this HTML stays in sight while the controls are scrolled."""
+"""Marker before a control that stays visible while the controls are scrolled."""
 _SHEET: Final = ".mantine-Paper-root[style*='position: fixed']"
-"""The sheet; viser gives it no name."""
+"""CSS selector of the sheet, which has no class of its own in viser."""
 LAYOUT: Final = f"""<style>@media (max-width: {NARROW}) {{
   div:has(> {_SHEET}) {{ flex-direction: column }}
   div:has(+ {_SHEET}) {{ flex: 1 1 0; height: auto !important; min-height: 0 }}

@@ -1,4 +1,4 @@
-"""The page: the arm in 3-D, what is shown of it, strips of one joint, tables of servos and of the loop."""
+"""Page of ``servoloop view``: the arm in 3D, plots of one joint, and tables of the servos and the control loop."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -24,22 +24,22 @@ from servoloop.recording.robot_state import GoalPath, ObservedRobot, Snapshot, h
 from servoloop.stack.arm_folders import ARM_FILE, Arm, arms, read_arm
 
 HEIGHT_PX: Final = 150
-COLOURS: Final = ("#d2522d", "#4682dc")
+COLORS: Final = ("#d2522d", "#4682dc")
 
 
 class Strips:
-    """The plots in the page."""
+    """Plots of the page."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._plots = [self._add(server, strip) for strip in STRIPS]
 
     def show(self, watched: ObservedRobot, place: int) -> None:
-        """Draw the joint at ``place``."""
+        """Plot the last minute of the joint with the index ``place``."""
         minute = watched.minute()
         for strip, plot in zip(STRIPS, self._plots, strict=True):
             data = strip_data(minute, strip.columns, place)
             scales = _scales(axis_range(data[1:], strip.least))
-            if scales != plot.scales:  # the plot is made anew
+            if scales != plot.scales:  # setting the scales recreates the plot
                 plot.scales = scales
             plot.data = data
 
@@ -50,8 +50,8 @@ class Strips:
             (
                 uplot.Series(label="s"),
                 *(
-                    uplot.Series(label=name, stroke=colour, width=1.5)
-                    for name, colour in zip(strip.columns, COLOURS, strict=False)
+                    uplot.Series(label=name, stroke=color, width=1.5)
+                    for name, color in zip(strip.columns, COLORS, strict=False)
                 ),
             ),
             title=strip.title,
@@ -69,38 +69,38 @@ def _scales(range_y: tuple[float, float]) -> dict[str, uplot.Scale]:
 STYLE: Final = 'style="width:100%;font-size:0.78em;border-collapse:collapse;text-align:left"'
 ROW: Final = 'style="border-bottom:1px solid #8884"'
 COLUMNS: Final = ("position", "error", "temp.", "supply", "state")
-"""Of a joint; the others are the strips'."""
+"""Columns of the joint table. The plots show the other quantities."""
 
 
 def servo_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint]) -> str:
-    """A row for each joint: position, error, temperature, voltage, and what is wrong with it."""
+    """Return a table of the joints' positions, errors, temperatures, voltages and states, as HTML."""
     return html(tables.joint_table(snapshot, joints, COLUMNS))
 
 
 def faults(snapshot: Snapshot) -> str:
-    """What is wrong or gives a warning, by name; empty where all is well."""
+    """Return all errors and warnings as HTML, or an empty string if there are none."""
     rows = tables.fault_table(snapshot).rows
     return "".join(f"<p>{_cell(name)}: {_cell(message)}</p>" for name, message in rows)
 
 
 def loop_table(snapshot: Snapshot) -> str:
-    """The loop's timing: the newest cycle, and what its diagnostics have counted."""
+    """Return a table of the loop's timing and diagnostics, as HTML."""
     return html(tables.loop_table(snapshot))
 
 
 def counter_table(snapshot: Snapshot) -> str:
-    """What went wrong on the line, counted by servo and by port."""
+    """Return a table of the communication errors of each servo and port, as HTML."""
     return html(tables.counter_table(snapshot))
 
 
 def controller_table(snapshot: Snapshot) -> str:
-    """Components and controllers with their states, each controller's newest goal, and how goals ended."""
+    """Return tables of the components, the controllers with their latest goals, and the goal results, as HTML."""
     results = tables.result_table(snapshot)
     return html(tables.controller_table(snapshot)) + (html(results) if results.rows else "")
 
 
 def html(table: Table) -> str:
-    """A table in HTML; what is in its cells is text and no markup."""
+    """Return a table as HTML, with escaped cell texts."""
     lines = [f"<th>{'</th><th>'.join(map(escape, table.head))}</th>"]
     lines += [f"<td>{'</td><td>'.join(map(_cell, row))}</td>" for row in table.rows]
     return f"<table {STYLE}><tr {ROW}>{f'</tr><tr {ROW}>'.join(lines)}</tr></table>"
@@ -114,21 +114,21 @@ def _cell(cell: Cell) -> str:
 NO_JOINTS: Final = ("–",)
 RED: Final = "#d2322d"
 LOST_S: Final = 5
-"""A page that receives nothing for so many seconds shows that its connection is lost."""
+"""Time without data after which a page reports that its connection is lost, in seconds."""
 _STATUS: Final = f"""<style>
 @keyframes answered {{{{ to {{{{ visibility: hidden; position: absolute }}}} }}}}
 @keyframes lost {{{{ to {{{{ visibility: visible; position: static }}}} }}}}
 </style><p style='margin:0.5em 1em' data-beat='{{beat}}'>
 <b style='color:{{color}};animation:answered 0s {LOST_S}s forwards'>{{text}}</b>
 <b style='color:{RED};visibility:hidden;position:absolute;animation:lost 0s {LOST_S}s forwards'>
-the connection to servoloop view is lost: what is shown is old</b></p>"""
-"""The animations run in the browser, so the text changes even if the program has ended."""
+the connection to servoloop view is lost; the page is outdated</b></p>"""
+"""Status line. Its animations run in the browser, so the text changes even if the program has ended."""
 
 
 def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
-    """Find the arm in ``folder``, or else the arm in config/arms with this robot description; None if there is none.
+    """Return the arm in ``folder``, or the arm in config/arms with this robot description, or None.
 
-    Raises ArmFileError if the file of the arm has mistakes.
+    Raises ArmFileError if the file of the arm is invalid.
     """
     if folder is not None and (folder / ARM_FILE).is_file():
         return read_arm(folder)
@@ -136,17 +136,22 @@ def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
 
 
 def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
-    """The things that stand around an arm, and those that lie there; none of an arm that nobody knows."""
+    """Return the shapes of the fixed and of the loose objects around an arm; none if the arm is unknown."""
     if known is None or not known.scene.is_file():
         return (), ()
     return scene_shapes(known.scene), thing_shapes(known.scene)
 
 
 class Page:
-    """What all browsers see that have the page open."""
+    """Content of the page, which all browsers share."""
 
     def __init__(self, server: viser.ViserServer, folder: Path | None = None) -> None:
-        """``folder``: the arm's own; without it, the arm is looked for in config/arms by its robot description."""
+        """Create the page.
+
+        Args:
+            server: Server of the page.
+            folder: Folder of the arm. Without it, the arm is found in config/arms by its robot description.
+        """
         self._server, self._folder = server, folder
         self._arm: ArmScene | None = None
         self._description: Description | None = None
@@ -160,9 +165,9 @@ class Page:
         self._status = gui.add_html("")
         controls = gui.add_folder("Arm")
         self.above_arm = controls.order - 0.5
-        """The place in the page for what is to be seen first."""
+        """Order of controls that are placed above the folder *Arm*."""
         with controls:
-            self._colours = gui.add_dropdown("Colour", CHOICES, initial_value=PLAIN)
+            self._colors = gui.add_dropdown("Color", CHOICES, initial_value=PLAIN)
             self._frames = gui.add_checkbox("Frames", initial_value=False)
             self._ghost = gui.add_checkbox("Commanded (ghost)", initial_value=True)
         with gui.add_folder("Last minute"):
@@ -173,16 +178,16 @@ class Page:
         self._ghost.on_update(self._chosen)
 
     def status(self, text: str, well: bool = True, beat: int = 0) -> None:
-        """Show the state of the source: a running stack, a recording, or, in red, a stack that has ended.
+        """Show the state of the source; in red if the stack has ended.
 
-        A browser that receives no new ``beat`` for ``LOST_S`` shows that the connection is lost.
+        A browser reports a lost connection if it receives no new ``beat`` for ``LOST_S``.
         """
         content = _STATUS.format(text=escape(text), color="inherit" if well else RED, beat=beat)
         if content != self._status.content:
             self._status.content = content
 
     def show_arm(self, watched: ObservedRobot) -> None:
-        """Move the arm; cheap enough for every cycle."""
+        """Update the drawn arm, the objects around it and the path of its goal."""
         snapshot = watched.state.snapshot
         if not snapshot.joints or not snapshot.description_xml:
             return
@@ -195,13 +200,13 @@ class Page:
         self._show_goal(watched, snapshot)
 
     def show_numbers(self, watched: ObservedRobot) -> None:
-        """Renew texts, colours and strips; a few times a second."""
+        """Update the tables, colors and plots. This is expensive; call it a few times per second."""
         snapshot = watched.state.snapshot
         if self._arm is None or self._description is None or snapshot.joints != self._joints:
             return
-        said = health(snapshot)
-        wanted = shares(self._colours.value, said.temperature_c, snapshot.effort, self._limits(snapshot))
-        self._arm.colour(wanted, servo_faults(snapshot))
+        temperature_c = health(snapshot).temperature_c
+        wanted = shares(self._colors.value, temperature_c, snapshot.effort, self._limits(snapshot))
+        self._arm.color(wanted, servo_faults(snapshot))
         self._faults.content = faults(snapshot)
         self._servos.content = servo_table(snapshot, self._description.joints)
         self._counters.content = counter_table(snapshot)
@@ -220,7 +225,7 @@ class Page:
         return [*servos, *loop]
 
     def _build(self, snapshot: Snapshot) -> None:
-        """Draw the arm anew: the first time, and when another one has come."""
+        """Draw the arm for the first time or after another arm was connected."""
         if self._arm is not None:
             self._arm.remove()
         self._xml, self._joints, self._goal = snapshot.description_xml, snapshot.joints, None
@@ -238,16 +243,18 @@ class Page:
         self._joint.options = snapshot.joints
         if missing:
             names = ", ".join(missing)
-            self._server.gui.add_html(f"<p style='margin:0.5em 1em'>not drawn, cannot be read: {escape(names)}</p>")
+            self._server.gui.add_html(
+                f"<p style='margin:0.5em 1em'>not drawn, because they cannot be read: {escape(names)}</p>"
+            )
 
     def _chosen(self, _: object = None) -> None:
-        """Show what the check boxes say."""
+        """Show or hide the frames and the ghost as the check boxes are set."""
         if self._arm is not None:
             self._arm.show_frames(self._frames.value)
             self._arm.show_ghost(self._ghost.value)
 
     def _show_goal(self, watched: ObservedRobot, snapshot: Snapshot) -> None:
-        """Draw the path of the newest goal while it is under way."""
+        """Draw the path of the latest goal while it is active."""
         going = [goal for goal in snapshot.goals.values() if not goal.ended and self._can_draw(goal)]
         goal = max(going, key=lambda goal: goal.begun_s, default=None)
         if goal is self._goal or self._arm is None or self._model is None:
@@ -257,11 +264,11 @@ class Page:
         self._arm.show_path(points)
 
     def _can_draw(self, goal: GoalPath) -> bool:
-        """Whether a goal has several joints, all of them measured and in the robot description."""
+        """Return whether a goal has several joints, all of them measured and in the robot description."""
         known = set(self._description.joints if self._description else ()) & set(self._joints)
         return len(goal.joints) > 1 and set(goal.joints) <= known
 
     def _limits(self, snapshot: Snapshot) -> FloatArray:
-        """The largest efforts (n,) of the robot description, N m or N."""
+        """Return the effort limits (n,) from the robot description, in N m or N."""
         joints = self._description.joints if self._description else {}
         return np.array([joints[name].effort if name in joints else np.inf for name in snapshot.joints])

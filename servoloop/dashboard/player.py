@@ -1,4 +1,4 @@
-"""The controls of a recording in the page: a time slider, pause and speed."""
+"""Playback controls of a recording in the page: time slider, pause and speed."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ PLAY: Final = "Play"
 
 
 class Player:
-    """Plays a recording over and over; browsers say where and how fast."""
+    """Plays a recording in a loop, controlled by the browsers."""
 
     up_to_date = True
 
@@ -33,17 +33,17 @@ class Player:
 
     @property
     def robot(self) -> ObservedRobot:
-        """The robot at the moment that is played now."""
+        """State of the robot at the present playback time."""
         self._playback.speed = self._speed.value
         sought, self._sought = self._sought, False
         watched = self._playback.robot
         shown = round(self._playback.time_s, 1)
-        if not sought and shown != self._slider.value:  # a slider that is being drawn stays where it is
-            self._slider.value = shown  # type: ignore[misc]  # its setter stands apart from its property
+        if not sought and shown != self._slider.value:  # do not move a slider that a user is dragging
+            self._slider.value = shown  # type: ignore[misc]  # viser defines the setter apart from the property
         return watched
 
     def _moved(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        if event.client is not None:  # by a browser, not by us
+        if event.client is not None:  # moved by a browser, not by this program
             self._playback.seek(float(event.target.value))
             self._sought = True
 

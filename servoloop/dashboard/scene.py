@@ -1,4 +1,4 @@
-"""The arm in 3-D: measured solid, commanded as a ghost, the newest goal's path, what stands around it."""
+"""The arm in 3D: a solid measured arm, a ghost at the commanded positions, the goal's path and surrounding objects."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -18,14 +18,14 @@ PLAIN, TEMPERATURE, LOAD = "as described", "temperature", "load"
 CHOICES: Final = (PLAIN, TEMPERATURE, LOAD)
 COLD_C: Final = 25.0
 HOT_C: Final = 70.0
-"""At which servos of the STS series switch themselves off, as they come."""
+"""Temperature at which STS servos switch their torque off by default, in °C."""
 SCALE: Final = np.array([(62, 121, 214), (74, 176, 110), (240, 196, 60), (214, 48, 40)])
 STEPS: Final = 24
-"""So many colours at the most: a servo's noise is not worth a message to the browser."""
+"""Number of steps of the color scale. With few steps, measurement noise does not cause messages to the browser."""
 
 
-def colour(share: float) -> Rgb | None:
-    """The colour from blue (0) by green and yellow to red (1); None for NaN."""
+def color_of(share: float) -> Rgb | None:
+    """Return the color from blue (0) through green and yellow to red (1), or None for NaN."""
     if math.isnan(share):
         return None
     at = round(min(1.0, max(0.0, share)) * STEPS) / STEPS * (len(SCALE) - 1)
@@ -35,7 +35,10 @@ def colour(share: float) -> Rgb | None:
 
 
 def shares(choice: str, temperature_c: FloatArray, effort: FloatArray, limit: FloatArray) -> FloatArray:
-    """How far up the scale each joint (n,) is: temperature from 25 to 70 °C, load as a share of the effort limit."""
+    """Return the position of each joint on the color scale (n,), from 0 to 1.
+
+    The temperature scale goes from 25 to 70 °C, the load scale from 0 to the effort limit.
+    """
     if choice == TEMPERATURE:
         return (temperature_c - COLD_C) / (HOT_C - COLD_C)
     if choice == LOAD:
@@ -49,25 +52,25 @@ GHOST_OPACITY: Final = 0.3
 PATH_RGB: Final[Rgb] = (220, 40, 140)
 AXES_M: Final = 0.05
 REACH_M: Final = 0.75
-"""Of the arm that the camera's place below suits."""
+"""Reach of the arm for which the camera position below is made, in meters."""
 CAMERA_M: Final = np.array([0.75, -0.6, 0.55])
 TARGET_M: Final = np.array([0.12, 0.0, 0.17])
 
 
 def add_ground(server: viser.ViserServer) -> None:
-    """Put the grid in place, and the first camera for an arm that is not known yet."""
+    """Add the grid, and place the initial camera for an arm of average size."""
     server.scene.add_grid("/ground", width=2.0, height=2.0, cell_size=0.05, section_size=0.25)
     place_camera(server, REACH_M)
 
 
 def place_camera(server: viser.ViserServer, reach_m: float) -> None:
-    """Move the first camera so that an arm of this reach fills the page; cameras of open pages stay."""
+    """Place the initial camera so that an arm with this reach fills the page. Pages already open keep their camera."""
     server.initial_camera.position = CAMERA_M * (reach_m / REACH_M)
     server.initial_camera.look_at = TARGET_M * (reach_m / REACH_M)
 
 
 class ArmScene:
-    """The arm of one robot description in the page."""
+    """Drawing of one arm and the objects around it."""
 
     def __init__(
         self,
@@ -77,7 +80,15 @@ class ArmScene:
         around: Iterable[Shape] = (),
         things: Iterable[Shape] = (),
     ) -> None:
-        """``around`` stands where it is; ``things`` are drawn once somebody says where they are."""
+        """Draw an arm.
+
+        Args:
+            server: Server of the page.
+            model: Links of the arm.
+            visuals: Shapes of the links.
+            around: Shapes of fixed objects.
+            things: Shapes of loose objects, which are shown once their poses are known.
+        """
         self._server, self._model = server, model
         visuals = list(visuals)
         self._solid = _Robot(server, model, MEASURED, visuals)
@@ -92,27 +103,32 @@ class ArmScene:
             _add(server, f"{root}/{number}", shape)
 
     def show(self, position: FloatArray, command: FloatArray) -> None:
-        """Move the arm and its ghost to joint positions (n,); what is not commanded stands where it is measured."""
+        """Move the arm to the measured and its ghost to the commanded joint positions (n,), in rad or m.
+
+        Joints of the ghost without a command are shown at their measured positions.
+        """
         with self._server.atomic():
             self._solid.move(self._model.moving(position))
             self._ghost.move(self._model.moving(np.where(np.isnan(command), position, command)))
 
     def show_things(self, poses: Mapping[str, ScenePose]) -> None:
-        """Move the things around the arm; one whose place is not known is not shown."""
+        """Move the loose objects to their poses, and hide objects whose pose is unknown."""
         for name, frame in self._things.items():
             frame.visible = name in poses
             if frame.visible:
                 frame.position, frame.wxyz = poses[name].position_m, _wxyz(poses[name].quaternion)
 
-    def colour(self, shares: FloatArray, faulty: Collection[str] = ()) -> None:
-        """Colour each joint's link by its share (n,) of the scale; NaN keeps the color of the robot description.
+    def color(self, shares: FloatArray, faulty: Collection[str] = ()) -> None:
+        """Color the links of each joint.
 
-        ``faulty``: joints whose servos have a fault; their links are red.
+        Args:
+            shares: Position of each joint on the color scale (n,); NaN for the color of the robot description.
+            faulty: Joints whose servos have a fault; their links are red.
         """
-        self._solid.colour(shares, faulty)
+        self._solid.color(shares, faulty)
 
     def show_path(self, points_m: FloatArray | None) -> None:
-        """Draw a path (m, 3) in the root link, or none."""
+        """Draw a path (m, 3) in the frame of the root link, in meters; None removes the path."""
         if self._path is not None:
             self._path.remove()
             self._path = None
@@ -121,22 +137,22 @@ class ArmScene:
             self._path = self._server.scene.add_line_segments(PATH, pairs, PATH_RGB, thickness=0.003)
 
     def show_frames(self, shown: bool) -> None:
-        """Show or hide the links' frames."""
+        """Show or hide the frames of the links."""
         self._solid.show_frames(shown)
 
     def show_ghost(self, shown: bool) -> None:
-        """Show or hide what is commanded."""
+        """Show or hide the ghost at the commanded positions."""
         self._ghost.show(shown)
 
     def remove(self) -> None:
-        """Take the arm and what stands around it out of the page."""
+        """Remove the arm and the objects around it from the page."""
         self.show_path(None)
         for name in (MEASURED, COMMANDED, CELL, THINGS):
             self._server.scene.remove_by_name(name)
 
 
 class _Robot:
-    """One drawing of the arm: a frame for each link, its shapes below; the ghost is without links that never move."""
+    """Drawing of the solid arm or of its ghost, with a frame for each link. The ghost has no fixed links."""
 
     def __init__(
         self, server: viser.ViserServer, model: ArmModel, root: str, visuals: Iterable[Shape], ghost: bool = False
@@ -154,7 +170,7 @@ class _Robot:
             for number, shape in enumerate(visuals)
             if not ghost or model.joint_of(shape.link) is not None
         ]
-        self._colours: list[Rgb | None] = [None] * len(self._meshes)
+        self._colors: list[Rgb | None] = [None] * len(self._meshes)
         self.move(model.fixed())
 
     def move(self, poses: Iterable[LinkPose]) -> None:
@@ -162,15 +178,15 @@ class _Robot:
             frame = self._frames[pose.child]
             frame.position, frame.wxyz = pose.position_m, _wxyz(pose.quaternion)
 
-    def colour(self, shares: FloatArray, faulty: Collection[str]) -> None:
+    def color(self, shares: FloatArray, faulty: Collection[str]) -> None:
         places = {joint: place for place, joint in enumerate(self._model.measured)}
         for number, (shape, mesh) in enumerate(self._meshes):
             joint = self._model.joint_of(shape.link)
             share = 1.0 if joint in faulty else math.nan if joint is None else float(shares[places[joint]])
-            wanted = colour(share)
-            if wanted != self._colours[number]:  # each one is a message
+            wanted = color_of(share)
+            if wanted != self._colors[number]:  # each change is a message to all browsers
                 mesh.color = shape.rgb if wanted is None else wanted
-                self._colours[number] = wanted
+                self._colors[number] = wanted
 
     def show_frames(self, shown: bool) -> None:
         for frame in self._frames.values():
@@ -196,6 +212,6 @@ def _add(server: viser.ViserServer, name: str, shape: Shape, ghost: bool = False
 
 
 def _wxyz(quaternion: Quaternion) -> Quaternion:
-    """Viser has w first."""
+    """Return a quaternion in viser's order, with w first."""
     x, y, z, w = quaternion
     return w, x, y, z

@@ -1,4 +1,4 @@
-"""The web server of the page: on this machine, or on an address with a token; no other page may use it."""
+"""Web server of the page. It serves only this machine, or other machines that have a token, and rejects other sites."""
 
 import contextlib
 import functools
@@ -26,34 +26,41 @@ TOKEN: Final = "token"
 
 
 class ViewError(DriverError):
-    """The view cannot be shown."""
+    """The page cannot be served."""
 
 
 class Guard:
-    """Decides of each request whether it is answered, before a page or a websocket is served.
+    """Check of all requests before a page or a websocket is served.
 
-    Browsers let any page of any site open a websocket to this machine, so its origin must be the page itself. The name
-    by which it was asked must be this machine's, so that no site can take its place by a name of its own.
+    Browsers let a page of any site open a websocket to this machine, so the origin of a request must be the page
+    itself. The host name of a request must be a name of this machine, which prevents DNS rebinding.
     """
 
     def __init__(self, local: bool, token: str | None) -> None:
-        """``local``: only asked by names of this machine. ``token``: what a browser must show once; None: none."""
+        """Create the check.
+
+        Args:
+            local: Whether only host names of this machine are accepted.
+            token: Token that a browser must present once; None if no token is needed.
+        """
         self._local = local
         self._token = token
 
     def refusal(self, request: Request) -> Response | None:
-        """The response to a request that must not be served, None for one that may."""
+        """Return the response to a request that must not be served, or None if it may be served."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         if self._local and urlsplit(f"//{host}").hostname not in NAMES:
-            return _answer(http.HTTPStatus.FORBIDDEN, "ask for localhost")
+            return _answer(http.HTTPStatus.FORBIDDEN, "open this page as localhost")
         if origin is not None and urlsplit(origin).netloc != host:
-            return _answer(http.HTTPStatus.FORBIDDEN, "another site may not use this page")
+            return _answer(http.HTTPStatus.FORBIDDEN, "requests from other sites are not allowed")
         if self._token is None or self._same(self._cookie(request, host)):
             return None
         path = urlsplit(request.path)
         if not self._same(parse_qs(path.query).get(TOKEN, [""])[0]):
-            return _answer(http.HTTPStatus.FORBIDDEN, "the token is missing: open the address that was printed")
+            return _answer(
+                http.HTTPStatus.FORBIDDEN, "the token is missing; open the address that servoloop view has printed"
+            )
         cookie = f"{_name(host)}={self._token}; HttpOnly; SameSite=Strict; Path=/"
         return _answer(http.HTTPStatus.SEE_OTHER, "", ("Location", path.path or "/"), ("Set-Cookie", cookie))
 
@@ -66,49 +73,60 @@ class Guard:
 
 
 class PageServer(viser.ViserServer):
-    """Viser's server, which only answers what its guard lets pass, and only at the address that it was given."""
+    """Viser server that answers only requests allowed by a guard, and only at the given address."""
 
     def __init__(self, host: str = LOCALHOST, port: int = PORT) -> None:
-        """Serve at ``host``; where ``port`` is taken, at the next one that is free; 0: at any. Raises ViewError."""
+        """Start the server.
+
+        Args:
+            host: IPv4 address of this machine, or localhost.
+            port: First port to try. If it is in use, the next free port is used; 0 uses any free port.
+
+        Raises:
+            ViewError: The server cannot use the address.
+        """
         local = host in NAMES
         self.token = None if local else secrets.token_urlsafe(24)
         self._check_address(host)
         guard = Guard(local, self.token)
-        with _guarded(guard) as served, contextlib.redirect_stdout(io.StringIO()):  # it prints a panel of its own
+        with _guarded(guard) as served, contextlib.redirect_stdout(io.StringIO()):  # viser prints a panel
             super().__init__(host=host, port=port, label="servoloop", verbose=False)
-        if not served:  # a viser that serves in another way would be open to all
+        if not served:  # this viser does not use websockets, so the guard has no effect
             self.stop()
-            raise ViewError("this viser cannot be guarded: install the version that servoloop names")
+            raise ViewError("access to the page cannot be restricted with this viser; install the pinned version")
         self.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
 
     @property
     def url(self) -> str:
-        """The address of the page, with its token."""
+        """Address of the page, with its token."""
         token = "" if self.token is None else f"?{TOKEN}={self.token}"
         return f"http://{self.get_host()}:{self.get_port()}/{token}"
 
     def stop(self) -> None:
-        """End, without viser's words about it."""
+        """Stop the server without viser's messages."""
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """Viser's tunnel through a server on the internet, which any open page may ask for: never."""
+        """Refuse viser's public tunnel, which any open page could request."""
         return None
 
     def _check_address(self, host: str) -> None:
-        """Viser waits for ever for an address that this machine has not."""
+        """Raise ViewError if the machine does not have this address, for which viser would wait forever."""
         try:
             with socket.create_server((host, 0), family=socket.AF_INET):
                 pass
         except OSError as error:
-            text = f"cannot serve at {host}: {error.strerror}. --host takes an IPv4 address of this machine"
+            text = f"cannot serve at {host}: {error.strerror}; --host must be an IPv4 address of this machine"
             raise ViewError(text) from error
 
 
 @contextlib.contextmanager
 def _guarded(guard: Guard) -> Iterator[list[bool]]:
-    """All that websockets serves in this context asks the guard first; the list stays empty where nothing is served."""
+    """Let the guard check all requests to servers that websockets starts in this context.
+
+    The yielded list has an entry for each server.
+    """
     serve, served = websockets.asyncio.server.serve, []
 
     @functools.wraps(serve)
@@ -130,7 +148,7 @@ def _guarded(guard: Guard) -> Iterator[list[bool]]:
 
 
 def _name(host: str) -> str:
-    """Browsers send cookies to all ports of a machine: each page has its own."""
+    """Return the name of the cookie, with the port, because browsers send cookies to all ports of a machine."""
     return f"servoloop_view_{urlsplit(f'//{host}').port or 80}"
 
 

@@ -1,4 +1,4 @@
-"""The shapes of a robot description's links as triangles."""
+"""Read the shapes of an arm's links, and of the objects in its scene, as triangles."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ from hal.types import FloatArray
 from sim_backend.scene.scene_file import scene_model
 
 Rgb = tuple[int, int, int]
-GREY: Rgb = (150, 152, 156)
+GRAY: Rgb = (150, 152, 156)
 ORIGIN = Element("origin")
 
 
@@ -29,7 +29,7 @@ class MeshTooLarge(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """One visual of a link: triangles, and their pose in the link in metres."""
+    """Visual of a link: triangles and their pose in the link, in meters."""
 
     link: str
     vertices: FloatArray
@@ -38,16 +38,16 @@ class Shape:
     quaternion: Quaternion
     rgb: Rgb
     flat: bool
-    """Whether its faces are plane and its edges sharp."""
+    """Whether the shape has plane faces and sharp edges."""
 
 
 def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]]:
-    """The visuals of all links of a URDF, and the names of the meshes that cannot be read.
+    """Return the visuals of all links of a URDF, and the names of meshes that cannot be read.
 
-    ``folder``: that of the URDF, for meshes that it names relative to itself.
+    ``folder`` is the folder of the URDF, for meshes with relative paths.
     """
     robot = ElementTree.fromstring(xml)
-    colours = {name: rgb for one in robot.iter("material") if (name := one.get("name")) and (rgb := _colour(one))}
+    colors = {name: rgb for one in robot.iter("material") if (name := one.get("name")) and (rgb := _color(one))}
     found: list[Shape] = []
     missing: list[str] = []
     for link in robot.findall("link"):
@@ -72,7 +72,7 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
                     np.asarray(mesh.faces, np.int64),
                     _vector(place.get("xyz", "0 0 0")),
                     from_rpy(_vector(place.get("rpy", "0 0 0"))),
-                    _rgb(visual, colours),
+                    _rgb(visual, colors),
                     geometry.tag == "box",
                 )
             )
@@ -80,18 +80,18 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
 
 
 def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Shape], list[str]]:
-    """Read the shapes of an arm's links: its real shapes, and the visuals of the links that have none.
+    """Read the shapes of an arm's links from ``meshes/``, or from the URDF for links without such a mesh.
 
     Args:
-        xml: The robot description.
-        urdf_folder: The folder of the robot description.
-        scene_folder: The folder of the arm's scene, in which ``meshes/`` may be.
+        xml: URDF of the arm.
+        urdf_folder: Folder of the URDF.
+        scene_folder: Folder of the arm's scene, which may contain ``meshes/``.
 
     Returns:
-        The shapes, and the names of the meshes of the robot description that cannot be read.
+        The shapes, and the names of meshes of the URDF that cannot be read.
 
     Raises:
-        ArmFileError: The files in ``meshes/`` have mistakes.
+        ArmFileError: A file in ``meshes/`` is invalid.
     """
     visuals, missing = shapes(xml, urdf_folder)
     links = {link.get("name", "") for link in ElementTree.fromstring(xml).findall("link")}
@@ -99,7 +99,7 @@ def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Sh
 
 
 def _with_real_shapes(visuals: Iterable[Shape], meshes: Iterable[LinkMesh]) -> list[Shape]:
-    """The visuals, with the meshes in place of those of the same links."""
+    """Return the visuals, in which the meshes replace the visuals of the same links."""
     meshes = list(meshes)
     links = {mesh.link for mesh in meshes}
     triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}
@@ -110,7 +110,7 @@ def _with_real_shapes(visuals: Iterable[Shape], meshes: Iterable[LinkMesh]) -> l
 
 
 def scene_shapes(path: Path) -> Iterator[Shape]:
-    """The boxes that stand around the arm in a MuJoCo scene, in the world: bins, stand. The link is the body's name."""
+    """Yield the fixed boxes of a MuJoCo scene (bins and stand) in the world frame, with the body's name as the link."""
     model, data = _scene(path)
     for geom, name in _boxes(model):
         if name.startswith(("bin_", "stand")):
@@ -120,7 +120,7 @@ def scene_shapes(path: Path) -> Iterator[Shape]:
 
 
 def thing_shapes(path: Path) -> Iterator[Shape]:
-    """The boxes that lie free in a MuJoCo scene, each in its body: the cube. The link is the body's name."""
+    """Yield the loose boxes of a MuJoCo scene (the cube) in their body frames, with the body's name as the link."""
     model, _ = _scene(path)
     for geom, name in _boxes(model):
         body = model.body(model.geom_bodyid[geom])
@@ -136,7 +136,7 @@ def _scene(path: Path) -> tuple[Any, Any]:
 
 
 def _boxes(model: Any) -> Iterator[tuple[int, str]]:
-    """The numbers of all boxes, and their bodies' names."""
+    """Yield the geom number and the body name of each box."""
     for geom in range(model.ngeom):
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
             yield geom, model.body(model.geom_bodyid[geom]).name
@@ -167,24 +167,24 @@ def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:
 
 
 def _path(name: str, folder: Path | None) -> Path:
-    """The file of a mesh; those of ROS packages are looked for beside the URDF."""
+    """Return the path of a mesh file. Paths in ROS packages are resolved relative to the folder of the URDF."""
     if name.startswith("file://"):
         return Path(name.removeprefix("file://"))
     return (folder or Path()) / name.removeprefix("package://")
 
 
-def _rgb(visual: Element, colours: Mapping[str, Rgb]) -> Rgb:
+def _rgb(visual: Element, colors: Mapping[str, Rgb]) -> Rgb:
     material = visual.find("material")
     if material is None:
-        return GREY
-    return _colour(material) or colours.get(material.get("name", ""), GREY)
+        return GRAY
+    return _color(material) or colors.get(material.get("name", ""), GRAY)
 
 
-def _colour(material: Element) -> Rgb | None:
-    colour = material.find("color")
-    if colour is None or not colour.get("rgba"):
+def _color(material: Element) -> Rgb | None:
+    color = material.find("color")
+    if color is None or not color.get("rgba"):
         return None
-    return _bytes([float(part) for part in colour.get("rgba", "").split()[:3]])
+    return _bytes([float(part) for part in color.get("rgba", "").split()[:3]])
 
 
 def _bytes(rgb: Sequence[float]) -> Rgb:

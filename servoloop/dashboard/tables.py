@@ -1,4 +1,4 @@
-"""The tables of those who look on: joints, what is wrong, counters, the loop, components and controllers, goals."""
+"""Tables and plot data of ``view`` and ``monitor``: joints, faults, counters, control loop, controllers and goals."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,31 +22,37 @@ from servoloop.recording.robot_state import (
 )
 
 PORT: Final = "noise"
-"""A counter that only ports have."""
+"""Key of a counter that only ports have."""
 HEALTH: Final = ("voltage_v", "temperature_c", "current_a", "replies", "alarms")
-"""Values of a servo that are no counters of what goes wrong."""
+"""Keys of a servo's status that are not error counters."""
 JOINT_COLUMNS: Final = ("position", "command", "error", "velocity", "load", "temp.", "supply", "state")
 NEWEST: Final = 5
-"""So many ends of goals are shown."""
+"""Maximum number of goal results shown."""
 
 
 class Cell(NamedTuple):
-    """A text; its level is that of diagnostic_msgs/DiagnosticStatus: 0 is well, 1 a warning, 2 an error."""
+    """Text with a level as in diagnostic_msgs/DiagnosticStatus: 0 is OK, 1 a warning, 2 an error."""
 
     text: str
     level: int = 0
 
 
 class Table(NamedTuple):
-    """A table; each row has as many cells as the head."""
+    """Table whose rows have as many cells as the head."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
 
 
 def joint_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint], columns: Sequence[str] = JOINT_COLUMNS) -> Table:
-    """A row for each joint with its name and these columns of ``JOINT_COLUMNS``; ``joints``: of the description."""
-    said, rows = health(snapshot), []
+    """Return a table with a row for each joint.
+
+    Args:
+        snapshot: State of the robot.
+        joints: Joints of the robot description, by name.
+        columns: Columns of ``JOINT_COLUMNS`` to include, after the joint's name.
+    """
+    servo_health, rows = health(snapshot), []
     for place, name in enumerate(snapshot.joints):
         linear = name in joints and joints[name].kind == "prismatic"
         scale, unit = (1e3, "mm") if linear else (math.degrees(1.0), "°")
@@ -56,8 +62,8 @@ def joint_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint], columns: Se
             "error": Cell(number(snapshot.error[place] * scale, 2, unit)),
             "velocity": Cell(number(snapshot.velocity[place] * scale, 1, f"{unit}/s")),
             "load": Cell(number(snapshot.effort[place], 2, "N" if linear else "N m")),
-            "temp.": Cell(number(said.temperature_c[place], 0, "°C")),
-            "supply": Cell(number(said.voltage_v[place], 1, "V")),
+            "temp.": Cell(number(servo_health.temperature_c[place], 0, "°C")),
+            "supply": Cell(number(servo_health.voltage_v[place], 1, "V")),
             "state": _message(servo_status(snapshot, name)),
         }
         rows.append((Cell(name), *(cells[column] for column in columns)))
@@ -65,20 +71,20 @@ def joint_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint], columns: Se
 
 
 def fault_table(snapshot: Snapshot) -> Table:
-    """The names of all that is wrong or gives a warning, with what is said of it; no rows where all is well."""
-    wrong = ((name, one) for name, one in snapshot.statuses.items() if one.level >= 1)
-    return Table(("", "what is wrong"), tuple((Cell(name.removeprefix(OWN)), _message(one)) for name, one in wrong))
+    """Return a table of all errors and warnings."""
+    faults = ((name, one) for name, one in snapshot.statuses.items() if one.level >= 1)
+    return Table(("", "faults"), tuple((Cell(name.removeprefix(OWN)), _message(one)) for name, one in faults))
 
 
 def loop_table(snapshot: Snapshot) -> Table:
-    """The loop's timing: the newest cycle, and what its diagnostics have counted."""
+    """Return a table of the timing of the latest cycle and the diagnostics of the control loop."""
     rows = [
-        ("woke up late by", number(snapshot.late_s * 1e3, 2, "ms")),
-        ("busy for", number(snapshot.busy_s * 1e3, 2, "ms")),
+        ("start delay", number(snapshot.late_s * 1e3, 2, "ms")),
+        ("duration", number(snapshot.busy_s * 1e3, 2, "ms")),
         ("missed cycles", str(snapshot.missed)),
     ]
     if snapshot.lost_cycles:
-        rows.append(("not seen by this program", str(snapshot.lost_cycles)))
+        rows.append(("cycles not shown here", str(snapshot.lost_cycles)))
     loop = snapshot.statuses.get(LOOP)
     if loop is not None:
         counted = {key: value for key, value in loop.values.items() if key != "missed_cycles"}
@@ -87,12 +93,12 @@ def loop_table(snapshot: Snapshot) -> Table:
 
 
 def counter_table(snapshot: Snapshot) -> Table:
-    """The counters of what went wrong on the line, by servo and by port."""
-    return Table(("servo or port", "counted"), _plain(_counted(snapshot)))
+    """Return a table of the communication errors of each servo and port."""
+    return Table(("servo or port", "errors"), _plain(_counted(snapshot)))
 
 
 def controller_table(snapshot: Snapshot) -> Table:
-    """Components and controllers with their states, and each controller's newest goal."""
+    """Return a table of the states of components and controllers, with the latest goal of each controller."""
     rows: list[tuple[Cell, ...]] = [
         (Cell(name.removeprefix(OWN)), _message(one))
         for name, one in snapshot.statuses.items()
@@ -100,19 +106,19 @@ def controller_table(snapshot: Snapshot) -> Table:
     ]
     controllers = snapshot.statuses.get(CONTROLLERS)
     rows += _plain(controllers.values.items() if controllers else ())
-    rows += _plain((f"{name}: newest goal", goal.ended or "under way") for name, goal in snapshot.goals.items())
+    rows += _plain((f"{name}: latest goal", goal.ended or "active") for name, goal in snapshot.goals.items())
     return Table(("component or controller", "state"), tuple(rows))
 
 
 def result_table(snapshot: Snapshot) -> Table:
-    """The newest ends of goals, the last one first, and how long ago each was."""
+    """Return a table of the latest goal results, the most recent first, with their age."""
     newest = reversed(snapshot.results[-NEWEST:])
     rows = ((number(snapshot.stamp_s - stamp_s, 0, "s ago"), text) for stamp_s, text in newest)
-    return Table(("goal ended", "how"), _plain(rows))
+    return Table(("goal ended", "result"), _plain(rows))
 
 
 def number(value: float, places: int, unit: str) -> str:
-    """A number with its unit, a dash for NaN."""
+    """Return a number with its unit, or a dash for NaN."""
     return "–" if math.isnan(value) else f"{value:.{places}f}\u00a0{unit}"
 
 
@@ -124,7 +130,7 @@ def _counted(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
     for name, one in snapshot.statuses.items():
         if OF_SERVO in name or PORT in one.values:
             counted = {key: value for key, value in one.values.items() if key not in HEALTH and value != "0"}
-            yield name.removeprefix(OWN), ", ".join(f"{key} {value}" for key, value in counted.items()) or "nothing"
+            yield name.removeprefix(OWN), ", ".join(f"{key} {value}" for key, value in counted.items()) or "none"
 
 
 def _message(status: StatusNow | None) -> Cell:
@@ -132,16 +138,16 @@ def _message(status: StatusNow | None) -> Cell:
 
 
 MOST: Final = 600
-"""Points in a strip; of more every so many-th is shown."""
+"""Maximum number of points in a plot. Longer data is decimated."""
 
 
 class Strip(NamedTuple):
-    """A plot: its title, and the numbers in it."""
+    """Plot of the last minute of one joint."""
 
     title: str
     columns: tuple[str, ...]
     least: float
-    """The smallest range of its axis: what is less is noise."""
+    """Minimum range of the vertical axis, so that noise does not fill the plot."""
 
 
 STRIPS: Final = (
@@ -155,7 +161,10 @@ STRIPS: Final = (
 
 
 def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[FloatArray, ...]:
-    """Seconds before the newest cycle, and for each column its numbers of the joint at ``place``."""
+    """Return the data of a plot for the joint with the index ``place``.
+
+    The first array has the times relative to the latest cycle, in seconds; then follows one array for each column.
+    """
     curves, rows = minute
     if columns[0] in Health._fields:
         times = np.array([row.stamp_s for row in rows])
@@ -170,7 +179,10 @@ def strip_data(minute: Minute, columns: Sequence[str], place: int) -> tuple[Floa
 
 
 def axis_range(columns: Sequence[FloatArray], least: float) -> tuple[float, float]:
-    """The range of an axis: all numbers that are there, at least ``least``, in steps so that it seldom changes."""
+    """Return the range of an axis that contains all finite values and is at least ``least`` wide.
+
+    The range is rounded, so that it seldom changes.
+    """
     values = np.concatenate(columns)
     values = values[np.isfinite(values)]
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
@@ -179,5 +191,5 @@ def axis_range(columns: Sequence[FloatArray], least: float) -> tuple[float, floa
 
 
 def _column(values: FloatArray, place: int) -> FloatArray:
-    """A column of (m, n), none where nothing has been measured."""
+    """Return a column of an array (m, n), or an empty array if nothing was measured."""
     return values[:, place] if values.size else np.empty(0)

@@ -1,4 +1,4 @@
-"""The screen: joints, strips of the one that is chosen, what is wrong, counters, the loop, controllers and goals."""
+"""Screen of ``servoloop monitor``: joints, plots of the selected joint, faults, counters, loop, controllers, goals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar, Final
@@ -31,16 +31,16 @@ from servoloop.recording.robot_state import ObservedRobot, Snapshot
 from servoloop.recording.sources import SPEEDS, Playback, Source
 
 STYLES: Final = ("", "bold yellow", "bold red")
-"""By the level of a cell."""
+"""Text styles, by the level of a cell."""
 
 
 def rich_cell(cell: Cell) -> Text:
-    """The text in the colour of its level."""
+    """Return the text of a cell in the color of its level."""
     return Text(cell.text, style=STYLES[min(cell.level, len(STYLES) - 1)])
 
 
 def rich_table(table: Table) -> RichTable:
-    """A table as wide as there is room."""
+    """Return a table that fills the available width."""
     found = RichTable(*table.head, box=None, expand=True, padding=(0, 1, 0, 0), header_style="bold cyan")
     for row in table.rows:
         found.add_row(*map(rich_cell, row))
@@ -48,7 +48,7 @@ def rich_table(table: Table) -> RichTable:
 
 
 class JointsTable(DataTable[Text]):
-    """All joints of the newest snapshot."""
+    """Table of all joints in the latest snapshot."""
 
     def __init__(self) -> None:
         super().__init__(id="joints", cursor_type="row", cursor_foreground_priority="renderable")
@@ -58,11 +58,11 @@ class JointsTable(DataTable[Text]):
         self._described: Mapping[str, UrdfJoint] = {}
 
     def on_mount(self) -> None:
-        """Name the columns."""
+        """Add the columns."""
         self.add_columns("joint", *JOINT_COLUMNS)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Renew what has changed."""
+        """Update the cells that have changed."""
         if snapshot.description_xml != self._xml:
             self._xml = snapshot.description_xml
             self._described = parse_urdf(self._xml).joints
@@ -78,7 +78,7 @@ class JointsTable(DataTable[Text]):
         self._cells = rows
 
     def _renew(self, place: int, before: Sequence[Cell], row: Sequence[Cell]) -> None:
-        """Write the cells that have changed; a column is measured anew only for a text of another length."""
+        """Update the changed cells of a row. A column width is recomputed only if the length of a text changes."""
         for column, (old, new) in enumerate(zip(before, row, strict=True)):
             if new != old:
                 wider = len(new.text) != len(old.text)
@@ -93,22 +93,23 @@ def _text(cell: Cell, column: int) -> Text:
 
 
 JOINTS_S: Final = 0.25
-"""So often the joints' numbers are renewed,"""
+"""Interval at which the joint table is updated, in seconds."""
 ALL: Final = 4
-"""and every so many times all else, which costs more."""
+"""Number of updates of the joint table per update of the whole screen, which takes more time."""
 END_S: Final = 0.1
-"""So often the end is asked for."""
+"""Interval at which ``stop`` is called, in seconds."""
 SEEK_S: Final = 1.0
+"""Time by which the arrow keys move the playback, in seconds."""
 KEYS: Final = {"p": "position", "e": "error", "v": "velocity", "l": "load", "u": "voltage", "t": "temperature"}
-"""Of the strips, in their order;"""
+"""Keys that show or hide the plots, in the order of ``STRIPS``."""
 AT_FIRST: Final = ("p", "e", "l")
-"""those of them that are drawn at first."""
+"""Keys of the plots that are shown at the start."""
 OF_RECORDINGS: Final = ("pause", "seek", "speed")
-"""Actions that a running stack has not."""
+"""Actions that are only available for recordings."""
 
 
 class MonitorApp(App[None]):
-    """The screen of one source. It only looks: no key moves the arm."""
+    """Screen for one source. It only watches; no key moves the arm."""
 
     TITLE = "servoloop monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -122,7 +123,7 @@ class MonitorApp(App[None]):
     #scroll { width: 2fr; padding-left: 1; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("q", "quit", "end", priority=True),
+        Binding("q", "quit", "quit", priority=True),
         Binding("ctrl+c", "quit", show=False, priority=True),
         *(Binding(key, f"strip({place})", name) for place, (key, name) in enumerate(KEYS.items())),
         *(Binding(str(number), f"joint({number - 1})", show=False) for number in range(1, 10)),
@@ -134,18 +135,18 @@ class MonitorApp(App[None]):
     ]
 
     def __init__(self, source: Source, stop: Callable[[], bool] = lambda: False) -> None:
-        """``stop`` is asked many times a second whether to end."""
+        """Create the screen. It closes when ``stop`` returns True."""
         super().__init__()
         self._source, self._stop = source, stop
         self._watched: ObservedRobot | None = None
         self._turn = 0
-        self._wrong: Table | None = None
+        self._shown_faults: Table | None = None
         self._joints = JointsTable()
         self._charts = [StripChart(strip) for strip in STRIPS]
         self._status, self._faults, self._tables = Static(id="status"), Static(id="faults"), Static()
 
     def compose(self) -> ComposeResult:
-        """Put the parts in their places."""
+        """Arrange the widgets."""
         yield self._status
         yield self._faults
         yield self._joints
@@ -155,47 +156,47 @@ class MonitorApp(App[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        """Begin."""
+        """Start the updates."""
         for key, chart in zip(KEYS, self._charts, strict=True):
             chart.display = key in AT_FIRST
-        self.set_interval(JOINTS_S, self._renew)
-        self.set_interval(END_S, self._look_for_the_end)
+        self.set_interval(JOINTS_S, self._update)
+        self.set_interval(END_S, self._end_if_asked)
         self.call_after_refresh(self.show)
 
     def show(self) -> None:
-        """Renew all that is shown."""
+        """Update the whole screen."""
         snapshot = self._show_joints()
         self._draw()
         tables = (loop_table(snapshot), controller_table(snapshot), counter_table(snapshot), result_table(snapshot))
         self._tables.update(Group(*(Padding(rich_table(table), (0, 0, 1, 0)) for table in tables if table.rows)))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Whether a key means something: those that play a recording do not where a stack runs."""
+        """Return whether an action is available. Playback actions are not available for a running stack."""
         return action not in OF_RECORDINGS or isinstance(self._source, Playback)
 
     def action_strip(self, place: int) -> None:
-        """Draw a strip, or draw it no more."""
+        """Show or hide a plot."""
         self._charts[place].display = not self._charts[place].display
         self.call_after_refresh(self._draw)
 
     def action_joint(self, place: int) -> None:
-        """Choose a joint."""
+        """Select a joint."""
         self._joints.move_cursor(row=place)
 
     def on_data_table_row_highlighted(self) -> None:
-        """Draw the joint that has just been chosen."""
+        """Draw the plots of the joint that was selected."""
         self._draw()
 
     def on_resize(self) -> None:
-        """Draw as large as there is room."""
+        """Redraw the plots in the new size."""
         self.call_after_refresh(self._draw)
 
     def action_pause(self) -> None:
-        """Stop at this moment, or play on."""
+        """Pause or continue the playback."""
         self._playback.toggle()
 
     def action_seek(self, seconds: float) -> None:
-        """Go forward or back."""
+        """Move the playback forward or back."""
         self._playback.seek(self._playback.time_s + seconds)
         self.show()
 
@@ -209,8 +210,7 @@ class MonitorApp(App[None]):
         assert isinstance(self._source, Playback)
         return self._source
 
-    def _renew(self) -> None:
-        """Show what is due."""
+    def _update(self) -> None:
         self._turn += 1
         if self._turn % ALL:
             self._show_joints()
@@ -218,20 +218,20 @@ class MonitorApp(App[None]):
             self.show()
 
     def _show_joints(self) -> Snapshot:
-        """The joints' numbers, above them the status line and what is wrong."""
+        """Update the status line, the faults and the joint table."""
         self._watched = self._source.robot
         snapshot = self._watched.state.snapshot
         self._joints.show(snapshot)
         self._status.update(self._source.status, layout=False)
         self._status.set_class(not self._source.up_to_date, "unwell")
-        wrong = fault_table(snapshot)
-        if wrong != self._wrong:
-            self._wrong, self._faults.display = wrong, bool(wrong.rows)
-            self._faults.update(rich_table(wrong))
+        faults = fault_table(snapshot)
+        if faults != self._shown_faults:
+            self._shown_faults, self._faults.display = faults, bool(faults.rows)
+            self._faults.update(rich_table(faults))
         return snapshot
 
     def _draw(self) -> None:
-        """The strips of the chosen joint."""
+        """Draw the plots of the selected joint."""
         if self._watched is None or not self._joints.row_count:
             return
         minute = self._watched.minute()
@@ -239,6 +239,6 @@ class MonitorApp(App[None]):
             if chart.display:
                 chart.show(minute, self._joints.cursor_row)
 
-    def _look_for_the_end(self) -> None:
+    def _end_if_asked(self) -> None:
         if self._stop():
             self.exit()

@@ -1,4 +1,4 @@
-"""A strip in the terminal: the title with the newest numbers, and below it their lines with the axis' ends."""
+"""Plot in the terminal, drawn with braille characters: a title with the latest values, an axis and the curves."""
 
 import math
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ from servoloop.recording.history import KEPT_S
 from servoloop.recording.robot_state import Minute
 
 BLANK: Final = 0x2800
-"""The braille character without dots;"""
+"""Code point of the braille character without dots."""
 DOTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""what each dot adds to it."""
+"""Value that each dot adds to the code point."""
 ROWS, COLUMNS = DOTS.shape
 Range = tuple[float, float]
 Characters = NDArray[np.int_]
 
 
 def chart(x: FloatArray, y: FloatArray, range_x: Range, range_y: Range, width: int, height: int) -> Characters:
-    """The characters (height, width) of a line through the points (k,); NaN interrupts it, what is outside is left out.
+    """Return the characters (height, width) of a line through points (k,).
 
-    The top row is the end of ``range_y``.
+    NaN interrupts the line, and parts outside the ranges are omitted. The top row is the upper end of ``range_y``.
     """
     across = _scaled(x, range_x, width * COLUMNS)
     down = height * ROWS - 1 - _scaled(y, range_y, height * ROWS)
@@ -40,13 +40,13 @@ def chart(x: FloatArray, y: FloatArray, range_x: Range, range_y: Range, width: i
 
 
 def _scaled(values: FloatArray, limits: Range, dots: int) -> FloatArray:
-    """The values in dots from the lower limit."""
+    """Convert values to dots above the lower limit."""
     low, high = limits
     return (values - low) / (high - low) * (dots - 1)
 
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """The dots of a line through points in dots; two points are joined without a gap."""
+    """Return the dots of a line without gaps through points, which are given in dots."""
     there = np.isfinite(x) & np.isfinite(y)
     both = there[:-1] & there[1:]
     dx, dy = np.diff(x)[both], np.diff(y)[both]
@@ -58,21 +58,21 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[NDArray[np.int_], NDArray[np.in
     return np.rint(across).astype(int), np.rint(down).astype(int)
 
 
-COLOURS: Final = ("bright_red", "bright_blue")
-"""Of the first line, which is in front, and of the second."""
+COLORS: Final = ("bright_red", "bright_blue")
+"""Colors of the first line, which is in front, and of the second line."""
 AXIS: Final = 9
-"""Columns that the axis takes."""
+"""Width of the axis, in columns."""
 
 
 class StripChart(Static):
-    """The last minute of one joint's numbers."""
+    """Plot of the last minute of one joint."""
 
     def __init__(self, strip: Strip) -> None:
         super().__init__(classes="strip")
         self.strip = strip
 
     def show(self, minute: Minute, place: int) -> None:
-        """Draw the joint at ``place``."""
+        """Plot the joint with the index ``place``."""
         times, *columns = strip_data(minute, self.strip.columns, place)
         width, height = self.size.width - AXIS, self.size.height - 1
         lines = [self._title(columns)]
@@ -84,22 +84,22 @@ class StripChart(Static):
                 Text.assemble((f"{ends[row]:8.3g} " if row in ends else " " * AXIS, "dim"), _row(row, drawn))
                 for row in range(height)
             ]
-        self.update(Text("\n").join(lines), layout=False)  # its size is the style sheet's
+        self.update(Text("\n").join(lines), layout=False)  # the style sheet sets the size
 
     def _title(self, columns: Sequence[FloatArray]) -> Text:
         title = Text(self.strip.title, style="bold")
-        for values, colour in zip(columns, COLOURS, strict=False):
+        for values, color in zip(columns, COLORS, strict=False):
             newest = float(values[-1])
-            title.append("  –" if math.isnan(newest) else f"  {newest:.4g}", style=colour)
+            title.append("  –" if math.isnan(newest) else f"  {newest:.4g}", style=color)
         return title
 
 
 def _row(row: int, drawn: Sequence[Characters]) -> Text:
-    """A row of all lines; where two meet in a character, it has the colour of the one in front."""
+    """Return a row of the plot. A character shared by two lines has the color of the line in front."""
     cells = np.array([one[row] for one in drawn])
     dots = np.bitwise_or.reduce(cells)
     front = np.argmax(cells != BLANK, axis=0)
     text = Text()
-    for colour, places in groupby(range(len(dots)), key=lambda place: COLOURS[front[place]]):
-        text.append("".join(chr(dots[place]) for place in places), style=colour)
+    for color, places in groupby(range(len(dots)), key=lambda place: COLORS[front[place]]):
+        text.append("".join(chr(dots[place]) for place in places), style=color)
     return text

@@ -1,1 +1,1 @@
-"""``servoloop demo``: the main job from the action to the bytes, shown and measured."""
+"""``servoloop demo``: sort cubes with a virtual arm, show the progress and measure the motion."""

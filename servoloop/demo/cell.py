@@ -1,4 +1,4 @@
-"""The demo's cell: emulator, stack and pick-place node, each a process of its own, and the clients that watch them."""
+"""Cell of the demo: the processes of the emulator, the stack and the pick-and-place node, and their clients."""
 
 import os
 import re
@@ -29,42 +29,42 @@ ARM = "arm_controller"
 NODE = "nodes.vision_pick_place_controller"
 START_S = 60.0
 ADDRESS = re.compile(r"the page is at (\S+)")
-"""What ``servoloop view`` says when it is ready."""
-LEFT = "its processes end by themselves"
-"""Behind a second signal: each gets SIGTERM when its parent has ended."""
+"""Message of ``servoloop view`` when the page is ready."""
+LEFT = "the processes of the demo will end on their own"
+"""Message after a second signal. Each process gets SIGTERM when its parent ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell is ready for jobs: its processes run, its clients are connected."""
+    """Cell that is ready for jobs: its processes run and its clients are connected."""
 
     runner: JobRunner
     monitor: "StackMonitor"
     component: str
-    """The hardware component's name."""
+    """Name of the hardware component."""
     joints: Sequence[str]
-    """The arm's, without the hand."""
+    """Joints of the arm, without the hand."""
     process_ids: Mapping[str, int]
-    """By process: emulator, stack, pick_place."""
+    """Process IDs of ``emulator``, ``stack`` and ``pick_place``."""
 
 
 def check_grades(grades: Sequence[str], arm: Arm) -> None:
-    """Check that the parameters of the arm's node have a bin for each grade. Raises DriverError."""
+    """Raise DriverError if the node parameters of the arm have no bin for one of the grades."""
     known = load_pick_place(arm.pick_place).grades
     unknown = [grade.strip() for grade in grades if grade.strip().upper() not in known]
     if unknown:
         names = ", ".join(unknown)
         listed = ", ".join(known)
-        raise DriverError(f"--grades {names}: there is no bin for it. {arm.pick_place} has the grades {listed}")
+        raise DriverError(f"--grades: there is no bin for {names}; {arm.pick_place} has bins for {listed}")
 
 
 def are_all_grades(grades: Sequence[str], arm: Arm) -> bool:
-    """Whether every grade that the arm's node has a bin for is among these."""
+    """Return whether ``grades`` includes all grades of the arm."""
     return {grade.strip().upper() for grade in grades} >= set(load_pick_place(arm.pick_place).grades)
 
 
 def environment() -> dict[str, str]:
-    """The environment with a ROS domain of the demo's own, unless the user has named one."""
+    """Return the environment variables, with a separate ROS domain unless the user has set one."""
     values = dict(os.environ)
     values.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
     return values
@@ -72,19 +72,19 @@ def environment() -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class CellOptions:
-    """What a cell consists of and what it writes."""
+    """Options of a cell."""
 
     out: Path
-    """An existing folder for logs and pictures."""
+    """Existing folder for logs and pictures."""
     arm: Arm
     robot: Path | None = None
-    """A robot file instead of the arm's."""
+    """Robot file to use instead of the arm's own."""
     build: Build = NOMINAL_BUILD
-    """The build of the virtual servos."""
+    """Build of the virtual servos."""
     record: Path | None = None
-    """A new file for the recording of the stack."""
+    """New file for the recording of the stack."""
     view: bool = False
-    """Whether the arm is shown in a browser."""
+    """Whether to show the arm in a browser."""
 
 
 @contextmanager
@@ -127,11 +127,11 @@ def _feed(link: Path, processes: Processes) -> WorldFeedClient:
         return WorldFeedClient(feed_path(link))
     except OSError as error:
         processes.check()
-        raise DriverError(f"the emulator does not show its world at {feed_path(link)}: {error}") from error
+        raise DriverError(f"cannot connect to the simulated world at {feed_path(link)}: {error}") from error
 
 
 def _page(processes: Processes, out: Path, stack: int) -> str:
-    """Show the stack's arm in a browser; the page's address, at which it opens by itself where there is a screen."""
+    """Start ``servoloop view`` for the stack and return the address of the page."""
     (arm,) = (running.arm for running in running_stacks() if running.pid == stack)
     processes.start("view", "servoloop", "view", "--arm", arm)
     found: list[str] = []
@@ -145,19 +145,19 @@ def _page(processes: Processes, out: Path, stack: int) -> str:
 
 
 def _start(processes: Processes, link: Path, files: Files, options: CellOptions, live: Live) -> dict[str, int]:
-    """Start the emulator and, once it serves, the stack; their process IDs."""
+    """Start the emulator and then the stack, and return their process IDs."""
     buses = files.robot.file.lines()
     ready = link.with_name("ready")
     ready.unlink(missing_ok=True)
     started: dict[str, int] = {}
-    live.say(f"starting on ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']}: virtual servos")
+    live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']})")
     build, record = options.build, options.record
     built = ("--backlash", str(build.backlash_deg), *(() if build.seed is None else ("--seed", str(build.seed))))
     command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)
     started["emulator"] = processes.start("emulator", *command)
     served = [feed_path(link), *device_paths(link, buses).values()]
     processes.wait_until(lambda: all(path.exists() for path in served), "starting the virtual servos", START_S)
-    live.say("the stack")
+    live.say("starting the stack")
     command = ("servoloop", "up", *port_options(link, buses), "--ready-file", str(ready), *files.options)
     command += ("--record", str(record)) if record else ()
     started["stack"] = processes.start("stack", *command)
@@ -166,6 +166,6 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
 
 
 def _start_node(processes: Processes, arm: Arm, live: Live) -> int:
-    """Start the pick-place node; its process ID."""
-    live.say("the pick-place node")
+    """Start the pick-and-place node and return its process ID."""
+    live.say("starting the pick-and-place node")
     return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(arm.pick_place))

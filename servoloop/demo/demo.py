@@ -1,4 +1,4 @@
-"""The demo: jobs in a cell of its own, and what they cost the stack's process."""
+"""Run the demo: jobs in a new cell, with measurements of the motion, the control loop and the CPU load."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,13 +18,13 @@ from servoloop.stack.robot_files import write_file
 
 IDLE_S = 3.0
 FADING_S = 1.5
-"""So long gravity compensation takes to come and go."""
+"""Time in which gravity compensation fades in or out, in seconds."""
 SAGGING_RAD = 0.2
-"""The goal tolerance of the run without gravity compensation: the sag alone is more than the usual one."""
+"""Goal tolerance without gravity compensation, in rad. The sag alone exceeds the usual tolerance."""
 HARDWARE = ""
-"""Stands for the hardware component's node."""
+"""Placeholder for the node of the hardware component."""
 EACH_JOINT = "constraints.{joint}.goal"
-"""Stands for this parameter of every joint of the arm."""
+"""Placeholder for this parameter of each joint of the arm."""
 WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     "gravity compensation": [
         (ARM, EACH_JOINT, SAGGING_RAD),
@@ -32,7 +32,7 @@ WITHOUT: Final[Mapping[str, Sequence[tuple[str, str, bool | float]]]] = {
     ],
     "lead": [(HARDWARE, "gravity_compensation", True), (ARM, "command_lead", 0.0)],
 }
-"""The parameters to set, node, name and value, for each run without something that soft servos need."""
+"""Parameters (node, name and value) to set for each comparison run without one of the compensations."""
 Result = TypeVar("Result")
 FIGURES = (
     "cycles",
@@ -46,13 +46,13 @@ FIGURES = (
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A demo's results."""
+    """Results of a demo."""
 
     joints: tuple[str, ...]
-    """The arm's, in the order of all figures."""
+    """Joints of the arm, in the order of all figures."""
     runs: tuple[Run, ...]
     comparisons: Mapping[str, Run]
-    """More runs, by what is missing in each; none where not all grades were asked for. They need not succeed."""
+    """Comparison runs, by the missing compensation; only if all grades were picked. They need not succeed."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -73,7 +73,7 @@ def demo(
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> Report:
-    """Run all jobs; to ``compare``, one more without each help that soft servos get."""
+    """Run all jobs and, with ``compare``, one more job without each compensation."""
     runner, monitor = ready.runner, ready.monitor
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = _cpu(stack, lambda: runner.idle(IDLE_S))
@@ -85,36 +85,36 @@ def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> Report:
 
 
 def _run_without(what: str, grade: str, ready: Cell) -> Run:
-    """One more run, with other parameters than before."""
+    """Run a job without the compensation ``what``."""
     for node, name, value in WITHOUT[what]:
         node = node or ready.component
         for each in [name.format(joint=joint) for joint in ready.joints] if name == EACH_JOINT else [name]:
             if not ready.monitor.set_parameter(node, each, value):
-                raise DriverError(f"the stack does not let {each} of {node} be set")
+                raise DriverError(f"the stack refuses to set the parameter {each} of {node}")
     ready.runner.idle(FADING_S)
     return ready.runner.run(grade)
 
 
 def _cpu(process: psutil.Process, action: Callable[[], Result]) -> tuple[float, Result]:
-    """Per cent of one core that the process took during the action, and the action's result."""
+    """Return the CPU load of a process during an action, in percent of one core, and the result of the action."""
     process.cpu_percent()
     result = action()
     return process.cpu_percent(), result
 
 
 def write_json(report: Report, path: Path) -> None:
-    """Write the report for programs. Raises DriverError."""
+    """Write the report as JSON. Raises DriverError if the file cannot be written."""
     write_file(path, json.dumps(_content(report), indent=2, allow_nan=False) + "\n", keep=False)
 
 
 def succeeded(report: Report) -> bool:
-    """Whether every cube lies in the bin of its grade."""
+    """Return whether every cube is in the bin of its grade."""
     return bool(report.runs) and all(run.success for run in report.runs)
 
 
 def print_table(report: Report, console: Console) -> None:
-    """Print the report for people."""
-    columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "fastest", "largest", "RMS")
+    """Print the report as tables."""
+    columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "fastest joint", "largest", "RMS")
     table = Table(*columns, title="following error, rad")
     for column in (*table.columns[2:6], *table.columns[7:]):
         column.justify = "right"
@@ -126,9 +126,12 @@ def print_table(report: Report, console: Console) -> None:
         grade, *rest = _cells(run, report.joints)
         table.add_row(f"{grade} {marks[what]}", *rest)
     console.print(table)
-    console.print("of the worst joint and of the fastest; RMS while moving, at rest half a second after a motion")
+    console.print(
+        "Errors are those of the worst joint, then of the fastest joint. RMS is measured while moving, the error at "
+        "rest half a second after a motion."
+    )
     if marks:
-        console.print(", ".join(f"{mark} without {what}" for what, mark in marks.items()))
+        console.print(", ".join(f"{mark}: without {what}" for what, mark in marks.items()))
     console.print()
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")

@@ -1,4 +1,4 @@
-"""The demo's jobs: each sent, watched through the topics and the emulator's feed, and judged."""
+"""Jobs of the demo: send a goal, watch the topics and the simulated world, and evaluate the result."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Live:
-    """A live view on a terminal; elsewhere one line an event."""
+    """Progress display: a live table in a terminal, otherwise one line per event."""
 
     def __init__(self, console: Console) -> None:
         self.console = console
@@ -41,29 +41,29 @@ class Live:
     def __exit__(self, *_: object) -> None:
         self._view.stop()
 
-    def say(self, what: str) -> None:
+    def say(self, text: str) -> None:
         """Print one line of progress."""
-        self.console.print(f"[dim]·[/] {what}")
+        self.console.print(f"[dim]·[/] {text}")
 
     def job(self, grade: str) -> None:
-        """JobRunner that a job begins."""
+        """Show that a job begins."""
         self._job, self._phase = f"grade {grade}", ""
 
     def phase(self, phase: str, message: str) -> None:
-        """JobRunner the node's feedback."""
+        """Show the feedback of the pick-and-place node."""
         self._phase = phase
         if not self.console.is_terminal:
             self.say(f"{self._job}: {phase}")
 
     def done(self, grade: str, where: str | None, success: bool, message: str) -> None:
-        """Print how a job has ended."""
+        """Print the result of a job."""
         mark = "[green]✓[/]" if success else "[red]✗[/]"
         place = f"bin {where}" if where else "no bin"
         self.console.print(f"{mark} grade {grade}: cube in {place} [dim]{message}[/]")
         self._job, self._phase = "", ""
 
     def show(self, newest: "NewestMessages") -> None:
-        """JobRunner the newest state."""
+        """Show the latest state of the arm."""
         if self.console.is_terminal:
             self._view.update(self._render(newest))
 
@@ -96,7 +96,7 @@ def _joints(newest: "NewestMessages") -> Table:
 def _loop_line(newest: "NewestMessages") -> Text:
     loop = newest.loop
     if not loop:
-        return Text("waiting for the loop's figures")
+        return Text("waiting for the first figures of the control loop")
     return Text(
         f"{loop['rate_hz']} Hz   cycles {loop['cycles']}   missed {loop['missed_cycles']}   "
         f"unmeasured {loop['unmeasured_cycles']}   "
@@ -106,12 +106,12 @@ def _loop_line(newest: "NewestMessages") -> Text:
 
 REST_S = 3.0
 HOMING_TRIES = 5
-"""One takes a second where the arm cannot move, and there is a rest behind each."""
+"""Number of attempts to move the arm home after a failed job. Each is followed by a rest of ``REST_S``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A job's results: the grade, where the cube ended, how well the arm followed."""
+    """Results of a job: the bin of the cube and the following errors of the arm."""
 
     grade: str
     success: bool
@@ -124,7 +124,7 @@ class Run:
 
 @dataclass(slots=True)
 class Trace:
-    """A trace of the joints between the cycles, as the simulated world saw them, on the monotonic clock."""
+    """Joint positions from the simulated world, also between the cycles, with times on the monotonic clock."""
 
     times_s: list[float] = field(default_factory=list)
     positions: list[list[float]] = field(default_factory=list)
@@ -132,7 +132,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class RosClients:
-    """The clients with which a demo drives and watches its stack."""
+    """ROS clients that control and monitor the stack of a demo."""
 
     monitor: "StackMonitor"
     picker: "PickClient"
@@ -140,7 +140,7 @@ class RosClients:
 
 
 class JobRunner:
-    """The job runner runs jobs, one after the other, in a cell that is up."""
+    """Runs jobs one after another in a running cell."""
 
     def __init__(
         self,
@@ -152,14 +152,14 @@ class JobRunner:
     ) -> None:
         self._monitor, self._picker, self._homing = clients.monitor, clients.picker, clients.homing
         self._failed = False
-        """The last job. It may have left the arm, the hand and the cube anywhere."""
+        """Whether the last job failed, in which case the arm, the hand and the cube can be anywhere."""
         self._live = live
         self._camera = camera
         self._signals = signals
         self._processes = processes
 
     def run(self, grade: str) -> Run:
-        """Run one job and watch it. Raises Interrupted where the user ends the demo: the job is cancelled then."""
+        """Run one job and watch it. Raises Interrupted, after canceling the job, if the user ends the demo."""
         if self._failed:
             self._clean_up()
         samples = self._monitor.newest.samples
@@ -168,7 +168,7 @@ class JobRunner:
         samples.clear()
         self._live.job(grade)
         started_s = perf_counter()
-        outcome = self._picker.pick(grade, self._live.phase, self.look)
+        outcome = self._picker.pick(grade, self._live.phase, self.update)
         duration_s = perf_counter() - started_s
         at, between = _errors(samples, self._camera.trace)
         where = self._rest()
@@ -178,52 +178,54 @@ class JobRunner:
         return Run(grade, success, where, duration_s, outcome.message, at, between)
 
     def _clean_up(self) -> None:
-        """Open the hand and bring the arm home. A cube that is not on the stand is laid there as the arm sets out."""
+        """Open the hand and move the arm home. When the next job starts, the simulation puts the cube on the stand."""
         for _ in range(HOMING_TRIES):
-            self._live.say("the arm opens its hand and goes home")
-            outcome = self._homing.home(self.look)
-            self._look_on()
+            self._live.say("opening the hand and moving the arm home")
+            outcome = self._homing.home(self.update)
+            self._update_or_interrupt()
             self.idle(REST_S)
             if outcome.reached:
                 return
-            self._live.say(f"it did not get there: {outcome.text}")
+            self._live.say(f"the arm did not reach its home pose: {outcome.text}")
 
     def idle(self, seconds: float) -> None:
-        """Look on for so long without a job. Raises Interrupted if the user ends it."""
+        """Watch the arm for a time without a job. Raises Interrupted if the user ends the demo."""
         until_s = perf_counter() + seconds
         while perf_counter() < until_s:
             self._monitor.spin(0.1)
-            self._look_on()
+            self._update_or_interrupt()
 
     def wait_for_node(self, timeout_s: float) -> None:
-        """Wait until the pick-place node serves its action. Raises DriverError where it does not, or Interrupted."""
-        there = self._picker.wait(timeout_s, self.look)
-        self._look_on()
-        if not there:
-            raise DriverError(f"the pick-place node offers no action within {timeout_s:.0f} s: see pick_place.log")
+        """Wait for the action of the pick-and-place node. Raises DriverError after the timeout, or Interrupted."""
+        available = self._picker.wait(timeout_s, self.update)
+        self._update_or_interrupt()
+        if not available:
+            raise DriverError(
+                f"the pick-and-place node has not provided its action within {timeout_s:.0f} s; see pick_place.log"
+            )
 
-    def look(self) -> bool:
-        """Show the newest state; whether the job shall be cancelled. Raises DriverError where a process has ended."""
+    def update(self) -> bool:
+        """Show the latest state and return whether to cancel the job. Raises DriverError if a process has ended."""
         self._camera.poll()
         self._live.show(self._monitor.newest)
         self._processes.check()
         return self._signals.count > 0
 
-    def _look_on(self) -> None:
-        if self.look():
+    def _update_or_interrupt(self) -> None:
+        if self.update():
             raise Interrupted("interrupted")
 
     def _rest(self) -> str | None:
-        """Wait for the cube to come to rest; the bin in which it does."""
+        """Wait until the cube rests in a bin, and return the bin."""
         until_s = perf_counter() + REST_S
         while self._camera.bin is None and perf_counter() < until_s:
             self._monitor.spin(0.05)
-            self._look_on()
+            self._update_or_interrupt()
         return self._camera.bin
 
 
 class Camera:
-    """The camera reads the emulator's feed: the cube's bin, and the joints between the cycles."""
+    """Reader of the simulated world: the bin of the cube, and the joint positions between the cycles."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
         self.bin: str | None = None
@@ -232,7 +234,7 @@ class Camera:
         self._joints = list(joints)
 
     def poll(self) -> None:
-        """Take in all that the emulator published since the last call."""
+        """Read everything that the emulator has published since the last call."""
         for publication in self._client.all():
             self.bin = publication["cube_bin"]
             for time_s, positions in publication["trace"]:
@@ -241,7 +243,10 @@ class Camera:
 
 
 def _errors(samples: "Sequence[Sample]", trace: Trace) -> tuple[FollowingError, FollowingError]:
-    """The following errors at the cycles and between them; the samples' ROS time is brought to the trace's clock."""
+    """Return the following errors at the cycles and between them.
+
+    The ROS times of the samples are converted to the clock of the trace.
+    """
     if not samples:
         return UNKNOWN, UNKNOWN
     offset_s = wall_offset_s(MonotonicClock(), time)

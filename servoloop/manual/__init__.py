@@ -1,1 +1,1 @@
-"""Moving a running arm from a terminal: jogging, and poses with names."""
+"""Manual control of a running arm: held buttons and keys, and named poses."""

@@ -1,4 +1,4 @@
-"""The dead-man key: the follower moves only while a key is held."""
+"""Dead-man key: the arm moves only while a key is held."""
 
 from collections.abc import Collection, Sequence
 from typing import Final, Protocol
@@ -9,38 +9,38 @@ QUIT: Final = "q"
 
 
 class Permission(Protocol):
-    """Says whether the follower may move now, and whether all is to end."""
+    """Permission to move. It reports whether the arm may move, and whether the command is to end."""
 
     def allowed(self, now_s: float) -> bool: ...
     def ended(self) -> bool: ...
 
 
 class Keys(Permission, Protocol):
-    """The permission to move, and keys that are commands."""
+    """Permission to move, with additional command keys."""
 
     def commands(self) -> Sequence[str]:
-        """The command keys that were pressed since the last call."""
+        """Return the command keys pressed since the last call."""
         ...
 
 
 class HandsFree:
-    """The follower may always move: somebody has asked for that on purpose."""
+    """Unconditional permission to move, for ``--hands-free``. It reads no keys."""
 
     def allowed(self, now_s: float) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def ended(self) -> bool:
-        """Never; a signal ends it."""
+        """Return False; only a signal ends the command."""
         return False
 
     def commands(self) -> Sequence[str]:
-        """None: no key is read."""
+        """Return no keys."""
         return ()
 
 
 class DeadMansKey:
-    """Any key of the terminal that is held, except q, which ends, and the command keys."""
+    """Permission to move while any key of the terminal is held, except q, which ends the command, and command keys."""
 
     def __init__(self, commands: Collection[str] = ()) -> None:
         self._key = HeldKey(FIRST_S)
@@ -48,7 +48,7 @@ class DeadMansKey:
         self._known, self._commands = commands, list[str]()
 
     def press(self, key: str, now_s: float) -> None:
-        """A key was pressed, or repeats."""
+        """Process a key that was pressed or is repeated."""
         if key == QUIT:
             self._ended = True
             self._key.release()
@@ -59,16 +59,16 @@ class DeadMansKey:
             self._key.press(key, now_s)
 
     def allowed(self, now_s: float) -> bool:
-        """Whether a key is held, as far as a terminal can tell; never waits."""
+        """Return whether a key is held, as far as a terminal can tell. It does not block."""
         for key in typed(0.0):
             self.press(key, now_s)
         return bool(self._key.held(now_s))
 
     def ended(self) -> bool:
-        """Whether q was pressed."""
+        """Return whether q was pressed."""
         return self._ended
 
     def commands(self) -> Sequence[str]:
-        """The command keys that were pressed since the last call."""
+        """Return the command keys pressed since the last call."""
         pressed, self._commands = self._commands, []
         return pressed

@@ -1,4 +1,4 @@
-"""A table that lives in a terminal; elsewhere a line for each change of what is said."""
+"""Table that is updated in place in a terminal. If the output is not a terminal, only messages are printed."""
 
 from collections.abc import Callable
 from types import TracebackType
@@ -9,12 +9,12 @@ from rich.live import Live
 
 
 class LiveTable:
-    """A context manager: the table stays while it lasts, below the lines that are said."""
+    """Context manager that shows a table below the printed messages."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._live = Live(console=console, refresh_per_second=8, transient=True) if console.is_terminal else None
-        self._said = ""
+        self._message = ""
 
     def __enter__(self) -> Self:
         if self._live is not None:
@@ -28,9 +28,9 @@ class LiveTable:
             self._live.stop()
 
     def draw(self, text: str, table: Callable[[], RenderableType]) -> None:
-        """Say ``text``, once until it changes, and show the table."""
-        if text != self._said:
-            self._said = text
+        """Print ``text`` if it has changed, and update the table."""
+        if text != self._message:
+            self._message = text
             self._console.print(f"[dim]·[/] {text}", highlight=False)
         if self._live is not None:
             self._live.update(table())

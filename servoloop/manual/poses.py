@@ -1,4 +1,4 @@
-"""Poses with names: a YAML file beside the arm's other files."""
+"""Named poses of an arm: the YAML file in the arm's folder, and the poses that a running arm can move to."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,15 +20,15 @@ from servoloop.stack.pick_place import HAND, load_pick_place
 
 FILE: Final = "poses.yaml"
 LONGEST_NAME: Final = 100
-"""Characters of a pose's name."""
+"""Maximum length of a pose name, in characters."""
 
 
 class PoseError(DriverError):
-    """A pose is not there, or not one of this arm."""
+    """A pose does not exist or does not fit the arm."""
 
 
 class PosesFile(BaseModel):
-    """The whole file: joint positions in rad or m, by the pose's name and the joint's."""
+    """Content of the file: joint positions in rad or m, by pose name and joint name."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -36,26 +36,26 @@ class PosesFile(BaseModel):
 
 
 class Poses:
-    """The poses of one arm. Raises PoseError where the file is wrong, or cannot be read or written."""
+    """Saved poses of one arm. The methods raise PoseError if the file is invalid or cannot be read or written."""
 
     def __init__(self, folder: Path) -> None:
-        """``folder``: the arm's."""
+        """Use the pose file in the folder of an arm."""
         self.path = folder / FILE
 
     def all(self) -> dict[str, dict[str, float]]:
-        """All poses by name."""
+        """Return all poses by name."""
         return load(self.path, PosesFile, PoseError).poses if self.path.exists() else {}
 
     def get(self, name: str) -> dict[str, float]:
-        """One pose."""
+        """Return a pose. Raises PoseError if there is no pose with this name."""
         poses = self.all()
         if name not in poses:
-            known = ", ".join(poses) or "none yet"
-            raise PoseError(f"there is no pose {name} in {self.path}, but: {known}")
+            known = f"the saved poses are: {', '.join(poses)}" if poses else "no poses are saved"
+            raise PoseError(f"there is no pose {name} in {self.path}; {known}")
         return poses[name]
 
     def check(self, name: str, limits: Mapping[str, JointLimits]) -> None:
-        """Check that a robot with these limits has the pose. Raises PoseError with file and line."""
+        """Check that a pose is within these joint limits. Raises PoseError with file and line."""
         try:
             check(self.get(name), limits)
         except PoseError as error:
@@ -63,15 +63,15 @@ class Poses:
             raise PoseError(f"{place}: pose {name}: {error}") from error
 
     def save(self, name: str, pose: Mapping[str, float]) -> None:
-        """Keep a pose; one of the same name is replaced."""
+        """Save a pose, replacing any pose with this name."""
         if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
             raise PoseError(
-                f"{name[:LONGEST_NAME]!r} is not a name for a pose: use 1 to {LONGEST_NAME} printable characters"
+                f"{name[:LONGEST_NAME]!r} is not a valid pose name; use 1 to {LONGEST_NAME} printable characters"
             )
         self._write(self.all() | {name: {joint: round(at, 4) for joint, at in pose.items()}})
 
     def remove(self, name: str) -> None:
-        """Forget a pose."""
+        """Remove a pose."""
         self.get(name)
         self._write({other: pose for other, pose in self.all().items() if other != name})
 
@@ -83,14 +83,14 @@ class Poses:
 
 
 def check(pose: Mapping[str, float], limits: Mapping[str, JointLimits]) -> None:
-    """Check that a robot with these limits has the pose. Raises PoseError with all that is wrong."""
-    wrong = [f"the arm has no {joint}" for joint in pose if joint not in limits]
+    """Check that all joints of a pose exist and are within their limits. Raises PoseError with all problems."""
+    problems = [f"the arm has no joint {joint}" for joint in pose if joint not in limits]
     for joint, at in pose.items():
         limit = limits.get(joint)
         if limit is not None and not limit.lower <= at <= limit.upper:
-            wrong.append(f"{joint} would go to {at:.4f}, its limits are {limit.lower:.4f} to {limit.upper:.4f}")
-    if wrong:
-        raise PoseError("; ".join(wrong))
+            problems.append(f"{joint}: {at:.4f} is outside its limits {limit.lower:.4f} to {limit.upper:.4f}")
+    if problems:
+        raise PoseError("; ".join(problems))
 
 
 Pose = Mapping[str, float]
@@ -98,33 +98,42 @@ OPEN, CLOSE = "open the hand", "close the hand"
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
-    """Joints by name; poses in rad or m by joint."""
+class Targets:
+    """Joints that can be moved, and poses that can be approached."""
 
     joints: tuple[str, ...] = ()
     hand: Mapping[str, Pose] = field(default_factory=dict)
-    """Empty where the arm's files do not say which joint is the hand's."""
+    """Poses of the open and the closed hand; empty if the arm's files do not name the joint of the hand."""
     poses: Mapping[str, Pose] = field(default_factory=dict)
+    """Saved poses, in rad or m by joint."""
     refused: tuple[str, ...] = ()
-    """Why poses of the arm are not offered."""
+    """Reasons why saved poses are not available."""
 
 
-NOTHING: Final = Offer()
+NO_TARGETS: Final = Targets()
 
 
-def offer(folder: Path | None, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]) -> Offer:
-    """The offer of a running arm with this folder, with these active controllers and their joints."""
+def find_targets(
+    folder: Path | None, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]
+) -> Targets:
+    """Return the joints that a running arm can move and the poses that it can approach.
+
+    Args:
+        folder: Folder of the arm; None if the stack does not report it.
+        driven: Joints of each active controller, by controller name.
+        limits: Limits of each joint.
+    """
     joints = tuple(joint for some in driven.values() for joint in some)
     if folder is None:
-        return Offer(joints, refused=("no poses: the stack does not tell its arm's folder",))
+        return Targets(joints, refused=("No poses are available because the stack does not report its arm's folder.",))
     hand = _hand(folder, driven)
     try:
         poses = Poses(folder).all()
     except PoseError as error:
-        return Offer(joints, hand, refused=(f"no poses: {error}",))
-    wrong = {pose: why for pose, at in poses.items() if (why := _wrong(at, joints, limits))}
-    fitting = {pose: at for pose, at in poses.items() if pose not in wrong}
-    return Offer(joints, hand, fitting, tuple(f"not {pose}: {why}" for pose, why in wrong.items()))
+        return Targets(joints, hand, refused=(f"No poses are available: {error}",))
+    refused = {pose: why for pose, at in poses.items() if (why := _refusal(at, joints, limits))}
+    available = {pose: at for pose, at in poses.items() if pose not in refused}
+    return Targets(joints, hand, available, tuple(f"{pose} is not available: {why}" for pose, why in refused.items()))
 
 
 def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:
@@ -132,13 +141,13 @@ def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, P
     if len(joints) != 1:
         return {}
     try:
-        said = load_pick_place(read_arm(folder).pick_place)
-    except ArmFileError:  # a robot description without an arm's files, or an arm that does not pick and place
+        settings = load_pick_place(read_arm(folder).pick_place)
+    except ArmFileError:  # the folder has only a URDF, or the arm has no pick-and-place parameters
         return {}
-    return {OPEN: {joints[0]: said.hand_open_m}, CLOSE: {joints[0]: said.hand_closed_m}}
+    return {OPEN: {joints[0]: settings.hand_open_m}, CLOSE: {joints[0]: settings.hand_closed_m}}
 
 
-def _wrong(pose: Pose, joints: tuple[str, ...], limits: Mapping[str, JointLimits]) -> str:
+def _refusal(pose: Pose, joints: tuple[str, ...], limits: Mapping[str, JointLimits]) -> str:
     if missing := [joint for joint in pose if joint in limits and joint not in joints]:
         return f"no active controller moves {', '.join(missing)}"
     try:

@@ -1,4 +1,4 @@
-"""The robot of a running stack, for programs that move it by hand."""
+"""Robot of a running stack, for programs that control it manually."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,7 +19,7 @@ ANSWER_S: Final = 5.0
 
 
 def joints_now(snapshot: Snapshot, age_s: float) -> JointsNow:
-    """The joints as a snapshot has them."""
+    """Return the commanded and measured joint positions of a snapshot that is ``age_s`` old."""
     commanded = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
     return JointsNow(
         _by_name(snapshot, commanded), _by_name(snapshot, snapshot.position), age_s, servo_faults(snapshot)
@@ -31,7 +31,7 @@ def _by_name(snapshot: Snapshot, positions: FloatArray) -> dict[str, float]:
 
 
 def limits_of(snapshot: Snapshot) -> dict[str, JointLimits]:
-    """The limits of the robot description, by joint."""
+    """Return the limits in the robot description, by joint."""
     if not snapshot.description_xml:
         return {}
     joints = parse_urdf(snapshot.description_xml).joints
@@ -43,7 +43,7 @@ def limits_of(snapshot: Snapshot) -> dict[str, JointLimits]:
 
 
 class LiveRobot:
-    """The robot of a running stack on this machine, as its live feed reports it."""
+    """Robot of a running stack on this machine, as its live feed reports it."""
 
     def __init__(self, source: LiveSource) -> None:
         self._source = source
@@ -55,51 +55,53 @@ class LiveRobot:
         """Follow a running stack.
 
         Args:
-            arm: The name or folder of the arm; needed if several stacks run.
+            arm: Name or folder of the arm; needed if several stacks are running.
 
         Raises:
-            LiveError: No such stack runs.
+            LiveError: No such stack is running.
         """
         return cls(LiveSource(arm, MonotonicClock()))
 
     @property
     def arm(self) -> str:
-        """The name of the arm."""
+        """Name of the arm."""
         return self._source.arm
 
     @property
     def snapshot(self) -> Snapshot:
-        """The newest state of the robot."""
+        """Latest state of the robot."""
         return self._source.robot.state.snapshot
 
     @property
     def curves(self) -> Curves:
-        """The states of the last minute."""
+        """Joint states of the last minute."""
         return self._source.robot.state.curves()
 
     @property
     def folder(self) -> Path:
-        """The folder of the arm. Raises HandlingError if the stack has not reported it."""
+        """Folder of the arm. Raises HandlingError if the stack has not reported it."""
         if self._source.folder is None:
-            raise HandlingError(f"the stack of {self.arm} does not report its arm's folder: its poses are not known")
+            raise HandlingError(
+                f"the poses of {self.arm} are unknown because its stack does not report the arm's folder"
+            )
         return self._source.folder
 
     @property
     def limits(self) -> Mapping[str, JointLimits]:
-        """The limits in the robot description, by joint."""
+        """Limits in the robot description, by joint."""
         snapshot = self.snapshot
         if snapshot.description_xml != self._description_xml:
             self._limits, self._description_xml = limits_of(snapshot), snapshot.description_xml
         return self._limits
 
     def joints_now(self) -> JointsNow:
-        """Return the joints as the stack reported them last, and how long ago."""
+        """Return the joint positions and faults that the stack reported last, with their age."""
         return joints_now(self.snapshot, self._source.silent_s)
 
     def wait(self) -> None:
         """Wait for the first measurement. Raises HandlingError if there is none within ``ANSWER_S``."""
         if not self._source.has_state.wait(ANSWER_S):
-            raise HandlingError(f"the stack of {self.arm} has measured nothing for {ANSWER_S:.0f} s")
+            raise HandlingError(f"the stack of {self.arm} has sent no measurement for {ANSWER_S:.0f} s")
 
     def close(self) -> None:
         """Stop following the stack."""

@@ -104,7 +104,7 @@ def test_list_as_text_and_as_json() -> None:
 
 def test_the_check_on_the_command_line(tmp_path: Path) -> None:
     right = RUNNER.invoke(cli.app, ["arms", "check", "so101"])
-    assert (right.exit_code, right.output) == (0, "so101 is right\n")
+    assert (right.exit_code, right.output) == (0, "so101: no problems found\n")
     (tmp_path / "arm.yaml").write_text("description: nothing\nsource: me\nlicense: MIT\n")
     wrong = RUNNER.invoke(cli.app, ["arms", "check", str(tmp_path), "--json"])
     assert wrong.exit_code == 1

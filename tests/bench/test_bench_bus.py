@@ -127,7 +127,7 @@ def test_a_simulator_does_not_take_a_path_that_is_taken(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("model", ["sts9999", ""])
 def test_a_model_that_it_cannot_measure_is_refused(device: str, model: str) -> None:
-    with pytest.raises(DriverError, match="unknown model"):
+    with pytest.raises(DriverError, match="unknown servo model"):
         bench_bus(device, [1], model, 1_000_000, 10)
 
 

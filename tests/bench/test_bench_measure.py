@@ -178,7 +178,7 @@ def test_one_that_has_the_table_whatever_its_number_is_measured(number: int, cap
     line.servo(7).memory.put(sts.model_number, number)
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
     assert f"servo 7: is model {number}" in caplog.text
-    assert "It is taken for one all the same" in caplog.text
+    assert "it is measured as this model all the same" in caplog.text
 
 
 @pytest.mark.parametrize("mode", [1, 2, 3])
@@ -221,7 +221,7 @@ def test_who_stands_where_no_goal_can_be_gets_none(model: str, caplog: pytest.Lo
         )
     )
     assert set(stand_still(bus, IDS, MODELS[model])) == set(IDS) - {3}
-    assert "servo 3 stands at 1500, where no goal can be" in caplog.text
+    assert "servo 3 gets no goal, because its position 1500 is outside the goal range" in caplog.text
 
 
 class Numberless(WatchedPort):
@@ -339,7 +339,7 @@ def test_limp_servos_are_only_read_unless_they_are_to_be_held(hold: bool, caplog
         measure(bus, clock, IDS, goals, 5)
         assert with_torque(line) == set(goals)
     assert with_torque(line) == {3}
-    assert ("servos 1, 2, 4, 5, 6, 7 have no torque" in caplog.text) is not hold
+    assert ("the torque of servos 1, 2, 4, 5, 6, 7 is off" in caplog.text) is not hold
     assert goals_sent(port)
 
 

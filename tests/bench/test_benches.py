@@ -56,8 +56,8 @@ def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("benchmarks.simulator new --ids 5-3", "--ids takes IDs from 0 to 253, such as 1-7 or 1,2,5, not '5-3'"),
-        ("benchmarks.simulator new --ids 1,1", "--ids takes different IDs, not '1,1'"),
+        ("benchmarks.simulator new --ids 5-3", "--ids accepts IDs from 0 to 253, such as 1-7 or 1,2,5, not '5-3'"),
+        ("benchmarks.simulator new --ids 1,1", "--ids accepts each ID only once, not '1,1'"),
         ("benchmarks.simulator new --make sts3215", "argument --make: invalid choice: 'sts3215'"),
         ("benchmarks.simulator new --paced -5", "argument --paced: '-5' is no whole number from 1 on"),
         ("benchmarks.simulator new --silence 3", "argument --silence: '3' is no ID with two times"),

@@ -1,4 +1,4 @@
-"""A virtual arm that lies limp on its table, on simulated time, and is measured by a bench."""
+"""A virtual arm that lies on its table with torque off, in simulated time."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ from sim_backend.clock import SimulatedClock
 
 
 class Lying:
-    """The arm where its scene has it lie, or its first pose; how fast its joints turned while they were held."""
+    """Arm in the initial pose of its scene. It records the highest joint speeds with torque enabled."""
 
     def __init__(self, name: str = "so101", backlash_deg: float = 0.0) -> None:
         self.arm: Arm = find_arm(name)
@@ -37,7 +37,7 @@ class Lying:
 
     @property
     def held(self) -> int:
-        """How many servos have torque."""
+        """Number of servos with torque enabled."""
         return sum(bool(servo.memory.get(sts.torque_enable)) for servo in self.servos)
 
     def bench(self, signals: Callable[[], int] = lambda: 0) -> Measured:

@@ -1,4 +1,4 @@
-"""``python -m tests.bench_arm.short VERB …``: servoloop with a bench of one joint's motion and two goals."""
+"""``python -m tests.bench_arm.short VERB …``: run servoloop with a short bench of one joint and two goals."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ from servoloop.stack.pick_place import PickPlace
 
 
 def first_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> list[slow.Pose]:
-    """The ready pose, one joint beside it, and the ready pose again."""
+    """Return the ready pose, a pose with one joint moved, and the ready pose again."""
     return slow.bench_poses(pick_place, limits)[:3]
 
 

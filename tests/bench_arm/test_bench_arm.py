@@ -1,4 +1,4 @@
-"""``servoloop bench arm`` on simulated time: what it measures, how fast it moves, and how it leaves the arm."""
+"""Measurements, speeds and final state of ``servoloop bench arm``, in simulated time."""
 
 import json
 from dataclasses import asdict
@@ -13,7 +13,7 @@ from servoloop.bench.page import page
 from servoloop.stack.processes import Interrupted
 from tests.bench_arm.rig import Lying
 
-slow = pytest.mark.slow  # half a minute of the arm's time
+slow = pytest.mark.slow  # half a minute of simulated time
 
 
 @pytest.fixture(scope="module")
@@ -23,21 +23,21 @@ def measured() -> tuple[Lying, Measured]:
 
 
 @slow
-def test_every_figure_is_there(measured: tuple[Lying, Measured]) -> None:
+def test_all_figures_are_measured(measured: tuple[Lying, Measured]) -> None:
     figures = measured[1].figures
     bus = figures.buses[""]
-    assert bus.p50_us == pytest.approx(bus.wire_us, rel=0.2), "goals and states of six servos, by the wire's own time"
+    assert bus.p50_us == pytest.approx(bus.wire_us, rel=0.2), "the simulated bus needs exactly the time on the wire"
     assert set(bus.faults.values()) == {0}
     assert [one.joint for one in figures.motions] == [joint.name for joint in measured[0].files.robot.joints[:-1]]
     assert figures.loop.rate_hz == 20.0 and figures.loop.cycles > 500 and figures.loop.missed == 0
-    assert figures.loop.took is not None and figures.loop.took.p50_ms > 1.0, "all states read"
+    assert figures.loop.took is not None and figures.loop.took.p50_ms > 1.0, "reading all states takes time"
     assert figures.machine.processors > 0 and figures.machine.processor and figures.machine.python
     assert figures.ros is None and figures.without_ros
     assert json.loads(json.dumps(asdict(figures)))["loop"]["cycles"] == figures.loop.cycles
 
 
 @slow
-def test_the_errors_are_those_of_an_arm_that_follows(measured: tuple[Lying, Measured]) -> None:
+def test_the_following_errors_are_small(measured: tuple[Lying, Measured]) -> None:
     for one in measured[1].figures.motions:
         assert 0.0 <= one.at_rest <= one.largest, one
         assert 0.0 < one.rms_moving <= one.largest < 0.1, one
@@ -52,33 +52,33 @@ def test_no_joint_is_faster_than_a_quarter_of_its_limit(measured: tuple[Lying, M
 
 
 @slow
-def test_the_arm_is_limp_again_where_it_lay(measured: tuple[Lying, Measured]) -> None:
+def test_the_torque_is_off_in_the_initial_pose(measured: tuple[Lying, Measured]) -> None:
     lying, _ = measured
     assert lying.held == 0
     assert lying.lines.world.position() == pytest.approx(lying.lay, abs=0.05)
 
 
 @slow
-def test_the_page_has_all_of_it_and_needs_nothing_else(measured: tuple[Lying, Measured]) -> None:
+def test_the_page_is_complete_and_self_contained(measured: tuple[Lying, Measured]) -> None:
     pytest.importorskip("matplotlib")
     text = page(measured[1])
     for joint in measured[1].figures.motions:
         assert f"<td>{joint.joint}</td>" in text
-    assert text.count("<svg") == 4 and "Not measured: virtual lines" in text
+    assert text.count("<svg") == 4 and "Not measured: the virtual servos" in text
     assert "<script" not in text and "src=" not in text
 
 
 @slow
-def test_somebody_who_stops_it_has_an_arm_that_has_gone_back_and_is_limp() -> None:
+def test_after_an_interruption_the_arm_returns_and_its_torque_is_off() -> None:
     lying = Lying()
-    with pytest.raises(Interrupted, match="the arm is limp"):
+    with pytest.raises(Interrupted, match="the torque of the arm is off"):
         lying.bench(lambda: int(lying.clock.now() > 6.5))
-    assert lying.held == 0 and lying.fastest.max() > 0.1, "it had set out"
+    assert lying.held == 0 and lying.fastest.max() > 0.1, "the arm has moved"
     assert lying.lines.world.position() == pytest.approx(lying.lay, abs=0.05)
 
 
 @slow
-def test_a_servo_that_falls_silent_ends_it_by_name_and_the_others_are_let_go() -> None:
+def test_a_silent_servo_ends_the_bench_and_the_others_are_released() -> None:
     lying = Lying()
 
     def break_one(time_s: float) -> None:
@@ -91,7 +91,7 @@ def test_a_servo_that_falls_silent_ends_it_by_name_and_the_others_are_let_go() -
     assert [servo.servo_id for servo in lying.servos if servo.memory.get(sts.torque_enable)] == [4]
 
 
-def test_an_arm_under_torque_is_not_touched() -> None:
+def test_an_arm_with_torque_enabled_is_refused() -> None:
     lying = Lying()
     for servo in lying.servos:
         servo.memory.put(sts.goal_position, servo.memory.get(sts.present_position))
@@ -101,7 +101,7 @@ def test_an_arm_under_torque_is_not_touched() -> None:
     assert lying.held == 6
 
 
-def test_the_servos_of_two_models_on_one_bus_are_held_and_let_go() -> None:
+def test_servos_of_two_models_on_one_bus_are_held_and_released() -> None:
     lying = Lying("koch")
     (run,) = measure_buses(lying.files, lying.lines.devices, lying.clock, lying.lines.open, cycles=20).values()
     assert len(run.took_s) == 20 and set(run.figures.faults.values()) == {0}

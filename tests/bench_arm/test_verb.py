@@ -1,4 +1,4 @@
-"""``servoloop bench arm`` as it is typed: it asks first; on a pseudo-terminal and with ROS every figure is there."""
+"""``servoloop bench arm`` on the command line: it asks first, and it measures all figures with ROS."""
 
 import errno
 import json
@@ -27,18 +27,18 @@ from tests.servoloop.served import served
 SPREADS = ("goal_to_answer", "goal_to_motion", "joint_states_age", "joint_states_jitter")
 
 
-def test_without_a_yes_nothing_is_opened_nor_moved(tmp_path: Path) -> None:
+def test_without_confirmation_nothing_moves(tmp_path: Path) -> None:
     line = VirtualBus.of(BenchPlant(tuple(range(1, 8))))
     with served(line, tmp_path / "bus") as port:
         done = CliRunner().invoke(
             app, ["bench", "arm", "--port", port, "--out", str(tmp_path / "page.html")], input="n\n"
         )
-        assert done.exit_code == 1 and "See that it has room. Go on?" in done.output
+        assert done.exit_code == 1 and "Make sure that it has room. Continue?" in done.output
         assert not any(servo.memory.get(sts.torque_enable) for servo in line.servos)
     assert not (tmp_path / "page.html").exists()
 
 
-def test_what_cannot_be_written_is_said_before_anything_is_asked(
+def test_an_unwritable_page_is_reported_before_the_question(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("mine")
@@ -51,7 +51,7 @@ def test_what_cannot_be_written_is_said_before_anything_is_asked(
 
 
 @pytest.mark.parametrize("json_", [True, False])
-def test_a_page_that_cannot_be_written_hides_no_figures(
+def test_figures_are_printed_even_if_the_page_cannot_be_written(
     json_: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def no_room(fd: int) -> None:
@@ -72,13 +72,13 @@ def test_a_page_that_cannot_be_written_hides_no_figures(
     if json_:
         assert json.loads(said.out)["page"] is None
     else:
-        assert "0 of 100 cycles missed" in said.out and "with pictures" not in said.out
+        assert "0 of 100 cycles missed" in said.out and "Report page" not in said.out
 
 
 @pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.runs(COMMAND)
-def test_the_command_of_the_page_on_a_pseudo_terminal(tmp_path: Path, ros_domain: int) -> None:
+def test_the_command_of_the_page_works_on_a_pseudo_terminal(tmp_path: Path, ros_domain: int) -> None:
     pytest.importorskip("rclpy")
     link, page = tmp_path / "bus", tmp_path / "out" / "bench.html"
     with running("emulate", str(link), "--arm", "so101"):
@@ -99,7 +99,7 @@ def test_the_command_of_the_page_on_a_pseudo_terminal(tmp_path: Path, ros_domain
 
 @contextmanager
 def running(*words: str) -> Iterator[None]:
-    """An emulator, for as long as the block lasts."""
+    """Run an emulator until the end of the block."""
     command = [sys.executable, "-m", "servoloop", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as emulator:
         try:

@@ -41,7 +41,7 @@ def do(link: Path, text: str) -> str:
         tell(link, "release")
     if "Torque will be released" in text:
         tell(link, "hold")
-    if "Enter when it is done" not in text:
+    if "press Enter when done" not in text:
         return ""
     joint = text.split(":")[0]
     if text.startswith("Move every joint"):

@@ -78,7 +78,7 @@ def test_auto_calibration_is_stopped_by_any_key_or_a_closed_terminal(way_out: st
     ask(control_path(bus), {"do": "release"})
     command = [sys.executable, "-m", "servoloop", "calibrate", "--arm", str(arm), "--port", str(bus), "--auto"]
     with AtTerminal(command) as terminal:
-        terminal.wait_for("Any key stops it. Begin? [y/N]")
+        terminal.wait_for("Any key stops it. Continue? [y/N]")
         terminal.type("y\n")
         terminal.wait_for("turns a little")
         if way_out == "a key":
@@ -128,7 +128,7 @@ def test_an_unwritable_folder_is_reported_before_the_port_is_opened(
 
     monkeypatch.setattr("servoloop.stack.robot_files.tempfile.TemporaryFile", read_only)
     said = complaint(capsys, monkeypatch, "calibrate", "--arm", "so101", "--port", str(tmp_path / "none"))
-    assert f"cannot write into {ARMS / 'so101'}: Read-only file system: copy the arm's folder" in said
+    assert f"cannot write into {ARMS / 'so101'}: Read-only file system; copy the arm's folder" in said
 
 
 def test_the_hand_command_reports_impossible_actions_and_missing_hands(tmp_path: Path) -> None:

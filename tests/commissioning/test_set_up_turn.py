@@ -130,7 +130,7 @@ def test_a_signal_during_the_gear_test_releases_the_servo() -> None:
         return table.servo(JAW).memory.get(sts.torque_enable) == 1 and table.clock.now() > 18.0
 
     with pytest.raises(
-        Interrupted, match=r"interrupted; no servo is set up yet\. The servos' torque is as it was"
+        Interrupted, match=r"interrupted; no servo is set up yet\. The torque of the servos is unchanged"
     ) as end:
         _run(table.set_up(stopped=stopped))
     assert isinstance(end.value.__context__, StoppedError)

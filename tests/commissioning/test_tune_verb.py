@@ -62,9 +62,9 @@ def test_the_first_command_asks_measures_and_writes_nothing(
     assert typed(monkeypatch, REAL[0], answer="y\n") == 0
     said = capsys.readouterr()
     assert "shoulder_lift (servo 2) will move under torque" in said.err
-    assert "In the end the arm goes to its park pose and is let go." in said.err
+    assert "At the end the arm moves to its park pose and its torque is switched off." in said.err
     assert "the arm is in its park pose, and its torque is off" in said.err
-    assert "overshoot" in said.out and "P 32" in said.out and "the picture: out/tune/shoulder_lift.svg" in said.out
+    assert "overshoot" in said.out and "P 32" in said.out and "Plot: out/tune/shoulder_lift.svg" in said.out
     assert [servo.memory.read(4, 36) for servo in arm.line.servos] == before
     assert not any(torque(arm))
     assert ElementTree.parse("out/tune/shoulder_lift.svg").getroot().tag.endswith("svg")
@@ -77,9 +77,12 @@ def test_written_gains_are_shown_with_both_measurements(
 ) -> None:
     assert typed(monkeypatch, REAL[1], answer="y\n") == 0
     said = capsys.readouterr()
-    assert "P=24 D=32 will be written to servo 2 when it has been measured: the arm is let go for that" in said.err
+    assert (
+        "P=24 D=32 will be written to servo 2 after the first measurement. For that, the torque of the arm is switched "
+        "off" in said.err
+    )
     words = " ".join(said.out.split())
-    assert "servo 2: P (position_p) was 32, is 24" in words
+    assert "servo 2: P (position_p) changed from 32 to 24" in words
     assert "under joints, shoulder_lift: settings: {position_p: 24}" in words
     assert "predicted for" in words
     assert arm.line.servo(LIFT).memory.get(sts.lock) == 1
@@ -122,7 +125,7 @@ def test_a_failed_plot_does_not_hide_the_figures(
         told = json.loads(said.out)
         assert told["picture"] is None and told["written"][0]["register"] == "position_p"
     else:
-        assert "servo 2: P (position_p) was 32, is 24" in " ".join(said.out.split())
+        assert "servo 2: P (position_p) changed from 32 to 24" in " ".join(said.out.split())
 
 
 @pytest.mark.parametrize(
@@ -131,9 +134,9 @@ def test_a_failed_plot_does_not_hide_the_figures(
         ("tune wrist --arm so101 --port ./bus --yes", "no joint wrist: choose one of shoulder_pan"),
         (
             "tune shoulder_lift P=24 --arm so101 --port ./bus --yes",
-            "gains are written where --write says so: --write P=24",
+            "gains can only be given after --write: --write P=24",
         ),
-        ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "give one of them"),
+        ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "use only one of them"),
         ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 255, not 999"),
         ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot move to 3.000"),
         ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: choose the name of a file"),

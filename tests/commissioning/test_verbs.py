@@ -142,7 +142,7 @@ def test_a_register_is_printed_in_its_unit_and_raw(
     assert bus.servo(3).memory.get(sts.homing_offset) == -300
     capsys.readouterr()
     assert run(monkeypatch, "register", "write", *where, "max_voltage", "14V") == 0
-    assert "already: nothing written" in capsys.readouterr().out
+    assert "nothing was written because the value is the same" in capsys.readouterr().out
 
 
 def test_commands_that_ask_first_do_nothing_without_an_answer(
@@ -158,12 +158,14 @@ def test_commands_that_ask_first_do_nothing_without_an_answer(
     for arguments in asking:
         for answer in ("n\n", "\n", ""):
             assert run(monkeypatch, *arguments, answer=answer) == 1
-            assert "go on?" in capsys.readouterr().err
+            assert "continue?" in capsys.readouterr().err
     assert bytes(bus.servo(3).memory.read(0, 56)) == before
 
 
-@pytest.mark.parametrize(("value", "asks"), [("01", "holds where it stands"), ("+1", "holds where"), ("00", "lets go")])
-def test_the_torque_switch_explains_its_effect(
+@pytest.mark.parametrize(
+    ("value", "asks"), [("01", "holds its position"), ("+1", "holds its"), ("00", "loses its torque")]
+)
+def test_the_torque_switch_asks_for_what_it_does(
     value: str,
     asks: str,
     bus: ServoLine[Any],
@@ -188,7 +190,7 @@ def test_the_torque_switch_refuses_other_values_without_asking(
     where = ("--port", str(link), "--id", "3", "--baud", "1000000")
     assert run(monkeypatch, "register", "write", *where, "torque_enable", value, answer="y\n") == 1
     said = " ".join(capsys.readouterr().err.split())
-    assert says in said and "go on?" not in said
+    assert says in said and "continue?" not in said
 
 
 @pytest.mark.parametrize(("baud", "says"), [("0", "or equal to 1200"), ("99999999999", "or equal to 12000000")])
@@ -237,7 +239,7 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
     monkeypatch.setattr(Eeprom, "close", again)
     status = run(monkeypatch, "register", "write", "--port", str(link), "--id", "3", "max_temperature", "61")
     assert status == cli.INTERRUPTED
-    assert "interrupted, and the port closed" in capsys.readouterr().err
+    assert "interrupted; the port is closed" in capsys.readouterr().err
     assert (bus.servo(3).memory.get(sts.lock), bus.servo(3).memory.get(sts.max_temperature)) == (1, 70)
     assert signal.getsignal(number) is former
 
@@ -284,7 +286,7 @@ def test_scan_exits_with_1_if_a_servo_is_absent(
     report = json.loads(capsys.readouterr().out)
     assert ([one["servo_id"] for one in report["servos"]], report["absent"]) == ([1, 3], [2])
     assert run(monkeypatch, "scan", str(link), "--ids", "1-3", "--baud", "1000000") == 1
-    assert "servo 2: is absent" in " ".join(capsys.readouterr().out.split())
+    assert "servo 2: does not answer" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow

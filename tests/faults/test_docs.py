@@ -54,7 +54,7 @@ def test_the_commands_start_faults_in_order(tmp_path: Path, monkeypatch: pytest.
             assert result.exit_code == 0, command
             said[command] = result.output
         assert fault("bus", "stall for=1s").exit_code == fault("bus", "silent id=8").exit_code == 1
-        eventually(lambda: fault("bus").output == "nothing is wrong\n")
+        eventually(lambda: fault("bus").output == "no faults\n")
         assert fault("bus", "brown_out id=1").output == "done: brown_out id=1\n"
         fault("bus", "adapter_unplugged for=200ms as=another")
         assert not (tmp_path / "bus").is_symlink()
@@ -62,9 +62,9 @@ def test_the_commands_start_faults_in_order(tmp_path: Path, monkeypatch: pytest.
         fault("bus", "adapter_unplugged for=200ms")
         assert not (tmp_path / "another").is_symlink()
         eventually((tmp_path / "bus").exists)
-    assert said["servoloop fault ./bus silent id=3 for=2s"] == "on: silent id=3 for=2.0s\n"
-    assert "coming: brown_out id=2 at=0.5s" in said["servoloop fault ./bus brown_out id=2 at=500ms"]
-    assert said["servoloop fault ./bus --clear jammed"].startswith("taken back: jammed id=4\n")
+    assert said["servoloop fault ./bus silent id=3 for=2s"] == "active: silent id=3 for=2.0s\n"
+    assert "pending: brown_out id=2 at=0.5s" in said["servoloop fault ./bus brown_out id=2 at=500ms"]
+    assert said["servoloop fault ./bus --clear jammed"].startswith("removed: jammed id=4\n")
     assert all(kind in said["servoloop fault --list"] for kind in KINDS)
 
 

@@ -1,4 +1,4 @@
-"""Keys of ``servoloop jog``, without ROS. One key press is one motion, and errors are shown."""
+"""Keys of ``servoloop jog``, without ROS: each press is one motion, and the reason for a stop is shown."""
 
 from collections.abc import Sequence
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ FIRST_REPEAT_S, REPEATS_S = 0.5, 0.04
 
 
 class Client:
-    """Fake client that moves joints while it is called. It fails with ``wrong`` if that is set."""
+    """Client that moves joints while it is called. ``wrong`` is the reason why it refuses."""
 
     def __init__(self, now: "Terminal", joints: Sequence[str] = JOINTS) -> None:
         self.now, self.joints, self.wrong = now, joints, ""
@@ -41,14 +41,14 @@ class Client:
 
 
 class Terminal:
-    """Simulated time with typed keys. ``late_s`` is the delay of each check on a slow machine."""
+    """Simulated time and held keys. ``late_s`` is the delay of each call on a busy machine."""
 
     def __init__(self) -> None:
         self.s, self.late_s = 10.0, 0.0
         self._held, self._next_s, self._repeats = "", 0.0, False
 
     def hold(self, key: str) -> None:
-        """Press and hold a key, or release it if the key is empty."""
+        """Hold a key; an empty string releases it."""
         self._held, self._next_s, self._repeats = key, self.s, False
 
     def typed(self, wait_s: float) -> list[str]:
@@ -81,19 +81,19 @@ def step(jog: Jogging, terminal: Terminal, seconds: float) -> None:
 
 
 def tap(jog: Jogging, terminal: Terminal, key: str) -> None:
-    """Press a key and release it immediately."""
+    """Press a key and release it at once."""
     terminal.hold(key)
     jog.step()
     terminal.hold("")
 
 
-def text_below(jog: Jogging) -> str:
+def said(jog: Jogging) -> str:
     """Return the text below the table."""
     return str(jog.table().caption)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.2])
-def test_tap_moves_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s: float) -> None:
+def test_a_short_key_press_moves_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s: float) -> None:
     jog, client = jogging(terminal)
     terminal.late_s = late_s
     tap(jog, terminal, "right")
@@ -104,7 +104,7 @@ def test_tap_moves_a_joint_for_a_tenth_of_a_second(terminal: Terminal, late_s: f
     assert client.turned["joint1"] == pytest.approx(0.0, abs=TICK_S + late_s)
 
 
-def test_joint_moves_while_the_key_is_held(terminal: Terminal) -> None:
+def test_a_joint_moves_while_the_key_is_held_and_stops_when_it_is_released(terminal: Terminal) -> None:
     jog, client = jogging(terminal)
     terminal.hold("right")
     step(jog, terminal, 2.0)
@@ -115,41 +115,41 @@ def test_joint_moves_while_the_key_is_held(terminal: Terminal) -> None:
     assert client.turned["joint1"] <= turned + 0.35
 
 
-def test_error_is_shown_and_a_new_motion_needs_a_new_press(terminal: Terminal) -> None:
+def test_the_reason_for_a_stop_is_shown_and_a_new_motion_needs_a_new_press(terminal: Terminal) -> None:
     jog, client = jogging(terminal)
     terminal.hold("right")
     step(jog, terminal, 1.0)
     client.joints, turned = ("hand",), client.turned["joint1"]
     step(jog, terminal, 0.2)
-    assert "no active controller moves joint1: activate arm_controller. Then press the key again" in text_below(jog)
+    assert "no active controller moves joint1: activate arm_controller. Then press the key again" in said(jog)
     client.joints = JOINTS
     step(jog, terminal, 3.0)
-    assert client.turned["joint1"] == turned, "the key is still held, but the motion does not restart"
-    assert "no active controller" in text_below(jog)
+    assert client.turned["joint1"] == turned, "the motion does not resume although the key is still held"
+    assert "no active controller" in said(jog)
     terminal.hold("")
     step(jog, terminal, 1.0)
     terminal.hold("right")
     step(jog, terminal, 1.0)
-    assert client.turned["joint1"] > turned + 0.2 and "no active controller" not in text_below(jog)
+    assert client.turned["joint1"] > turned + 0.2 and "no active controller" not in said(jog)
 
 
 @pytest.mark.parametrize("between", ["space", "2", "down", "x"])
-def test_other_key_ends_a_motion_until_a_new_press(terminal: Terminal, between: str) -> None:
+def test_another_key_ends_a_motion_until_the_first_key_is_pressed_again(terminal: Terminal, between: str) -> None:
     jog, client = jogging(terminal)
     terminal.hold("right")
     step(jog, terminal, 1.0)
     jog._press(between)
     turned = dict(client.turned)
     step(jog, terminal, 2.0)
-    assert client.turned == turned, "the first key still repeats"
+    assert client.turned == turned, "although the first key still repeats"
 
 
-def test_joint_numbers_do_not_depend_on_active_controllers(terminal: Terminal) -> None:
+def test_a_number_always_selects_the_same_joint(terminal: Terminal) -> None:
     jog, client = jogging(terminal, joints=("hand",))
     jog._press("1")
     tap(jog, terminal, "right")
     step(jog, terminal, 1.0)
-    assert not any(client.turned.values()) and "no active controller moves joint1" in text_below(jog)
+    assert not any(client.turned.values()) and "no active controller moves joint1" in said(jog)
     terminal.s += 1.0
     jog._press("3")
     tap(jog, terminal, "right")

@@ -1,4 +1,4 @@
-"""A live table and log lines do not overwrite each other on one terminal."""
+"""A live table and log lines on one terminal do not overwrite each other."""
 
 import logging
 import shutil
@@ -42,7 +42,7 @@ time.sleep(30.0)
 SHOWN = ["· holds", "INFO servoloop: line 3", "· moves", "INFO servoloop: line 9", "the end"]
 
 
-def test_log_is_printed_to_the_current_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_log_lines_are_printed_above_the_live_table(monkeypatch: pytest.MonkeyPatch) -> None:
     logger = logging.getLogger("servoloop")
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     monkeypatch.setattr(logging.getLogger(), "level", logging.INFO)
@@ -56,7 +56,7 @@ def test_log_is_printed_to_the_current_stderr(monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("tmux") is None, reason="needs tmux")
-def test_table_is_removed_in_tmux(tmp_path: Path) -> None:
+def test_no_remains_of_the_table_are_left_in_tmux(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(PROGRAM)
     tmux = ["tmux", "-S", str(tmp_path / "tmux"), "-f", "/dev/null"]
     program = f"env PYTHONPATH={ROOT} {sys.executable} {tmp_path / 'program.py'}"

@@ -1,4 +1,4 @@
-"""Motions offered by the page for an arm, from the files of the arm and its active controllers."""
+"""Joints and poses that the page can move to, from the arm's files and its active controllers."""
 
 from pathlib import Path
 from threading import Event, Thread
@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from hal.types import JointLimits
 from servoloop.cli import app
-from servoloop.manual.poses import CLOSE, FILE, OPEN, Offer, Poses, offer
+from servoloop.manual.poses import CLOSE, FILE, OPEN, Poses, Targets, find_targets
 from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import LiveRig, runtime_folder
 
@@ -25,8 +25,8 @@ def arm(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_hand_uses_the_pick_and_place_positions() -> None:
-    found = offer(ARMS / "so101", {"arm_controller": ("shoulder_pan",), "hand_controller": ("gripper",)}, {})
+def test_the_hand_poses_are_those_of_pick_and_place() -> None:
+    found = find_targets(ARMS / "so101", {"arm_controller": ("shoulder_pan",), "hand_controller": ("gripper",)}, {})
     assert found.joints == ("shoulder_pan", "gripper")
     assert found.hand == {OPEN: {"gripper": 0.7}, CLOSE: {"gripper": -0.1}}
 
@@ -35,36 +35,41 @@ def test_hand_uses_the_pick_and_place_positions() -> None:
     ("folder", "driven"),
     [(ARMS / "robot_arm", {"arm_controller": ("joint1",)}), (ARMS, DRIVEN), (None, DRIVEN)],
 )
-def test_hand_is_not_offered_without_configuration(folder: Path | None, driven: dict[str, tuple[str, ...]]) -> None:
-    assert offer(folder, driven, LIMITS).hand == {}
+def test_without_a_known_hand_joint_there_are_no_hand_poses(
+    folder: Path | None, driven: dict[str, tuple[str, ...]]
+) -> None:
+    assert find_targets(folder, driven, LIMITS).hand == {}
 
 
-def test_unreachable_poses_are_named_and_not_offered(arm: Path) -> None:
+def test_poses_that_the_arm_cannot_reach_are_refused_with_a_reason(arm: Path) -> None:
     poses = Poses(arm)
     poses.save("good", {"joint1": 0.5})
     poses.save("far", {"joint1": 1.5})
     poses.save("other", {"wheel": 0.0})
-    found = offer(arm, DRIVEN, LIMITS)
+    found = find_targets(arm, DRIVEN, LIMITS)
     assert found.poses == {"good": {"joint1": 0.5}}
     far, other = found.refused
-    assert far.startswith("not far: joint1 would go to 1.5") and other == "not other: the arm has no wheel"
-    still = offer(arm, {"arm_controller": ("joint2",)}, LIMITS)
-    assert still.poses == {} and still.refused[0] == "not good: no active controller moves joint1"
+    assert (
+        far.startswith("far is not available: joint1: 1.5")
+        and other == "other is not available: the arm has no joint wheel"
+    )
+    still = find_targets(arm, {"arm_controller": ("joint2",)}, LIMITS)
+    assert still.poses == {} and still.refused[0] == "good is not available: no active controller moves joint1"
 
 
-def test_broken_pose_file_leaves_joints_and_hand(arm: Path) -> None:
+def test_an_invalid_pose_file_does_not_affect_joints_and_hand(arm: Path) -> None:
     (arm / FILE).write_text("poses: [")
-    found = offer(arm, DRIVEN, LIMITS)
+    found = find_targets(arm, DRIVEN, LIMITS)
     assert found.joints == ("joint1", "joint2", "hand_right_joint") and found.hand[OPEN] == {"hand_right_joint": 0.0}
-    assert found.refused[0].startswith("no poses: ") and FILE in found.refused[0]
+    assert found.refused[0].startswith("No poses are available: ") and FILE in found.refused[0]
 
 
-def test_stack_without_a_folder_offers_joints_but_no_poses() -> None:
-    found = offer(None, DRIVEN, LIMITS)
-    assert isinstance(found, Offer) and found.joints and "does not tell its arm's folder" in found.refused[0]
+def test_without_the_arm_folder_there_are_joints_but_no_poses() -> None:
+    found = find_targets(None, DRIVEN, LIMITS)
+    assert isinstance(found, Targets) and found.joints and "does not report its arm's folder" in found.refused[0]
 
 
-def test_poses_are_saved_to_the_folder_of_the_running_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_are_saved_in_the_folder_of_the_running_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own = tmp_path / "so101"
     own.mkdir()
     (own / "arm.yaml").write_text(f"description: mine\nlike: {ARMS / 'so101'}\n")
@@ -85,4 +90,4 @@ def test_poses_are_saved_to_the_folder_of_the_running_arm(tmp_path: Path, monkey
     (pose,) = Poses(own).all().values()
     assert set(pose) == set(rig.stack.loop.hardware.joints)
     assert "mine: " in CliRunner().invoke(app, ["pose", "list", "--arm", "./so101"]).output
-    assert offer(own, {"all": tuple(pose)}, dict.fromkeys(pose, WIDE)).poses == {"mine": pose}
+    assert find_targets(own, {"all": tuple(pose)}, dict.fromkeys(pose, WIDE)).poses == {"mine": pose}

@@ -55,9 +55,9 @@ def test_default_file_name_has_date_and_arm_and_the_end_of_the_stack_is_reported
     (path,) = (tmp_path / "out").glob("????-??-??_??-??-??_robot_arm.mcap")
     stamps = [stamp_s(message) for message in by_mcap(path)["/joint_states"]]
     assert result.stdout.splitlines() == [
-        f"{path.relative_to(tmp_path)}: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended"
+        f"{path.relative_to(tmp_path)}: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s; the stack has ended"
     ]
-    assert f"recording robot_arm into out/{path.name}; Ctrl-C ends it" in result.stderr
+    assert f"Recording robot_arm to out/{path.name}; press Ctrl-C to stop" in result.stderr
 
 
 def test_record_prints_json() -> None:

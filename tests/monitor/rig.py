@@ -1,4 +1,4 @@
-"""The monitor's screen without a terminal, and what a user reads there."""
+"""Show the monitor's screen without a terminal, and read its text."""
 
 import asyncio
 import html
@@ -14,8 +14,8 @@ from servoloop.recording.sources import Source
 SIZE = (140, 44)
 
 
-class Looked:
-    """A source that shows always the same."""
+class FixedSource:
+    """Source with a constant state."""
 
     status, up_to_date = "robot_arm: live", True
 
@@ -23,7 +23,7 @@ class Looked:
         self.robot = watched
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing; the source holds no resources."""
 
 
 def on_screen(
@@ -32,7 +32,7 @@ def on_screen(
     size: tuple[int, int] = SIZE,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Show a source, and look at it; an error of the screen is raised."""
+    """Show a source and run ``look`` on the screen. Errors of the screen are raised."""
     app = MonitorApp(source, stop)
 
     async def run() -> None:
@@ -45,7 +45,7 @@ def on_screen(
 
 
 def words(app: MonitorApp) -> str:
-    """All that is to be read, line by line."""
+    """Return the text on the screen, line by line."""
     texts = re.findall(r"<text[^>]* y=\"([\d.]+)\"[^>]*>([^<]*)</text>", app.export_screenshot(simplify=True))
     lines: dict[str, str] = {}
     for y, text in texts:

@@ -1,4 +1,4 @@
-"""A program in a terminal of its own, as a user has one over ssh."""
+"""A program in its own terminal, as over ssh."""
 
 import fcntl
 import os
@@ -21,7 +21,7 @@ ESCAPE = re.compile(rb"\x1b(\[[0-9;?<=>]*[a-zA-Z]|[()][A-Z0-9]|[=>])")
 
 
 class Terminal:
-    """A pseudo-terminal and the program in it; ``written`` is all that it has written there, without its colours."""
+    """Pseudo-terminal with a program in it. ``written`` is the program's output without escape sequences."""
 
     def __init__(self, *arguments: str, folder: Path) -> None:
         self._ours, theirs = pty.openpty()
@@ -51,7 +51,7 @@ class Terminal:
         return ESCAPE.sub(b"", bytes(self._bytes)).decode(errors="replace").replace("\u00a0", " ")
 
     def wait_for(self, *words: str) -> None:
-        """Until all these have been written since the last time."""
+        """Wait until the program has written all these texts since the last call."""
 
         def there() -> bool:
             assert self.process.poll() is None or all(word in self.written for word in words), self.written
@@ -65,7 +65,7 @@ class Terminal:
 
     @property
     def restored(self) -> bool:
-        """Whether the terminal is as it was before: its modes, and the screen behind the program's own."""
+        """Whether the terminal's modes and its original screen are restored."""
         left = self._bytes.rfind(b"\x1b[?1049l") > self._bytes.rfind(b"\x1b[?1049h")
         return left and termios.tcgetattr(self._theirs) == self._modes
 
@@ -79,7 +79,7 @@ class Terminal:
 
 @contextmanager
 def in_terminal(*arguments: str, folder: Path) -> Iterator[Terminal]:
-    """``servoloop`` with these arguments in a terminal, until the end of the block."""
+    """Run ``servoloop`` with these arguments in a terminal until the end of the block."""
     terminal = Terminal(*arguments, folder=folder)
     try:
         yield terminal

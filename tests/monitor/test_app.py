@@ -1,4 +1,4 @@
-"""The monitor's screen, of a simulated arm: what is to be read there, and what its keys do."""
+"""Text and keys of the monitor's screen for a simulated arm."""
 
 from pathlib import Path
 from threading import Event
@@ -18,7 +18,7 @@ from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.targets import Targets
 from sim_backend.faults.text import parse
 from tests.live.rig import LiveRig, runtime_folder
-from tests.monitor.rig import Looked, on_screen, words
+from tests.monitor.rig import FixedSource, on_screen, words
 from tests.recorder.rig import Rig
 from tests.servoloop.served import eventually
 from tests.stack.rig import READY
@@ -35,7 +35,7 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def looked_at(rig: Rig) -> ObservedRobot:
+def seen(rig: Rig) -> ObservedRobot:
     return watched(rig)
 
 
@@ -47,8 +47,8 @@ def squeezed(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_all_that_is_known_of_the_arm_is_on_the_screen(looked_at: ObservedRobot) -> None:
-    snapshot = looked_at.state.snapshot
+def test_the_screen_shows_joints_loop_controllers_goals_and_counters(seen: ObservedRobot) -> None:
+    snapshot = seen.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         text = words(app)
@@ -57,15 +57,15 @@ def test_all_that_is_known_of_the_arm_is_on_the_screen(looked_at: ObservedRobot)
         assert f"joint1 {degrees:.1f} ° 11.5 ° " in squeezed(line_of(text, "joint1 "))
         assert "27 °C 12.0 V ok" in squeezed(line_of(text, "joint1 "))
         assert f"{1e3 * snapshot.position[6]:.1f} mm" in line_of(text, "hand_right_joint")
-        assert squeezed(line_of(text, "busy for")).endswith(f"busy for {1e3 * snapshot.busy_s:.2f} ms")
+        assert squeezed(line_of(text, "duration")).endswith(f"duration {1e3 * snapshot.busy_s:.2f} ms")
         assert squeezed(line_of(text, "missed cycles")).endswith("missed cycles 0")
         assert squeezed(line_of(text, "robot_arm  ")).endswith("robot_arm active")
         assert squeezed(line_of(text, "hand_controller")).endswith("hand_controller active")
         assert "s ago arm_controller: succeeded" in squeezed(line_of(text, " ago"))
-        assert squeezed(line_of(text, "(servo 7)")).endswith("nothing")
-        assert "what is wrong" not in text
+        assert squeezed(line_of(text, "(servo 7)")).endswith("none")
+        assert "faults" not in text
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
 def test_a_silent_servo_is_named_and_counted() -> None:
@@ -82,11 +82,11 @@ def test_a_silent_servo_is_named_and_counted() -> None:
         assert lines[1].endswith("joint3: servo 3 does not answer") and "°C" in lines[1]
         assert "silent " in lines[2]
 
-    on_screen(Looked(watched(rig)), look)
+    on_screen(FixedSource(watched(rig)), look)
 
 
-def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: ObservedRobot) -> None:
-    snapshot = looked_at.state.snapshot
+def test_keys_select_a_joint_and_its_plots(seen: ObservedRobot) -> None:
+    snapshot = seen.state.snapshot
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         def title(place: int) -> str:
@@ -101,13 +101,13 @@ def test_keys_choose_a_joint_and_what_is_drawn_of_it(looked_at: ObservedRobot) -
         assert "temperature (°C) 27" in text and "voltage (V) 12" in text and "position, command" not in text
         await pilot.press("9", "p")
         await pilot.pause()
-        assert title(6) in squeezed(words(app)), "the last one, for there is no ninth"
+        assert title(6) in squeezed(words(app)), "the last joint, because there is no ninth"
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
-def test_the_strips_are_the_lines_of_the_last_minute(looked_at: ObservedRobot) -> None:
-    """The newest seconds are at the right: the arm has turned up from below, and the rest of the minute is blank."""
+def test_the_plots_show_the_last_minute(seen: ObservedRobot) -> None:
+    """The latest seconds are on the right, where the position rises; the rest of the minute is blank."""
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         rows = [line[AXIS:] for line in str(app._charts[0].content).splitlines()[1:]]
@@ -118,41 +118,41 @@ def test_the_strips_are_the_lines_of_the_last_minute(looked_at: ObservedRobot) -
         assert max(max(row) for row in upper if row) == width - 1
         assert max(max(row) for row in lower if row) < width - 1
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (30, 8), (4, 2)])
-def test_a_small_terminal_shows_what_there_is_room_for(looked_at: ObservedRobot, size: tuple[int, int]) -> None:
+def test_the_screen_also_works_in_a_small_terminal(seen: ObservedRobot, size: tuple[int, int]) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("v", "u", "t")
         await pilot.resize_terminal(100, 30)
         await pilot.pause()
         assert "joint6" in words(app)
 
-    on_screen(Looked(looked_at), look, size)
+    on_screen(FixedSource(seen), look, size)
 
 
-def test_before_the_first_message_the_screen_is_empty_and_there() -> None:
+def test_the_screen_is_shown_before_the_first_message() -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("2", "down", "t")
         assert "robot_arm: live" in words(app)
 
-    on_screen(Looked(ObservedRobot()), look)
+    on_screen(FixedSource(ObservedRobot()), look)
 
 
 @pytest.mark.parametrize("key", ["q", "ctrl+c"])
-def test_a_key_ends_it(looked_at: ObservedRobot, key: str) -> None:
+def test_a_key_ends_it(seen: ObservedRobot, key: str) -> None:
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         await pilot.press("space", "left", "plus")
-        assert app.is_running, "keys of recordings mean nothing to a stack"
+        assert app.is_running, "playback keys have no effect on a running stack"
         await pilot.press(key)
         await pilot.pause()
         assert not app.is_running
 
-    on_screen(Looked(looked_at), look)
+    on_screen(FixedSource(seen), look)
 
 
-def test_a_signal_ends_it(looked_at: ObservedRobot) -> None:
+def test_a_signal_ends_it(seen: ObservedRobot) -> None:
     signals = Event()
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
@@ -160,11 +160,11 @@ def test_a_signal_ends_it(looked_at: ObservedRobot) -> None:
         while app.is_running:
             await pilot.pause(0.01)
 
-    on_screen(Looked(looked_at), look, stop=signals.is_set)
+    on_screen(FixedSource(seen), look, stop=signals.is_set)
 
 
 @pytest.mark.slow
-def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path) -> None:
+def test_a_recording_can_be_played_paused_and_searched(rig: Rig, tmp_path: Path) -> None:
     file = RecordingFile(tmp_path / "run.mcap", rig.messages)
     for sample in rig.samples:
         file.write(sample)
@@ -198,7 +198,7 @@ def test_a_recording_is_played_paused_and_gone_through(rig: Rig, tmp_path: Path)
     on_screen(playback, look)
 
 
-def test_a_stack_that_ends_is_said_to_have_and_is_shown_again_when_it_comes_back(
+def test_the_end_of_a_stack_is_reported_and_a_restarted_stack_is_shown_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(live_source, "AGAIN_S", 0.01)

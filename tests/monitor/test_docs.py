@@ -1,4 +1,4 @@
-"""docs/monitor.md: its commands; tests/ros/test_looking_on.py runs the first of them, of a running stack."""
+"""Commands of docs/monitor.md. tests/ros/test_looking_on.py runs the first one on a running stack."""
 
 import re
 import shlex
@@ -22,7 +22,7 @@ LIVE, PLAYED, _ = commands("monitor.md")
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """``job.mcap`` in a folder."""
+    """Write ``job.mcap`` into a folder."""
     rig, path = Rig(), tmp_path / "job.mcap"
     rig.run(0.5)
     file = RecordingFile(path, rig.messages)
@@ -34,7 +34,7 @@ def recording(tmp_path: Path) -> Path:
 
 @pytest.mark.runs(PLAYED)
 @pytest.mark.parametrize("end", ["q", "ctrl+c", "SIGTERM"])
-def test_a_recording_is_played_in_a_terminal_which_is_as_before_in_the_end(recording: Path, end: str) -> None:
+def test_a_recording_is_played_in_a_terminal_which_is_restored_at_the_end(recording: Path, end: str) -> None:
     program, *arguments = shlex.split(PLAYED)
     assert program == "servoloop"
     with in_terminal(*arguments, folder=recording.parent) as terminal:
@@ -47,7 +47,7 @@ def test_a_recording_is_played_in_a_terminal_which_is_as_before_in_the_end(recor
         assert terminal.restored
 
 
-def test_the_keys_and_figures_are_those_of_the_code() -> None:
+def test_the_keys_and_figures_on_the_page_match_the_code() -> None:
     rows = dict(re.findall(r"^\| `(.)` \| (\w+)", TEXT, re.MULTILINE))
     assert {key: rows[key] for key in KEYS} == KEYS
     assert len(KEYS) == len(STRIPS) and all(
@@ -58,21 +58,21 @@ def test_the_keys_and_figures_are_those_of_the_code() -> None:
     assert f"{SPEEDS[0]} to {SPEEDS[-1]} times" in TEXT
 
 
-def test_without_a_terminal_it_says_what_to_do(
+def test_a_missing_terminal_is_reported(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, recording: Path
 ) -> None:
-    assert "has none here: run it in one" in complaint(capsys, monkeypatch, "monitor", str(recording))
+    assert "is not a terminal; run it in a terminal" in complaint(capsys, monkeypatch, "monitor", str(recording))
 
 
-def test_without_textual_it_says_what_to_install(
+def test_a_missing_textual_is_reported_with_the_command_to_install_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "-m pip install" in complaint(capsys, monkeypatch, "monitor")
 
 
-def test_an_arm_is_not_chosen_of_a_recording(
+def test_an_arm_cannot_be_selected_for_a_recording(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, recording: Path
 ) -> None:
     said = complaint(capsys, monkeypatch, "monitor", str(recording), "--arm", "so101")
-    assert "give one of them" in said
+    assert "use only one of them" in said

@@ -47,7 +47,7 @@ def test_running_stack_is_monitored_and_recorded_until_its_end(
         recording() as recorder,
     ):
         terminal.wait_for("robot_arm: live", "joint6", "arm_controller", " V")
-        assert recorder.stderr is not None and "recording robot_arm" in recorder.stderr.readline()
+        assert recorder.stderr is not None and "Recording robot_arm" in recorder.stderr.readline()
         with arm_client() as client:
             client.wait(client.send(PICK))
         terminal.wait_for(f"{np.degrees(PICK[5]):.1f}", "succeeded")
@@ -61,7 +61,7 @@ def test_running_stack_is_monitored_and_recorded_until_its_end(
         assert recorder.returncode == 0
     messages = by_mcap(tmp_path / "run.mcap")
     stamps = [stamp_s(message) for message in messages["/joint_states"]]
-    assert f"run.mcap: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s, then the stack ended\n" == said
+    assert f"run.mcap: {len(stamps)} cycles in {stamps[-1] - stamps[0]:.1f} s; the stack has ended\n" == said
     numbers = [cycle.number for cycle in messages["/servoloop/cycles"]]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), "no cycle is missing"
     (result,) = messages["/arm_controller/goal_result"]

@@ -66,8 +66,8 @@ def test_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGSTOP)
     pick.process.send_signal(signal.SIGINT)
     pick.process.send_signal(signal.SIGTERM)
-    assert pick.process.wait(8.0) in AT_ONCE  # less than the 10 s for the confirmation
-    assert "ended at once: the node may go on with the job" in pick.words
+    assert pick.process.wait(8.0) in AT_ONCE  # of the ten seconds for the confirmation
+    assert "ended at once: the node may continue the job" in pick.words
 
 
 def test_signal_before_the_job_of_pick_prevents_it(ros_domain: int, tmp_path: Path) -> None:
@@ -158,8 +158,8 @@ def test_demo_ends_and_names_a_killed_process(ros_domain: int, tmp_path: Path, w
         assert not any(other.is_running() for other in others)
 
 
-@pytest.mark.parametrize("when", ["the stack", "the pick-place node", "grade A: ready"])
-def test_demo_ends_on_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when: str) -> None:
+@pytest.mark.parametrize("when", ["the stack", "the pick-and-place node", "grade A: ready"])
+def test_the_demo_ends_at_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when: str) -> None:
     with demo(tmp_path) as process:
         until(lambda: when in process.words, lambda: process.process.poll() is not None and process.words)
         others = psutil.Process(process.process.pid).children()
@@ -170,7 +170,7 @@ def test_demo_ends_on_a_signal_at_any_time(ros_domain: int, tmp_path: Path, when
 
 def test_second_signal_ends_the_demo_and_its_processes(ros_domain: int, tmp_path: Path) -> None:
     with demo(tmp_path) as process:
-        until(lambda: "the pick-place node" in process.words)
+        until(lambda: "the pick-and-place node" in process.words)
         others = psutil.Process(process.process.pid).children()
         stopped = child(process, "servoloop up")
         stopped.suspend()

@@ -1,4 +1,4 @@
-"""A program at a terminal of its own, whose far end is the test's."""
+"""A program in a pseudo-terminal that is controlled by the test."""
 
 import fcntl
 import os
@@ -9,11 +9,11 @@ import time
 from collections.abc import Sequence
 
 LIMIT_S = 60.0
-"""For a machine in trouble, not a measurement."""
+"""Timeout for a very busy machine, in seconds. It does not check any promise."""
 
 
 class AtTerminal:
-    """Runs within its context. The terminal is the program's controlling one: to close it is told by SIGHUP."""
+    """Program that runs in a context. The terminal is its controlling terminal, so closing it sends SIGHUP."""
 
     def __init__(self, command: Sequence[str]) -> None:
         self.master, self.slave = os.openpty()
@@ -29,7 +29,7 @@ class AtTerminal:
         )
 
     def wait_for(self, text: str) -> None:
-        """Read what it prints until there is this text."""
+        """Read the output until it contains this text."""
         deadline_s = time.monotonic() + LIMIT_S
         while text not in self._said:
             assert time.monotonic() < deadline_s and self.process.poll() is None, self._said

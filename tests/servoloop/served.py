@@ -1,4 +1,4 @@
-"""A virtual line on a pseudo-terminal, served by a thread of the test's own process."""
+"""A virtual bus on a pseudo-terminal, served by a thread of the test's process."""
 
 import threading
 import time
@@ -13,7 +13,7 @@ from sim_backend.line.line import ServoLine
 
 @contextmanager
 def served(line: ServoLine[Any], link: Path, on_tick: Callable[[float], None] | None = None) -> Iterator[str]:
-    """Serve the line at ``link`` for as long as the context lasts; the port's name."""
+    """Serve the bus at ``link`` until the end of the context, and yield the name of the port."""
     ended, ready = threading.Event(), threading.Event()
     thread = threading.Thread(
         target=serve, args=(line, link), kwargs={"stop": ended.is_set, "on_tick": on_tick, "on_ready": ready.set}
@@ -28,7 +28,7 @@ def served(line: ServoLine[Any], link: Path, on_tick: Callable[[float], None] | 
 
 
 def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
-    """Poll until ``what()`` is true. The limit is for a machine in trouble, not a measurement."""
+    """Poll until ``what()`` is true. The timeout only allows for a very busy machine."""
     deadline_s = time.monotonic() + within_s
     while not what():
         assert time.monotonic() < deadline_s, "waited in vain"

@@ -1,4 +1,4 @@
-"""What a user can get wrong on the command line and in the files: each mistake gets a message that says what to do."""
+"""Errors on the command line and in files: each gets a message that tells the user what to do."""
 
 import errno
 import os
@@ -23,7 +23,7 @@ TWO_BUSES = str(CONFIG / "robot_arm_two_buses.yaml")
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[Path]:
-    """A pseudo-terminal with nobody at its far end."""
+    """Serve a pseudo-terminal without servos."""
     master, slave = os.openpty()
     link = tmp_path / "line"
     link.symlink_to(os.ttyname(slave))
@@ -34,7 +34,7 @@ def line(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.fixture(autouse=True)
 def ordinary_priority() -> Iterator[None]:
-    """A verb that has claimed real-time priority before it failed leaves none to the tests behind it."""
+    """Restore the ordinary priority after a command that failed with real-time priority."""
     yield
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
@@ -66,7 +66,7 @@ def edited(folder: Path, original: Path, old: str, new: str) -> str:
         ),
     ],
 )
-def test_a_mistake_in_a_file_is_said_with_its_place(
+def test_an_error_in_a_file_is_reported_with_its_line(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -88,7 +88,7 @@ def test_a_missing_port_is_named(capsys: pytest.CaptureFixture[str], monkeypatch
     assert "/dev/ttyACM77 does not exist" in complaint(capsys, monkeypatch, "up", "--port", "/dev/ttyACM77")
 
 
-def test_of_several_buses_each_needs_its_port(
+def test_each_of_several_buses_needs_a_port(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = str(CONFIG / "robot_arm_two_buses.yaml")
@@ -97,7 +97,7 @@ def test_of_several_buses_each_needs_its_port(
 
 
 @pytest.mark.slow
-def test_a_port_without_servos_is_told_from_a_missing_one(
+def test_a_port_without_servos_is_distinguished_from_a_missing_port(
     line: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "no servo answers on" in complaint(capsys, monkeypatch, "up", "--port", str(line))
@@ -116,7 +116,7 @@ def test_a_port_in_use_names_its_owner(
         owner.communicate("\n")
 
 
-def test_an_emulator_does_not_take_a_path_that_is_taken(
+def test_an_emulator_refuses_a_path_in_use(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     taken = tmp_path / "bus"
@@ -141,31 +141,28 @@ def test_an_emulator_does_not_take_a_path_that_is_taken(
             ("up", "--rtf", "5", "--port", "/dev/ttyACM77"),
             "real servos cannot run in simulated time: leave out --port, or --rtf",
         ),
-        (
-            ("up", "--step", "--port", "/dev/ttyACM77"),
-            "real servos cannot run in simulated time: leave out --port, or --rtf",
-        ),
-        (("up", "--rtf", "0"), "--rtf must be a factor above 0, such as 0.5 or 5, or max, not '0'"),
-        (("emulate", ""), "LINK is a free path such as ./bus, not '.'"),
+        (("up", "--step", "--port", "/dev/ttyACM77"), "a real servo keeps real time: leave out --port, or --rtf"),
+        (("up", "--rtf", "0"), "--rtf takes a factor above 0, such as 0.5 or 5, or max, not '0'"),
+        (("emulate", ""), "LINK must be an unused path such as ./bus, not '.'"),
         (("emulate", "/no/dir/x"), "cannot serve at /no/dir/x.world: No such file"),
         (("emulate", "bus", "--pictures", "/proc/x"), "cannot write into /proc/x: No such file"),
-        (("setup", "--bus", "hand"), "the robot file has one bus, and none with the name hand: leave out --bus"),
-        (("passport", "save", "x", "--arm", "so101", "--bus", "hand"), "none with the name hand: leave out --bus"),
-        (("setup", "--robot", TWO_BUSES, "--bus", "leg"), "several buses, and this is for one: say --bus arm or hand"),
-        (("passport", "save", "x", "--robot", TWO_BUSES), "several buses, and this is for one: say --bus arm or hand"),
-        (("bench", "arm", "--out", "/proc"), "/proc is a folder: choose the name of a file"),
-        (("doctor", "--report", "/"), "/ is a folder: choose the name of a file"),
-        (("doctor", "--report", "/dev/null"), "/dev/null is not a regular file"),
-        (("demo", "--grades", ""), "--grades takes grades such as A,B,C, not ''"),
-        (("demo", "--grades", " ,"), "--grades takes grades such as A,B,C, not ' ,'"),
+        (("setup", "--bus", "hand"), "the robot file has only one bus and none named hand; omit --bus"),
+        (("passport", "save", "x", "--arm", "so101", "--bus", "hand"), "none named hand; omit --bus"),
+        (("setup", "--robot", TWO_BUSES, "--bus", "leg"), "several buses; choose one with --bus arm or hand"),
+        (("passport", "save", "x", "--robot", TWO_BUSES), "several buses; choose one with --bus arm or hand"),
+        (("bench", "arm", "--out", "/proc"), "/proc is a folder: name a file"),
+        (("doctor", "--report", "/"), "/ is a folder: name a file"),
+        (("doctor", "--report", "/dev/null"), "/dev/null is no file"),
+        (("demo", "--grades", ""), "--grades needs grades such as A,B,C, not ''"),
+        (("demo", "--grades", " ,"), "--grades needs grades such as A,B,C, not ' ,'"),
         (("demo", "--grades", "A, Z,b,yy"), "--grades Z, yy: there is no bin for it. "),
         (("demo", "--grades", "Z"), "vision_pick_place_controller.yaml has the grades A, B, C"),
-        (("pick", " "), "GRADE is empty, and every pick-place node refuses that: name one, such as A"),
+        (("pick", " "), "GRADE must not be empty; choose a grade, such as A"),
         (("demo", "--out", "/proc/nix"), "cannot write into /proc/nix: No such file"),
     ],
     ids=lambda a: " ".join(a) if isinstance(a, tuple) else "",
 )
-def test_what_cannot_be_is_said_before_anything_is_switched_on(
+def test_invalid_arguments_are_reported_before_torque_is_enabled(
     arguments: tuple[str, ...],
     says: str,
     tmp_path: Path,
@@ -179,7 +176,7 @@ def test_what_cannot_be_is_said_before_anything_is_switched_on(
     assert not any(tmp_path.iterdir())
 
 
-def test_the_remains_of_a_killed_emulator_are_no_world(
+def test_files_left_by_a_killed_emulator_are_not_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     link = tmp_path / "bus"
@@ -200,10 +197,10 @@ def test_every_verb_has_help_with_an_example(
     assert f"Example: servoloop {verb}" in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_nothing_half_done(
+def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_no_partial_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The stack stays up."""
+    """The stack keeps running."""
 
     def no_room(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -216,7 +213,7 @@ def test_a_ready_file_that_cannot_be_written_is_logged_and_leaves_nothing_half_d
     assert [path.name for path in tmp_path.iterdir()] == ["ready"]
 
 
-def test_a_default_of_the_robot_file_is_named_with_its_own_place(
+def test_an_error_in_the_defaults_of_a_robot_file_is_reported_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = edited(tmp_path, CONFIG / "robot_arm.yaml", "interpolation_method: ruckig", "interpolation_method: true")
@@ -241,7 +238,7 @@ def test_a_default_of_the_robot_file_is_named_with_its_own_place(
         (("emulate", "bus", "--faults"), "[{kind: silent, servo_id: 99}]", ":1: silent at 0 s: there is no servo 99"),
     ],
 )
-def test_a_mistake_about_faults_is_said_with_its_place(
+def test_an_error_in_a_fault_file_is_reported_with_its_line(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

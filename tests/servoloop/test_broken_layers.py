@@ -1,4 +1,4 @@
-"""A safety gate and a driver that are broken on purpose, each in its own way, are found by a campaign and shrunk."""
+"""A campaign finds safety gates and drivers that are broken on purpose, and minimizes the schedules."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -19,15 +19,15 @@ from servoloop.simulation.schedule import Schedule
 
 SEEDS = 1000
 SCENARIO = Scenario(seconds=1.5, faults=4, within_s=1.2)
-"""Faults of all kinds that the arm can have: nobody tells the campaign where to look."""
+"""Scenario with all kinds of faults that the arm supports, without a hint for the campaign."""
 MOVING = Scenario(job=("A",), faults=4, within_s=5.0)
-"""For what does no harm to an arm that stands."""
+"""Scenario for bugs that have no effect on an arm at rest."""
 Break = Callable[[pytest.MonkeyPatch], None]
 limit = SafetyGate.limit
 
 
 def gate(broken: Callable[..., FloatArray]) -> Break:
-    """``broken``: what comes out, of the gate, what is wanted, the last command, and what a whole gate lets through."""
+    """Return a bug whose gate returns ``broken(gate, wanted, last command, correct output)``."""
 
     def wrong(gate: SafetyGate, wanted: FloatArray, last: FloatArray, period_s: float, *more: Any) -> Gated:
         return Gated(broken(gate, wanted, last, limit(gate, wanted, last, period_s, *more).values, period_s), {})
@@ -64,7 +64,7 @@ def takes_the_limits_of_the_joint_before(gate: Any, wanted: FloatArray, last: Fl
 
 
 def takes_any_checksum(patch: pytest.MonkeyPatch) -> None:
-    """A reply that came broken is one."""
+    """A corrupt reply is accepted."""
 
     def take(self: v1.ReplyDecoder, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         frame = pending[at : at + self.data_size + v1.OVERHEAD]
@@ -76,7 +76,7 @@ def takes_any_checksum(patch: pytest.MonkeyPatch) -> None:
 
 
 def invents_who_is_silent(patch: pytest.MonkeyPatch) -> None:
-    """A servo that does not answer is where it was, and nothing is said."""
+    """A silent servo keeps its last position without a report."""
     receive, known = Bus.receive, dict[int, ServoState]()
 
     def wrong(bus: Bus) -> Mapping[int, Reading]:
@@ -88,7 +88,7 @@ def invents_who_is_silent(patch: pytest.MonkeyPatch) -> None:
 
 
 def gives_up_on_all(patch: pytest.MonkeyPatch) -> None:
-    """One servo that does not answer ends the reading of the others."""
+    """One silent servo ends the reading of the other servos."""
     receive = Bus.receive
 
     def wrong(bus: Bus) -> Mapping[int, Reading]:
@@ -100,7 +100,7 @@ def gives_up_on_all(patch: pytest.MonkeyPatch) -> None:
 
 
 def tells_the_next_servo(patch: pytest.MonkeyPatch) -> None:
-    """Each goal goes to the servo behind the one that it is for."""
+    """Each goal is sent to the next servo."""
     write_goals = Bus.write_goals
 
     def wrong(bus: Bus, goals: Mapping[int, ServoGoal]) -> None:
@@ -111,7 +111,7 @@ def tells_the_next_servo(patch: pytest.MonkeyPatch) -> None:
 
 
 def believes_in_torque(patch: pytest.MonkeyPatch) -> None:
-    """A servo that lost its torque is taken for one that has it."""
+    """A servo that has lost its torque is believed to have it."""
 
     def wrong(bus: Bus, servo_ids: Sequence[int], deadline_s: float) -> dict[int, bool]:
         return dict.fromkeys(servo_ids, True)
@@ -120,7 +120,7 @@ def believes_in_torque(patch: pytest.MonkeyPatch) -> None:
 
 
 def switches_on_first(patch: pytest.MonkeyPatch) -> None:
-    """Torque goes on before the goals are at the measured positions."""
+    """Torque is enabled before the goals equal the measured positions."""
     patch.setattr(Activation, "_hold_goals", lambda activation: None)
     patch.setattr(Activation, "_confirm_goal", lambda activation, joint: None)
 
@@ -164,7 +164,7 @@ LATE = {
     "knows_no_ends": 25,
     "invents_who_is_silent": 120,
 }
-"""Seeds at which a campaign begins that would search for long."""
+"""First seeds of campaigns that would otherwise search for a long time."""
 
 
 def first_that_breaks(invariant: str, scenario: Scenario, first: int) -> Schedule:
@@ -177,7 +177,9 @@ def first_that_breaks(invariant: str, scenario: Scenario, first: int) -> Schedul
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*GATES, *DRIVERS])
-def test_a_campaign_finds_it_and_shrinks_it_to_what_matters(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_campaign_finds_the_broken_layer_and_minimizes_the_schedule(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     (GATES | DRIVERS)[name](monkeypatch)
     invariant = FOUND_BY[name]
 

@@ -1,4 +1,4 @@
-"""``servoloop calibration`` as a user types it: a file of LeRobot's for the demo's arm goes in and comes out."""
+"""``servoloop calibration`` imports and exports a LeRobot file on the command line."""
 
 import json
 import shlex
@@ -27,7 +27,7 @@ def robot(tmp_path: Path) -> Path:
 
 
 def theirs(joints: Sequence[Joint] = JOINTS) -> dict[str, Any]:
-    """LeRobot's file for an arm whose stops are where the URDF has them, but 20 counts up."""
+    """Return a LeRobot file for an arm whose stops are 20 counts above those of the URDF."""
     entries = {}
     for joint in joints:
         low, high = joint.counts_range()
@@ -44,7 +44,7 @@ def run(*words: str) -> str:
     return done.output
 
 
-def test_in_shown_and_out_again(robot: Path, tmp_path: Path) -> None:
+def test_a_calibration_is_imported_shown_and_exported(robot: Path, tmp_path: Path) -> None:
     given, out = tmp_path / "theirs.json", tmp_path / "out.json"
     given.write_text(json.dumps(theirs(), indent=4))
     said = json.loads(run("import", str(given), "--robot", str(robot), "--json"))
@@ -59,7 +59,7 @@ def test_in_shown_and_out_again(robot: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.runs(*PAGE)
-def test_the_commands_of_the_page_on_an_arm_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_of_the_page_work_on_a_user_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     arm = find_arm("so101")
     shutil.copytree(arm.folder, "my_arm")
@@ -73,7 +73,7 @@ def test_the_commands_of_the_page_on_an_arm_of_ones_own(tmp_path: Path, monkeypa
     assert Path("my_arm.json").read_text() == text
 
 
-def test_people_are_told_whose_zero_it_is(robot: Path, tmp_path: Path) -> None:
+def test_the_output_explains_whose_zero_is_used(robot: Path, tmp_path: Path) -> None:
     given = tmp_path / "theirs.json"
     given.write_text(json.dumps(theirs()))
     assert "LeRobot's zero is not the URDF's" in run("import", str(given), "--robot", str(robot))
@@ -81,7 +81,7 @@ def test_people_are_told_whose_zero_it_is(robot: Path, tmp_path: Path) -> None:
     assert JOINTS[0].name in run("show", "--robot", str(robot))
 
 
-def test_an_arms_plan_names_other_places_for_zeros(tmp_path: Path) -> None:
+def test_the_calibration_plan_of_an_arm_defines_its_zeros(tmp_path: Path) -> None:
     given = tmp_path / "theirs.json"
     files = read_arm_files(find_arm("so101"))
     robot = Path(shutil.copy(files.robot_path, tmp_path / "arm.yaml"))
@@ -91,7 +91,7 @@ def test_an_arms_plan_names_other_places_for_zeros(tmp_path: Path) -> None:
     assert (zeros["shoulder_pan"], zeros["wrist_roll"], zeros["gripper"]) == ("middle", "lerobot", "lower_stop")
 
 
-def test_a_mistake_is_said_in_words(
+def test_an_invalid_calibration_file_is_reported(
     robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = complaint(capsys, monkeypatch, "calibration", "export", "x.json", "--robot", str(robot))

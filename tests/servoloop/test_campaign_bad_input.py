@@ -57,7 +57,7 @@ def test_faults_of_a_scenario_without_jobs_are_drawn_within_its_run(tmp_path: Pa
     assert max(event.at_s for event in drawn if event.since == "up") <= 0.5
 
 
-def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
+def test_a_fault_kind_that_no_servo_of_the_arm_supports_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nwithin_s: 1\nkinds:\n- silent\n- dead_encoder\n")
@@ -70,7 +70,7 @@ def test_a_kind_that_no_servo_of_the_arm_can_have_is_refused(
     assert "robot_arm_dynamixel cannot have 'dead_encoder'" in message
 
 
-def test_a_fault_that_the_arm_cannot_have_is_refused_with_its_line(
+def test_a_fault_that_the_arm_does_not_support_is_refused_with_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, "arm: koch\nseconds: 1\nfaults:\n- {kind: echo}\n- {kind: dead_encoder, servo_id: 3}\n")

@@ -1,4 +1,4 @@
-"""``min`` and ``max`` of the command interfaces limit every command, whichever controller it comes from."""
+"""``min`` and ``max`` of the command interfaces limit the commands of all controllers."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -60,7 +60,7 @@ def urdf(*commands: str, kind: str = "revolute") -> str:
 
 
 class Stack:
-    """One joint of the mock, and one controller of the file."""
+    """Stack with one joint of a mock component and one controller."""
 
     def __init__(self, folder: Path, text: str, kind: str, parameters: str) -> None:
         (folder / "arm.urdf").write_text(text)
@@ -77,14 +77,14 @@ class Stack:
         self.loop.activate()
 
     def sent(self, commands: Sequence[float], cycles: int = 100) -> float:
-        """The command that reaches the joint when a client repeats ``commands``."""
+        """Return the command that reaches the joint while a client repeats ``commands``."""
         for _ in range(cycles):
             self.controller.submit(list(commands))
             self.loop.step()
         return float(self.loop.command[0])
 
 
-def test_a_trajectory_beyond_the_range_is_refused_and_one_to_its_end_arrives(tmp_path: Path) -> None:
+def test_a_trajectory_beyond_the_range_is_refused_but_one_to_its_limit_arrives(tmp_path: Path) -> None:
     stack = Stack(tmp_path, urdf(interface(min=-0.5, max=0.5)), *TRAJECTORY)
     assert isinstance(stack.controller, JointTrajectoryController)
     stack.loop.step()
@@ -99,7 +99,7 @@ def test_a_trajectory_beyond_the_range_is_refused_and_one_to_its_end_arrives(tmp
     assert stack.loop.command[0] == pytest.approx(0.5)
 
 
-def test_a_forwarded_position_is_taken_to_the_end_of_the_range(tmp_path: Path) -> None:
+def test_a_forwarded_position_is_limited_to_the_range(tmp_path: Path) -> None:
     kind = ForwardCommandController.kind
     stack = Stack(tmp_path, urdf(interface(min=-0.25, max=0.5)), kind, "joints: [lift], interface_name: position")
     assert stack.sent([2.0]) == pytest.approx(0.5)
@@ -124,7 +124,7 @@ def test_a_gripper_goal_beyond_the_range_is_refused(tmp_path: Path) -> None:
         ("effort", {"min": -0.1, "max": 0.5}, -5.0, -0.1),
     ],
 )
-def test_velocities_and_efforts_have_ranges_of_their_own(
+def test_velocities_and_efforts_have_their_own_ranges(
     tmp_path: Path, kind: str, ends: dict[str, float], command: float, reaches: float
 ) -> None:
     text = urdf(interface(kind, **ends), kind="continuous")
@@ -136,7 +136,7 @@ def test_velocities_and_efforts_have_ranges_of_their_own(
     assert stack.loop.command[0] == pytest.approx(reaches)
 
 
-def test_a_velocity_range_limits_motions_to_positions_too(tmp_path: Path) -> None:
+def test_a_velocity_range_also_limits_position_motions(tmp_path: Path) -> None:
     text = urdf(interface(), interface("velocity", min=-0.2, max=1.0))
     stack = Stack(tmp_path, text, *TRAJECTORY)
     assert stack.files.limits["lift"].velocity == 0.2
@@ -144,7 +144,7 @@ def test_a_velocity_range_limits_motions_to_positions_too(tmp_path: Path) -> Non
     assert stack.loop.command[0] == pytest.approx(0.2 * PERIOD_S)
 
 
-def test_a_continuous_joint_with_a_range_has_ends(tmp_path: Path) -> None:
+def test_a_continuous_joint_with_a_range_is_limited(tmp_path: Path) -> None:
     stack = Stack(tmp_path, urdf(interface(min=-4, max=4), kind="continuous"), *TRAJECTORY)
     stack.loop.step()
     assert stack.controller.check(TrajectoryGoal(("lift",), (GoalPoint((5.0,), 9.0),))) is not None
@@ -152,7 +152,7 @@ def test_a_continuous_joint_with_a_range_has_ends(tmp_path: Path) -> None:
     assert (free.lower, free.upper) == (-np.inf, np.inf)
 
 
-def test_servos_keep_to_the_range_and_calibration_measures_the_whole_travel(tmp_path: Path) -> None:
+def test_servos_stay_in_the_range_while_calibration_uses_the_whole_travel(tmp_path: Path) -> None:
     text = URDF.read_text()
     at = text.index('<command_interface name="position"/>')
     narrow = text[:at] + interface(max=0.5) + text[at + len('<command_interface name="position"/>') :]
@@ -204,13 +204,13 @@ def test_servos_keep_to_the_range_and_calibration_measures_the_whole_travel(tmp_
         ),
     ],
 )
-def test_a_range_that_cannot_be_is_named_with_its_place(text: str, says: str) -> None:
+def test_an_invalid_range_is_reported_with_its_line(text: str, says: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         parse_urdf(text, "arm.urdf")
     assert says in str(caught.value)
 
 
-def test_an_end_beyond_the_joints_own_limit_is_in_the_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_range_beyond_the_joint_limit_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     text = urdf(interface(min=-5, max=0.5))
     stack = Stack(tmp_path, text, *TRAJECTORY)
     assert (stack.files.limits["lift"].lower, stack.files.limits["lift"].upper) == (-1.0, 0.5)

@@ -1,4 +1,4 @@
-"""Recordings of cycles: nothing of the wire is left out, the end of the program is in them, and packets have words."""
+"""Recordings of cycles: they contain all bytes on the bus until the end of the program, with readable packets."""
 
 import pytest
 
@@ -21,7 +21,7 @@ TEXT_1 = [Joint("a", 1, STS3215, LIMITS), Joint("b", 2, STS3215, LIMITS)]
 TEXT_2 = [Joint("a", 1, XL430_W250, LIMITS)]
 
 
-def test_every_byte_of_every_line_is_in_a_recording_up_to_the_programs_end() -> None:
+def test_a_recording_contains_every_byte_until_the_end_of_the_program() -> None:
     stacks: list[FaultyStack] = []
     recorders: list[CycleRecorder] = []
 
@@ -38,7 +38,7 @@ def test_every_byte_of_every_line_is_in_a_recording_up_to_the_programs_end() -> 
     assert recorders[0].recording.cycles[-1].time_s > 1.0
 
 
-def test_a_part_of_a_recording_has_the_time_before_and_some_cycles_behind() -> None:
+def test_a_part_of_a_recording_includes_time_before_and_cycles_after_the_event() -> None:
     recorders: list[CycleRecorder] = []
     run_schedule_of(Schedule(seconds=1.0), lambda stack: recorders.append(CycleRecorder(stack)))
     whole = recorders[0].recording
@@ -65,13 +65,13 @@ def test_instructions_have_the_names_of_registers(data: bytes, text: str) -> Non
     assert PacketText(TEXT_1).sent(data) == text
 
 
-def test_instructions_of_dynamixel_2_do_too() -> None:
+def test_instructions_of_dynamixel_2_have_the_names_of_registers() -> None:
     goals = v2.sync_write(116, 4, b"\x01\x00\x08\x00\x00")
     assert PacketText(TEXT_2).sent(goals) == "SYNC_WRITE goal_position 1=00080000"
     assert PacketText(TEXT_2).sent(v2.sync_read((1,), 132, 4)) == "SYNC_READ present_position[4] 1"
 
 
-def test_replies_are_told_by_servo_and_what_is_none_byte_by_byte() -> None:
+def test_replies_are_shown_by_servo_and_other_bytes_one_by_one() -> None:
     reply, text = sts_wire.status_packet(2, 0x20, b"\x00\x08"), PacketText(TEXT_1)
     assert text.received(sts_wire.status_packet(1, 0, b"\x01\x08") + reply) == "1: 0108; 2: error 20 0008"
     assert text.received(b"\x55" + reply) == f"2: error 20 0008; 55 {reply.hex(' ')}"

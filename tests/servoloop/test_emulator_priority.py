@@ -1,6 +1,6 @@
-"""The emulator has real-time priority while it serves, and none while it computes: before, and for its pictures.
+"""The emulator has real-time priority while it serves, but not while it computes or draws pictures.
 
-Two that draw at that priority keep the processors of a small machine from every other arm's servos for seconds.
+Two emulators that draw with this priority would block the servos of other arms for seconds on a small machine.
 """
 
 import os
@@ -16,12 +16,12 @@ from sim_backend.scene.picture import Recorder
 
 
 class Scheduler:
-    """The policy of this process, as the system would keep it."""
+    """Simulated scheduling policy of this process."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, grants: bool = True) -> None:
         self.policy = os.SCHED_OTHER
         self.priorities = set[int]()
-        """The real-time priorities that were granted."""
+        """Real-time priorities that were granted."""
         self.grants = grants
         monkeypatch.setattr(os, "sched_setscheduler", self._set)
         monkeypatch.setattr(os, "sched_getscheduler", lambda pid: self.policy)
@@ -34,7 +34,7 @@ class Scheduler:
             self.priorities.add(param.sched_priority)
 
 
-def test_it_has_priority_while_it_serves_and_not_while_it_draws(
+def test_the_emulator_has_priority_while_it_serves_but_not_while_it_draws(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scheduler, seen = Scheduler(monkeypatch), dict[str, int]()
@@ -52,7 +52,7 @@ def test_it_has_priority_while_it_serves_and_not_while_it_draws(
 
 
 @pytest.mark.parametrize("grants", [True, False])
-def test_it_is_given_back_after_an_exception_too(monkeypatch: pytest.MonkeyPatch, grants: bool) -> None:
+def test_the_priority_is_restored_after_an_exception(monkeypatch: pytest.MonkeyPatch, grants: bool) -> None:
     scheduler = Scheduler(monkeypatch, grants)
     with pytest.raises(ZeroDivisionError), realtime_priority():
         assert (scheduler.policy == os.SCHED_RR) is grants
@@ -60,7 +60,7 @@ def test_it_is_given_back_after_an_exception_too(monkeypatch: pytest.MonkeyPatch
     assert scheduler.policy == os.SCHED_OTHER
 
 
-def test_what_is_no_longer_granted_becomes_ordinary(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_priority_that_is_refused_falls_back_to_the_ordinary_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scheduler = Scheduler(monkeypatch, grants=False)
     scheduler.policy = os.SCHED_RR
     with realtime_priority():

@@ -1,4 +1,4 @@
-"""The arguments of child processes: an emulator or a stack reads exactly the files that its parent has read."""
+"""Arguments of child processes: an emulator or a stack reads exactly the files that its parent has read."""
 
 import shutil
 from collections.abc import Callable
@@ -24,7 +24,7 @@ def named(name: str) -> ReadFiles:
 
 
 def as_a_copy(name: str) -> ReadFiles:
-    """A user's own folder of the same name, with other zeros, named by its relative path."""
+    """Return a user folder with the name of an included arm but other zeros, given by its relative path."""
 
     def files(folder: Path) -> Files:
         for one in ("so101", name):
@@ -46,7 +46,7 @@ def two_components(folder: Path) -> Files:
 
 
 def single_files(folder: Path) -> Files:
-    """Each file by its relative path, and none of the joints of the default arm, whose scene is left."""
+    """Return single files by relative paths, whose joints are not those of the default arm."""
     so101 = find_arm("so101")
     for path in (so101.urdf, so101.controllers, find_arm("so101_12v").robot):
         shutil.copy(path, folder / path.name)
@@ -69,7 +69,7 @@ def files(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def given(monkeypatch: pytest.MonkeyPatch, function: str, *arguments: str) -> list[Any]:
-    """What the verb of these arguments calls this function with."""
+    """Return the arguments with which a command calls this function."""
     calls: list[Any] = []
     monkeypatch.setattr(function, lambda *given, **more: calls.extend(given))
     result = CliRunner().invoke(app, arguments)
@@ -101,7 +101,7 @@ def test_a_stack_runs_the_arm_of_its_parent(files: Files, tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize("verb", ["emulate ./bus", "up --hardware mujoco", "up --rtf max"])
-def test_an_arm_that_is_not_in_the_scene_is_refused_in_one_sentence(
+def test_an_arm_that_is_not_in_the_scene_is_refused(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -117,7 +117,7 @@ def test_an_arm_that_is_not_in_the_scene_is_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize("verb", ["emulate ./bus", "up --hardware mujoco", "simulate --seconds 1"])
-def test_a_scene_that_is_not_there_is_named(
+def test_a_missing_scene_is_reported(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -129,7 +129,7 @@ def test_a_scene_that_is_not_there_is_named(
 
 @pytest.mark.parametrize("verb", ["emulate ./bus", "doctor --port ./none", "tune shoulder_pan --port ./none --yes"])
 def test_servos_of_another_urdf_need_no_controllers(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The controllers of the arm that is taken where none is named are for other joints."""
+    """The controllers of the default arm are for other joints."""
     monkeypatch.chdir(tmp_path)
     read: list[ServoFiles] = []
     monkeypatch.setattr("servoloop.stack.emulator.emulate", lambda files, *more, **named: read.append(files))
@@ -140,7 +140,7 @@ def test_servos_of_another_urdf_need_no_controllers(verb: str, tmp_path: Path, m
     assert "arm_controller" not in said and (read or "./none" in said), said
 
 
-def test_a_stack_of_another_urdf_is_told_which_controllers_do_not_fit(
+def test_controllers_that_do_not_fit_another_urdf_are_reported(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     so101 = find_arm("so101")
@@ -156,18 +156,21 @@ def test_a_stack_of_another_urdf_is_told_which_controllers_do_not_fit(
         "replay way --arm so101 --port virtual --hands-free",
     ],
 )
-def test_an_arm_that_a_hand_moves_is_served_by_an_emulator_of_its_own(
+def test_virtual_is_refused_for_an_arm_that_is_moved_by_hand(
     verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = complaint(capsys, monkeypatch, *verb.split())
-    assert "'virtual' is not a device" in said and "`servoloop emulate LINK --arm so101`, and name LINK" in said
+    assert (
+        "'virtual' is not a serial port" in said
+        and "`servoloop emulate LINK --arm so101` and pass LINK as the port" in said
+    )
 
 
 @pytest.mark.parametrize("verb", ["doctor", "tune shoulder_pan --yes", "bench arm --yes"])
-def test_where_no_adapter_is_plugged_in_virtual_servos_are_offered(
+def test_virtual_servos_are_suggested_if_no_adapter_is_plugged_in(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "so101")
-    assert "no USB adapter was found" in said and "; --port virtual is for virtual servos\n" in said
+    assert "no USB adapter is plugged in" in said and "; for virtual servos, use --port virtual\n" in said

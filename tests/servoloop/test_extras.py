@@ -1,4 +1,4 @@
-"""The commands that messages print to install optional parts, and the version."""
+"""Commands in messages that install optional parts, and the version."""
 
 import shlex
 import sys
@@ -12,7 +12,7 @@ from servoloop.extras import install_command
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_command_installs_from_where_servoloop_is() -> None:
+def test_the_command_installs_from_the_source_of_servoloop() -> None:
     python, *words = shlex.split(install_command("view"))
     assert python == sys.executable and words == ["-m", "pip", "install", f"{ROOT}[view]"]
 

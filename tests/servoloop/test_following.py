@@ -1,4 +1,4 @@
-"""The following error: how it is measured at the cycles and between them."""
+"""Following errors at the cycles and between them."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from servoloop.simulation.recording import UNKNOWN, between_cycles, following_error, reference_at, worst
 
 
-def test_largest_counts_always_and_rms_only_while_the_joint_moves() -> None:
+def test_the_largest_error_counts_always_and_the_rms_only_while_moving() -> None:
     error = np.array([[0.3, 0.0], [0.1, 0.02], [-0.1, -0.02]])
     velocity = np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 2.0]])
     found = following_error(np.arange(3.0), error, velocity)
@@ -15,7 +15,7 @@ def test_largest_counts_always_and_rms_only_while_the_joint_moves() -> None:
     assert found.fastest == 1
 
 
-def test_at_rest_is_what_is_seen_half_a_second_after_the_reference_has_stopped() -> None:
+def test_the_error_at_rest_counts_from_half_a_second_after_the_motion() -> None:
     times = np.arange(0.0, 2.0, 0.1)
     velocity = np.where((times > 0.55) & (times < 1.05), 1.0, 0.0)[:, None] * [1.0, 0.0]
     error = np.array([[0.01 * (len(times) - i), 0.001 * i] for i in range(len(times))])
@@ -24,7 +24,7 @@ def test_at_rest_is_what_is_seen_half_a_second_after_the_reference_has_stopped()
     assert following_error(times[:4], error[:4], velocity[:4]).at_rest_rad == (0.0, 0.0)
 
 
-def test_nothing_measured_is_nothing_said() -> None:
+def test_without_measurements_there_are_no_figures() -> None:
     assert following_error(np.empty(0), np.empty((0, 6)), np.empty((0, 6))) is UNKNOWN
     assert UNKNOWN.as_dict([])["largest_rad"] is None
     assert worst([UNKNOWN]) is UNKNOWN
@@ -45,7 +45,7 @@ def test_between_the_cycles_the_reference_is_the_cubic_through_positions_and_vel
     assert velocity == pytest.approx(speed(times))
 
 
-def test_a_servo_that_leaps_is_seen_between_the_cycles_only() -> None:
+def test_a_jump_of_a_servo_is_only_visible_between_the_cycles() -> None:
     cycles = np.arange(20) * 0.05
     reference, velocity = cycles[:, None], np.ones((20, 1))
     ticks = np.arange(191)

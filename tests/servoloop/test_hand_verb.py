@@ -1,4 +1,4 @@
-"""``servoloop hand``: what it prints of plugs and joints."""
+"""Output of ``servoloop hand`` about connected servos and joints."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ JOINT: dict[str, Any] = {"position": 0.1, "held": False, "arrived": True}
 
 
 def printed(monkeypatch: pytest.MonkeyPatch, connected: tuple[bool, bool], *words: str) -> str:
-    """What the command prints for an emulator that answers with these plugs."""
+    """Return the output of the command for an emulator with these servos connected."""
     answer = {
         name: {**JOINT, "servo_id": servo_id, "connected": there}
         for name, servo_id, there in zip(("pan", "grip"), (1, 6), connected, strict=True)
@@ -26,8 +26,8 @@ def printed(monkeypatch: pytest.MonkeyPatch, connected: tuple[bool, bool], *word
     ("connected", "words", "expected"),
     [
         ((False, True), ("connect", "grip"), "connected: grip (ID 6)\n"),
-        ((True, True), ("connect",), "connected (the whole chain): pan (ID 1), grip (ID 6)\n"),
-        ((False, False), ("disconnect",), "no servo is connected\n"),
+        ((True, True), ("connect",), "connected (all servos): pan (ID 1), grip (ID 6)\n"),
+        ((False, False), ("disconnect",), "No servo is connected.\n"),
     ],
 )
 def test_connect_prints_what_is_connected(

@@ -1,4 +1,4 @@
-"""Which hardware stands below: by the URDF's blocks, by the command line, and by what users install."""
+"""Selection of the hardware by the URDF, the command line and installed plugins."""
 
 import sys
 from dataclasses import replace
@@ -43,9 +43,7 @@ def test_two_blocks_of_servos_name_their_buses(tmp_path: Path) -> None:
     assert [type(one) for one in made(files)] == [ServoHardware, ServoHardware]
 
 
-def test_only_servos_lag_and_what_is_not_known_of_them_is_said(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_only_servos_lag_and_unknown_lags_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     robot = tmp_path / "robot.yaml"
     robot.write_text((CONFIG / "robot_arm_dynamixel.yaml").read_text().replace("position_p: 2400, ", "", 1))
     files = read_files(robot=robot)
@@ -55,7 +53,7 @@ def test_only_servos_lag_and_what_is_not_known_of_them_is_said(
     assert build(HardwareKind.MOCK, files, {}, SimulatedClock()).compliances == {}
 
 
-def test_the_robot_file_can_do_without_gravity_compensation(tmp_path: Path) -> None:
+def test_the_robot_file_can_disable_gravity_compensation(tmp_path: Path) -> None:
     robot = tmp_path / "robot.yaml"
     robot.write_text((CONFIG / "robot_arm.yaml").read_text() + "gravity_compensation: false\n")
     files = read_files(robot=robot)
@@ -64,7 +62,7 @@ def test_the_robot_file_can_do_without_gravity_compensation(tmp_path: Path) -> N
     assert compensation(files.robot.joints, files.description) is not None
 
 
-def test_the_command_line_decides_for_all(tmp_path: Path) -> None:
+def test_the_command_line_overrides_all_components(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM))))
     assert [type(one) for one in made(files, HardwareKind.MOCK)] == [MockHardware, MockHardware]
     with pytest.raises(DescriptionError, match="hand has servos but no robot file: name the file"):
@@ -74,7 +72,7 @@ def test_the_command_line_decides_for_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["velocity", "effort"])
-def test_servos_take_positions_and_the_mock_in_their_place_what_is_declared(tmp_path: Path, command: str) -> None:
+def test_servos_accept_positions_and_a_mock_accepts_the_declared_interfaces(tmp_path: Path, command: str) -> None:
     path = write_urdf(tmp_path, arm=servos(write_robot_file(tmp_path, "arm", *ARM)))
     text = path.read_text()
     first = '<joint name="joint1">\n'
@@ -105,7 +103,7 @@ def test_one_robot_option_is_not_enough_for_two(tmp_path: Path) -> None:
         read_files(urdf, robot=CONFIG / "robot_arm.yaml")
 
 
-def test_a_robot_file_is_looked_for_beside_the_urdf_and_mistakes_name_it(tmp_path: Path) -> None:
+def test_a_robot_file_is_found_next_to_the_urdf_and_errors_name_it(tmp_path: Path) -> None:
     write_robot_file(tmp_path, "arm", *ARM[:5])
     with pytest.raises(RobotFileError) as caught:
         read_files(write_urdf(tmp_path, arm=servos(Path("arm.yaml"))))
@@ -114,7 +112,7 @@ def test_a_robot_file_is_looked_for_beside_the_urdf_and_mistakes_name_it(tmp_pat
     )
 
 
-def test_a_plugin_that_nobody_knows(tmp_path: Path) -> None:
+def test_an_unknown_plugin_is_refused(tmp_path: Path) -> None:
     files = read_files(write_urdf(tmp_path, hand="<plugin>nobody/Knows</plugin>"))
     with pytest.raises(
         DescriptionError, match="hand: unknown <plugin> nobody/Knows: choose one of servoloop/ServoHardware"
@@ -141,7 +139,7 @@ def other(component, clock):
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user's package, as pip leaves it."""
+    """Install the package of a user as pip does."""
     folder = tmp_path / "site"
     info = folder / "acme-1.0.dist-info"
     info.mkdir(parents=True)
@@ -176,7 +174,9 @@ def test_a_users_own_hardware(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_users_hardware_that_cannot_be_made(tmp_path: Path, hand: str, error: type[Exception], says: str) -> None:
+def test_user_hardware_that_cannot_be_created_is_refused(
+    tmp_path: Path, hand: str, error: type[Exception], says: str
+) -> None:
     with pytest.raises(error, match=says):
         made(read_files(write_urdf(tmp_path, hand=hand)))
 
@@ -212,7 +212,7 @@ def test_the_limits_are_checked_for_every_kind_of_hardware(
         ("{inactive: arm}", "must contain the lists unconfigured and inactive, not inactive"),
     ],
 )
-def test_initial_states_that_cannot_be(tmp_path: Path, said: str, says: str) -> None:
+def test_invalid_initial_states_are_refused(tmp_path: Path, said: str, says: str) -> None:
     path = tmp_path / "controllers.yaml"
     rate = "    update_rate: 20\n"
     path.write_text(CONTROLLERS.read_text().replace(rate, f"{rate}    hardware_components_initial_state: {said}\n"))
@@ -221,7 +221,7 @@ def test_initial_states_that_cannot_be(tmp_path: Path, said: str, says: str) -> 
         initial_states(files)
 
 
-def test_an_outdated_plugin_is_taken_as_its_successor() -> None:
+def test_an_outdated_plugin_name_selects_its_successor() -> None:
     files = read_files()
     (component,) = files.description.components
     outdated = replace(component, plugin="fake_components/GenericSystem")

@@ -1,4 +1,4 @@
-"""Everything but nodes/ can be imported on a machine without ROS."""
+"""All packages except nodes/ can be imported without ROS."""
 
 import json
 import signal
@@ -30,14 +30,14 @@ for package in ("drivers", "calibration", "hal", "commissioning", "controller", 
 
 
 @pytest.mark.slow
-def test_all_rooms_but_nodes_import_without_ros() -> None:
+def test_all_packages_except_nodes_import_without_ros() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, cwd=ROOT, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "servoloop.simulation.simulate" in done.stdout and "controller.loop" in done.stdout
 
 
-def test_the_tools_for_ports_and_servos_need_nothing_that_is_compiled_for_a_machine() -> None:
-    """Neither physics nor ROS nor numbers: they start on whatever a servo's adapter can be plugged into."""
+def test_the_tools_for_ports_and_servos_need_no_compiled_packages() -> None:
+    """The tools need no physics engine, ROS or numpy, so they run on any machine with a USB port."""
     tools = "commissioning.ports.plugging, commissioning.scan.scan, commissioning.registers.address"
     heavy = ("mujoco", "numba", "numpy", "ruckig", "rclpy", "PIL")
     program = f"import sys, {tools}, commissioning.registers.access; print([m for m in {heavy} if m in sys.modules])"
@@ -46,7 +46,7 @@ def test_the_tools_for_ports_and_servos_need_nothing_that_is_compiled_for_a_mach
 
 
 def test_a_stack_on_real_servos_loads_no_simulation() -> None:
-    """It would take almost a second more to start, and 90 MB."""
+    """Loading it would take almost a second and 90 MB."""
     program = "import sys, servoloop.cli, servoloop.up; print([m for m in ('mujoco', 'numba') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
@@ -61,7 +61,7 @@ def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
 @pytest.mark.slow
 @pytest.mark.runs("servoloop bench bus --port /dev/ttyACM0 --ids 1-7", "servoloop emulate ./bus")
 def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
-    """What a Raspberry Pi without ROS can do with its arm: serve it, measure its line."""
+    """A Raspberry Pi without ROS can serve virtual servos and measure a bus."""
     link = tmp_path / "bus"
     emulator = start("emulate", str(link), log=tmp_path / "emulate.log")
     try:
@@ -82,7 +82,7 @@ def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (["--help"], 0, "Bring the arm up under ROS 2"),
+        (["--help"], 0, "Run the control stack of an arm with ROS 2"),
         (["bench", "bus", "--help"], 0, "--ids"),
         (["ports", "--json"], 0, '"udev_rule"'),
         (["scan", "/dev/ttyACM77"], 1, "/dev/ttyACM77 does not exist"),
@@ -91,7 +91,7 @@ def test_virtual_servos_and_the_bench_run_without_ros(tmp_path: Path) -> None:
     ],
     ids=["help", "bench", "ports", "scan", "up", "pick"],
 )
-def test_a_verb_that_needs_ros_says_so_and_the_others_do_not(arguments: list[str], status: int, words: str) -> None:
+def test_only_commands_that_need_ros_report_that_it_is_missing(arguments: list[str], status: int, words: str) -> None:
     verb = start(*arguments)
     out, _ = verb.communicate(timeout=60)
     assert (verb.returncode, words in out) == (status, True), out

@@ -1,4 +1,4 @@
-"""What a person types to a tool: lines that come at once or in pieces, and a signal at any prompt."""
+"""Keyboard input of commands: lines that arrive together or in pieces, and signals at any prompt."""
 
 import io
 import os
@@ -21,7 +21,7 @@ from tests.servoloop.served import eventually
 
 
 class Typing:
-    """Standard input, into which somebody types."""
+    """Standard input with simulated typing."""
 
     def __init__(self) -> None:
         self.there, self._here = os.pipe()
@@ -41,7 +41,7 @@ def typing(monkeypatch: pytest.MonkeyPatch) -> Iterator[Typing]:
         yield typing
 
 
-def test_lines_that_came_at_once_are_lines(typing: Typing) -> None:
+def test_several_lines_in_one_read_are_returned_one_by_one(typing: Typing) -> None:
     keyboard = Keyboard(Signals())
     typing.type("one\n\nthr")
     assert (keyboard.next_line(), keyboard.next_line(), keyboard.line()) == ("one", "", None)
@@ -49,14 +49,14 @@ def test_lines_that_came_at_once_are_lines(typing: Typing) -> None:
     assert keyboard.next_line() == "three"
 
 
-def test_yes_no_and_what_is_neither(typing: Typing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_yes_no_and_invalid_answers(typing: Typing, capsys: pytest.CaptureFixture[str]) -> None:
     keyboard = Keyboard(Signals())
     typing.type("y\nN\n\nperhaps\nYes\n")
     assert [keyboard.agrees("Well?") for _ in range(4)] == [True, False, False, True]
     assert capsys.readouterr().err.count("Well? [y/N]: ") == 5
 
 
-def test_the_end_of_the_input_is_no_answer(typing: Typing) -> None:
+def test_the_end_of_the_input_is_not_an_answer(typing: Typing) -> None:
     typing.end()
     with pytest.raises(Interrupted, match="the input has ended: nothing was stored"):
         Terminal(Signals(), yes=False).confirm(STORE)
@@ -79,7 +79,7 @@ def test_a_signal_ends_every_prompt_whatever_is_typed(typing: Typing, prompt: st
         PROMPTS[prompt](signals)
 
 
-def test_behind_the_storing_nobody_is_told_that_nothing_was_stored(typing: Typing) -> None:
+def test_after_storing_an_interruption_does_not_report_that_nothing_was_stored(typing: Typing) -> None:
     signals = Signals()
     terminal = Terminal(signals, yes=False)
     typing.type("y\n")
@@ -90,7 +90,7 @@ def test_behind_the_storing_nobody_is_told_that_nothing_was_stored(typing: Typin
 
 
 class Screen(io.StringIO):
-    """What is printed; once there is a question, somebody types an answer to it."""
+    """Output that types an answer when a question appears."""
 
     def __init__(self, answer: Callable[[], object]) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class Screen(io.StringIO):
 
 @pytest.fixture
 def master(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """The far end of the terminal that is standard input."""
+    """Return the controlling end of a pseudo-terminal that is used as standard input."""
     master, slave = os.openpty()
     with os.fdopen(slave) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
@@ -116,7 +116,7 @@ def settings() -> list[object]:
     return termios.tcgetattr(sys.stdin.fileno())
 
 
-def test_any_key_of_a_terminal_stops_and_in_the_end_it_is_as_it_was(master: int) -> None:
+def test_any_key_stops_and_the_terminal_is_restored(master: int) -> None:
     before = settings()
     with Terminal(Signals(), yes=False) as terminal:
         assert not terminal.stopped()
@@ -125,13 +125,13 @@ def test_any_key_of_a_terminal_stops_and_in_the_end_it_is_as_it_was(master: int)
     assert settings() == before
 
 
-def test_a_key_that_is_pressed_before_the_first_motion_stops_it_too(master: int) -> None:
+def test_a_key_pressed_before_the_first_motion_stops_it(master: int) -> None:
     os.write(master, b"x")
     with Terminal(Signals(), yes=False) as terminal:
         eventually(terminal.stopped)
 
 
-def test_a_key_that_was_pressed_behind_the_motion_is_a_stop_and_no_answer(master: int) -> None:
+def test_a_key_pressed_after_the_motion_is_a_stop_and_not_an_answer(master: int) -> None:
     with Terminal(Signals(), yes=False) as terminal:
         assert not terminal.stopped()
         os.write(master, b"\n")
@@ -140,9 +140,7 @@ def test_a_key_that_was_pressed_behind_the_motion_is_a_stop_and_no_answer(master
             terminal.moved_so("joint1", "to the left")
 
 
-def test_a_question_at_a_terminal_takes_a_line_and_nothing_that_was_typed_before(
-    master: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_question_ignores_keys_typed_before_it(master: int, monkeypatch: pytest.MonkeyPatch) -> None:
     before, keyboard = settings(), Keyboard(Signals())
     assert not keyboard.pressed()
     os.write(master, b"n\n")
@@ -151,14 +149,16 @@ def test_a_question_at_a_terminal_takes_a_line_and_nothing_that_was_typed_before
     assert keyboard.agrees("Well?") and settings() == before
 
 
-def test_enter_alone_does_not_say_which_way_a_joint_moved(typing: Typing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_enter_alone_does_not_answer_the_question_about_the_direction(
+    typing: Typing, capsys: pytest.CaptureFixture[str]
+) -> None:
     typing.type("\nn\n\ny\n")
     terminal = Terminal(Signals(), yes=True)
     assert [terminal.moved_so("joint1", "to the left") for _ in range(2)] == [False, True]
     assert capsys.readouterr().err.count("[y/n]: ") == 4
 
 
-def test_a_terminal_that_is_gone_stops_what_moves_and_answers_nothing(master: int) -> None:
+def test_a_terminal_that_is_gone_stops_the_motion_and_gives_no_answer(master: int) -> None:
     with Terminal(Signals(), yes=False) as terminal:
         assert not terminal.stopped()
         os.dup2(os.open(os.devnull, os.O_RDONLY), master)

@@ -1,4 +1,4 @@
-"""A rate that a line cannot carry is refused, with the arithmetic; one that it can just carry is not."""
+"""A cycle rate that exceeds the capacity of a bus is refused with a calculation; the highest possible rate is not."""
 
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ def check(rates_hz: dict[str, float], robot: Path | None = None, bauds: dict[str
 
 
 def test_seven_servos_need_177_bytes_a_cycle() -> None:
-    """Goals 8 + 7 * 8 bytes, question 8 + 7, seven replies of 14: 1.77 ms at 1 Mbit/s, 564.97 times a second."""
+    """Goals 8 + 7 * 8 bytes, request 8 + 7 bytes, seven replies of 14 bytes: 1.77 ms at 1 Mbit/s, or 564.97 Hz."""
     check({"": 564.0})
     with pytest.raises(ControllersFileError) as refused:
         check({"": 565.0})
@@ -50,7 +50,7 @@ def test_seven_servos_need_177_bytes_a_cycle() -> None:
     )
 
 
-def test_a_slower_line_carries_less() -> None:
+def test_a_slower_bus_allows_a_lower_rate() -> None:
     check({"": 65.0}, bauds={"": 115_200})
     with pytest.raises(
         ControllersFileError, match=r"66 Hz is too fast .* 15.36 ms per cycle at 115200 bit/s.* to 65 or less"

@@ -1,4 +1,4 @@
-"""An arm without a scene: whatever needs one ends with a sentence that names the remedy."""
+"""Commands that need a scene report how to create it if an arm has none."""
 
 import shutil
 from pathlib import Path
@@ -18,18 +18,18 @@ COMMANDS = [
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """A copy of an arm, whose scene a test takes away or spoils."""
+    """Copy an arm whose scene is to be removed or damaged."""
     return Path(shutil.copytree(ARMS / "so101", tmp_path / "mine"))
 
 
 def words(command: str, arm: Path) -> list[str]:
-    """The words of a command with the test's own paths."""
+    """Return the arguments of a command with the paths of the test."""
     places = {"BUS": arm.parent / "bus", "ARM": arm, "OUT": arm.parent / "out"}
     return [str(places.get(word, word)) for word in command.split()]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_missing_scene_is_named_with_the_command_that_writes_one(
+def test_a_missing_scene_is_reported_with_the_command_that_creates_it(
     arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     (arm / "scene.xml").unlink()
@@ -38,7 +38,7 @@ def test_a_missing_scene_is_named_with_the_command_that_writes_one(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_scene_that_is_not_mjcf_is_named(
+def test_a_scene_that_is_not_mjcf_is_reported(
     arm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     (arm / "scene.xml").write_text("<mujoco><world/></mujoco>")

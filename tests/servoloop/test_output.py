@@ -1,4 +1,4 @@
-"""Output that cannot be written ends in a sentence, and NO_COLOR takes the colors of every kind of output."""
+"""Output errors are reported, and NO_COLOR removes the colors of all output."""
 
 import contextlib
 import os
@@ -19,7 +19,7 @@ def run(*words: str, stdout: int, stderr: int = subprocess.PIPE, **variables: st
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_a_full_disk_is_said_in_a_sentence(words: tuple[str, ...]) -> None:
+def test_a_full_disk_is_reported(words: tuple[str, ...]) -> None:
     with Path("/dev/full").open("wb") as full, run(*words, stdout=full.fileno()) as process:
         _, said = process.communicate(timeout=100.0)
     assert process.returncode == 1
@@ -27,7 +27,7 @@ def test_a_full_disk_is_said_in_a_sentence(words: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("words", COMMANDS[:3], ids=" ".join)
-def test_a_reader_that_goes_is_no_error_to_be_told(words: tuple[str, ...]) -> None:
+def test_a_closed_pipe_is_not_reported_as_an_error(words: tuple[str, ...]) -> None:
     reading, writing = os.pipe()
     os.close(reading)
     with run(*words, stdout=writing) as process:
@@ -37,7 +37,7 @@ def test_a_reader_that_goes_is_no_error_to_be_told(words: tuple[str, ...]) -> No
 
 
 def on_a_terminal(*words: str, **variables: str) -> bytes:
-    """What a command writes on a terminal."""
+    """Return the output of a command in a terminal."""
     reading, ours = os.openpty()
     shown = bytearray()
     with run(*words, stdout=ours, stderr=ours, **variables) as process:

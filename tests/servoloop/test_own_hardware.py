@@ -1,4 +1,4 @@
-"""docs/hardware.md: the class that it shows does what hardware has to do, from the package to the loop."""
+"""The example class of docs/hardware.md works from its package to the control loop."""
 
 import re
 import tomllib
@@ -37,7 +37,7 @@ CONTROLLERS = "controller_manager: {ros__parameters: {update_rate: 20}}\n"
 
 
 class Driver(Puppet):
-    """Wants a speed."""
+    """Example hardware that needs a speed."""
 
     command_interfaces = ("belt/velocity",)
     state_interfaces = ("belt/velocity",)
@@ -45,7 +45,7 @@ class Driver(Puppet):
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
-    """The package installed as pip leaves it, and the user's files."""
+    """Install the package as pip does, and write the files of the user."""
     (entry,) = tomllib.loads(code(PAGE, "toml"))["project"]["entry-points"]["servoloop.hardware"].items()
     info = tmp_path / "belt-1.0.dist-info"
     info.mkdir()
@@ -100,7 +100,7 @@ def test_each_block_of_the_description_is_a_component() -> None:
 
 
 @pytest.mark.runs(f"{PAGE} yaml 1")
-def test_a_joint_with_settings_is_read(tmp_path: Path) -> None:
+def test_settings_of_a_joint_are_read(tmp_path: Path) -> None:
     own = read_files().robot_path.read_text()
     line = "  " + code(PAGE, "yaml").rstrip()
     (tmp_path / "robot.yaml").write_text(re.sub(r"^  joint2: .*$", line, own, flags=re.MULTILINE))
@@ -108,7 +108,7 @@ def test_a_joint_with_settings_is_read(tmp_path: Path) -> None:
     assert joint.settings == {"position_p": 16, "position_d": 32, "cw_dead_zone": 1}
 
 
-def test_ones_own_hardware_is_not_driven_on_simulated_time(
+def test_user_hardware_is_refused_in_simulated_time(
     files: tuple[Path, Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     urdf, controllers = map(str, files)

@@ -1,4 +1,4 @@
-"""Simulated time against real time: its factor, its pauses and its steps, on a wall clock that is simulated too."""
+"""Pace of simulated time: factor, pauses and steps, with a simulated wall clock."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ PERIOD_S = 0.05
 
 
 class TestWall:
-    """Time passes where somebody waits; ``events`` happen at the next wait."""
+    """Wall clock that advances when a caller waits. ``events`` happen at the next wait."""
 
     __test__ = False
 
@@ -36,7 +36,7 @@ class TestWall:
 
 
 class Loop:
-    """Cycles as the loop runs them; each takes ``busy_s`` of real time."""
+    """Control loop whose cycles take ``busy_s`` of real time."""
 
     def __init__(self, factor: float, paused: bool = False, busy_s: float = 0.0) -> None:
         self.wall = TestWall()
@@ -45,7 +45,7 @@ class Loop:
         self.cycles = 0
 
     def run(self, cycles: int, look: Callable[[], bool] = lambda: False) -> float:
-        """The real time that so many cycles took, s."""
+        """Run a number of cycles and return the real time they took, in seconds."""
         begun_s = self.wall.time_s
         for _ in range(cycles):
             self.pace.wait(self.cycles * PERIOD_S, look)
@@ -54,7 +54,7 @@ class Loop:
         return self.wall.time_s - begun_s
 
     def run_while_steps_are_left(self) -> int:
-        """The cycles that ran until the simulation stood still."""
+        """Run until the simulation is paused again, and return the number of cycles."""
         begun, waited = self.cycles, len(self.wall.waits_s)
         while len(self.wall.waits_s) == waited:
             self.pace.wait(self.cycles * PERIOD_S, lambda: len(self.wall.waits_s) > waited)
@@ -76,7 +76,7 @@ def test_max_never_waits() -> None:
     assert loop.wall.waits_s == []
 
 
-def test_a_stall_is_made_up_for_in_part_and_no_rush_comes_behind_it() -> None:
+def test_a_long_stall_is_only_partly_caught_up() -> None:
     loop = Loop(1.0)
     loop.run(10)
     loop.wall.time_s += 10.0
@@ -84,14 +84,14 @@ def test_a_stall_is_made_up_for_in_part_and_no_rush_comes_behind_it() -> None:
     assert took_s >= 100 * PERIOD_S - LONGEST_CATCH_UP_S - PERIOD_S
 
 
-def test_a_short_stall_is_made_up_for() -> None:
+def test_a_short_stall_is_caught_up() -> None:
     loop = Loop(1.0)
     loop.run(10)
     loop.wall.time_s += 0.9 * LONGEST_CATCH_UP_S
     assert loop.run(100) == pytest.approx(100 * PERIOD_S - 0.9 * LONGEST_CATCH_UP_S, abs=PERIOD_S)
 
 
-def test_a_pause_stops_time_and_is_not_made_up_for() -> None:
+def test_a_pause_stops_time_and_is_not_caught_up() -> None:
     loop = Loop(5.0)
     loop.run(10)
     loop.pace.pause(True)
@@ -102,13 +102,13 @@ def test_a_pause_stops_time_and_is_not_made_up_for() -> None:
     assert "times real time" in loop.pace.summary and " 5." in loop.pace.summary
 
 
-def test_whoever_waits_is_let_go_when_the_loop_is_told_to_end() -> None:
+def test_a_waiting_caller_is_released_when_the_loop_ends() -> None:
     loop = Loop(0.001, paused=True)
     loop.pace.wait(0.0, lambda: len(loop.wall.waits_s) == 3)
     assert loop.wall.waits_s == [POLL_S] * 3
 
 
-def test_steps_run_exactly_so_many_cycles_and_are_done_behind_the_last_one() -> None:
+def test_steps_run_the_exact_number_of_cycles_and_are_done_after_the_last_one() -> None:
     loop, told = Loop(math.inf, paused=True), list[int]()
     loop.pace.on_done = lambda: told.append(loop.cycles)
     first, second = loop.pace.step(3), loop.pace.step(4)
@@ -121,7 +121,7 @@ def test_steps_run_exactly_so_many_cycles_and_are_done_behind_the_last_one() -> 
     assert loop.run_while_steps_are_left() == 0
 
 
-def test_steps_that_are_left_run_on_when_the_pause_ends() -> None:
+def test_remaining_steps_run_when_the_pause_ends() -> None:
     loop = Loop(math.inf, paused=True)
     request = loop.pace.step(5)
     loop.run(2)
@@ -131,13 +131,13 @@ def test_steps_that_are_left_run_on_when_the_pause_ends() -> None:
     request.result()
 
 
-def test_steps_are_refused_unless_it_is_paused() -> None:
+def test_steps_are_refused_unless_the_simulation_is_paused() -> None:
     for pace, cycles in ((Pace(1.0), 1), (Pace(1.0, paused=True), 0)):
         with pytest.raises(PausedError):
             pace.step(cycles).result()
 
 
-def test_steps_that_never_come_are_refused_at_the_end() -> None:
+def test_steps_that_have_not_run_are_refused_at_the_end() -> None:
     pace = Pace(1.0, paused=True)
     left = pace.step(1)
     pace.end()
@@ -147,11 +147,11 @@ def test_steps_that_never_come_are_refused_at_the_end() -> None:
 
 
 @pytest.mark.parametrize(("text", "factor"), [("5", 5.0), ("0.1", 0.1), ("max", math.inf), (" MAX ", math.inf)])
-def test_factors(text: str, factor: float) -> None:
+def test_valid_factors_are_parsed(text: str, factor: float) -> None:
     assert parse_factor(text) == factor
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "fast", ""])
-def test_what_is_no_factor_is_refused(text: str) -> None:
-    with pytest.raises(DriverError, match="--rtf must be a factor above 0"):
+def test_invalid_factors_are_refused(text: str) -> None:
+    with pytest.raises(DriverError, match="--rtf takes a factor above 0"):
         parse_factor(text)

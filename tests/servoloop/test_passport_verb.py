@@ -1,4 +1,4 @@
-"""``servoloop passport`` as a user types it, on a virtual line behind a real serial device."""
+"""``servoloop passport`` on the command line, with virtual servos on a pseudo-terminal."""
 
 import json
 import os
@@ -51,10 +51,10 @@ def save(line: VirtualBus, servo_id: int, value: int) -> None:
 
 
 @pytest.mark.slow
-def test_saved_compared_and_written_back(line: VirtualBus, port: str, tmp_path: Path) -> None:
+def test_a_passport_is_saved_compared_and_restored(line: VirtualBus, port: str, tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     assert "servos 1, 2, 3, 4, 5, 6, 7" in run("save", file, "--port", port)
-    assert "every servo holds" in run("diff", file, "--port", port)
+    assert "All servos match" in run("diff", file, "--port", port)
     save(line, 6, 16)
     assert "position_p" in run("diff", file, "--port", port, status=1)
     said = json.loads(run("diff", file, "--port", port, "--json", status=1))
@@ -66,7 +66,7 @@ def test_saved_compared_and_written_back(line: VirtualBus, port: str, tmp_path: 
     assert json.loads(run("restore", file, "--port", port, "--yes", "--json")) == []
 
 
-def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Path) -> None:
+def test_servos_of_a_robot_file_have_joint_names(port: str, tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     said = json.loads(run("save", file, "--port", port, "--arm", "robot_arm", "--json"))
     assert said["servos"]["7"]["joint"] == "hand_right_joint"
@@ -74,15 +74,15 @@ def test_the_robot_files_servos_have_their_joints_names(port: str, tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.runs(*PAGE)
-def test_the_commands_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """This machine has no adapter, so the port is named; the servo that is replaced is of factory ID."""
+def test_the_commands_of_the_page_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The port is given because this machine has no adapter. The replacement servo has the factory ID."""
     monkeypatch.chdir(tmp_path)
     save_, diff, restore, replace = (shlex.split(command)[2:] for command in PAGE)
     robot = read_arm_files(find_arm("so101")).robot
     models = {joint.servo_id: joint.model for joint in robot.joints}
     with served(VirtualBus.of(BenchPlant(tuple(models)), models), tmp_path / "old") as port:
         assert "servos 1, 2, 3, 4, 5, 6" in run(*save_, "--port", port)
-        assert "every servo holds" in run(*diff, "--port", port)
+        assert "All servos match" in run(*diff, "--port", port)
         run(*restore, "--port", port, answer="y\n")
     new = VirtualBus.of(BenchPlant((1,)), {1: models[6]})
     with served(new, tmp_path / "new") as port:
@@ -91,7 +91,7 @@ def test_the_commands_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
-def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
+def test_a_replaced_servo_is_set_up_from_the_passport(tmp_path: Path) -> None:
     file = str(tmp_path / "arm.passport.yaml")
     old, new = VirtualBus.of(BenchPlant(IDS)), VirtualBus.of(BenchPlant((1,)))
     save(old, 6, 16)
@@ -104,7 +104,7 @@ def test_a_replaced_servo_is_set_up_from_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_without_a_file_it_is_that_of_the_adapters_serial_number(
+def test_the_default_file_is_named_after_the_adapter(
     line: VirtualBus, port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -114,15 +114,17 @@ def test_without_a_file_it_is_that_of_the_adapters_serial_number(
     save(line, 6, 16)
     assert "position_p" in run("diff", "--port", port, status=1)
     monkeypatch.setattr("servoloop.commands.passport.adapter_serial", lambda device: "other")
-    assert "of adapter 5A/68 01, this is other" in run("restore", "5A_68_01.passport.yaml", "--port", port, "--yes")
+    assert "with the adapter 5A/68 01, but this is the adapter other" in run(
+        "restore", "5A_68_01.passport.yaml", "--port", port, "--yes"
+    )
     assert line.servo(6).memory.get(sts.position_p) == 32
 
 
-def test_an_adapter_without_serial_number_needs_a_files_name(
+def test_an_adapter_without_a_serial_number_needs_a_file_name(
     port: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = complaint(capsys, monkeypatch, "passport", "save", "--port", port)
-    assert "has no serial number by which to name its passport" in said
+    assert "has no serial number, so its passport has no default name" in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -140,12 +142,12 @@ def test_a_signal_in_the_middle_of_a_write_leaves_the_eeprom_locked(
         put(memory, register, value)
 
     monkeypatch.setattr(Eeprom, "_put", signalled)
-    with pytest.raises(Interrupted, match="interrupted, and the port closed"):
+    with pytest.raises(Interrupted, match="interrupted; the port is closed"):
         CliRunner().invoke(app, ["passport", "restore", file, "--port", port, "--yes"], catch_exceptions=False)
     assert (line.servo(6).memory.get(sts.lock), line.servo(6).memory.get(sts.position_p)) == (1, 16)
 
 
-def test_what_goes_wrong_is_said(
+def test_errors_are_reported(
     port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "broken.yaml"
@@ -153,4 +155,4 @@ def test_what_goes_wrong_is_said(
     said = complaint(capsys, monkeypatch, "passport", "restore", str(file), "--port", port)
     assert "broken.yaml:2: servos.1.registers" in said
     assert "--to-new needs --id" in complaint(capsys, monkeypatch, "passport", "restore", str(file), "--to-new")
-    assert "say --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")
+    assert "add --arm or --robot" in complaint(capsys, monkeypatch, "passport", "save", str(file), "--bus", "arm")

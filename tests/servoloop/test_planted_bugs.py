@@ -1,4 +1,4 @@
-"""Bugs that are planted in the stack are found by a campaign of the default scenario, minimized, and named rightly."""
+"""A campaign with the default scenario finds planted bugs, minimizes the schedules and names the invariants."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ SEEDS = 300
 
 
 def first_that_finds(invariants: frozenset[str], first: int) -> tuple[RunReport, str]:
-    """The first run that violates one of these invariants, and which."""
+    """Return the first run that violates one of these invariants, and the invariant."""
     for seed in range(first, first + SEEDS):
         report = run_seed(SCENARIO, seed)
         found = sorted(invariants & {violation.invariant for violation in report.violations})
@@ -27,7 +27,9 @@ def first_that_finds(invariants: frozenset[str], first: int) -> tuple[RunReport,
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", BUGS)
-def test_a_campaign_finds_it_names_it_and_minimizes_it(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_campaign_finds_the_bug_names_it_and_minimizes_the_schedule(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     plant, invariants = BUGS[name]
     plant(monkeypatch)
     report, invariant = first_that_finds(invariants, 0)

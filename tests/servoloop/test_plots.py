@@ -1,4 +1,4 @@
-"""Plots: SVG that stands in a page by itself, the same bytes for the same numbers."""
+"""Plots are self-contained SVG elements, with the same bytes for the same numbers."""
 
 import math
 from xml.etree import ElementTree
@@ -28,7 +28,7 @@ DRAWN = {
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_a_plot_is_one_element_that_needs_nothing_else_and_never_differs(name: str) -> None:
+def test_a_plot_is_one_self_contained_and_reproducible_element(name: str) -> None:
     text = DRAWN[name]()
     assert text == DRAWN[name]()
     element = ElementTree.fromstring(text)
@@ -37,13 +37,13 @@ def test_a_plot_is_one_element_that_needs_nothing_else_and_never_differs(name: s
     assert all(link.startswith("#") for link in links)
 
 
-def test_names_and_units_are_text_in_the_plot() -> None:
+def test_names_and_units_are_text_elements() -> None:
     words = "".join(ElementTree.fromstring(DRAWN["series"]()).itertext())
     assert all(word in words for word in ("joint1", "<hand>", "rad", "silent id=3", "time (s)"))
 
 
 @given(count=st.integers(0, 3 * MOST), at=st.integers(0, 3 * MOST), height=st.floats(10.0, 20.0))
-def test_of_many_points_the_outermost_stay(count: int, at: int, height: float) -> None:
+def test_decimation_keeps_the_extreme_points(count: int, at: int, height: float) -> None:
     group = [(float(x), height if x == at else x % 7) for x in range(count)]
     shown = thinned(group)
     assert len(shown) <= MOST and set(shown) <= set(group)

@@ -1,4 +1,4 @@
-"""Which device is which bus."""
+"""Assignment of serial devices to buses."""
 
 from pathlib import Path
 
@@ -17,12 +17,12 @@ def test_without_a_port_the_servos_are_virtual(values: list[str]) -> None:
     assert parse_ports(values, TWO) is None
 
 
-def test_one_bus_takes_the_path_as_it_is() -> None:
+def test_the_path_of_a_single_bus_needs_no_name() -> None:
     assert parse_ports(["/dev/a=b"], [""]) == {"": "/dev/a=b"}
     assert parse_ports(["/dev/a"], ["arm"]) == parse_ports(["arm=/dev/a"], ["arm"]) == {"arm": "/dev/a"}
 
 
-def test_several_buses_in_any_order() -> None:
+def test_several_buses_can_be_given_in_any_order() -> None:
     assert parse_ports(["hand=/dev/b", "arm=/dev/a"], TWO) == {"arm": "/dev/a", "hand": "/dev/b"}
 
 
@@ -38,24 +38,24 @@ def test_several_buses_in_any_order() -> None:
         (["arm=/", "hand=/dev/a"], "--port arm=/ does not name"),
     ],
 )
-def test_what_is_missing_unknown_or_double_is_said_with_the_buses(values: list[str], says: str) -> None:
+def test_missing_unknown_and_repeated_buses_are_reported(values: list[str], says: str) -> None:
     with pytest.raises(DriverError) as caught:
         parse_ports(values, TWO)
     assert says in str(caught.value)
 
 
 @pytest.mark.parametrize(("value", "bus"), [("", ""), (".", ""), ("/", ""), ("arm=", "arm"), ("", "arm")])
-def test_a_port_without_a_device(value: str, bus: str) -> None:
-    with pytest.raises(DriverError, match="--port needs the path of a device"):
+def test_a_port_without_a_device_is_refused(value: str, bus: str) -> None:
+    with pytest.raises(DriverError, match="--port takes a device"):
         parse_ports([value], [bus])
 
 
-def test_two_ports_for_one_bus() -> None:
-    with pytest.raises(DriverError, match="the robot has only one bus: give only one --port"):
+def test_two_ports_for_one_bus_are_refused() -> None:
+    with pytest.raises(DriverError, match="the robot has one bus: name one --port"):
         parse_ports(["/dev/a", "/dev/b"], [""])
 
 
-def test_an_emulators_places_are_the_stacks_ports(tmp_path: Path) -> None:
+def test_the_paths_of_an_emulator_are_the_ports_of_a_stack(tmp_path: Path) -> None:
     link = tmp_path / "bus"
     assert device_paths(link, [""]) == {"": link}
     assert port_options(link, [""]) == ["--port", str(link)]
@@ -65,7 +65,7 @@ def test_an_emulators_places_are_the_stacks_ports(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("buses", [("",), TWO])
-def test_the_world_of_an_emulator_is_found_from_its_lines(tmp_path: Path, buses: tuple[str, ...]) -> None:
+def test_the_world_of_an_emulator_is_found_from_its_ports(tmp_path: Path, buses: tuple[str, ...]) -> None:
     link = tmp_path / "bus"
     devices = {name: str(path) for name, path in device_paths(link, buses).items()}
     assert world_feed(devices) is None

@@ -1,4 +1,4 @@
-"""Child processes come to an end, whatever they do and whatever becomes of their parent."""
+"""Child processes always end, whatever they and their parent do."""
 
 import os
 import signal
@@ -24,13 +24,13 @@ time.sleep(99)
 
 
 def child(source: str) -> "subprocess.Popen[str]":
-    """One that has printed its first line."""
+    """Start a child process and wait for its first line of output."""
     process = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None and process.stdout.readline()
     return process
 
 
-def test_a_process_that_is_stopped_is_ended() -> None:
+def test_a_stopped_process_is_ended() -> None:
     process = child("import time; print('up', flush=True); time.sleep(99)")
     process.send_signal(signal.SIGSTOP)
     assert end(process) == -signal.SIGTERM
@@ -42,17 +42,17 @@ def test_a_process_that_does_not_end_in_time_is_killed(caplog: pytest.LogCapture
     assert caplog.messages == [f"process {process.pid} did not end and was killed"]
 
 
-def test_a_process_that_does_not_end_is_killed_by_hurry() -> None:
+def test_a_process_that_does_not_end_is_killed_at_once_on_request() -> None:
     assert end(child(STUBBORN), hurry=lambda: True) == -signal.SIGKILL
 
 
-def test_a_process_that_has_ended_is_no_trouble() -> None:
+def test_a_process_that_has_already_ended_is_accepted() -> None:
     process = child("print('up', flush=True)")
     process.wait(10.0)
     assert end(process) == 0
 
 
-def test_a_child_ends_with_a_parent_that_is_killed() -> None:
+def test_a_child_ends_when_its_parent_is_killed() -> None:
     with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         orphan = psutil.Process(int(parent.stdout.readline()))
@@ -77,7 +77,7 @@ def test_waiting_for_processes_ends_with_the_condition_a_signal_the_time_or_a_pr
         processes.wait_until(lambda: False, "waiting", 30.0)
 
 
-def test_all_processes_are_ended_the_last_started_first(tmp_path: Path) -> None:
+def test_processes_are_ended_in_reverse_order(tmp_path: Path) -> None:
     with Processes(tmp_path, os.environ) as processes:
         ids = [processes.start(name, "http.server", "0", "--bind", "127.0.0.1") for name in ("one", "two")]
         time.sleep(0.1)  # either it has begun to serve or not: it ends

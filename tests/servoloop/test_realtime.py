@@ -1,4 +1,4 @@
-"""A loop on one processor: for its time only, and going on where the system refuses."""
+"""The control loop runs on one processor if the system allows it."""
 
 import os
 import threading
@@ -9,7 +9,7 @@ import pytest
 from servoloop.stack.processes import on_one_processor
 
 
-def test_a_loop_stays_on_one_of_the_processors_that_it_may_use() -> None:
+def test_the_loop_stays_on_one_allowed_processor() -> None:
     before = os.sched_getaffinity(0)
     with on_one_processor():
         there = os.sched_getaffinity(0)
@@ -18,14 +18,14 @@ def test_a_loop_stays_on_one_of_the_processors_that_it_may_use() -> None:
     assert os.sched_getaffinity(0) == before
 
 
-def test_an_exception_frees_it() -> None:
+def test_an_exception_restores_the_allowed_processors() -> None:
     before = os.sched_getaffinity(0)
     with pytest.raises(ZeroDivisionError), on_one_processor():
         raise ZeroDivisionError
     assert os.sched_getaffinity(0) == before
 
 
-def test_other_threads_are_left_where_they_are() -> None:
+def test_other_threads_are_not_affected() -> None:
     before = os.sched_getaffinity(0)
     pinned, seen = threading.Event(), list[set[int]]()
 
@@ -41,7 +41,7 @@ def test_other_threads_are_left_where_they_are() -> None:
     assert seen == [before]
 
 
-def test_where_the_system_refuses_the_loop_runs_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_loop_also_runs_if_the_system_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
     before, ran = os.sched_getaffinity(0), False
 
     def refuse(pid: int, mask: Collection[int]) -> None:

@@ -1,4 +1,4 @@
-"""The loop's thread, whatever ends it: the arm is brought to its end, and the other thread learns of it."""
+"""However the thread of the control loop ends, the arm is stopped and the main thread is notified."""
 
 import threading
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from tests.ros.two_components import write_urdf
 
 
 def run_of(folder: Path) -> tuple[Bench, LoopThread]:
-    """Three cycles, and then the signal."""
+    """Run three cycles, then send the signal."""
     bench, signals = Bench().up(), Signals()
     files = read_files(write_urdf(folder))
     setup = HardwareSetup(bench.loop.hardware, dict, {}, True, {}, {}, {})
@@ -27,7 +27,7 @@ def run_of(folder: Path) -> tuple[Bench, LoopThread]:
     return bench, run
 
 
-def test_a_signal_is_no_failure(tmp_path: Path) -> None:
+def test_a_signal_is_not_a_failure(tmp_path: Path) -> None:
     bench, run = run_of(tmp_path)
     run()
     assert (run.done, run.failed) == (True, False)
@@ -35,9 +35,7 @@ def test_a_signal_is_no_failure(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [PortLost, RuntimeError])
-def test_what_ends_the_loop_is_a_failure_and_the_arm_is_brought_to_its_end(
-    tmp_path: Path, kind: type[Exception]
-) -> None:
+def test_an_error_that_ends_the_loop_is_a_failure_and_the_arm_is_stopped(tmp_path: Path, kind: type[Exception]) -> None:
     bench, run = run_of(tmp_path)
     bench.hardware.failing["read"] = kind("the line is broken")
     run()
@@ -45,7 +43,7 @@ def test_what_ends_the_loop_is_a_failure_and_the_arm_is_brought_to_its_end(
     assert bench.hardware.calls[-2:] == ["hold", "cleanup"]
 
 
-def test_a_plug_in_that_wants_to_end_the_program_ends_the_loop_as_a_failure(tmp_path: Path) -> None:
+def test_a_plugin_that_exits_ends_the_loop_as_a_failure(tmp_path: Path) -> None:
     bench, run = run_of(tmp_path)
     bench.hardware.failing["read"] = SystemExit(0)  # type: ignore[assignment]
     with pytest.raises(SystemExit):
@@ -53,14 +51,14 @@ def test_a_plug_in_that_wants_to_end_the_program_ends_the_loop_as_a_failure(tmp_
     assert (run.done, run.failed) == (True, True)
 
 
-def test_a_failure_on_the_way_out_is_one(tmp_path: Path) -> None:
+def test_a_failure_during_shutdown_is_reported(tmp_path: Path) -> None:
     bench, run = run_of(tmp_path)
     bench.hardware.failing["hold"] = RuntimeError("a defect")
     run()
     assert (run.done, run.failed) == (True, True)
 
 
-def test_a_loop_that_is_held_up_between_two_cycles_ends_when_it_is_told_to(tmp_path: Path) -> None:
+def test_a_loop_that_is_delayed_between_two_cycles_still_ends_on_request(tmp_path: Path) -> None:
     bench, run = run_of(tmp_path)
     held: list[bool] = []
 
@@ -76,7 +74,7 @@ def test_a_loop_that_is_held_up_between_two_cycles_ends_when_it_is_told_to(tmp_p
     assert held == [False, False, False, True]
 
 
-def test_what_is_done_aside_is_waited_for() -> None:
+def test_the_end_waits_for_background_work() -> None:
     done: list[int] = []
     worker = BackgroundWorker()
     for number in range(3):
@@ -85,7 +83,7 @@ def test_what_is_done_aside_is_waited_for() -> None:
     assert sorted(done) == [0, 1, 2]
 
 
-def test_work_that_does_not_end_is_not_waited_for_for_ever() -> None:
+def test_the_end_does_not_wait_forever_for_background_work() -> None:
     worker, blocked = BackgroundWorker(join_s=0.01), threading.Event()
     worker(blocked.wait)
     with pytest.raises(TimeoutError, match="a hardware change is still running after 0 s"):
@@ -97,7 +95,7 @@ def test_work_that_does_not_end_is_not_waited_for_for_ever() -> None:
     worker.join()
 
 
-def test_a_loop_that_gets_on_does_not_hang_and_one_that_does_not_does(tmp_path: Path) -> None:
+def test_a_loop_without_progress_counts_as_hanging(tmp_path: Path) -> None:
     bench, run = run_of(tmp_path)
     later = bench.clock.now() + HANG_S
     run.alive_s = bench.clock.now()

@@ -1,4 +1,4 @@
-"""``servoloop setup`` as a user types it, on the virtual box of an SO-101 behind a real serial device."""
+"""``servoloop setup`` on the command line, with factory-new virtual servos of an SO-101."""
 
 import json
 import os
@@ -54,7 +54,7 @@ def link(tmp_path: Path) -> Iterator[Path]:
 
 
 def asked(err: IO[str]) -> str:
-    """The next thing that the user is asked for; what is said before it is passed over."""
+    """Return the next request to the user, and skip the output before it."""
     for line in err:
         if "press Enter" in line:
             return line
@@ -62,7 +62,7 @@ def asked(err: IO[str]) -> str:
 
 
 def plug(link: Path, setup: "subprocess.Popen[str]", *joints: str) -> None:
-    """Connect these, or the chain, and press Enter."""
+    """Connect these servos, or all of them, and press Enter."""
     ask(control_path(link), {"do": "connect", "joints": list(joints)})
     assert setup.stdin is not None
     setup.stdin.write("\n")
@@ -71,7 +71,7 @@ def plug(link: Path, setup: "subprocess.Popen[str]", *joints: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.runs("servoloop setup --arm so101 --turn --port /dev/ttyACM0")
-def test_a_box_becomes_an_arm_over_runs_that_are_interrupted(link: Path) -> None:
+def test_new_servos_are_set_up_in_several_interrupted_runs(link: Path) -> None:
     words = ("setup", "--arm", "so101", "--port", str(link), "--json")
     with program(*words, "--turn") as setup:
         assert setup.stderr is not None
@@ -92,7 +92,7 @@ def test_a_box_becomes_an_arm_over_runs_that_are_interrupted(link: Path) -> None
         setup.send_signal(signal.SIGINT)
         assert setup.wait(LIMIT_S) == 130
         said = setup.stderr.read()
-    assert "set up so far: gripper, wrist_roll" in said and "it goes on from there" in said
+    assert "set up so far: gripper, wrist_roll" in said and "to continue" in said
     ask(control_path(link), {"do": "connect", "joints": JOINTS[4:]})
     with program(*words) as setup:
         assert setup.stderr is not None
@@ -115,7 +115,7 @@ def test_a_box_becomes_an_arm_over_runs_that_are_interrupted(link: Path) -> None
 
 
 @pytest.mark.slow
-def test_the_end_of_the_input_ends_it_in_words(link: Path) -> None:
+def test_the_end_of_the_input_ends_the_setup_with_a_message(link: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "servoloop", "setup", "--arm", "so101", "--port", str(link)],
         **{"stdin": subprocess.DEVNULL, "capture_output": True, "text": True, "cwd": ROOT, "timeout": LIMIT_S},
@@ -126,7 +126,7 @@ def test_the_end_of_the_input_ends_it_in_words(link: Path) -> None:
 
 
 @pytest.mark.parametrize(("packets", "done"), [(3, "no servo is set up yet"), (250, "set up so far: gripper")])
-def test_a_lost_port_says_what_is_done_and_how_to_go_on(packets: int, done: str) -> None:
+def test_a_lost_port_is_reported_with_the_servos_done_and_how_to_continue(packets: int, done: str) -> None:
     bench, left = Bench(), [packets]
 
     def count(data: bytes) -> None:
@@ -137,4 +137,4 @@ def test_a_lost_port_says_what_is_done_and_how_to_go_on(packets: int, done: str)
     bench.port.before_write = count
     with pytest.raises(PortLost) as lost:
         _run(bench.set_up(Hands(bench)))
-    assert done in lost.value.__notes__[-1] and "Run the same again" in lost.value.__notes__[-1]
+    assert done in lost.value.__notes__[-1] and "Run the same command again" in lost.value.__notes__[-1]

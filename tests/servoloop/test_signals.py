@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM, SIGHUP: the first is counted, the second ends a program, whatever it waits for."""
+"""Of SIGINT, SIGTERM and SIGHUP, the first is counted and the second ends the program, even if it is blocked."""
 
 import signal
 import subprocess
@@ -22,7 +22,7 @@ WAITING = "while not signals.count: time.sleep(0.01)\n"
 
 @contextmanager
 def program(within: str, behind: str = "") -> Iterator["subprocess.Popen[bytes]"]:
-    """Python that prints "ready" and then does this within the context of Signals, and that behind it."""
+    """Return a program that prints "ready", runs ``within`` in the context of Signals, then runs ``behind``."""
     lines = [
         "import os, signal, sys, time",
         "from servoloop.stack.signals import Signals",
@@ -49,13 +49,13 @@ def send(process: "subprocess.Popen[bytes]", *numbers: signal.Signals) -> tuple[
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_the_first_signal_is_a_count_and_no_more(number: signal.Signals) -> None:
+def test_the_first_signal_is_only_counted(number: signal.Signals) -> None:
     with program(WAITING) as process:
         assert send(process, number) == (0, "calm\n", "")
 
 
 @pytest.mark.parametrize("numbers", [(signal.SIGINT, signal.SIGTERM), (signal.SIGTERM, signal.SIGINT)])
-def test_the_second_signal_ends_a_program_that_is_not_back_in_python(numbers: tuple[signal.Signals, ...]) -> None:
+def test_the_second_signal_ends_a_program_that_is_blocked_outside_python(numbers: tuple[signal.Signals, ...]) -> None:
     with program(f"{WAITING}print('one', flush=True){HANGING}") as process:
         process.send_signal(numbers[0])
         assert process.stdout is not None and process.stdout.readline() == b"one\n"
@@ -63,44 +63,44 @@ def test_the_second_signal_ends_a_program_that_is_not_back_in_python(numbers: tu
         assert (status, words) == (128 + numbers[1], "servoloop: a second signal: ended at once: it holds\n")
 
 
-def test_the_second_signal_leaves_the_time_for_an_end_of_its_own() -> None:
+def test_the_second_signal_leaves_time_for_a_clean_end() -> None:
     with program("while signals.count < 2: time.sleep(0.01)\n") as process:
         process.send_signal(signal.SIGTERM)
         assert send(process, signal.SIGINT) == (0, "calm\n", "")
 
 
-def test_a_program_that_hangs_behind_the_context_is_ended_too() -> None:
+def test_a_program_that_hangs_after_the_context_is_also_ended() -> None:
     with program("while signals.count < 2: time.sleep(0.01)\n", HANGING) as process:
         process.send_signal(signal.SIGTERM)
         # Where both wait to be delivered, the one with the lower number comes first.
         assert send(process, signal.SIGINT)[0] in (128 + signal.SIGINT, 128 + signal.SIGTERM)
 
 
-def test_other_signals_are_not_counted_and_the_former_handlers_come_back() -> None:
+def test_other_signals_are_not_counted_and_the_handlers_are_restored() -> None:
     count = "signal.signal(signal.SIGUSR1, lambda *_: None); os.kill(os.getpid(), signal.SIGUSR1); time.sleep(0.1)\n"
     check = "assert signals.count == 0; assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
     with program(count, check) as process:
         assert send(process) == (0, "calm\n", "")
 
 
-def test_the_program_itself_can_ask_for_the_end() -> None:
+def test_the_program_can_request_its_own_end() -> None:
     with program(f"signals.ask()\n{WAITING}signals.ask()\nassert signals.count == 1") as process:
         assert send(process) == (0, "calm\n", "")
 
 
-def test_a_closed_terminal_is_told_several_times_and_is_one_signal() -> None:
+def test_several_sighups_of_a_closed_terminal_count_as_one_signal() -> None:
     with program(f"{WAITING}time.sleep(0.3)\nassert signals.count == 1") as process:
         assert send(process, *[signal.SIGHUP] * 3) == (0, "calm\n", "")
 
 
-def test_behind_a_closed_terminal_ctrl_c_is_the_second_signal() -> None:
+def test_ctrl_c_after_a_closed_terminal_is_the_second_signal() -> None:
     with program(f"{WAITING}print('one', flush=True){HANGING}") as process:
         process.send_signal(signal.SIGHUP)
         assert process.stdout is not None and process.stdout.readline() == b"one\n"
         assert send(process, signal.SIGINT)[0] == 128 + signal.SIGINT
 
 
-def test_under_nohup_a_closed_terminal_ends_nothing() -> None:
+def test_under_nohup_a_closed_terminal_is_ignored() -> None:
     source = """
 import os, signal, time
 from servoloop.stack.signals import Signals
@@ -147,7 +147,7 @@ except Interrupted as error:
 
 
 @pytest.mark.parametrize("source", [COUNTING, RAISING])
-def test_a_program_whose_terminal_is_closed_gets_to_its_end_whatever_it_prints(source: str, tmp_path: Path) -> None:
+def test_a_program_whose_terminal_is_closed_ends_cleanly_although_it_prints(source: str, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     with AtTerminal([sys.executable, "-c", HEAD + source, str(mark)]) as terminal:
         terminal.wait_for("ready")
@@ -156,7 +156,7 @@ def test_a_program_whose_terminal_is_closed_gets_to_its_end_whatever_it_prints(s
     assert mark.read_text() == "ended"
 
 
-def test_a_program_that_is_ended_at_once_leaves_its_terminal_as_it_was() -> None:
+def test_a_program_that_is_ended_at_once_restores_its_terminal() -> None:
     raw = """
 from servoloop.stack.terminal import raw_keys
 with Signals() as signals, raw_keys():

@@ -1,4 +1,4 @@
-"""``servoloop simulate``: the node's job on simulated time, and the same digest wherever the same is run."""
+"""``servoloop simulate``: jobs in simulated time, with reproducible digests."""
 
 import json
 import shlex
@@ -31,7 +31,7 @@ SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
 
 
 @pytest.mark.slow
-def test_two_processes_print_the_same_digest_and_another_arm_another_one() -> None:
+def test_two_processes_print_the_same_digest_and_another_arm_a_different_one() -> None:
     once = subprocess.run([sys.executable, "-m", "servoloop", *SHORT], capture_output=True, text=True, check=True)
     here, other = (simulate(read_files(), Settings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
     assert json.loads(once.stdout)["digest"] == here.digest != other.digest
@@ -39,7 +39,7 @@ def test_two_processes_print_the_same_digest_and_another_arm_another_one() -> No
 
 
 def other_python() -> str | None:
-    """Another Python that is supported, on the PATH or among pyenv's."""
+    """Return another supported Python from PATH or pyenv."""
     mine = f"{sys.version_info.major}.{sys.version_info.minor}"
     for version in sorted({"3.13", "3.12", "3.11"} - {mine}, reverse=True):
         installed = Path.home().glob(f".pyenv/versions/{version}.*/bin/python")
@@ -52,7 +52,7 @@ def other_python() -> str | None:
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_another_python_prints_the_same_digest(tmp_path: Path) -> None:
-    """In an environment of its own, without ROS."""
+    """The test uses a virtual environment without ROS."""
     other, python = other_python(), tmp_path / "venv" / "bin" / "python"
     if other is None:
         pytest.skip("there is no other supported Python here")
@@ -67,7 +67,7 @@ def test_another_python_prints_the_same_digest(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_job_brings_its_cube_home_and_says_how_well_it_went() -> None:
+def test_a_job_puts_its_cube_into_its_bin_and_reports_its_figures() -> None:
     ran = CliRunner().invoke(cli.app, ["simulate", "--job", "b", "--json"])
     assert ran.exit_code == 0, ran.output
     result = json.loads(ran.output)
@@ -78,7 +78,7 @@ def test_a_job_brings_its_cube_home_and_says_how_well_it_went() -> None:
     assert result["faulty_cycles"] == {}
 
 
-def test_a_job_that_fails_says_why_and_its_states_are_the_nodes() -> None:
+def test_a_failed_job_reports_the_reason_and_the_states_of_the_node() -> None:
     stack = SimulatedStack(build=Build(1.0, 3)).up()
     stack.run(2.5)
     stack.lines[""].faults.silence(3)
@@ -92,7 +92,7 @@ FAULTS = "- {kind: silent, servo_id: 3, at_s: 3.0, for_s: 1.0}\n- {kind: noise, 
 
 
 @pytest.mark.slow
-def test_faults_happen_at_their_time_and_a_schedule_is_the_same_run(tmp_path: Path) -> None:
+def test_faults_happen_on_time_and_a_schedule_gives_the_same_run(tmp_path: Path) -> None:
     script, file = tmp_path / "faults.yaml", tmp_path / "schedule.yaml"
     script.write_text(FAULTS)
     once = CliRunner().invoke(cli.app, ["simulate", "--seconds", "2.5", "--faults", str(script), "--json"])
@@ -126,27 +126,27 @@ def test_the_schedule_of_the_page_can_be_run(tmp_path: Path) -> None:
     assert [job["grade"] for job in result["jobs"]] == ["A", "B"] and "elbow_flex: silent" in result["faulty_cycles"]
 
 
-def test_a_schedule_that_is_wrong_says_where(tmp_path: Path) -> None:
+def test_an_error_in_a_schedule_is_reported_with_its_line(tmp_path: Path) -> None:
     file = tmp_path / "schedule.yaml"
     file.write_text("seconds: -1\nfaults:\n- {kind: silence, at_s: 1.0}\n")
     with pytest.raises(ScheduleError, match=r"(?s)seconds.*faults"):
         read_schedule(file)
 
 
-def test_a_fault_that_this_arm_cannot_have_is_refused_before_it_comes_up() -> None:
+def test_a_fault_that_the_arm_does_not_support_is_refused_before_the_start() -> None:
     schedule = Schedule(seconds=1.0, faults=(parse("silent id=12 at=1s"),))
     with pytest.raises(FaultError, match="there is no servo 12"):
         simulate(read_files(), Settings(), schedule)
 
 
-def test_it_ends_with_1_where_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_exit_status_is_1_if_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim_backend.scene.world.World.cube_bin", lambda world: "C")
     ran = CliRunner().invoke(cli.app, ["simulate", "--job", "B"])
     assert ran.exit_code == 1 and "digest " in ran.output
 
 
 @pytest.mark.parametrize("job", ["A,Z", "", ","])
-def test_a_grade_that_the_arm_does_not_know_is_refused(
+def test_a_grade_that_the_arm_does_not_have_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, job: str
 ) -> None:
-    assert "--job takes grades of A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)
+    assert "--job accepts the grades A, B, C" in complaint(capsys, monkeypatch, "simulate", "--job", job)

@@ -1,4 +1,4 @@
-"""Tables for people: nothing is cut in a terminal of 80 columns, or of fewer."""
+"""Tables are not truncated in narrow terminals."""
 
 from collections import Counter
 from io import StringIO
@@ -34,7 +34,7 @@ def test_the_doctors_table_fits_into_80_columns() -> None:
 
 
 @pytest.mark.parametrize("width", [20, 40, 80])
-def test_no_letter_is_lost_at_any_width(width: int) -> None:
+def test_no_character_is_lost_at_any_width(width: int) -> None:
     row = ("abcdefghijklmnopqrst", "-1.6831", "max_torque 1000 to 500")
     table = Table("joint", "position", "written")
     table.add_row(*row)

@@ -1,4 +1,4 @@
-"""Every command that switches torque off asks first, or refuses, if the servos hold torque; in real time."""
+"""Every command that switches torque off asks first, or refuses, if torque is enabled. These tests run in real time."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -33,11 +33,11 @@ FALLS = "what it holds falls"
 
 @dataclass(frozen=True)
 class Row:
-    """A command on an arm that holds torque (``{held}``), without a yes."""
+    """Command on an arm with torque enabled (``{held}``), without confirmation."""
 
     command: str
     said: Sequence[str]
-    """What its message contains; whether the command asks or refuses."""
+    """Texts in the message of the command."""
     asks: bool = True
     status: int = 1
 
@@ -74,7 +74,7 @@ LEAVES_TORQUE = {
 
 
 def verbs(group: TyperGroup, before: str = "") -> Iterator[str]:
-    """The full names of all commands."""
+    """Yield the full names of all commands."""
     for name, command in group.commands.items():
         if isinstance(command, TyperGroup):
             yield from verbs(command, f"{before}{name} ")
@@ -90,14 +90,14 @@ def test_the_table_has_every_command() -> None:
 
 
 def so101_line() -> ServoLine[Any]:
-    """The servos of an SO-101, each in the middle of its turn."""
+    """Return the servos of an SO-101, each in the middle of its range."""
     plant = BenchPlant(IDS, timestep_s=0.005)
     plant.place([pi] * len(IDS))
     return virtual_bus(SO101, plant)
 
 
 def changed_passport() -> Passport:
-    """The passport of these servos with one setting that they do not hold."""
+    """Return the passport of these servos with one setting that differs."""
     line, clock = so101_line(), SimulatedClock(10.0)
     line.servo(3).memory.save(sts.position_p, 16)
     models = {joint.servo_id: joint.model for joint in SO101.joints}
@@ -106,7 +106,7 @@ def changed_passport() -> Passport:
 
 @pytest.fixture(scope="module")
 def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ServoLine[Any], Path]]:
-    """The line of an SO-101 that holds torque at ``held``, beside a limp one at ``limp``."""
+    """Serve an SO-101 with torque enabled at ``held`` and another with torque off at ``limp``."""
     folder = tmp_path_factory.mktemp("lines")
     lines = [so101_line() for _ in range(2)]
     with served(lines[0], folder / "held"), served(lines[1], folder / "limp"):
@@ -122,7 +122,7 @@ def torque(line: ServoLine[Any]) -> list[int]:
 @pytest.mark.parametrize(
     ("verb", "answer"), [(verb, answer) for verb, row in ROWS.items() for answer in (["", "n\n"] if row.asks else [""])]
 )
-def test_servos_that_hold_torque_are_not_released_without_a_yes(
+def test_torque_is_not_switched_off_without_confirmation(
     held: tuple[ServoLine[Any], Path],
     verb: str,
     answer: str,

@@ -1,4 +1,4 @@
-"""The virtual servos listen at the rate that the robot file says, as those of its arm are set up."""
+"""Virtual servos use the baud rate of the robot file."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from sim_backend.scene.world import World
     ("file", "baud"),
     [("robot_arm.yaml", 500_000), ("robot_arm.yaml", 38_400), ("robot_arm_dynamixel.yaml", 57_600)],
 )
-def test_every_servo_answers_at_the_files_rate_also_after_a_restart(tmp_path: Path, file: str, baud: int) -> None:
+def test_every_servo_answers_at_the_rate_of_the_file_also_after_a_restart(tmp_path: Path, file: str, baud: int) -> None:
     files = read_files(robot=at_rate(tmp_path, file, baud))
     line = virtual_bus(files.robot, WorldPlant(World(), couplings(files.robot)))
     clock = SimulatedClock()
@@ -31,7 +31,7 @@ def test_every_servo_answers_at_the_files_rate_also_after_a_restart(tmp_path: Pa
         bus.identify(joint.servo_id, joint.model)
 
 
-def test_a_rate_that_a_servo_does_not_know_is_refused_with_those_that_it_knows(tmp_path: Path) -> None:
+def test_an_unsupported_rate_is_refused_with_the_supported_rates(tmp_path: Path) -> None:
     files = read_files(robot=at_rate(tmp_path, "robot_arm.yaml", 57_601))
     with pytest.raises(RobotFileError, match=r"joint1: a sts3215 supports 38400, .*1000000 baud, not 57601"):
         virtual_bus(files.robot, WorldPlant(World(), couplings(files.robot)))

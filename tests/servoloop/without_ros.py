@@ -1,4 +1,4 @@
-"""``python -m tests.servoloop.without_ros VERB …``: servoloop where no ROS is installed."""
+"""``python -m tests.servoloop.without_ros VERB …``: run servoloop as if ROS were not installed."""
 
 import sys
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from types import ModuleType
 
 
 class NoRos(MetaPathFinder):
-    """Finds all that the others find but for ROS: rclpy and message packages."""
+    """Module finder that hides ROS: rclpy and the message packages."""
 
     def __init__(self, others: Sequence[MetaPathFinder]) -> None:
         self._others = tuple(others)

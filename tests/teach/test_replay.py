@@ -121,6 +121,6 @@ def test_command_reports_errors_before_it_opens_a_port(recordings: tuple[Path, P
             CliRunner().invoke(app, ["replay", *words, "--port", "./no_such_port"], catch_exceptions=False)
         return str(error.value)
 
-    assert "nobody can hold a key here" in refused(str(recordings[0]))
+    assert "no key can be held because stdin is not a terminal" in refused(str(recordings[0]))
     assert "was recorded on another arm" in refused(str(recordings[0]), "--arm", "so101", "--hands-free")
     assert "no_such_port" in refused(str(recordings[0]), "--hands-free")

@@ -250,7 +250,7 @@ def test_play_refuses_before_it_opens_a_port(arm: Path) -> None:
     motions.save("metres", POSES, JOINTS)
     motions.path("metres").write_text(motions.path("metres").read_text().replace("gripper: rad", "gripper: m"))
     assert "gripper is in m" in refused("metres", "--arm", str(arm), "--hands-free")
-    assert "nobody can hold a key here" in refused("wave", "--arm", str(arm))
+    assert "no key can be held because stdin is not a terminal" in refused("wave", "--arm", str(arm))
     for unattended in ("--hands-free", "--yes"):
         assert "there is no motion nod" in refused("nod", "--arm", str(arm), unattended)
     assert "no_such_port" in refused("wave", "--arm", str(arm), "--hands-free")
@@ -260,6 +260,6 @@ def test_overwriting_needs_confirmation_and_invalid_names_are_refused_first(arm:
     run = CliRunner().invoke
     words = ["teach", "record", "wave", "--arm", str(arm), "--port", "./no_such_port"]
     asked = run(app, words, input="n\n")
-    assert asked.exit_code == 1 and "wave is there already. Record it anew?" in asked.output
+    assert asked.exit_code == 1 and "The motion wave exists already. Replace it?" in asked.output
     with pytest.raises(TeachError, match="is not a valid name"):
         run(app, ["teach", "record", "a b", *words[3:]], catch_exceptions=False)

@@ -1,4 +1,4 @@
-"""What the tests of the page share."""
+"""Fixtures of the tests of the page."""
 
 import fcntl
 import os
@@ -11,7 +11,7 @@ import pytest
 
 @pytest.fixture
 def one_browser() -> Iterator[None]:
-    """No other test of this user draws in a browser meanwhile: without a graphics card it takes all processors."""
+    """Allow only one test of this user at a time to use a browser, because software rendering uses all processors."""
     with (Path(tempfile.gettempdir()) / f"servoloop-tests-of-{os.getuid()}-browser.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield

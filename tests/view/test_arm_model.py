@@ -1,4 +1,4 @@
-"""The arm's tree of links, its shapes and the path of its tool."""
+"""Links, shapes and tool path of the drawn arm."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,8 +13,8 @@ from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray
 from servoloop.dashboard.arm_model import ArmModel
 from servoloop.dashboard.page import known_arm
-from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, colour, shares
-from servoloop.dashboard.shapes import GREY, Shape, arm_shapes, scene_shapes, shapes
+from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, color_of, shares
+from servoloop.dashboard.shapes import GRAY, Shape, arm_shapes, scene_shapes, shapes
 from servoloop.stack.arm_folders import arms, find_arm
 from tests.stack.rig import PICK, READY
 
@@ -39,13 +39,13 @@ def test_the_links_are_where_mujoco_has_them(model: ArmModel, pose: tuple[float,
         np.testing.assert_allclose(model.place(link, np.array(pose)), data.body(link).xpos, atol=1e-9)
 
 
-def test_a_link_stands_below_its_parents_and_has_the_joint_that_moves_it(model: ArmModel) -> None:
+def test_a_link_is_below_its_parents_in_the_tree_and_knows_its_joint(model: ArmModel) -> None:
     assert model.branch("link2") == "/base_link/link1/link2"
     joints = [model.joint_of(link) for link in ("base_link", "link2", "hand_left_link")]
     assert joints == [None, "joint2", "hand_right_joint"], "the left finger follows the right one"
 
 
-def test_the_path_leads_the_tool_from_where_the_arm_was_through_all_points(model: ArmModel) -> None:
+def test_the_path_of_the_tool_starts_at_the_initial_pose_and_passes_all_points(model: ArmModel) -> None:
     start, points = np.array([*READY, 0.0]), np.array([PICK, [0.4, *PICK[1:]]])
     path = model.path(ARM, points, start)
     places = [model.place("gripper_base_link", np.array([*pose, 0.0])) for pose in (READY, *points)]
@@ -54,19 +54,19 @@ def test_the_path_leads_the_tool_from_where_the_arm_was_through_all_points(model
     np.testing.assert_allclose(model.path(ARM, points, None)[[0, -1]], places[1:])
 
 
-def test_a_goal_of_some_joints_in_another_order_leaves_the_others_where_they_were(model: ArmModel) -> None:
+def test_a_goal_for_some_joints_does_not_move_the_others(model: ArmModel) -> None:
     path = model.path(("joint3", "joint1"), np.array([[-0.5, 0.3]]), np.array([*READY, 0.0]))
     expected = np.array([0.3, READY[1], -0.5, *READY[3:], 0.0])
     np.testing.assert_allclose(path[-1], model.place("link3", expected))
 
 
 @pytest.mark.parametrize(("name", "reach_m"), [("robot_arm", 0.748), ("so101", 0.489), ("koch", 0.347)])
-def test_the_camera_knows_how_long_the_arm_is(name: str, reach_m: float) -> None:
+def test_the_reach_of_each_arm_is_known(name: str, reach_m: float) -> None:
     joints = parse_urdf(find_arm(name).urdf.read_text()).joints
     assert ArmModel(joints, ()).reach_m == pytest.approx(reach_m, abs=1e-3)
 
 
-def test_the_tool_is_what_is_fixed_to_the_last_link() -> None:
+def test_the_tool_is_the_last_link_fixed_to_the_chain() -> None:
     so101 = parse_urdf(find_arm("so101").urdf.read_text())
     joints = [name for name, joint in so101.joints.items() if joint.kind == "revolute"]
     model = ArmModel(so101.joints, joints)
@@ -77,7 +77,7 @@ def test_the_tool_is_what_is_fixed_to_the_last_link() -> None:
 
 
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: str(arm.name))
-def test_every_arm_that_is_ready_has_shapes_and_a_scene(arm: object) -> None:
+def test_every_included_arm_has_shapes_and_a_scene(arm: object) -> None:
     found = find_arm(arm.name)  # type: ignore[attr-defined]
     visuals, missing = shapes(found.urdf.read_text(), found.urdf.parent)
     assert visuals and not missing
@@ -86,7 +86,7 @@ def test_every_arm_that_is_ready_has_shapes_and_a_scene(arm: object) -> None:
 
 
 @pytest.mark.parametrize("name", ["so101", "so101_12v", "so101_leader", "so100", "koch"])
-def test_the_arms_that_people_own_are_drawn_as_they_are(name: str) -> None:
+def test_arms_with_meshes_are_drawn_with_their_real_shapes(name: str) -> None:
     arm = find_arm(name)
     boxes, _ = shapes(arm.urdf.read_text(), arm.urdf.parent)
     drawn, _ = arm_shapes(arm.urdf.read_text(), arm.urdf.parent, arm.scene.parent)
@@ -97,7 +97,7 @@ def test_the_arms_that_people_own_are_drawn_as_they_are(name: str) -> None:
 
 
 def bounds(shown: Sequence[Shape], link: str) -> FloatArray:
-    """The lowest and the highest corner (2, 3) of a link's shapes in its frame."""
+    """Return the lowest and highest corners (2, 3) of a link's shapes in its frame, in meters."""
     turned = [
         trimesh.transformations.quaternion_matrix(np.roll(shape.quaternion, 1))[:3, :3] @ shape.vertices.T
         for shape in shown
@@ -113,32 +113,32 @@ def test_an_arm_without_meshes_keeps_the_shapes_of_its_description() -> None:
     assert list(map(repr, drawn[0])) == list(map(repr, visuals[0]))
 
 
-def test_meshes_of_links_that_the_description_lacks_are_not_drawn() -> None:
+def test_meshes_of_unknown_links_are_not_drawn() -> None:
     so101 = find_arm("so101")
     drawn, _ = arm_shapes(XML, find_arm().urdf.parent, so101.scene.parent)
     assert {shape.link for shape in drawn} <= set(parse_urdf(XML).links)
 
 
-def test_shapes_have_the_size_place_and_colour_of_the_description() -> None:
+def test_shapes_have_the_size_position_and_color_of_the_description() -> None:
     first, second, *_ = shapes(XML)[0]
     assert first.link == "base_link" and first.rgb == (41, 43, 51) and first.position_m == (0.0, 0.0, 0.01)
     np.testing.assert_allclose(np.ptp(first.vertices, axis=0), (0.12, 0.12, 0.02), atol=1e-6)
     assert not first.flat and second.rgb == (230, 230, 224)
 
 
-def test_a_mesh_is_read_beside_the_description_and_a_missing_one_is_named(tmp_path: Path) -> None:
+def test_meshes_are_found_next_to_the_urdf_and_missing_ones_are_reported(tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box(extents=(1.0, 2.0, 3.0)).export(tmp_path / "meshes" / "part.stl")
     visual = '<visual><geometry><mesh filename="{}" scale="0.1 0.1 0.1"/></geometry></visual>'
     names = ("meshes/part.stl", "package://meshes/part.stl", f"file://{tmp_path}/meshes/part.stl", "meshes/none.stl")
     links = "".join(f"<link name='l'>{visual.format(name)}</link>" for name in names)
     found, missing = shapes(f"<robot name='r'>{links}</robot>", tmp_path)
-    assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GREY}
+    assert missing == ["meshes/none.stl"] and len(found) == 3 and {shape.rgb for shape in found} == {GRAY}
     for shape in found:
         np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), (0.1, 0.2, 0.3))
 
 
-def test_a_mesh_that_is_too_large_is_not_drawn_and_is_named(tmp_path: Path) -> None:
+def test_a_mesh_that_is_too_large_is_reported_and_not_drawn(tmp_path: Path) -> None:
     with (tmp_path / "part.obj").open("wb") as file:
         file.truncate(LARGEST_SHAPE_BYTES + 1)
     visual = '<visual><geometry><mesh filename="part.obj"/></geometry></visual>'
@@ -146,10 +146,10 @@ def test_a_mesh_that_is_too_large_is_not_drawn_and_is_named(tmp_path: Path) -> N
     assert (found, missing) == ([], [f"{tmp_path / 'part.obj'} is larger than 20 MB: {REDUCE}"])
 
 
-def test_joints_are_coloured_from_blue_to_red_and_not_where_nothing_is_known() -> None:
+def test_joints_are_colored_from_blue_to_red_unless_their_value_is_unknown() -> None:
     temperature, effort, limit = np.array([25.0, 70.0, np.nan]), np.array([0.0, -1.5, 9.0]), np.array([3.0, 3.0, 3.0])
     assert shares(TEMPERATURE, temperature, effort, limit)[:2].tolist() == [0.0, 1.0]
     assert shares(LOAD, temperature, effort, limit).tolist() == [0.0, 0.5, 3.0]
     assert np.isnan(shares(PLAIN, temperature, effort, limit)).all()
-    assert colour(0.0) == (62, 121, 214) and colour(1.0) == colour(3.0) == (214, 48, 40)
-    assert colour(float("nan")) is None
+    assert color_of(0.0) == (62, 121, 214) and color_of(1.0) == color_of(3.0) == (214, 48, 40)
+    assert color_of(float("nan")) is None

@@ -1,4 +1,4 @@
-"""docs/view.md: its commands, run; test_page_in_chromium.py and test_emulate_view.py run others of them."""
+"""Commands of docs/view.md. test_page_in_chromium.py and test_emulate_view.py run the other commands of the page."""
 
 import shlex
 import urllib.error
@@ -20,7 +20,7 @@ _, PLAYED, _, OTHERS, _ = commands("view.md")
 
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """``job.mcap`` in the working folder."""
+    """Write ``job.mcap`` into the working folder."""
     monkeypatch.chdir(tmp_path)
     rig, path = Rig(), tmp_path / "job.mcap"
     rig.run(0.5)
@@ -33,7 +33,7 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.runs(PLAYED)
-def test_a_recording_is_played_at_an_address_of_this_machine(recording: Path) -> None:
+def test_a_recording_is_shown_at_a_local_address(recording: Path) -> None:
     with viewing(*shlex.split(PLAYED)[2:]) as address, urllib.request.urlopen(address, timeout=20.0) as page:
         assert address.startswith("http://127.0.0.1:") and page.status == 200
 
@@ -49,6 +49,6 @@ def test_other_machines_need_the_address_with_the_token(recording: Path) -> None
             urllib.request.urlopen(address.partition("?")[0], timeout=20.0)
 
 
-def test_the_figures_are_those_of_the_code() -> None:
+def test_the_figures_on_the_page_match_the_code() -> None:
     assert f"blue at {COLD_C:.0f} °C, red at {HOT_C:.0f} °C" in TEXT
     assert f"{SPEEDS[0]} to {SPEEDS[-1]} times" in TEXT

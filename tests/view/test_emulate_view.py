@@ -1,4 +1,4 @@
-"""Virtual servos in the browser with no stack: what moves them is any other program."""
+"""View of virtual servos without a stack, which any other program can move."""
 
 import re
 import subprocess
@@ -37,7 +37,7 @@ def address(tmp_path: Path) -> Iterator[str]:
 
 
 @pytest.mark.runs("servoloop emulate ./bus --arm so101 --view")
-def test_the_page_shows_where_a_hand_moves_a_joint(address: str, tmp_path: Path) -> None:
+def test_the_page_shows_a_joint_that_is_moved_by_hand(address: str, tmp_path: Path) -> None:
     with open_page(address) as shown:
         shown.wait_for_text("virtual servos", "elbow_flex")
         ask(control_path(tmp_path / "bus"), {"do": "move", "joints": ["shoulder_pan"], "position": 0.5})

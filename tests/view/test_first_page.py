@@ -1,4 +1,4 @@
-"""docs/index.md: three commands, as they stand there, and an arm moves in the browser."""
+"""The three commands of docs/index.md show a moving arm in the browser."""
 
 import os
 import re
@@ -42,7 +42,7 @@ def test_three_commands_lead_to_a_moving_arm_in_the_browser(
 
 
 def check_page(log: Path, demo: "subprocess.Popen[bytes]") -> None:
-    """The page is where the demo says, and the arm in it moves, in the picture and by its numbers."""
+    """Check that the page is at the printed address, and that the arm moves in the image and in the numbers."""
     address = re.compile(r"the arm in a browser:\s+(http://127\.0\.0\.1:\d+\S*)")
 
     def ended() -> str:

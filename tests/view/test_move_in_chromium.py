@@ -1,4 +1,4 @@
-"""Buttons of the page in a browser, of a stack as a user starts it: one that is held moves the arm, until it is not."""
+"""Buttons of the page in a browser move the arm of a running stack while they are held."""
 
 import os
 import signal
@@ -26,15 +26,15 @@ from tests.view.view_process import viewing
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
-ON, BACK = "Turn on (+)", "Turn back (−)"
+ON, BACK = "Move (+)", "Move (−)"
 AGAIN_S = 9.0
 SPEED = 0.5 * SLOW
-"""The slider's, as it comes."""
+"""Speed at the default setting of the slider."""
 
 
 @pytest.fixture
 def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
-    """Virtual servos on a port, in a folder with an arm that has a pose."""
+    """Serve virtual servos in a folder with an arm that has a saved pose."""
     find_chromium()
     with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), emulating(tmp_path) as link:
         patch.chdir(tmp_path)
@@ -56,7 +56,7 @@ def test_the_arm_moves_while_a_button_is_held(link: Path, tmp_path: Path) -> Non
             check_page_that_is_left(shown, robot)
             check_stop(shown, robot, arm)
             hold(shown, BACK, moved(robot, by=-0.05))
-        resting(robot)  # and the browser is gone
+        resting(robot)  # the browser is closed now
         with open_page(address) as shown:
             check_fault(shown, robot, link)
 
@@ -67,9 +67,9 @@ def at(robot: LiveRobot, joint: str = "joint1") -> float:
 
 
 def hold(shown: OpenPage, label: str, ready: Callable[[], bool]) -> None:
-    """Press a button until something has come, and do not let go then.
+    """Press a button until ``ready`` returns True, and keep it pressed.
 
-    What ends a press needs another one, as a person would press: on a full machine servos miss their cycles.
+    If the press ends, press again as a user would, because servos miss cycles on a busy machine.
     """
     deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
@@ -85,7 +85,7 @@ def hold(shown: OpenPage, label: str, ready: Callable[[], bool]) -> None:
 
 
 def moved(robot: LiveRobot, joint: str = "joint1", by: float = 0.05) -> Callable[[], bool]:
-    """Whether a joint has gone so far from where it is now."""
+    """Return a function that reports whether a joint has moved by this distance from its present position."""
     before = at(robot, joint)
     return lambda: (at(robot, joint) - before) * np.sign(by) > abs(by)
 
@@ -95,7 +95,7 @@ def says(shown: OpenPage, text: str) -> Callable[[], bool]:
 
 
 def resting(robot: LiveRobot) -> None:
-    """Wait until nothing is commanded to move any more; and not because the press was too long."""
+    """Wait until the commands no longer change, and check that the maximum duration of a press is not the reason."""
     before, last = at(robot), list[bytes]()
 
     def still() -> bool:
@@ -108,7 +108,7 @@ def resting(robot: LiveRobot) -> None:
 
 
 def check_held_and_let_go(shown: OpenPage, robot: LiveRobot) -> None:
-    """It moves and the numbers follow; at the end of the click it rests, also when that is beside the button."""
+    """The arm and its numbers move. They stop at the end of the click, even if the mouse has left the button."""
     before = shown.cells("joint1")[1]
     hold(shown, ON, moved(robot))
     until(lambda: shown.cells("joint1")[1] != before)
@@ -121,7 +121,7 @@ def check_held_and_let_go(shown: OpenPage, robot: LiveRobot) -> None:
 
 
 def check_pose_and_hand(shown: OpenPage, robot: LiveRobot) -> None:
-    hold(shown, "Go to the pose", says(shown, "there: aside"))
+    hold(shown, "Go to the pose", says(shown, "reached: aside"))
     shown.page.mouse.up()
     resting(robot)
     assert at(robot) == pytest.approx(0.3, abs=0.02)
@@ -131,7 +131,7 @@ def check_pose_and_hand(shown: OpenPage, robot: LiveRobot) -> None:
 
 
 def check_page_that_is_left(shown: OpenPage, robot: LiveRobot) -> None:
-    """It rests when the window is left, and when the browser stands still, though the button is never let go."""
+    """The arm stops when the window loses focus or the browser freezes, although the button is not released."""
     hold(shown, BACK, moved(robot, by=-0.05))
     shown.page.evaluate("window.dispatchEvent(new Event('blur'))")
     resting(robot)
@@ -154,18 +154,18 @@ def signal_all(pids: list[int], number: int) -> None:
 
 
 def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
-    """A goal of somebody else is not overridden, and one click cancels it."""
+    """A goal of another client is not overridden, and a click on the stop button cancels it."""
     future = arm.send([at(robot) + 0.5, *PICK[1:]], 60)
     hold(shown, ON, says(shown, "arm_controller has a goal under way: stop it first"))
     shown.page.mouse.up()
     shown.page.get_by_role("button", name="Stop everything").click()
     assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
-    shown.wait_for_text("stopped: all motions, everybody's")
+    shown.wait_for_text("All motions of all clients were stopped.")
     resting(robot)
 
 
 def check_fault(shown: OpenPage, robot: LiveRobot, link: Path) -> None:
-    """A joint beside which a servo is silent does not move, and the page names that servo."""
+    """A joint does not move if another servo of its controller is silent, and the page names this servo."""
     ask(control_path(link), {"do": "fault", "text": "silent id=3"})
     shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")
     hold(shown, ON, says(shown, "\njoint3: servo 3 does not answer"))

@@ -1,4 +1,4 @@
-"""The folder *Move*, without a browser: what its buttons ask for, and what it shows."""
+"""Commands and display of the folder *Move*, without a browser."""
 
 import asyncio
 from collections.abc import Iterator
@@ -9,25 +9,25 @@ import pytest
 
 from servoloop.dashboard.move_panel import NONE, SLOWEST, MovePanel
 from servoloop.dashboard.server import PageServer
-from servoloop.manual.buttons import REPEATS_HZ, TAKEN, GoTo, Presses, Turn, Wish
-from servoloop.manual.poses import CLOSE, NOTHING, OPEN, Offer
+from servoloop.manual.buttons import REPEATS_HZ, TAKEN, Command, GoTo, HeldButtons, Turn
+from servoloop.manual.poses import CLOSE, NO_TARGETS, OPEN, Targets
 from sim_backend.clock import SimulatedClock
 
-OFFER = Offer(
+TARGETS = Targets(
     ("joint1", "joint2"),
     {OPEN: {"finger": 0.0}, CLOSE: {"finger": 0.05}},
     {"home": {"joint1": 0.1}},
-    ("not far: joint1 would go to <9>",),
+    ("far is not available: joint1: <9>",),
 )
 
 
 class Panel:
-    """The panel with a mover that does nothing, and browsers that press."""
+    """Panel with a mover that does nothing, and simulated browsers."""
 
     def __init__(self, server: PageServer) -> None:
         self.clock, self.stops = SimulatedClock(), 0
         self.mover: Any = SimpleNamespace(
-            presses=Presses(self.clock), offer=NOTHING, said="no ROS here", stop=self.stop
+            buttons=HeldButtons(self.clock), targets=NO_TARGETS, message="no ROS here", stop=self.stop
         )
         self.panel = MovePanel(server, self.mover, 0.5)
         self.panel.show()
@@ -36,23 +36,23 @@ class Panel:
     def stop(self) -> None:
         self.stops += 1
 
-    def offer(self, offer: Offer) -> None:
-        self.mover.offer = offer
+    def set_targets(self, targets: Targets) -> None:
+        self.mover.targets = targets
         self.panel.show()
 
     def button(self, label: str) -> Any:
         buttons = {one.label: one for one in (*self.panel._needs_arm, self.panel._go)}
         return buttons[label]
 
-    def hold(self, label: str, browser: int = 1, words: int = 10) -> Wish | None:
-        """A browser holds a button and says so so often; what is to be done then."""
+    def hold(self, label: str, browser: int = 1, words: int = 10) -> Command | None:
+        """Hold a button for a number of reports, and return the resulting command."""
         client = SimpleNamespace(add_notification=lambda title, body, **_: self.notices.append(body))
         event = SimpleNamespace(client=client, client_id=browser)
         for _ in range(words):
             for called in self.button(label)._button_impl.hold_cbs_from_freq[REPEATS_HZ]:
                 asyncio.run(called(event))
             self.clock.sleep_until(self.clock.now() + 1.0 / REPEATS_HZ)
-        found: Wish | None = self.mover.presses.wish()
+        found: Command | None = self.mover.buttons.command()
         return found
 
     def click(self, label: str, browser: int = 1) -> None:
@@ -72,25 +72,25 @@ def panel(server: PageServer) -> Panel:
     return Panel(server)
 
 
-def test_where_nothing_can_be_moved_it_says_why_and_no_button_can_be_pressed(panel: Panel) -> None:
-    assert "no ROS here" in panel.panel._said.content
+def test_the_panel_shows_why_the_arm_cannot_be_moved_and_disables_its_buttons(panel: Panel) -> None:
+    assert "no ROS here" in panel.panel._text.content
     assert all(button.disabled or not button.visible for button in (*panel.panel._needs_arm, panel.panel._go))
-    panel.offer(OFFER)
+    panel.set_targets(TARGETS)
     assert not any(button.disabled or not button.visible for button in (*panel.panel._needs_arm, panel.panel._go))
-    assert "would go to &lt;9&gt;" in panel.panel._said.content
-    panel.offer(NOTHING)
+    assert "joint1: &lt;9&gt;" in panel.panel._text.content
+    panel.set_targets(NO_TARGETS)
     assert panel.button("Stop everything").disabled and panel.panel._joint.options == (NONE,)
 
 
-def test_the_buttons_ask_for_what_they_say(panel: Panel) -> None:
-    panel.offer(OFFER)
+def test_each_button_sends_its_command(panel: Panel) -> None:
+    panel.set_targets(TARGETS)
     panel.panel._joint.value = "joint2"
     panel.panel._share.value = 0.4
     said = {}
-    for label in ("Turn back (−)", "Turn on (+)", "Open the hand", "Close the hand", "Go to the pose"):
+    for label in ("Move (−)", "Move (+)", "Open the hand", "Close the hand", "Go to the pose"):
         said[label] = panel.hold(label)
         panel.click(label)
-        assert panel.mover.presses.wish() is None
+        assert panel.mover.buttons.command() is None
     assert list(said.values()) == [
         Turn("joint2", -0.4),
         Turn("joint2", 0.4),
@@ -100,29 +100,29 @@ def test_the_buttons_ask_for_what_they_say(panel: Panel) -> None:
     ]
 
 
-def test_no_browser_makes_it_faster_than_slow(panel: Panel) -> None:
-    panel.offer(OFFER)
+def test_the_speed_sent_by_a_browser_is_limited(panel: Panel) -> None:
+    panel.set_targets(TARGETS)
     for sent, taken in ((50.0, 1.0), (float("nan"), SLOWEST), (-3.0, SLOWEST)):
         panel.panel._share.value = sent
-        assert panel.hold("Turn on (+)") == Turn("joint1", taken)
-        panel.click("Turn on (+)")
+        assert panel.hold("Move (+)") == Turn("joint1", taken)
+        panel.click("Move (+)")
 
 
-def test_an_arm_without_hand_and_poses_has_no_such_buttons(panel: Panel) -> None:
-    panel.offer(Offer(("joint1",)))
+def test_an_arm_without_hand_and_poses_has_no_buttons_for_them(panel: Panel) -> None:
+    panel.set_targets(Targets(("joint1",)))
     assert not panel.button("Open the hand").visible and not panel.panel._pose.visible
     assert panel.hold("Go to the pose") is None, "whatever a browser sends"
 
 
-def test_another_browser_is_told_that_the_arm_is_taken(panel: Panel) -> None:
-    panel.offer(OFFER)
-    first = panel.hold("Turn on (+)")
-    assert panel.hold("Turn back (−)", browser=2, words=2) == first == Turn("joint1", 0.5)
+def test_a_second_browser_is_notified_that_the_arm_is_in_use(panel: Panel) -> None:
+    panel.set_targets(TARGETS)
+    first = panel.hold("Move (+)")
+    assert panel.hold("Move (−)", browser=2, words=2) == first == Turn("joint1", 0.5)
     assert panel.notices == [TAKEN]
 
 
-def test_stop_works_as_it_is_pressed_and_by_keyboard(panel: Panel) -> None:
-    panel.offer(OFFER)
+def test_stop_works_when_pressed_and_by_keyboard(panel: Panel) -> None:
+    panel.set_targets(TARGETS)
     (called,) = panel.button("Stop everything")._button_impl.hold_cbs_from_freq[10.0]
     asyncio.run(called(SimpleNamespace()))
     assert panel.stops == 1

@@ -1,4 +1,4 @@
-"""The buttons' thread: what it asks of the arm's client, and what it says where nothing can be moved."""
+"""Calls to the arm's client, and messages, while buttons are held."""
 
 from collections.abc import Mapping
 
@@ -6,14 +6,14 @@ import pytest
 
 from nodes.handling.robot import HandlingError
 from servoloop.dashboard.move_panel import STOPPED, Handling
-from servoloop.manual.buttons import REPEATS_HZ, GoTo, Presses, Turn
+from servoloop.manual.buttons import REPEATS_HZ, GoTo, HeldButtons, Turn
 from sim_backend.clock import SimulatedClock
 
 TURN = Turn("joint1", -0.5)
 
 
 class Client:
-    """Writes down what is asked of it."""
+    """Client that records its calls."""
 
     def __init__(self) -> None:
         self.asked: list[object] = []
@@ -34,18 +34,18 @@ class Client:
 
 
 class Rig:
-    """A page whose button is held on simulated time."""
+    """Page with one button, in simulated time."""
 
     def __init__(self) -> None:
         self.clock, self.client = SimulatedClock(), Client()
-        self.presses = Presses(self.clock)
-        self.handling = Handling(self.presses)
+        self.buttons = HeldButtons(self.clock)
+        self.handling = Handling(self.buttons)
 
-    def hold(self, seconds: float, wish: Turn | GoTo = TURN) -> list[object]:
-        """What was asked of the client meanwhile."""
+    def hold(self, seconds: float, command: Turn | GoTo = TURN) -> list[object]:
+        """Hold the button for a time and return the calls to the client."""
         self.client.asked.clear()
         for _ in range(round(seconds * REPEATS_HZ)):
-            self.presses.hold("browser", wish)
+            self.buttons.hold("browser", command)
             self.pause(1.0 / REPEATS_HZ)
         return list(self.client.asked)
 
@@ -59,45 +59,45 @@ def rig() -> Rig:
     return Rig()
 
 
-def test_a_joint_turns_while_its_button_is_held_and_not_a_moment_longer(rig: Rig) -> None:
+def test_a_joint_moves_only_while_its_button_is_held(rig: Rig) -> None:
     asked = rig.hold(1.0)
     assert set(asked) == {("joint1", -0.5)} and len(asked) >= 15
-    assert rig.handling.said == "joint1 turns back"
-    rig.presses.release("browser")
+    assert rig.handling.message == "moving joint1 (−)"
+    rig.buttons.release("browser")
     rig.client.asked.clear()
     rig.pause(0.01)
     assert not rig.client.asked
 
 
-def test_a_pose_is_gone_to_at_the_speed_that_is_chosen(rig: Rig) -> None:
+def test_a_pose_is_approached_at_the_selected_speed(rig: Rig) -> None:
     go = GoTo("home", {"joint1": 0.5}, 0.3)
-    assert rig.hold(0.5, go)[0] == ({"joint1": 0.5}, 0.3) and rig.handling.said == "on the way: home"
+    assert rig.hold(0.5, go)[0] == ({"joint1": 0.5}, 0.3) and rig.handling.message == "moving: home"
     rig.client.there = True
     rig.hold(0.2, go)
-    assert rig.handling.said == "there: home"
+    assert rig.handling.message == "reached: home"
 
 
-def test_stop_cancels_once_and_what_is_held_does_not_go_on(rig: Rig) -> None:
+def test_stop_cancels_once_and_held_buttons_have_no_effect(rig: Rig) -> None:
     rig.hold(0.5)
     rig.handling.stop()
-    assert rig.hold(1.0) == ["stop"] and rig.handling.said == STOPPED
-    rig.presses.release("browser")
+    assert rig.hold(1.0) == ["stop"] and rig.handling.message == STOPPED
+    rig.buttons.release("browser")
     assert rig.hold(0.5)[0] == ("joint1", -0.5)
 
 
-def test_a_fault_is_said_and_nothing_moves_by_itself_when_it_has_gone(rig: Rig) -> None:
+def test_a_fault_is_shown_and_its_end_does_not_resume_the_motion(rig: Rig) -> None:
     rig.hold(0.5)
     rig.client.fault = "joint1: servo 1 has let go"
-    assert rig.hold(0.3) == [] and rig.handling.said == "joint1: servo 1 has let go"
+    assert rig.hold(0.3) == [] and rig.handling.message == "joint1: servo 1 has let go"
     rig.client.fault = ""
-    assert rig.hold(1.0) == [] and rig.handling.said == "joint1: servo 1 has let go"
-    rig.presses.release("browser")
+    assert rig.hold(1.0) == [] and rig.handling.message == "joint1: servo 1 has let go"
+    rig.buttons.release("browser")
     assert rig.hold(0.5)
 
 
-def test_a_stack_that_comes_back_is_not_moved_by_what_was_held_before(rig: Rig) -> None:
+def test_a_restarted_stack_ignores_buttons_held_before(rig: Rig) -> None:
     rig.hold(0.5)
     rig.handling.stop()
     rig.hold(0.0)
     rig.handling.begin()
-    assert rig.hold(0.5) == [], "neither the stop nor the press is for this one"
+    assert rig.hold(0.5) == [], "neither the stop nor the press applies to the new stack"

@@ -1,4 +1,4 @@
-"""The page in a browser, of a stack as a user starts it: the arm moves, the numbers follow, faults have names."""
+"""The page in a browser shows the motion, the numbers and the faults of a running stack."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,12 +20,12 @@ from tests.view.view_process import viewing
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("one_browser")]
 
 MOVED = 0.02
-"""Of the picture; the arm and its shadow fill more than a tenth of it."""
+"""Share of the image that changes when the arm moves. The arm and its shadow cover more than a tenth of it."""
 
 
 @pytest.fixture
 def link(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
-    """Virtual servos on a port, and a folder of running stacks that is this test's own."""
+    """Serve virtual servos, with a separate folder for running stacks."""
     find_chromium()
     with pytest.MonkeyPatch.context() as patch, runtime_folder(patch), emulating(tmp_path) as link:
         patch.chdir(tmp_path)
@@ -47,7 +47,7 @@ def test_the_page_shows_the_arm_as_it_moves_and_names_a_silent_servo(link: Path,
         check_requests(shown)
 
 
-def test_a_page_whose_program_no_longer_answers_does_not_say_that_the_robot_is_live() -> None:
+def test_a_page_without_a_connection_does_not_report_a_live_robot() -> None:
     server = PageServer(port=0)
     try:
         page = Page(server)
@@ -63,7 +63,7 @@ def test_a_page_whose_program_no_longer_answers_does_not_say_that_the_robot_is_l
 
 
 def check_motion(shown: OpenPage) -> None:
-    """The picture changes when the arm moves and only then; the numbers are where the goal was."""
+    """The image changes only when the arm moves, and the numbers reach the goal."""
     before = shown.canvas_at_rest()
     goal_deg = np.degrees(PICK[5])
     assert abs(degrees(shown, "joint6") - goal_deg) > 90.0
@@ -74,7 +74,7 @@ def check_motion(shown: OpenPage) -> None:
 
 
 def check_fault(shown: OpenPage, link: Path) -> None:
-    """A servo that falls silent is named, with what was counted."""
+    """A silent servo is named, and its missing answers are counted."""
     assert "does not answer" not in shown.page.inner_text("body")
     ask(control_path(link), {"do": "fault", "text": "silent id=3"})
     shown.wait_for_text("joint3 (servo 3): joint3: servo 3 does not answer")
@@ -83,7 +83,7 @@ def check_fault(shown: OpenPage, link: Path) -> None:
 
 
 def check_requests(shown: OpenPage) -> None:
-    """Nothing was asked of another machine."""
+    """The page sends no request to another machine."""
     hosts = {urlsplit(url.removeprefix("blob:")).hostname for url in shown.requests}
     assert hosts == {"127.0.0.1"}, shown.requests
 

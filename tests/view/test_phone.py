@@ -1,4 +1,4 @@
-"""The page on a phone: the arm is in sight above the controls, and so is the button that stops it."""
+"""The page on a phone shows the arm above the controls and keeps the stop button visible."""
 
 from collections.abc import Iterator
 
@@ -17,9 +17,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixture
 
 PHONE = {"width": 390, "height": 844}
 NOTICE_PX = 150
-"""Height of the notice that this machine has no graphics card."""
+"""Height of the notice about the missing graphics card, in pixels."""
 ARM_PIXELS = 1500
-"""Fewer than the arm covers."""
+"""Lower bound for the number of pixels that the arm covers."""
 STOP = "Stop everything"
 SHEET = ".mantine-Paper-root:has(.mantine-ScrollArea-viewport)"
 SCROLL = "sheet => { sheet.querySelector('.mantine-ScrollArea-viewport').scrollTop = 400 }"
@@ -33,7 +33,7 @@ def server() -> Iterator[PageServer]:
     server.stop()
 
 
-def test_the_arm_is_in_sight_and_the_button_that_stops_it_stays_in_sight(server: PageServer) -> None:
+def test_the_arm_is_visible_and_the_stop_button_stays_visible(server: PageServer) -> None:
     rig, page = Rig(), Page(server)
     rig.run(0.2)
     Panel(server)
@@ -47,7 +47,7 @@ def test_the_arm_is_in_sight_and_the_button_that_stops_it_stays_in_sight(server:
 
 
 def check_arm(shown: OpenPage, server: PageServer) -> None:
-    """The arm, which is what disappears with its shapes, is whole above the controls."""
+    """The whole arm is visible above the controls. Its pixels are those that change when its shapes are removed."""
     before = shown.canvas_at_rest()
     server.scene.remove_by_name(MEASURED)
     arm = different(before, shown.canvas_at_rest())
@@ -58,16 +58,16 @@ def check_arm(shown: OpenPage, server: PageServer) -> None:
 
 
 def check_stop(shown: OpenPage) -> None:
-    """The button can be pressed at the beginning, and after the controls have been scrolled to their middle."""
+    """The button can be pressed at the start and after the controls were scrolled."""
     for scrolled in (False, True):
         if scrolled:
             shown.page.locator(SHEET).first.evaluate(SCROLL)
-            assert not in_sight(shown, "text=Colour")
+            assert not in_sight(shown, "text=Color")
         assert in_sight(shown, f"button:has-text('{STOP}')")
 
 
 def in_sight(shown: OpenPage, selector: str) -> bool:
-    """Whether an element, and nothing in front of it, is at the place of its middle."""
+    """Return whether the center of an element is visible."""
     script = """element => {
         const box = element.getBoundingClientRect();
         const top = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);

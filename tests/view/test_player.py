@@ -1,4 +1,4 @@
-"""How a recording is played: as fast as the speed says, paused, from where the slider is put."""
+"""Playback of a recording with speed, pause and time slider."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ from tests.recorder.rig import Rig
 
 
 class Playing:
-    """A recording of four seconds that is played on a simulated clock."""
+    """Recording of four seconds, played on a simulated clock."""
 
     def __init__(self, server: PageServer, path: Path) -> None:
         self.recording, self.clock = Recording(path), SimulatedClock()
@@ -24,7 +24,7 @@ class Playing:
         self.begin_s = self.recording.robot.state.snapshot.stamp_s
 
     def after(self, seconds: float) -> float:
-        """The moment (s since the first cycle) that is shown after so long."""
+        """Return the time in the recording that is shown after a delay, in seconds since the first cycle."""
         self.clock.sleep_until(self.clock.now() + seconds)
         return self.player.robot.state.snapshot.stamp_s - self.begin_s
 
@@ -51,7 +51,7 @@ def cycle(seconds: float) -> Any:
     return pytest.approx(seconds, abs=0.051)
 
 
-def test_it_goes_at_the_speed_that_is_chosen_and_begins_again_at_its_end(playing: Playing) -> None:
+def test_a_recording_plays_at_the_selected_speed_and_restarts_at_its_end(playing: Playing) -> None:
     assert [playing.after(0.5), playing.after(1.0)] == [cycle(0.5), cycle(1.5)]
     assert playing.player._slider.value == cycle(1.5)
     playing.player._speed.value = "0.1"
@@ -60,7 +60,7 @@ def test_it_goes_at_the_speed_that_is_chosen_and_begins_again_at_its_end(playing
     assert playing.after(1.0) == 0.0
 
 
-def test_paused_it_stays_where_it_is_and_goes_on_from_there(playing: Playing) -> None:
+def test_a_paused_recording_continues_from_the_same_time(playing: Playing) -> None:
     playing.after(1.0)
     playing.player._toggle()
     assert playing.player._button.label == "Play" and playing.after(60.0) == cycle(1.0)
@@ -68,7 +68,7 @@ def test_paused_it_stays_where_it_is_and_goes_on_from_there(playing: Playing) ->
     assert playing.player._button.label == "Pause" and playing.after(0.5) == cycle(1.5)
 
 
-def test_the_slider_leads_to_any_moment_also_while_paused(playing: Playing) -> None:
+def test_the_slider_moves_the_playback_also_while_paused(playing: Playing) -> None:
     playing.after(1.0)
     playing.slide(3.0)
     assert playing.after(0.0) == cycle(3.0)

@@ -1,4 +1,4 @@
-"""The page's server: who may open the page and its websocket, from where, and what the verb refuses."""
+"""Access control of the page's server, and errors of ``servoloop view``."""
 
 import http.client
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ def local() -> Iterator[PageServer]:
 
 @pytest.fixture(scope="module")
 def open_to_others() -> Iterator[PageServer]:
-    """At an address of this machine that is not one of its own names; every 127.x.x.x is such a one."""
+    """Serve at an address of this machine that is not one of its host names, as all of 127.x.x.x are."""
     server = PageServer("127.0.0.2", port=0)
     yield server
     server.stop()
@@ -43,7 +43,7 @@ def get(server: PageServer, path: str = "/", **headers: str) -> http.client.HTTP
 
 
 def websocket(server: PageServer, origin: str, **headers: str) -> int:
-    """The status with which a websocket is answered; 101 where it is opened."""
+    """Return the HTTP status of a request for a websocket; 101 if it is opened."""
     url = f"ws://{server.get_host()}:{server.get_port()}"
     try:
         with connect(url, origin=Origin(origin), subprotocols=[PROTOCOL], additional_headers=headers):
@@ -64,13 +64,15 @@ def test_this_machine_gets_the_page_and_its_websocket(local: PageServer) -> None
     assert websocket(local, own_origin(local)) == 101
 
 
-def test_no_other_site_gets_the_websocket_by_a_browser_on_this_machine(local: PageServer) -> None:
+def test_other_sites_cannot_open_the_websocket_through_a_local_browser(local: PageServer) -> None:
     for origin in ("http://evil.example", f"http://localhost:{local.get_port() + 1}", "null"):
         assert websocket(local, origin) == 403, origin
-    assert get(local, Host=f"evil.example:{local.get_port()}").status == 403, "a name that leads here"
+    assert get(local, Host=f"evil.example:{local.get_port()}").status == 403, (
+        "a host name that resolves to this machine"
+    )
 
 
-def test_others_get_nothing_without_the_token(open_to_others: PageServer) -> None:
+def test_other_machines_are_refused_without_the_token(open_to_others: PageServer) -> None:
     token, origin = open_to_others.token, own_origin(open_to_others)
     assert token is not None and len(token) >= 32 and open_to_others.url == f"{origin}/?token={token}"
     for path in ("/", "/index.html", "/?token=", "/?token=wrong", f"/?token={token[:-1]}"):
@@ -80,7 +82,7 @@ def test_others_get_nothing_without_the_token(open_to_others: PageServer) -> Non
     assert websocket(open_to_others, origin, Cookie=f"{cookie_name(open_to_others)}=wrong") == 403
 
 
-def test_the_token_opens_the_page_once_and_a_cookie_from_then_on(open_to_others: PageServer) -> None:
+def test_the_token_sets_a_cookie_that_opens_the_page(open_to_others: PageServer) -> None:
     response = get(open_to_others, f"/?token={open_to_others.token}")
     cookie, *flags = (response.getheader("Set-Cookie") or "").split("; ")
     assert response.status == 303 and response.getheader("Location") == "/", "the token leaves the address bar"
@@ -94,29 +96,29 @@ def cookie_name(server: PageServer) -> str:
     return f"servoloop_view_{server.get_port()}"
 
 
-def test_each_server_has_a_token_of_its_own(open_to_others: PageServer) -> None:
+def test_each_server_has_its_own_token(open_to_others: PageServer) -> None:
     second = PageServer("127.0.0.2", port=0)
     second.stop()
     assert second.token != open_to_others.token
 
 
-def test_nobody_opens_a_tunnel_through_the_internet(local: PageServer) -> None:
+def test_the_public_tunnel_of_viser_is_refused(local: PageServer) -> None:
     assert local.request_share_url() is None
 
 
-def test_an_address_that_this_machine_has_not_is_refused() -> None:
-    with pytest.raises(ViewError, match="--host takes an IPv4 address of this machine"):
+def test_an_address_of_another_machine_is_refused() -> None:
+    with pytest.raises(ViewError, match="--host must be an IPv4 address of this machine"):
         PageServer("192.0.2.1", port=0)
 
 
-def test_without_a_stack_the_verb_says_how_to_start_one(
+def test_without_a_stack_the_command_explains_how_to_start_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with runtime_folder(monkeypatch):
         assert "start one with `servoloop up`" in complaint(capsys, monkeypatch, "view")
     assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap")
     assert "cannot read" in complaint(capsys, monkeypatch, "view", "none.mcap", "--arm", "koch")
-    assert "give one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--bus", "./bus")
+    assert "use only one of them" in complaint(capsys, monkeypatch, "view", "none.mcap", "--bus", "./bus")
 
 
 def test_the_page_is_given_the_folder_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""The tables and strips of the page, of a simulated arm."""
+"""Tables and plots of the page for a simulated arm."""
 
 from dataclasses import replace
 
@@ -29,12 +29,12 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def looked_at(rig: Rig) -> ObservedRobot:
+def seen(rig: Rig) -> ObservedRobot:
     return watched(rig)
 
 
-def test_a_servo_has_its_numbers_in_the_units_that_people_read(looked_at: ObservedRobot) -> None:
-    snapshot = looked_at.state.snapshot
+def test_the_joint_table_uses_degrees_and_millimeters(seen: ObservedRobot) -> None:
+    snapshot = seen.state.snapshot
     text = servo_table(snapshot, parse_urdf(snapshot.description_xml).joints)
     place = snapshot.joints.index("joint1")
     assert f"<td>{np.degrees(snapshot.position[place]):.1f}\u00a0°</td>" in text
@@ -43,14 +43,14 @@ def test_a_servo_has_its_numbers_in_the_units_that_people_read(looked_at: Observ
     assert faults(snapshot) == ""
 
 
-def test_loop_counters_and_controllers_have_their_tables(looked_at: ObservedRobot) -> None:
-    snapshot = looked_at.state.snapshot
+def test_loop_counters_and_controllers_have_tables(seen: ObservedRobot) -> None:
+    snapshot = seen.state.snapshot
     assert "<td>missed cycles</td><td>0</td>" in loop_table(snapshot)
     assert "<td>rate hz</td><td>20</td>" in loop_table(snapshot)
-    assert "<td>joint1 (servo 1)</td><td>nothing</td>" in counter_table(snapshot)
+    assert "<td>joint1 (servo 1)</td><td>none</td>" in counter_table(snapshot)
     table = controller_table(snapshot)
     assert "<td>robot_arm</td><td>active</td>" in table and "joint1" not in table and "control loop" not in table
-    assert "<td>arm_controller: newest goal</td><td>succeeded" in table
+    assert "<td>arm_controller: latest goal</td><td>succeeded" in table
 
 
 def test_a_silent_servo_is_named_and_counted() -> None:
@@ -67,8 +67,8 @@ def test_a_silent_servo_is_named_and_counted() -> None:
     assert ">joint3: servo 3 does not answer</b>" in servo_table(snapshot, {})
 
 
-def test_what_a_stack_says_is_text_and_no_markup(looked_at: ObservedRobot) -> None:
-    snapshot = looked_at.state.snapshot
+def test_messages_of_a_stack_are_escaped(seen: ObservedRobot) -> None:
+    snapshot = seen.state.snapshot
     name = "servoloop: joint1 (servo 1)"
     evil = replace(snapshot.statuses[name], level=2, message="<script>1</script>", values={"<b>": "<i>"})
     shown = replace(snapshot, statuses={name: evil, "<u>": evil})
@@ -76,19 +76,19 @@ def test_what_a_stack_says_is_text_and_no_markup(looked_at: ObservedRobot) -> No
         assert "<script>" not in text and "<i>" not in text and "<u>" not in text
 
 
-def test_a_strip_has_the_last_minute_up_to_now(rig: Rig, looked_at: ObservedRobot) -> None:
-    times, position, command = strip_data(looked_at.minute(), COLUMNS["position"], 0)
+def test_a_plot_covers_the_last_minute(rig: Rig, seen: ObservedRobot) -> None:
+    times, position, command = strip_data(seen.minute(), COLUMNS["position"], 0)
     assert times[-1] == 0.0 and times[0] == pytest.approx(rig.samples[0].state.stamp_s - rig.samples[-1].state.stamp_s)
     assert position[-1] == rig.samples[-1].state.position[0] and command[-1] == pytest.approx(0.2)
-    times, voltage = strip_data(looked_at.minute(), COLUMNS["voltage_v"], 0)
+    times, voltage = strip_data(seen.minute(), COLUMNS["voltage_v"], 0)
     assert len(times) == len(voltage) >= 4 and (voltage > 11.0).all() and times[0] < times[-1] <= 0.0
 
 
-def test_a_strip_of_nothing_can_be_drawn() -> None:
+def test_an_empty_plot_can_be_drawn() -> None:
     assert [len(data) for data in strip_data(ObservedRobot().minute(), ("position", "command"), 0)] == [1, 1, 1]
 
 
-def test_an_axis_holds_all_numbers_and_does_not_follow_noise() -> None:
+def test_an_axis_contains_all_values_and_does_not_follow_noise() -> None:
     low, high = axis_range([np.array([0.1, 0.9, np.nan]), np.array([-0.2])], 0.02)
     assert low < -0.2 and high > 0.9 and high - low <= 2.0
     quiet = [axis_range([np.full(9, 12.0 + noise)], 2.0) for noise in (0.0, 0.04, 0.08)]

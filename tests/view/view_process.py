@@ -1,4 +1,4 @@
-"""``servoloop view`` as a process, as a user starts it."""
+"""``servoloop view`` in a process of its own."""
 
 import re
 import subprocess
@@ -11,7 +11,7 @@ PATIENCE_S = 60.0
 
 @contextmanager
 def viewing(*arguments: str) -> Iterator[str]:
-    """The page's address, which is there until the end of the block; a signal ends the program without a complaint."""
+    """Yield the address of the page. At the end of the block, a signal must end the program without an error."""
     command = [sys.executable, "-u", "-m", "servoloop", "view", "--no-browser", "--port", "0", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
