@@ -91,7 +91,7 @@ def test_the_demo_has_the_grades_of_its_arm(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = complaint(capsys, monkeypatch, "demo", "--arm", "so101", "--grades", "A,D")
-    assert "--grades D: there is no bin for it." in said and "so101/pick_place.yaml" in said
+    assert "--grades: there is no bin for D;" in said and "so101/pick_place.yaml" in said
 
 
 def test_list_as_text_and_as_json() -> None:

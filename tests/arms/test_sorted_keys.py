@@ -68,7 +68,7 @@ def test_order_of_calibration_must_be_a_list(tmp_path: Path) -> None:
     assert ordered in text
     mapping = "stops: {elbow_flex: -1.65, shoulder_lift: 0.0, wrist_flex: 0.0}"
     (tmp_path / "arm.yaml").write_text(text.replace(ordered, mapping))
-    with pytest.raises(ArmFileError, match=r"arm.yaml:\d+: calibration.auto.stops: is a mapping, .* write a list"):
+    with pytest.raises(ArmFileError, match=r"arm.yaml:\d+: calibration.auto.stops: is a mapping, .* Write a list"):
         find_arm(str(tmp_path))
 
 

@@ -95,4 +95,4 @@ def test_an_invalid_calibration_file_is_reported(
     robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = complaint(capsys, monkeypatch, "calibration", "export", "x.json", "--robot", str(robot))
-    assert "there is no" in said and "servoloop calibrate" in said
+    assert "does not exist" in said and "servoloop calibrate" in said

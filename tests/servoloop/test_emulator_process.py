@@ -173,4 +173,4 @@ def test_virtual_servos_are_suggested_if_no_adapter_is_plugged_in(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("commissioning.ports.adapters.Machine", lambda: NOBODYS_MACHINE)
     said = complaint(capsys, monkeypatch, *verb.split(), "--arm", "so101")
-    assert "no USB adapter is plugged in" in said and "; for virtual servos, use --port virtual\n" in said
+    assert "no USB adapter was found" in said and "; for virtual servos, use --port virtual\n" in said

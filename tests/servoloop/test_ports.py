@@ -46,12 +46,12 @@ def test_missing_unknown_and_repeated_buses_are_reported(values: list[str], says
 
 @pytest.mark.parametrize(("value", "bus"), [("", ""), (".", ""), ("/", ""), ("arm=", "arm"), ("", "arm")])
 def test_a_port_without_a_device_is_refused(value: str, bus: str) -> None:
-    with pytest.raises(DriverError, match="--port takes a device"):
+    with pytest.raises(DriverError, match="--port needs the path of a device"):
         parse_ports([value], [bus])
 
 
 def test_two_ports_for_one_bus_are_refused() -> None:
-    with pytest.raises(DriverError, match="the robot has one bus: name one --port"):
+    with pytest.raises(DriverError, match="the robot has only one bus: give only one --port"):
         parse_ports(["/dev/a", "/dev/b"], [""])
 
 
