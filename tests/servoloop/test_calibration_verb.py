@@ -76,8 +76,8 @@ def test_the_commands_of_the_page_work_on_a_user_arm(tmp_path: Path, monkeypatch
 def test_the_output_explains_whose_zero_is_used(robot: Path, tmp_path: Path) -> None:
     given = tmp_path / "theirs.json"
     given.write_text(json.dumps(theirs()))
-    assert "LeRobot's zero is not the URDF's" in run("import", str(given), "--robot", str(robot))
-    assert "LeRobot's zero is not the URDF's" in run("export", str(tmp_path / "out.json"), "--robot", str(robot))
+    assert "LeRobot's zero differs from the zero of the URDF" in run("import", str(given), "--robot", str(robot))
+    assert "LeRobot's zero differs from the zero of the URDF" in run("export", str(tmp_path / "out.json"), "--robot", str(robot))
     assert JOINTS[0].name in run("show", "--robot", str(robot))
 
 
