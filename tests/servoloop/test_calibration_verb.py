@@ -77,7 +77,9 @@ def test_the_output_explains_whose_zero_is_used(robot: Path, tmp_path: Path) -> 
     given = tmp_path / "theirs.json"
     given.write_text(json.dumps(theirs()))
     assert "LeRobot's zero differs from the zero of the URDF" in run("import", str(given), "--robot", str(robot))
-    assert "LeRobot's zero differs from the zero of the URDF" in run("export", str(tmp_path / "out.json"), "--robot", str(robot))
+    assert "LeRobot's zero differs from the zero of the URDF" in run(
+        "export", str(tmp_path / "out.json"), "--robot", str(robot)
+    )
     assert JOINTS[0].name in run("show", "--robot", str(robot))
 
 
