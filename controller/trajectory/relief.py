@@ -27,6 +27,9 @@ LOOSE: Final = 5.0
 """Minimum motion that shows that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
 """Share of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
+ATTEMPTS: Final = 3
+"""Maximum number of times that a joint is relieved. A joint that advances while its neighbors are relieved may still be
+blocked afterwards, so one attempt is not enough."""
 JERK_SHARE: Final = 0.25
 """Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
 
@@ -42,6 +45,7 @@ class Relief:
         self._rest = Rest(sampler.still)
         self._stood_s = 0.0
         self._relieved = np.zeros(len(joints), dtype=np.bool_)
+        self._attempts = np.zeros(len(joints), dtype=np.int64)
         self._begun: Cycle | None = None
         """The cycle in which commands started to move back, or None while no command moves back."""
 
@@ -49,6 +53,7 @@ class Relief:
         """Start the relief after a goal has ended. The joints may still be braking."""
         self.due, self._begun = True, None
         self._relieved[:] = False
+        self._attempts[:] = 0
         self._rest, self._stood_s = Rest(self._sampler.still), 0.0
 
     @property
@@ -62,9 +67,7 @@ class Relief:
         self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s)
         if now.waits and self._begun:
             self._begun, self._relieved = None, np.zeros_like(self._relieved)  # The arm rests at the last command.
-        if self._begun and (free := self._free_joints(self._begun, now, ~unknown)).any():
-            # All commands stop. A joint that is still blocked is detected and relieved again.
-            self._relieved &= free | (now.reference.position == self._begun.reference.position)
+        if self._begun and self._stops_early(self._begun, now, ~unknown):
             self._sampler.stop(now.reference, now.parameters)
             self._begun = None
         if not self._sampler.ended:
@@ -84,6 +87,7 @@ class Relief:
             text = "%s: %s is blocked %.4f short of its command: the command moves back to relieve the joint"
             LOG.warning(text, self._name, self._joints[index], abs(now.error[index]))
         self._relieved |= held
+        self._attempts += held
         target = self._sampler.inside(np.where(held, measured(now), now.reference.position))
         try:
             back = motion_to(now.reference, Kinematics.at_rest(target), self._limits, 0.0)
@@ -93,14 +97,22 @@ class Relief:
         self._sampler.follow(back, now.reference, on_goal=False)
         self._begun, self._stood_s = now, 0.0
 
-    def _free_joints(self, begun: Cycle, now: Cycle, known: BoolArray) -> BoolArray:
-        """Return which joints (n,) move further during the return of their command than a blocked joint can."""
+    def _stops_early(self, begun: Cycle, now: Cycle, known: BoolArray) -> bool:
+        """Return whether a joint moves further during the return of its command than a blocked joint can.
+
+        A joint that follows its command is free and not relieved again. All others are, if they still rest short of
+        their commands: a joint that advances towards its old command may meet the obstacle again.
+        """
         back = begun.reference.position - now.reference.position
         forth = (measured(now) - measured(begun)) * np.sign(begun.error)
         loose = LOOSE * self._sampler.still
-        free: BoolArray = (forth > loose) | (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
-        free &= known & (back != 0.0)
-        return free
+        returns = known & (back != 0.0)
+        advances = returns & (forth > loose)
+        follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
+        if not (advances | follows).any():
+            return False
+        self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
+        return True
 
 
 def measured(now: Cycle) -> FloatArray:

@@ -27,7 +27,8 @@ class SafeWire(Invariant):
 
     The bytes on the bus are examined, whatever the layers above believe they have sent. A servo without torque may get
     only a goal at its own position once the stack must know of the lost torque: on an STS servo any goal enables the
-    torque. Two servos with the same ID are skipped, because it is unknown which of them reports its torque.
+    torque. Two servos with the same ID are skipped, because it is unknown which of them reports its torque. Servos
+    that report false positions are skipped too.
     """
 
     name = "safe wire"
@@ -53,7 +54,8 @@ class SafeWire(Invariant):
         monitor.see(data)
         self.examined += monitor.goals_seen + monitor.torque_on_seen - seen
         for text in monitor.broken[reported:]:
-            self.say(text)
+            if not self.deceived(text.partition(":")[0]):
+                self.say(text)
 
     def on_state(self, state: JointState) -> None:
         off = [joint.name for joint in self.joints if not self.torque(joint)] if not self.shared_id else []

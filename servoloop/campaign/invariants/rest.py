@@ -10,6 +10,7 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.simulation.clients import FREEDRIVE
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
@@ -116,9 +117,16 @@ class NothingPresses(Invariant):
         }
         self._off_s = defaultdict[str, float](float)
         self._before: dict[str, float] = {}
+        self._guided = False
+        """Whether a hand has moved the arm since the last goal."""
 
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s
+        freedrive = self.stack.manager.registry.loaded.get(FREEDRIVE)
+        self._guided = not self.stack.goals.open and (self._guided or (freedrive is not None and freedrive.active))
+        if self._guided:
+            self._off_s.clear()
+            return
         ended = [one for one in self.stack.goals.goals if one.controller == self.stack.arm.name and one.ended_s]
         if self.stack.goals.open or not ended or not self.active or ended[-1].handle.status is GoalStatus.SUCCEEDED:
             self._off_s.clear()
