@@ -116,7 +116,7 @@ def test_response_of_another_type_is_refused(session: Session) -> None:
     client = node.create_client(QueryTrajectoryState, "/query")
     assert client.wait_for_service(PATIENCE_S)
     client.call_async(QueryTrajectoryState.Request())
-    with pytest.raises(TypeError, match=f"{service.srv_name} answers QueryTrajectoryState"):
+    with pytest.raises(TypeError, match=f"{service.srv_name} needs a QueryTrajectoryState"):
         until(session, lambda: False)
 
 

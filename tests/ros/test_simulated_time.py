@@ -106,7 +106,7 @@ def test_paused_stack_responds_and_switches_controllers(client: ManagerClient) -
 
 def test_zero_steps_and_steps_of_a_running_simulation_are_refused(client: ManagerClient) -> None:
     refused = step(client, 0)
-    assert not refused.success and "one at least" in refused.message
+    assert not refused.success and "at least one step" in refused.message
     pause(client, False)
     try:
         refused = step(client, 1)

@@ -7,7 +7,7 @@ import pytest
 
 from hal.errors import ArmFileError
 from hal.file_size import LARGEST_BYTES, LARGEST_SHAPE_BYTES
-from servoloop.dashboard.shapes import GREY, scene_shapes, shapes, thing_shapes
+from servoloop.dashboard.shapes import GRAY, scene_shapes, shapes, thing_shapes
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.scene_file import scene_model, scene_spec
@@ -60,7 +60,7 @@ def test_bodies_without_names_are_shown(tmp_path: Path) -> None:
 def test_a_color_without_numbers_is_the_default() -> None:
     visual = '<visual><geometry><box size="1 1 1"/></geometry><material name="x"><color/></material></visual>'
     (shape,), _ = shapes(f'<robot name="a"><link name="b">{visual}</link></robot>')
-    assert shape.rgb == GREY
+    assert shape.rgb == GRAY
 
 
 def scene_with(folder: Path, text: str) -> Path:
