@@ -61,7 +61,7 @@ def test_a_passport_is_saved_compared_and_restored(line: VirtualBus, port: str, 
     assert said["differences"] == [{"servo_id": 6, "register": "position_p", "saved": 32, "now": 16}]
     run("restore", file, "--port", port, answer="n\n", status=1)
     assert line.servo(6).memory.get(sts.position_p) == 16
-    assert "position_p was 16, is 32" in run("restore", file, "--port", port, answer="y\n")
+    assert "position_p changed from 16 to 32" in run("restore", file, "--port", port, answer="y\n")
     assert line.servo(6).memory.get(sts.position_p) == 32
     assert json.loads(run("restore", file, "--port", port, "--yes", "--json")) == []
 

@@ -86,9 +86,9 @@ def test_new_servos_are_set_up_in_several_interrupted_runs(link: Path) -> None:
     with program(*words) as setup:
         assert setup.stderr is not None
         for joint in reversed(JOINTS[4:]):
-            assert f"only the servo of {joint} " in asked(setup.stderr)
+            assert f"only the servo for {joint}." in asked(setup.stderr)
             plug(link, setup, joint)
-        assert f"only the servo of {JOINTS[3]} " in asked(setup.stderr)
+        assert f"only the servo for {JOINTS[3]}." in asked(setup.stderr)
         setup.send_signal(signal.SIGINT)
         assert setup.wait(LIMIT_S) == 130
         said = setup.stderr.read()
@@ -97,13 +97,13 @@ def test_new_servos_are_set_up_in_several_interrupted_runs(link: Path) -> None:
     with program(*words) as setup:
         assert setup.stderr is not None
         for joint in reversed(JOINTS[:4]):
-            assert f"only the servo of {joint} " in asked(setup.stderr)
+            assert f"only the servo for {joint}." in asked(setup.stderr)
             plug(link, setup, joint)
         assert "all 6 servos in a chain" in asked(setup.stderr)
         plug(link, setup)
         out, said = setup.communicate(timeout=LIMIT_S)
         assert setup.returncode == 0
-    assert f"the gears of {', '.join(JOINTS)} are not known" in said
+    assert f"the gears of {', '.join(JOINTS)} are unknown" in said
     audit = json.loads(out)
     assert [(row["joint"], row["servo_id"]) for row in audit] == [(name, i) for i, name in enumerate(JOINTS, 1)]
     assert [row["from_id"] for row in audit] == [1, 1, 1, 1, None, None]

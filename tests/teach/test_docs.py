@@ -151,7 +151,7 @@ def test_documented_replay_moves_the_virtual_arm(tmp_path: Path) -> None:
         assert replayed.returncode == 0 and "playing" in replayed.stdout, replayed.stderr
         assert abs(place("joint1", tmp_path) - 0.4) < 0.03
         refused = run(of_mine(onto), tmp_path)
-        assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr
+        assert refused.returncode == 1 and "stdin is not a terminal" in refused.stderr
 
 
 def test_figures_in_the_docs_match_the_code() -> None:

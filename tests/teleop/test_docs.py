@@ -76,7 +76,7 @@ def test_documented_commands_make_the_follower_follow(tmp_path: Path) -> None:
             assert "from the leader's angles to the follower's goals: median" in " ".join(output.split())
             assert teleop.wait(30.0) == 0
         refused = run(REAL.replace("/dev/ttyACM0", "./leader").replace("/dev/ttyACM1", "./follower"), tmp_path)
-        assert refused.returncode == 1 and "stdin is no terminal" in refused.stderr
+        assert refused.returncode == 1 and "stdin is not a terminal" in refused.stderr
 
 
 def test_two_arms_need_two_ports(tmp_path: Path) -> None:
