@@ -1,10 +1,13 @@
 """Commands that install the optional parts (extras) of servoloop."""
 
+import importlib.util
 import json
 import shlex
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+
+from drivers.errors import DriverError
 
 
 def install_command(extra: str) -> str:
@@ -27,3 +30,9 @@ def _source() -> str:
     if version_control := installed.get("vcs_info", {}).get("vcs"):
         url = f"{version_control}+{url}"
     return f"servoloop @ {url}".replace("servoloop @ file://", "") if url else "servoloop"
+
+
+def require_view(what: str = "the view", library: str = "viser") -> None:
+    """Raise DriverError, with the command that installs the library, if the library is missing."""
+    if importlib.util.find_spec(library) is None:
+        raise DriverError(f"{what} needs {library}; install it with: {install_command('view')}")

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from servoloop.dashboard.browser import require_view
+from servoloop.extras import require_view
 from servoloop.stack.arm_folders import PATHS, Arm, arms, find_arm, read_arm
 from servoloop.stack.robot_files import make_folder
 from servoloop.stack.terminal import print_styled

@@ -23,7 +23,7 @@ from servoloop.commands.options import (
     SeedOption,
     UrdfOption,
 )
-from servoloop.dashboard.browser import require_view
+from servoloop.extras import require_view
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
 from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent

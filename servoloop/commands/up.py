@@ -21,7 +21,7 @@ from servoloop.commands.options import (
     UrdfOption,
     set_network,
 )
-from servoloop.dashboard.browser import require_view
+from servoloop.extras import require_view
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
 from servoloop.stack.devices import parse_ports

@@ -10,8 +10,7 @@ import typer
 
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
-from servoloop.dashboard.browser import require_view
-from servoloop.extras import install_command
+from servoloop.extras import install_command, require_view
 
 if TYPE_CHECKING:
     from servoloop.recording.emulator_source import EmulatorSource

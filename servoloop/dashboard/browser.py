@@ -1,14 +1,11 @@
 """Update the page of ``servoloop view`` from a source in a loop."""
 
-import importlib.util
 from collections.abc import Callable
 from typing import Final
 
 from drivers.clock import Clock
-from drivers.errors import DriverError
 from servoloop.dashboard.move_panel import MovePanel
 from servoloop.dashboard.page import Page
-from servoloop.extras import install_command
 from servoloop.recording.sources import Source
 
 ARM_S: Final = 0.05
@@ -32,9 +29,3 @@ def show(page: Page, source: Source, clock: Clock, stop: Callable[[], bool], pan
             page.show_numbers(watched)
         turn += 1
         clock.sleep_until(clock.now() + ARM_S)
-
-
-def require_view(what: str = "the view", library: str = "viser") -> None:
-    """Raise DriverError, with the command that installs the library, if the library is missing."""
-    if importlib.util.find_spec(library) is None:
-        raise DriverError(f"{what} needs {library}; install it with: {install_command('view')}")

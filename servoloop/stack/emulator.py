@@ -1,7 +1,6 @@
 """Implementation of ``servoloop emulate``: virtual servos on virtual buses, in a simulated world."""
 
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,8 +14,6 @@ from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from hal.errors import RobotFileError
 from hal.joint import Joint
-from hal.robot_description.description import Vector
-from hal.robot_description.kinematics import Quaternion
 from hal.robot_file.robot import Robot
 from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import realtime_priority
@@ -43,7 +40,7 @@ from sim_backend.scene.hand import Hand, handle_hand_command
 from sim_backend.scene.picture import Recorder
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
-from sim_backend.scene.world_feed import WorldFeed, WorldFeedClient, feed_path
+from sim_backend.scene.world_feed import WorldFeed, feed_path
 from sim_backend.servos.dynamixel.servo import VirtualXServo
 from sim_backend.servos.sts.servo import VirtualServo
 
@@ -246,27 +243,3 @@ def emulate(
         arm.serve(feed, control, stop, begin)
     if arm.recorder and options.pictures:
         arm.recorder.save(options.pictures)
-
-
-Pose = tuple[Vector, Quaternion]
-"""Position in meters, and orientation as a quaternion x, y, z, w."""
-
-
-class EmulatedScene:
-    """Latest poses published by an emulator. Safe to call from any thread."""
-
-    def __init__(self, client: WorldFeedClient) -> None:
-        self._client = client
-        self._poses: dict[str, Pose] = {}
-        self._lock = threading.Lock()
-
-    def __call__(self) -> Mapping[str, Pose]:
-        """Return the poses by name. The mapping is empty before the first publication."""
-        with self._lock:
-            newest = self._client.newest()
-            if newest is not None:
-                self._poses = {
-                    name: (tuple(pose["position_m"]), tuple(pose["quaternion_xyzw"]))
-                    for name, pose in newest["poses"].items()
-                }
-            return self._poses

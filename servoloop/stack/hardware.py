@@ -30,7 +30,7 @@ from hal.robot_file.robot import require_positions
 from hal.robot_file.robot_file import RobotFile
 from hal.servos.servo_hardware import ServoHardware
 from servoloop.stack.devices import world_feed
-from servoloop.stack.emulator import EmulatedScene, Pose
+from servoloop.stack.emulated_scene import EmulatedScene, Pose
 from servoloop.stack.line_rate import Line
 from servoloop.stack.robot_files import Files
 from sim_backend.scene.world_feed import WorldFeedClient

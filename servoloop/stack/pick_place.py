@@ -1,30 +1,24 @@
 """Read and check the parameters of the pick-place node without ROS."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Self
 
-import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from controller.manager.controllers_file import ControllersFile
 from controller.manager.node_parameters import names, parameters_of
 from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
-from hal.compensation.gravity import Gravity
-from hal.compensation.gravity_compensation import LARGEST_LOAD
 from hal.errors import ArmFileError
 from hal.plausible import Position
-from hal.robot_description.description import Description, UrdfJoint
-from hal.robot_file.robot import Robot
 from hal.yaml_file import mistakes
-from sim_backend.scene.scene_file import scene_model
-from sim_backend.scene.world import READY
 
 if TYPE_CHECKING:
     from nodes.pick_place.settings import Settings
 
 
 NODE: Final = "vision_pick_place_controller"
+ARM: Final = "arm_controller"
+HAND: Final = "hand_controller"
+"""Fixed names of the controllers that the node uses."""
 Pose = Annotated[tuple[Position, ...], Field(min_length=1)]
 
 
@@ -92,65 +86,3 @@ def load_pick_place(path: Path) -> PickPlace:
         return PickPlace.model_validate(parameters_of(content, NODE))
     except ValidationError as error:
         raise ArmFileError("\n".join(mistakes(file, error, (NODE, PARAMETERS), NODE))) from error
-
-
-POSE_RAD: Final = 1e-3
-"""Largest accepted difference between the ready pose and the keyframe of the scene, in rad."""
-ARM: Final = "arm_controller"
-HAND: Final = "hand_controller"
-"""Fixed names of the controllers that the node uses."""
-
-
-def pose_problems(pick_place: PickPlace, description: Description) -> Iterator[str]:
-    """Yield a problem for each unknown joint and for each pose outside the joint limits."""
-    yield from (f"the URDF has no joint {name}" for name in pick_place.joints if name not in description.joints)
-    for name, pose in pick_place.all_poses().items():
-        for joint, position in zip(pick_place.joints, pose, strict=True):
-            if joint in description.joints:
-                yield from _outside(name, description.joints[joint], position)
-
-
-def controller_problems(pick_place: PickPlace, controllers: ControllersFile, description: Description) -> Iterator[str]:
-    """Yield a problem if the joints differ from those of the arm controller or the hand would exceed its limits."""
-    driven = {spec.name: tuple(getattr(spec.parameters, "joints", ())) for spec in controllers.controllers}
-    if driven.get(ARM) != pick_place.joints:
-        yield f"joints must list the joints of {ARM} in {controllers.path}, in the same order"
-    for joint in driven.get(HAND, ()):
-        yield from _outside("hand_open_m", description.joints[joint], pick_place.hand_open_m)
-        yield from _outside("hand_closed_m", description.joints[joint], pick_place.hand_closed_m)
-
-
-def _outside(name: str, joint: UrdfJoint, position: float) -> Iterator[str]:
-    if not joint.lower <= position <= joint.upper:
-        yield f"{name}: {position:g} is outside the limits {joint.lower:g} to {joint.upper:g} of {joint.name}"
-
-
-def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
-    """Yield a problem for each joint whose ready position differs from the keyframe of the scene.
-
-    The scene places new cubes by this keyframe.
-    """
-    try:
-        model = scene_model(scene)
-        places = {joint: model.joint(joint).qposadr[0] for joint in pick_place.joints}
-        ready = model.key(READY).qpos
-    except (ArmFileError, KeyError):
-        return  # the check of the scene reports this problem
-    for joint, position in zip(pick_place.joints, pick_place.poses.ready, strict=True):
-        there = ready[places[joint]]
-        if abs(there - position) > POSE_RAD:
-            yield f"poses.ready has {joint} at {position:g}, but keyframe {READY} of {scene.name} has it at {there:g}"
-
-
-def load_problems(pick_place: PickPlace, robot: Robot, description: Description) -> Iterator[str]:
-    """Yield a problem for each pose in which gravity overloads a servo."""
-    gravity = Gravity(description, [joint.name for joint in robot.joints])
-    for name, pose in pick_place.all_poses().items():
-        held = dict(zip(pick_place.joints, pose, strict=True))
-        torques = gravity.torques(np.array([held.get(joint.name, 0.0) for joint in robot.joints]))
-        for joint, torque in zip(robot.joints, torques.tolist(), strict=True):
-            if abs(torque) > LARGEST_LOAD * joint.full_effort * joint.torque_limit:
-                yield (
-                    f"{name}: gravity loads {joint.name} with {abs(torque):.2f}, more than {LARGEST_LOAD:.0%} of the "
-                    f"maximum effort of its servo"
-                )

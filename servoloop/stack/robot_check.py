@@ -14,14 +14,8 @@ from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
 from servoloop.stack.arm_folders import ARM_FILE, Arm, ArmFile, read_arm
-from servoloop.stack.pick_place import (
-    PickPlace,
-    controller_problems,
-    load_pick_place,
-    load_problems,
-    pose_problems,
-    ready_problems,
-)
+from servoloop.stack.pick_place import PickPlace, load_pick_place
+from servoloop.stack.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.stack.robot_files import read_description
 from sim_backend.scene.scene_check import scene_problems
 from sim_backend.scene.scene_file import scene_model

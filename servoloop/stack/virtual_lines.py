@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from drivers.clock import Clock
 from drivers.port import Port
-from servoloop.stack.emulator import Pose, couplings, virtual_lines
+from servoloop.stack.emulated_scene import Pose
+from servoloop.stack.emulator import couplings, virtual_lines
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.buses.build import Build
 from sim_backend.buses.port import VirtualPort
