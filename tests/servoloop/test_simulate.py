@@ -95,11 +95,11 @@ FAULTS = "- {kind: silent, servo_id: 3, at_s: 3.0, for_s: 1.0}\n- {kind: noise, 
 def test_faults_happen_on_time_and_a_schedule_gives_the_same_run(tmp_path: Path) -> None:
     script, file = tmp_path / "faults.yaml", tmp_path / "schedule.yaml"
     script.write_text(FAULTS)
-    once = CliRunner().invoke(cli.app, ["simulate", "--seconds", "2.5", "--faults", str(script), "--json"])
+    once = CliRunner().invoke(cli.app, ["simulate", "--seconds", "3.5", "--faults", str(script), "--json"])
     result = json.loads(once.output)
     assert {what.split(":")[0] for what in result["faulty_cycles"]} == {"joint3"}
     assert result["faulty_cycles"]["joint3: silent"] > 15
-    schedule = Schedule(seconds=2.5, faults=read_script(script))
+    schedule = Schedule(seconds=3.5, faults=read_script(script))
     file.write_text(schedule_text(schedule))
     assert read_schedule(file) == schedule
     again = CliRunner().invoke(cli.app, ["simulate", "--schedule", str(file), "--json"])

@@ -55,8 +55,8 @@ ROWS = {
     "passport restore": Row("passport restore {passport} --port {held} --yes", ["servo 3 holds torque", FALL], False),
     "doctor": Row("doctor --move --arm {arm} --port {held} --yes", [ALL, FALL], asks=False, status=0),
     "bench arm": Row("bench arm --arm {arm} --port {held} --out {folder}/bench.html --yes", [ALL, FALL], asks=False),
-    "set-id": Row("set-id 3 9 --port {held}", ["servo 3", FALLS], asks=False),
-    "set-baud": Row("set-baud 3 500000 --port {held} --yes", ["servo 3", FALLS], asks=False),
+    "set-id": Row("set-id 3 9 --port {held}", ["servo 3", "Support the arm"], asks=False),
+    "set-baud": Row("set-baud 3 500000 --port {held} --yes", ["servo 3", "Support the arm"], asks=False),
 }
 LEAVES_TORQUE = {
     "bench bus": "releases only servos that it has switched on itself",
