@@ -67,9 +67,8 @@ class Relief:
         self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s)
         if now.waits and self._begun:
             self._begun, self._relieved = None, np.zeros_like(self._relieved)  # The arm rests at the last command.
-        if self._begun and self._stops_early(self._begun, now, ~unknown):
-            self._sampler.stop(now.reference, now.parameters)
-            self._begun = None
+        if self._begun:
+            self._stop_if_joints_move(self._begun, now, ~unknown)
         if not self._sampler.ended:
             return
         self._begun = None
@@ -97,8 +96,8 @@ class Relief:
         self._sampler.follow(back, now.reference, on_goal=False)
         self._begun, self._stood_s = now, 0.0
 
-    def _stops_early(self, begun: Cycle, now: Cycle, known: BoolArray) -> bool:
-        """Return whether a joint moves further during the return of its command than a blocked joint can.
+    def _stop_if_joints_move(self, begun: Cycle, now: Cycle, known: BoolArray) -> None:
+        """Stop all commands if a joint moves further during the return of its command than a blocked joint can.
 
         A joint that follows its command is free and not relieved again. All others are, if they still rest short of
         their commands: a joint that advances towards its old command may meet the obstacle again.
@@ -109,10 +108,10 @@ class Relief:
         returns = known & (back != 0.0)
         advances = returns & (forth > loose)
         follows = returns & (-forth > np.maximum(loose, FOLLOWS_SHARE * np.abs(back)))
-        if not (advances | follows).any():
-            return False
-        self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
-        return True
+        if (advances | follows).any():
+            self._relieved &= (back == 0.0) | follows | (advances & (self._attempts >= ATTEMPTS))
+            self._sampler.stop(now.reference, now.parameters)
+            self._begun = None
 
 
 def measured(now: Cycle) -> FloatArray:
