@@ -38,10 +38,10 @@ class Bench:
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
         self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
         self.plant.load_nm[:] = [load_nm]
-        self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.Model) else model  # whose table it has
+        self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.AxMxModel) else model  # whose table it has
         self.line = _line(self.plant, model)
         self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.driven})
-        self.table: Any = ax_mx if isinstance(model, ax_mx.Model) else xl320 if model == XL else x
+        self.table: Any = ax_mx if isinstance(model, ax_mx.AxMxModel) else xl320 if model == XL else x
 
     def write(self, register: Register, value: int) -> None:
         self.bus.write(1, register, value)
@@ -74,7 +74,7 @@ class Bench:
 
 def _line(plant: BenchPlant, model: ServoModel) -> ServoLine[Any]:
     supply = Supply(model.rated_voltage_v, 0.0)
-    if isinstance(model, ax_mx.Model):
+    if isinstance(model, ax_mx.AxMxModel):
         return VirtualBus.of(plant, model, supply=supply, paced=False)
     return VirtualDynamixelBus.of(plant, {1: model}, supply=supply, paced=False)
 

@@ -12,7 +12,7 @@ from time import process_time, thread_time
 from typing import Any
 
 from hal.types import JointState
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.recording.bus_tap import BusTaps
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import FLUSH_S, RecordingFile
@@ -38,7 +38,7 @@ class Sampled:
 
     def run(self, seconds: float) -> None:
         """Move back and forth for so long."""
-        settings = Settings()
+        settings = JobSettings()
         self.stack.run(BEGIN_S)
         end_s = self.stack.clock.now() + seconds
         while self.stack.clock.now() < end_s:

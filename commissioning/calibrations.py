@@ -19,7 +19,7 @@ from hal.yaml_file import load
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CalibrationRow:
     """Calibration of one joint in the table for the user. Positions in rad (m for a prismatic joint)."""
 
     joint: str
@@ -91,10 +91,10 @@ def built_signs(robot: Path) -> dict[str, int]:
     return {name: joint.sign for name, joint in load(robot, RobotFile, RobotFileError).joints.items()}
 
 
-def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[Row]:
+def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[CalibrationRow]:
     """Return the calibration of each joint for display. The travel is known only from a calibration file."""
     calibration = load_calibration(robot)
-    rows: list[Row] = []
+    rows: list[CalibrationRow] = []
     for joint in joints:
         said = calibration.joints.get(joint.name) if calibration else None
         made = said and JointCalibration(
@@ -103,6 +103,8 @@ def calibration_rows(robot: Path, joints: Sequence[Joint]) -> list[Row]:
         travel, doubt = (made.travel(joint), travel_warnings(joint, made)) if made else (None, "not calibrated yet")
         range_ = joint.limits.upper - joint.limits.lower
         rows.append(
-            Row(joint.name, joint.servo_id, joint.sign, joint.zero_counts, joint.homing_offset, travel, range_, doubt)
+            CalibrationRow(
+                joint.name, joint.servo_id, joint.sign, joint.zero_counts, joint.homing_offset, travel, range_, doubt
+            )
         )
     return rows

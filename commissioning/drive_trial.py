@@ -21,7 +21,7 @@ LEAST_DRIVE: Final = 0.04
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class TrialPace:
     """Speeds and times of a trial. In an arm, a joint has less room and settles more slowly than a loose servo."""
 
     slow: float = 0.4
@@ -38,7 +38,7 @@ class Pace:
 
 
 @dataclass(frozen=True, slots=True)
-class JointMotion:
+class TrialMotion:
     """Result of the drive trial of one joint. Positions in rad or m, speeds in rad/s or m/s."""
 
     joint: Joint
@@ -90,7 +90,7 @@ class _Sample(NamedTuple):
 class DriveTrial:
     """Trial in which one joint moves forth and back at two speeds."""
 
-    def __init__(self, arm: SlowArm, index: int, way: float, pace: Pace = Pace()) -> None:
+    def __init__(self, arm: SlowArm, index: int, way: float, pace: TrialPace = TrialPace()) -> None:
         """Prepare the trial; ``way`` is the signed distance from the current goal, in rad or m."""
         self.way = way
         self._pace = pace
@@ -153,11 +153,11 @@ class DriveTrial:
         self._arm.cycle(self._index, position)
         self._lowest_v = min(self._lowest_v, self._arm.state.health[self._joint.name].voltage_v)
 
-    def motion(self, expected_sag: float = 0.0) -> JointMotion:
+    def motion(self, expected_sag: float = 0.0) -> TrialMotion:
         """Return the result of the trial."""
         still = _Pass(0.0, 0.0)
         slow, fast = (self._passes.get(share, still) for share in self._pace.speeds)
-        return JointMotion(
+        return TrialMotion(
             joint=self._joint,
             asked=self.way,
             moved=self._moved,

@@ -13,7 +13,7 @@ from hal.yaml_nodes import YamlFile, listed, read
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class Places(Protocol):
+class YamlPlaces(Protocol):
     """Lookup of the file and line of a value."""
 
     def place(self, location: Sequence[int | str]) -> str:
@@ -34,7 +34,7 @@ def load_with_lines(path: Path, model: type[Model], error: type[Exception]) -> t
         raise error("\n".join(mistakes(file, reason))) from reason
 
 
-def mistakes(file: Places, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
+def mistakes(file: YamlPlaces, error: ValidationError, within: Sequence[int | str] = (), name: str = "") -> list[str]:
     """List the mistakes of a model, each with file and line.
 
     Args:
@@ -56,6 +56,6 @@ def error_text(item: ErrorDetails) -> str:
     return item["msg"].removeprefix("Value error, ")
 
 
-def _mistake(file: Places, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
+def _mistake(file: YamlPlaces, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:
     names = [name] if name else []
     return f"{file.place((*within, *item['loc']))}: {'.'.join([*names, *map(str, item['loc'])])}: {error_text(item)}"

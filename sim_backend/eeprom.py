@@ -23,7 +23,7 @@ _HEADER: Final = (
 )
 
 
-class EepromError(DriverError):
+class EepromFileError(DriverError):
     """The EEPROM file is broken, belongs to another arm, or cannot be written."""
 
 
@@ -79,7 +79,7 @@ class _Owner:
         return data
 
 
-class Eeprom:
+class EepromFile:
     """The EEPROM file and its servos."""
 
     def __init__(self, path: Path, owners: list[_Owner]) -> None:
@@ -92,15 +92,17 @@ class Eeprom:
 
     def _read(self) -> None:
         owners = {owner.joint: owner for owner in self._owners}
-        entries, file = load(self._path, _File, EepromError).servos, compose(self._path, EepromError)
+        entries, file = load(self._path, _File, EepromFileError).servos, compose(self._path, EepromFileError)
         for number, entry in enumerate(entries):
             owner, place = owners.pop(entry.joint, None), file.place(("servos", number))
             if owner is None:
-                raise EepromError(f"{place}: {entry.joint} has no servo, or two entries: is the file of another arm?")
+                raise EepromFileError(
+                    f"{place}: {entry.joint} has no servo, or two entries: is the file of another arm?"
+                )
             try:
                 owner.take(entry)
             except ValueError as error:
-                raise EepromError(f"{place}: {entry.joint}: {error}. Correct the file, or choose another") from None
+                raise EepromFileError(f"{place}: {entry.joint}: {error}. Correct the file, or choose another") from None
 
     def save_changes(self) -> None:
         """Write the file if anything has changed.
@@ -116,7 +118,7 @@ class Eeprom:
             partial.write_text(text)
             partial.replace(self._path)
         except OSError as error:
-            raise EepromError(f"cannot write {self._path}: {error.strerror}") from error
+            raise EepromFileError(f"cannot write {self._path}: {error.strerror}") from error
         self._written = flash
 
 
@@ -127,6 +129,6 @@ def keep_eeprom(path: Path, lines: Iterable[ServoLine[Any]]) -> None:
     """
     lines = list(lines)
     pairs = [pair for line in lines for pair in zip(line.rig.plant.couplings, line.servos, strict=True)]
-    eeprom = Eeprom(path, [_Owner(coupling.joint, servo) for coupling, servo in pairs])
+    eeprom = EepromFile(path, [_Owner(coupling.joint, servo) for coupling, servo in pairs])
     for line in lines:
         line.after_instructions = eeprom.save_changes

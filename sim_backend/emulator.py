@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from drivers.clock import Clock, MonotonicClock
 from sim_backend.buses.pty_link import PtyAdapter, PtyLink
-from sim_backend.line.line import Reply, ServoLine
+from sim_backend.line.line import DelayedReply, ServoLine
 
 TICK_S: Final = 0.005
 LONGEST_CATCH_UP_S: Final = 0.2
@@ -70,7 +70,7 @@ class Emulator:
         self._bus = bus
         self._line = line
         self._clock = clock
-        self._coming: deque[Reply] = deque()
+        self._coming: deque[DelayedReply] = deque()
         self._next_tick_s = clock.now()
         bus.advance(clock.now())
 

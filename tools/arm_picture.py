@@ -12,7 +12,7 @@ from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
 from sim_backend.buses.build import Build
-from sim_backend.scene.picture import Recorder
+from sim_backend.scene.picture import FilmRecorder
 
 GRADE = {"koch": "B"}
 """The bin to which the arm carries its cube, where that is not A."""
@@ -28,7 +28,7 @@ def main(name: str, picture: Path) -> None:
     is_film = picture.suffix == ".gif"
     stack = SimulatedStack(files=read_arm_files(arm), build=Build(backlash_deg=1.0)).up()
     stack.run(SETTLED_S)
-    recorder = Recorder(stack.world, PERIOD_S, FRAMES) if is_film else Recorder(stack.world)
+    recorder = FilmRecorder(stack.world, PERIOD_S, FRAMES) if is_film else FilmRecorder(stack.world)
     stack.on_step = recorder.update
     pick_place = load_pick_place(arm.pick_place)
     for number, grade in enumerate(pick_place.grades if is_film else (GRADE.get(name, "A"),), 1):

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import MonotonicClock
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.dashboard.terminal import ALL, JOINTS_S, MonitorApp
 from servoloop.recording.reader import read_recording
-from servoloop.recording.sources import Playback, Recording
+from servoloop.recording.sources import Playback, PlayedRecording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.stack.robot_files import read_files
@@ -34,8 +34,8 @@ def main(picture: Path) -> None:
     """Record the jobs, show the moment of the last one in which the arm turns fastest, and write it as SVG."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "job.mcap"
-        simulate(read_files(), Settings(), Schedule(job=JOBS, faults=(FAULT,)), path)
-        run, recording = read_recording(path), Recording(path)
+        simulate(read_files(), JobSettings(), Schedule(job=JOBS, faults=(FAULT,)), path)
+        run, recording = read_recording(path), PlayedRecording(path)
     playback = Playback(recording, MonotonicClock())
     playback.toggle()
     last = len(run.time_s) * (len(JOBS) - 1) // len(JOBS)

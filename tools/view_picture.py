@@ -14,7 +14,7 @@ from benchmarks.browser import browser_page
 from servoloop.dashboard.page import Page
 from servoloop.dashboard.server import PageServer
 from servoloop.recording.reader import read_recording
-from servoloop.recording.sources import Recording
+from servoloop.recording.sources import PlayedRecording
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.stack.arm_folders import find_arm, read_arm_files
@@ -33,7 +33,7 @@ def main(picture: Path) -> None:
         path, arm = Path(folder) / "job.mcap", find_arm(ARM)
         schedule = Schedule(job=("A",), arm=ARM)
         simulate(read_arm_files(arm), load_pick_place(arm.pick_place).settings(), schedule, path)
-        run, recording = read_recording(path), Recording(path)
+        run, recording = read_recording(path), PlayedRecording(path)
     server = PageServer(port=0)
     try:
         page, moment_s = Page(server), run.time_s[int(np.abs(run.velocity[:, 0]).argmax())]

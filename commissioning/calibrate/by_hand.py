@@ -15,7 +15,7 @@ from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import (
     PLACE_RAD,
     CalibrationError,
-    Found,
+    FoundZero,
     JointCalibration,
     calibration_of,
     cannot_move_seam,
@@ -43,10 +43,10 @@ SEEN_TWICE: Final = 2
 """Number of times that another servo must turn instead before the two IDs count as exchanged."""
 
 
-class Guide(Protocol):
+class CalibrationDialog(Protocol):
     """Interface to the person who moves the arm by hand, or to a simulated hand in a test."""
 
-    def until_done(self, task: "Task", update: Callable[[], None]) -> None:
+    def until_done(self, task: "CalibrationTask", update: Callable[[], None]) -> None:
         """Return when the task is done. Until then, call ``update`` at least ten times a second."""
         ...
 
@@ -56,7 +56,7 @@ class Guide(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class CalibrationTask:
     """A task for the person who moves the arm."""
 
     kind: str
@@ -72,7 +72,9 @@ class Task:
 class ByHand:
     """Calibration by hand of the joints on one bus."""
 
-    def __init__(self, bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan], guide: Guide) -> None:
+    def __init__(
+        self, bus: Bus, joints: Sequence[Joint], plans: Mapping[str, JointPlan], guide: CalibrationDialog
+    ) -> None:
         self._bus = bus
         self._joints = tuple(joints)
         self._plans = plans
@@ -172,7 +174,7 @@ class ByHand:
     def _calibration(self, joint: Joint, sign: int, anchor: float) -> JointCalibration:
         plan, counting = self._plans[joint.name], self._counting[joint.name]
         position = plan.anchor(joint.limits.lower, joint.limits.upper)
-        found = Found(self._swept(joint), sign, anchor, position, counting.homing_offset, counting.extended)
+        found = FoundZero(self._swept(joint), sign, anchor, position, counting.homing_offset, counting.extended)
         return calibration_of(joint, found)
 
     def _anchor(self, joint: Joint, sign: int) -> float:
@@ -238,7 +240,7 @@ class ByHand:
             after_update()
 
         update()
-        self._guide.until_done(Task(kind, text, tuple(joint.name for joint in joints), self._sweep), update)
+        self._guide.until_done(CalibrationTask(kind, text, tuple(joint.name for joint in joints), self._sweep), update)
         update()
 
 

@@ -15,7 +15,14 @@ from calibration.angles import Travel
 from commissioning.calibrate.by_hand import ByHand, anchor_counts, require_poses
 from commissioning.calibrate.direction_search import DirectionSearch, Watcher
 from commissioning.calibrate.plan import ArmPlan, JointPlan
-from commissioning.calibrate.result import CalibrationError, Found, JointCalibration, calibration_of, turns_freely, unit
+from commissioning.calibrate.result import (
+    CalibrationError,
+    FoundZero,
+    JointCalibration,
+    calibration_of,
+    turns_freely,
+    unit,
+)
 from commissioning.calibrate.stop_search import StopSearch
 from commissioning.calibrate.store import restart
 from commissioning.slow_arm import SlowArm
@@ -147,12 +154,12 @@ class ByItself:
                 arm.go(named[name], 0.0)
         return {joint.name: made[joint.name] for joint in self._joints}
 
-    def _found_by_pose(self, joint: Joint, sign: int, offset: int) -> Found:
+    def _found_by_pose(self, joint: Joint, sign: int, offset: int) -> FoundZero:
         """Return the measurement of a joint that turns freely."""
         counts, position = self._poses[joint.name], self._plan.joints[joint.name].at or 0.0
-        return Found(Travel(floor(counts), ceil(counts)), sign, counts, position, offset)
+        return FoundZero(Travel(floor(counts), ceil(counts)), sign, counts, position, offset)
 
-    def _travel(self, arm: SlowArm, index: int, sign: int, begun: int, offset: int) -> Found:
+    def _travel(self, arm: SlowArm, index: int, sign: int, begun: int, offset: int) -> FoundZero:
         """Find both stops of a joint and the anchor of its zero."""
         joint, plan = self._joints[index], self._plan.joints[self._joints[index].name]
         self._watcher.say(f"{joint.name} moves to its stops")
@@ -161,7 +168,7 @@ class ByItself:
         )
         if plan.zero == "pose":  # No user shows the pose here, so the middle of the travel replaces it.
             plan = plan.model_copy(update={"zero": "middle", "at": None})
-        return Found(
+        return FoundZero(
             travel,
             sign,
             anchor_counts(joint, plan, travel, sign),
@@ -169,7 +176,7 @@ class ByItself:
             offset,
         )
 
-    def _wait(self, arm: SlowArm, index: int, found: Found, begun: int) -> None:
+    def _wait(self, arm: SlowArm, index: int, found: FoundZero, begun: int) -> None:
         """Move the joint to the position where it leaves room for the other joints."""
         joint = self._joints[index]
         there = self._plan.auto.stops.get(joint.name, 0.0) - found.anchor_position

@@ -6,7 +6,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from commissioning.calibrate.by_hand import Guide
+from commissioning.calibrate.by_hand import CalibrationDialog
 from commissioning.calibrate.plan import ArmPlan
 from commissioning.calibrate.result import CalibrationError
 from commissioning.calibrate.stop_search import SEEK_RAD_S
@@ -21,7 +21,7 @@ ARRIVED_RAD: Final = 0.12
 """Following error above which a joint is considered blocked by an obstacle, rad of the servo's shaft."""
 
 
-class Watcher(Guide, Protocol):
+class Watcher(CalibrationDialog, Protocol):
     """A person who watches the automatic calibration and moves joints that turn freely to their marked poses."""
 
     def moved_so(self, joint: str, text: str) -> bool:

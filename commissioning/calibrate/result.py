@@ -64,7 +64,7 @@ class JointCalibration:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundZero:
     """Measurement of one joint, in continuous counts read with ``homing_offset``."""
 
     travel: Travel
@@ -92,7 +92,7 @@ def fills_the_turn(joint: Joint, travel: Travel) -> bool:
     return travel.span > joint.model.counts_per_turn - 2
 
 
-def calibration_of(joint: Joint, found: Found) -> JointCalibration:
+def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
     """Return the calibration of one joint. Raises CalibrationError if the seam cannot be kept out of its range.
 
     For a joint that turns freely, only the range in the URDF matters: the seam is put opposite the middle of this

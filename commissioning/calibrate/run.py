@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from calibration.eeprom import Change
-from commissioning.calibrate.by_hand import ByHand, Guide, as_joint, place_shows_direction
+from commissioning.calibrate.by_hand import ByHand, CalibrationDialog, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.seam import joint_counting
@@ -71,20 +71,20 @@ HANDS_S = 2.0
 Measure = Callable[[Bus, Sequence[Joint], Mapping[str, JointPlan]], dict[str, JointCalibration]]
 
 
-class Asker(Guide, Protocol):
+class Asker(CalibrationDialog, Protocol):
     """Interface to the person who moves the arm and answers questions."""
 
     def confirm(self, question: str) -> bool:
         """Ask a yes-or-no question."""
         ...
 
-    def show(self, differences: Sequence["Difference"]) -> None:
+    def show(self, differences: Sequence["CalibrationDifference"]) -> None:
         """Show the measurements before they are stored."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class CalibrationDifference:
     """One joint before and after the calibration."""
 
     joint: str
@@ -107,10 +107,10 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CalibrationOutcome:
     """Result of a calibration, whether the user had it stored or not."""
 
-    differences: tuple[Difference, ...]
+    differences: tuple[CalibrationDifference, ...]
     path: Path
     stored: bool = False
     changes: Mapping[str, tuple[Change, ...]] | None = None
@@ -133,7 +133,7 @@ def calibrate(
     clock: Clock,
     measure: Measure | None = None,
     stopped: Callable[[], bool] = lambda: False,
-) -> Outcome:
+) -> CalibrationOutcome:
     """Calibrate the joints of a robot file, which must be on one bus.
 
     Nothing is written before the user agrees. Torque is off afterwards, even after an error. Raises CalibrationError,
@@ -167,7 +167,7 @@ def calibrate(
             )
     asker.show(differences)
     if not asker.confirm(STORE):
-        return Outcome(differences, calibration_path(robot))
+        return CalibrationOutcome(differences, calibration_path(robot))
     with closing(open_bus()) as bus:
         changes = store(robot, bus, joints, made, clock)
     calibrated = [as_joint(joint, made[joint.name]) for joint in joints]
@@ -180,12 +180,12 @@ def calibrate(
             raise
         if not asker.confirm(MOVED):
             raise CalibrationError(f"a joint has the wrong direction: {set_aside(robot)}")
-    return Outcome(differences, calibration_path(robot), True, changes, tried)
+    return CalibrationOutcome(differences, calibration_path(robot), True, changes, tried)
 
 
-def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> Difference:
+def _difference(joint: Joint, made: JointCalibration, plan: JointPlan) -> CalibrationDifference:
     doubt, off = travel_warnings(joint, made), uncertainty(joint, made, plan.zero)
-    return Difference(joint.name, joint.servo_id, joint, made, doubt, off)
+    return CalibrationDifference(joint.name, joint.servo_id, joint, made, doubt, off)
 
 
 def to_repeat(joints: Sequence[Joint], made: Mapping[str, JointCalibration], asker: Asker) -> list[Joint]:

@@ -23,7 +23,7 @@ from commissioning.doctor.checks.voltage import check_voltage
 from commissioning.doctor.findings import KINDS, Finding, ranked
 from commissioning.doctor.measure import OpenPort, measure_bus
 from commissioning.doctor.motion import Move, no_move
-from commissioning.doctor.report import Report, report_of
+from commissioning.doctor.report import DoctorReport, report_of
 from commissioning.doctor.snapshot import Snapshot
 from commissioning.ports.adapters import PortsReport, ports
 from commissioning.ports.machine import Machine
@@ -67,7 +67,7 @@ def doctor(
     machine: Machine | None = None,
     open_port: OpenPort | None = None,
     move: Move = no_move,
-) -> Report:
+) -> DoctorReport:
     """Examine the servos of a robot and return a report.
 
     The function only pings and reads, and it does not change the torque unless ``move`` moves the joints

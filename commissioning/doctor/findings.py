@@ -20,14 +20,14 @@ class Kind:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FindingPlace:
     """Place of a finding: the whole machine (all fields None), a bus, or a servo."""
 
     bus: str | None = None
     joint: str | None = None
     servo_id: int | None = None
 
-    def covers(self, other: "Place") -> bool:
+    def covers(self, other: "FindingPlace") -> bool:
         """Whether the other place is the same place or part of it."""
         return self.bus in (None, other.bus) and self.servo_id in (None, other.servo_id)
 
@@ -44,7 +44,7 @@ class Finding:
     id: str
     severity: Severity
     rank: int
-    place: Place
+    place: FindingPlace
     symptom: str
     cause: str
     command: str | None = None
@@ -159,6 +159,6 @@ KINDS: Final[dict[str, Kind]] = {
 """All kinds of findings, by id."""
 
 
-def finding(kind: str, place: Place, symptom: str, cause: str, command: str | None = None) -> Finding:
+def finding(kind: str, place: FindingPlace, symptom: str, cause: str, command: str | None = None) -> Finding:
     """Return a finding of one of ``KINDS``."""
     return Finding(kind, KINDS[kind].severity, KINDS[kind].rank, place, symptom, cause, command)

@@ -20,7 +20,7 @@ from hal.joint import Joint
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class SearchResult:
     """Result of the search for missing and unexpected servos."""
 
     bauds: Mapping[int, int] = field(default_factory=dict)
@@ -29,11 +29,11 @@ class Found:
     """Servos that do not belong to a joint."""
 
 
-Search = Callable[[Port, Clock, Make, Sequence[int], Sequence[int]], Found]
+Search = Callable[[Port, Clock, Make, Sequence[int], Sequence[int]], SearchResult]
 """Search function. Its arguments are the port, the clock, the make, the missing IDs and all IDs of the robot."""
 
 
-def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> Found:
+def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> SearchResult:
     """Search for missing servos at all baud rates of the make, and for unexpected servos at the port's own baud rate.
 
     Raises PortLost.
@@ -42,7 +42,7 @@ def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], kn
     elsewhere = scan(port, clock, servo_ids=missing, makes=(make,)).servos if missing else ()
     here = scan(port, clock, bauds=(former,), makes=(make,)).servos
     strangers = tuple(Stranger(one.servo_id, one.baud, one.model) for one in here if one.servo_id not in known)
-    return Found({one.servo_id: one.baud for one in elsewhere if one.baud != former}, strangers)
+    return SearchResult({one.servo_id: one.baud for one in elsewhere if one.baud != former}, strangers)
 
 
 LARGEST_BLOCK: Final = 60

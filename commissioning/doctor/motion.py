@@ -9,7 +9,7 @@ import numpy as np
 from commissioning.doctor.findings import Finding
 from commissioning.doctor.measure import OpenPort
 from commissioning.doctor.snapshot import BusSnapshot, Snapshot
-from commissioning.drive_trial import DriveTrial, JointMotion
+from commissioning.drive_trial import DriveTrial, TrialMotion
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
@@ -19,7 +19,7 @@ from hal.errors import HalError
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 
-Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[JointMotion, ...], str]]
+Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[TrialMotion, ...], str]]
 """Function that moves the joints, given the measurements and findings so far.
 
 It returns the motions, and a message if joints were not moved.
@@ -30,7 +30,7 @@ WAY_RAD: Final = 0.4
 FASTEST_RAD_S: Final = 1.0
 
 
-def no_move(snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[JointMotion, ...], str]:
+def no_move(snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
     """Do not move any joint, because the user did not request it."""
     return (), ""
 
@@ -44,7 +44,7 @@ class SmallMotions:
     gravity: Gravity | None = None
     stopped: Callable[[], bool] = field(default=lambda: False)
 
-    def __call__(self, snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[JointMotion, ...], str]:
+    def __call__(self, snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[TrialMotion, ...], str]:
         """Move the joints; return the motions and a message if joints were not moved."""
         servos = [servo for bus in snapshot.buses for servo in bus.servos]
         if held := [servo_name(servo.joint) for servo in servos if servo.registers.get("torque_enable")]:
@@ -59,7 +59,7 @@ class SmallMotions:
                 "The joints were not moved, because it could not be read whether the torque is on at "
                 f"{', '.join(unread)}. Run the doctor again"
             )
-        motions: list[JointMotion] = []
+        motions: list[TrialMotion] = []
         try:
             for bus in snapshot.buses:
                 motions += self._bus(bus, [servo.joint for servo in servos])
@@ -67,7 +67,7 @@ class SmallMotions:
             return tuple(motions), str(error)
         return tuple(motions), ""
 
-    def _bus(self, bus: BusSnapshot, all_joints: Sequence[Joint]) -> list[JointMotion]:
+    def _bus(self, bus: BusSnapshot, all_joints: Sequence[Joint]) -> list[TrialMotion]:
         joints = [servo.joint for servo in bus.servos]
         models = {joint.servo_id: joint.model for joint in joints}
 
@@ -77,7 +77,7 @@ class SmallMotions:
         with SlowArm(open_bus, joints, self.clock, self.stopped, FASTEST_RAD_S) as arm:
             return [self._joint(arm, index, all_joints) for index in range(len(joints))]
 
-    def _joint(self, arm: SlowArm, index: int, all_joints: Sequence[Joint]) -> JointMotion:
+    def _joint(self, arm: SlowArm, index: int, all_joints: Sequence[Joint]) -> TrialMotion:
         trial = DriveTrial(arm, index, _way(arm, index))
         trial.run()
         ends = (0.0, trial.way)

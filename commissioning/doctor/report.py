@@ -48,7 +48,7 @@ class BusFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class DoctorReport:
     """Findings and measurements of an arm."""
 
     findings: tuple[Finding, ...]
@@ -63,9 +63,9 @@ class Report:
         return not any(finding.severity == "fault" for finding in self.findings)
 
 
-def report_of(snapshot: Snapshot, findings: tuple[Finding, ...], adapters: Iterable[Adapter] = ()) -> Report:
+def report_of(snapshot: Snapshot, findings: tuple[Finding, ...], adapters: Iterable[Adapter] = ()) -> DoctorReport:
     """Return a report with the findings and the measurements of the snapshot."""
-    return Report(findings, tuple(_bus(bus) for bus in snapshot.buses), tuple(map(_adapter, adapters)))
+    return DoctorReport(findings, tuple(_bus(bus) for bus in snapshot.buses), tuple(map(_adapter, adapters)))
 
 
 def _adapter(adapter: Adapter) -> str:
@@ -104,7 +104,7 @@ def _servo(servo: ServoSnapshot) -> ServoFigures:
 PACKAGES: Final = ("servoloop", "pyserial", "feetech-servo-sdk", "dynamixel-sdk")
 
 
-def markdown(report: Report, user: str, robot: Path | None = None) -> str:
+def markdown(report: DoctorReport, user: str, robot: Path | None = None) -> str:
     """Return the report as Markdown, for a bug report.
 
     Args:
@@ -124,7 +124,7 @@ def without_names(text: str, user: str, host: str) -> str:
     return text
 
 
-def _lines(report: Report, robot: Path | None) -> Iterator[str]:
+def _lines(report: DoctorReport, robot: Path | None) -> Iterator[str]:
     yield from ("# servoloop doctor", "", "## Findings", "")
     yield from _findings(report.findings)
     yield from ("", "## Versions", "")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from commissioning.drive_trial import JointMotion
+from commissioning.drive_trial import TrialMotion
 from drivers.bus.types import ServoState
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
@@ -104,7 +104,7 @@ class Snapshot:
     calibration: CalibrationFile | None = None
     arm: str = "NAME"
     """Name of the arm on the command line."""
-    motions: tuple[JointMotion, ...] = ()
+    motions: tuple[TrialMotion, ...] = ()
     not_moved: str = ""
     """Reason why the joints were not moved although the user requested it."""
 

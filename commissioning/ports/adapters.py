@@ -14,7 +14,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from commissioning.errors import CommissioningError
 from commissioning.ports.chips import CHIPS, chip_text
-from commissioning.ports.machine import USUAL_GROUP, Holder, Machine, Permission, permission
+from commissioning.ports.machine import USUAL_GROUP, Holder, Machine, PortPermission, permission
 from drivers.port.latency import latency_advice
 
 RULE_FILE: Final = "/etc/udev/rules.d/99-servos.rules"
@@ -191,7 +191,7 @@ class Adapter:
     product: str | None
     serial_number: str | None
     by_id: str | None
-    permission: Permission | None
+    permission: PortPermission | None
     """Permission of the user; None if the device has disappeared."""
     latency_ms: int | None
     """Latency timer; None if the adapter has none."""

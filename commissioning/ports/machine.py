@@ -125,7 +125,7 @@ USUAL_GROUP: Final = "dialout"
 
 
 @dataclass(frozen=True, slots=True)
-class Permission:
+class PortPermission:
     """Permission of the user to open a device."""
 
     mode: str
@@ -144,7 +144,7 @@ class Permission:
         return f"sudo usermod -aG {USUAL_GROUP if self.group == 'root' else self.group} {user}"
 
 
-def permission(machine: Machine, device: str) -> Permission | None:
+def permission(machine: Machine, device: str) -> PortPermission | None:
     """Return the user's permission for a device; None if the device has disappeared."""
     try:
         status = machine.path(device).stat()
@@ -153,7 +153,7 @@ def permission(machine: Machine, device: str) -> Permission | None:
     group, members = _group(status.st_gid)
     may_open = _may_open(machine.user, status.st_uid, status.st_gid, status.st_mode)
     joined = not may_open and bool(status.st_mode & stat.S_IWGRP) and machine.user.name in members
-    return Permission(f"{stat.S_IMODE(status.st_mode):04o}", group, may_open, joined)
+    return PortPermission(f"{stat.S_IMODE(status.st_mode):04o}", group, may_open, joined)
 
 
 def _may_open(user: User, owner: int, group: int, mode: int) -> bool:

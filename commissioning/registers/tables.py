@@ -25,9 +25,9 @@ MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 
 def registers_of(model: ServoModel) -> tuple[Register, ...]:
     """Return all registers of a model, sorted by address."""
-    if isinstance(model, x.Model):
+    if isinstance(model, x.XModel):
         return x.registers(model)
-    if isinstance(model, ax_mx.Model):
+    if isinstance(model, ax_mx.AxMxModel):
         return ax_mx.registers(model)
     return series_of(model).registers
 

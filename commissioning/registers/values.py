@@ -97,9 +97,9 @@ assert xl320.FULL_TORQUE == ax_mx.FULL_TORQUE == 1023 and STS_CURRENT.scale == s
 def unit_of(model: ServoModel, register: Register) -> Unit:
     """Return the unit of a register, which for some registers depends on the model."""
     name = register.name
-    if isinstance(model, x.Model) and name in ("present_current", "goal_current", "current_limit"):
+    if isinstance(model, x.XModel) and name in ("present_current", "goal_current", "current_limit"):
         return Unit("A", model.current_unit_a or 1.0)
-    if isinstance(model, ax_mx.Model) and name in ("moving_speed", "present_speed"):
+    if isinstance(model, ax_mx.AxMxModel) and name in ("moving_speed", "present_speed"):
         return Unit("rpm", round(model.speed_unit_counts_s * 60.0 / model.counts_per_turn, 6))
     return UNITS[series_of(model).name].get(name, NO_UNIT)
 

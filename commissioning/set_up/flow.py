@@ -12,7 +12,7 @@ from commissioning.scan.answers import Answer, who_answers
 from commissioning.set_up.only_one import (
     FACTORY_ID,
     NotYet,
-    Place,
+    ServoPlace,
     SetUpError,
     bring_to_rate,
     in_order,
@@ -31,7 +31,7 @@ TRIES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class SetUpTask:
     """A task for the person who connects the servos."""
 
     kind: Literal["one", "chain"]
@@ -43,10 +43,10 @@ class Task:
     """Reason why the task is repeated; empty the first time."""
 
 
-class Guide(Protocol):
+class SetUpDialog(Protocol):
     """Interface to the person who connects the servos, or to a script in a test."""
 
-    def connect(self, task: Task) -> None:
+    def connect(self, task: SetUpTask) -> None:
         """Return when the task is done."""
         ...
 
@@ -90,8 +90,8 @@ class SetUp:
         self,
         bus: Bus,
         clock: Clock,
-        places: Sequence[Place],
-        guide: Guide,
+        places: Sequence[ServoPlace],
+        guide: SetUpDialog,
         *,
         turn: bool = False,
         stopped: Callable[[], bool] = lambda: False,
@@ -142,7 +142,7 @@ class SetUp:
                 self._made[place.joint] = _Made()
                 self._guide.say(f"{place.joint}: servo {place.servo_id} is already set up")
 
-    def _is_as_wanted(self, place: Place, answers: Mapping[int, Answer]) -> bool:
+    def _is_as_wanted(self, place: ServoPlace, answers: Mapping[int, Answer]) -> bool:
         if place.servo_id not in answers or not answers[place.servo_id].clear:
             return False
         try:
@@ -151,7 +151,7 @@ class SetUp:
         except (NotYet, ServoError):
             return False
 
-    def _one(self, place: Place) -> None:
+    def _one(self, place: ServoPlace) -> None:
         """Ask the user to connect one servo, and set it up for this joint."""
         text, problem = f"Connect only the servo for {place.joint}. It gets ID {place.servo_id}", ""
         if self._turns(place):
@@ -160,7 +160,7 @@ class SetUp:
                 "it)"
             )
         for _ in range(TRIES):
-            self._guide.connect(Task("one", text, place.joint, problem))
+            self._guide.connect(SetUpTask("one", text, place.joint, problem))
             try:
                 self._made[place.joint] = self._set_up(place)
                 return
@@ -168,7 +168,7 @@ class SetUp:
                 problem = "\n".join([str(error), *getattr(error, "__notes__", [])])
         raise SetUpError(f"{place.joint}: {problem}")
 
-    def _set_up(self, place: Place) -> _Made:
+    def _set_up(self, place: ServoPlace) -> _Made:
         answer = only_servo(self._bus, list(rates_of(place.model).values()))
         if answer.baud == self._bus.baud:
             require_fit(self._bus, answer.servo_id, place, self._places)
@@ -186,10 +186,10 @@ class SetUp:
         self._guide.say(f"{place.joint}: servo {place.servo_id} is set up ({done})")
         return _Made(changes, answer.servo_id, None if answer.baud == self._bus.baud else answer.baud, gear)
 
-    def _turns(self, place: Place) -> bool:
+    def _turns(self, place: ServoPlace) -> bool:
         return self.turn and bool(rivals(place.model))
 
-    def _gear(self, place: Place, servo_id: int) -> GearResult:
+    def _gear(self, place: ServoPlace, servo_id: int) -> GearResult:
         """Turn the horn of the servo to test its gear. Raises NotYet if the servo has another gear."""
         self._guide.say(f"{place.joint}: the horn of servo {servo_id} turns now")
         gear = judge_gear(turn_loose(self._bus, self._clock, servo_id, place, self._stopped))
@@ -225,7 +225,7 @@ class SetUp:
         for _ in range(TRIES):
             if not problems:
                 return [self._audit(place) for place in self._places]
-            self._guide.connect(Task("chain", text, "", problem))
+            self._guide.connect(SetUpTask("chain", text, "", problem))
             problem = "\n".join(problems := self._complaints())
         raise SetUpError(problem)
 
@@ -242,7 +242,7 @@ class SetUp:
                 problems.append(f"{place.joint} (servo {place.servo_id}) {complaint}")
         return problems
 
-    def _complaint(self, place: Place, answer: Answer | None) -> str:
+    def _complaint(self, place: ServoPlace, answer: Answer | None) -> str:
         if answer is None:
             return "does not answer: check its cable"
         if not answer.clear:
@@ -253,7 +253,7 @@ class SetUp:
             return error.text
         return f"did not keep the values that were written to {', '.join(differs)}" if differs else ""
 
-    def _audit(self, place: Place) -> Audit:
+    def _audit(self, place: ServoPlace) -> Audit:
         made = self._made[place.joint]
         volts = voltage(self._bus, place.servo_id)
         return Audit(

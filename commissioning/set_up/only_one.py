@@ -36,7 +36,7 @@ class SetUpError(CommissioningError):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ServoPlace:
     """The servo of one joint, as the robot file describes it."""
 
     joint: str
@@ -73,15 +73,15 @@ class Place:
         return {r.name: (held[r], value) for r, value in self.wanted().items() if held[r] != value}
 
 
-def places_of(robot: RobotFile, bus: str = "") -> list[Place]:
+def places_of(robot: RobotFile, bus: str = "") -> list[ServoPlace]:
     """Return the servos on one bus of a robot file, in the order of the file."""
     return [
-        Place(name, joint.servo_id, MODELS[joint.model], tuple(joint.settings.items()), joint.extended)
+        ServoPlace(name, joint.servo_id, MODELS[joint.model], tuple(joint.settings.items()), joint.extended)
         for name, joint in robot.joints_on(bus).items()
     ]
 
 
-def in_order(places: Sequence[Place]) -> list[Place]:
+def in_order(places: Sequence[ServoPlace]) -> list[ServoPlace]:
     """Return the servos in the order in which they are set up: from the gripper to the base.
 
     The servo that keeps the factory ID comes last. Until then, every servo with the factory ID is a new one.
@@ -121,7 +121,7 @@ def only_servo(bus: Bus, rates: Sequence[int]) -> Answer:
     return found[0]
 
 
-def require_fit(bus: Bus, servo_id: int, place: Place, places: Sequence[Place]) -> float:
+def require_fit(bus: Bus, servo_id: int, place: ServoPlace, places: Sequence[ServoPlace]) -> float:
     """Check that a servo may be used for a joint, and return its supply voltage. The bus is at the servo's baud rate.
 
     Raises NotYet if the servo belongs to another joint, has another model, or holds torque; SetUpError if the voltage
@@ -156,7 +156,7 @@ def state_of(bus: Bus, servo_id: int) -> ServoState:
     raise NotYet(f"{state.text}: check whether its plug is loose")
 
 
-def _require_model(bus: Bus, servo_id: int, place: Place) -> None:
+def _require_model(bus: Bus, servo_id: int, place: ServoPlace) -> None:
     number = retry(partial(bus.read, servo_id, place.series.model_number))
     if number != place.model.number:
         raise NotYet(
@@ -166,7 +166,7 @@ def _require_model(bus: Bus, servo_id: int, place: Place) -> None:
         )
 
 
-def _require_voltage(bus: Bus, servo_id: int, place: Place, voltage_v: float) -> None:
+def _require_voltage(bus: Bus, servo_id: int, place: ServoPlace, voltage_v: float) -> None:
     rated_v, model = place.model.rated_voltage_v, place.model.name
     fault = voltage_fault(place.model, voltage_v)
     if fault is not None and fault.outside:
@@ -184,7 +184,7 @@ def _require_voltage(bus: Bus, servo_id: int, place: Place, voltage_v: float) ->
         )
 
 
-def _limits(bus: Bus, servo_id: int, place: Place) -> tuple[float, float]:
+def _limits(bus: Bus, servo_id: int, place: ServoPlace) -> tuple[float, float]:
     """Return the voltage limits of the servo, from the robot file or, if it does not contain them, from the servo."""
     table, settings = persistent_registers(place.model), dict(place.settings)
     names = next(names for names in LIMITS if names[0] in table)

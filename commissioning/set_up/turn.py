@@ -7,8 +7,8 @@ from functools import partial
 from math import log, tau
 from typing import Final, Literal
 
-from commissioning.drive_trial import STUCK_SHARE, DriveTrial, JointMotion, Pace
-from commissioning.set_up.only_one import NotYet, Place, state_of
+from commissioning.drive_trial import STUCK_SHARE, DriveTrial, TrialMotion, TrialPace
+from commissioning.set_up.only_one import NotYet, ServoPlace, state_of
 from commissioning.slow_arm import SlowArm, StoppedError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
@@ -60,7 +60,7 @@ def called(model: ServoModel) -> str:
     return f"{model.name} ({model.rated_voltage_v:g} V{gear})"
 
 
-def judge_gear(motion: JointMotion | None) -> GearResult:
+def judge_gear(motion: TrialMotion | None) -> GearResult:
     """Compare the drive of a servo that turned its free horn with the models that it may be.
 
     ``motion`` is None if the servo had no room to turn.
@@ -94,7 +94,7 @@ FASTEST_RAD_S: Final = 0.8
 At lower speeds, two gears cannot be distinguished reliably.
 """
 PERIOD_S: Final = 0.04
-PACE: Final = Pace(slow=0.3, ramp_s=0.2, rest_s=0.2)
+PACE: Final = TrialPace(slow=0.3, ramp_s=0.2, rest_s=0.2)
 TORQUE_SHARE: Final = 0.5
 """Torque limit, as a share of full drive. Half of it is for the speed; the rest covers friction and weak models."""
 MARGIN_COUNTS: Final = 32
@@ -106,7 +106,9 @@ JERK_RAD_S3: Final = 100.0
 """A joint must have these limits, but they are not used here."""
 
 
-def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Callable[[], bool]) -> JointMotion | None:
+def turn_loose(
+    bus: Bus, clock: Clock, servo_id: int, place: ServoPlace, stopped: Callable[[], bool]
+) -> TrialMotion | None:
     """Turn the horn of the only servo on the bus; return its motion, or None if it has no room to turn.
 
     The servo must be in position mode with its torque off. Afterwards, even after an error, its torque is off and its
@@ -130,7 +132,7 @@ def turn_loose(bus: Bus, clock: Clock, servo_id: int, place: Place, stopped: Cal
     return trial.motion()
 
 
-def _loose_joint(bus: Bus, servo_id: int, place: Place) -> Joint | None:
+def _loose_joint(bus: Bus, servo_id: int, place: ServoPlace) -> Joint | None:
     """Return the horn as a joint at position 0 that can move to the side with more room; None if there is no room."""
     here = state_of(bus, servo_id).position_counts
     lowest, highest = bus.position_limits(servo_id) or (0, place.model.last_count)
@@ -147,7 +149,7 @@ def _loose_joint(bus: Bus, servo_id: int, place: Place) -> Joint | None:
 
 
 @contextmanager
-def _left_limp(bus: Bus, servo_id: int, place: Place) -> Iterator[None]:
+def _left_limp(bus: Bus, servo_id: int, place: ServoPlace) -> Iterator[None]:
     """Release the torque and restore the torque limit when the context ends; report it if this fails."""
     register = place.series.torque_limit
     before = {} if register is None else {register: retry(partial(bus.read, servo_id, register))}
@@ -162,7 +164,7 @@ def _left_limp(bus: Bus, servo_id: int, place: Place) -> Iterator[None]:
         raise NotYet(may_hold)
 
 
-def _release(bus: Bus, servo_id: int, place: Place, before: Mapping[Register, int]) -> bool:
+def _release(bus: Bus, servo_id: int, place: ServoPlace, before: Mapping[Register, int]) -> bool:
     """Switch the torque off, then restore these registers; return whether the servo acknowledged all writes."""
     try:
         for register, value in {place.series.torque_enable: 0, **before}.items():

@@ -24,7 +24,7 @@ ARRIVED: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class TuneTrace:
     """Time, command and measured position in each cycle, each of shape (n,)."""
 
     time_s: FloatArray
@@ -32,13 +32,13 @@ class Trace:
     position: FloatArray
 
     @classmethod
-    def of(cls, rows: Sequence[tuple[float, float, float]]) -> "Trace":
+    def of(cls, rows: Sequence[tuple[float, float, float]]) -> "TuneTrace":
         """Return a trace from rows of time, command and position. The first row gets time 0."""
         time_s, command, position = (np.array(column) for column in zip(*rows, strict=True))
         return cls(time_s - time_s[0], command, position)
 
 
-def rest_error(trace: Trace) -> float:
+def rest_error(trace: TuneTrace) -> float:
     """Return command minus position at the end of a motion, averaged over ``SETTLED_S``."""
     settled = trace.time_s >= trace.time_s[-1] - SETTLED_S
     return float((trace.command - trace.position)[settled].mean())
@@ -59,7 +59,7 @@ class Response:
     swing_hz: float
 
 
-def response(trace: Trace, count: float) -> Response:
+def response(trace: TuneTrace, count: float) -> Response:
     """Return the response to one step; ``count`` is the size of an encoder count, in rad or m."""
     target, way = trace.command[-1], np.sign(trace.command[-1] - trace.command[0])
     stands = int(np.argmax(np.abs(trace.command - target) < ARRIVED))
@@ -99,7 +99,7 @@ class Following:
     """Root mean square of the following error."""
 
 
-def following(trace: Trace, hz: float) -> Following:
+def following(trace: TuneTrace, hz: float) -> Following:
     """Return the figures of a sine of this frequency, from a least-squares fit over whole periods."""
     error = trace.command - trace.position
     (wanted, phase), (done, later) = (_wave(trace.time_s, curve, hz) for curve in (trace.command, trace.position))
@@ -122,7 +122,7 @@ def _wave(time_s: FloatArray, curve: FloatArray, hz: float) -> tuple[float, floa
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class JointFigures:
     """Figures of one joint with one set of gains. Positions in rad or m, times in seconds."""
 
     overshoot: float
@@ -144,7 +144,9 @@ class Figures:
     shakes: bool
 
 
-def figures(steps: Sequence[Trace], sine: Trace, hz: float, count: float, half_way: tuple[float, float]) -> Figures:
+def figures(
+    steps: Sequence[TuneTrace], sine: TuneTrace, hz: float, count: float, half_way: tuple[float, float]
+) -> JointFigures:
     """Return the figures of a joint.
 
     Args:
@@ -158,7 +160,7 @@ def figures(steps: Sequence[Trace], sine: Trace, hz: float, count: float, half_w
     wave = following(sine, hz)
     slowest = [one.settling_s for one in answers]
     widest = max(answers, key=lambda one: one.swing)
-    return Figures(
+    return JointFigures(
         overshoot=float(np.mean([one.overshoot for one in answers])),
         settling_s=None if None in slowest else max(time_s for time_s in slowest if time_s is not None),
         sag=0.5 * sum(half_way),

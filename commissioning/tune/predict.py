@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from math import copysign
 from typing import Final
 
-from commissioning.tune.figures import Figures
+from commissioning.tune.figures import JointFigures
 from commissioning.tune.gains import with_gains
-from commissioning.tune.trial import Plan
+from commissioning.tune.trial import TrialPlan
 from drivers.servos import sts
 from hal.compensation.servo_compliance import STS_DRIVE_PER_COUNT, STS_FRICTION_SHARE
 from hal.joint import Joint
@@ -100,7 +100,7 @@ def _loop(joint: Joint, inertia: float) -> Loop:
 class Law:
     """Prediction model of one joint that was measured with its present gains."""
 
-    def __init__(self, joint: Joint, plan: Plan, measured: Figures) -> None:
+    def __init__(self, joint: Joint, plan: TrialPlan, measured: JointFigures) -> None:
         """Fit the model; ``joint`` must have the settings of its servo, as from ``as_held``."""
         self._joint, self._measured = joint, measured
         self._count = abs(joint.units_per_count)

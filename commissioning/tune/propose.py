@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from commissioning.tune.figures import Figures
+from commissioning.tune.figures import JointFigures
 from commissioning.tune.predict import Law, Predicted
-from commissioning.tune.trial import Plan
+from commissioning.tune.trial import TrialPlan
 from drivers.servos import sts
 from hal.compensation.servo_compliance import STS_SETTINGS
 from hal.joint import Joint
@@ -47,7 +47,7 @@ class Proposal:
     """Predicted figures with the proposed gains; None if there are none."""
 
 
-def propose(joint: Joint, held: Mapping[str, int], plan: Plan, measured: Figures) -> Proposal:
+def propose(joint: Joint, held: Mapping[str, int], plan: TrialPlan, measured: JointFigures) -> Proposal:
     """Return a proposal for a joint that was measured with the gains ``held``.
 
     ``joint`` must have the settings of its servo, as from ``as_held``.
@@ -64,7 +64,7 @@ def propose(joint: Joint, held: Mapping[str, int], plan: Plan, measured: Figures
 
 
 def _changes(
-    joint: Joint, held: Mapping[str, int], plan: Plan, measured: Figures, law: Law
+    joint: Joint, held: Mapping[str, int], plan: TrialPlan, measured: JointFigures, law: Law
 ) -> Iterator[tuple[str, int, str]]:
     """Yield the name, the new value and the reason for each gain to change."""
     count = abs(joint.units_per_count)
@@ -88,7 +88,7 @@ def _changes(
         yield from _damped(held, plan, measured, law, values, count)
 
 
-def _calmer(held: Mapping[str, int], measured: Figures, count: float) -> Iterator[tuple[str, int, str]]:
+def _calmer(held: Mapping[str, int], measured: JointFigures, count: float) -> Iterator[tuple[str, int, str]]:
     swing = f"it swings by {measured.swing / count:.0f} counts at rest ({measured.swing_hz:.1f} Hz)"
     if held.get("I"):
         yield "I", 0, f"{swing}, because I {held['I']} integrates the error from friction until the joint overshoots"
@@ -110,7 +110,7 @@ def _calmer(held: Mapping[str, int], measured: Figures, count: float) -> Iterato
 
 
 def _stiffer(
-    joint: Joint, held: Mapping[str, int], measured: Figures, law: Law, values: Mapping[str, int]
+    joint: Joint, held: Mapping[str, int], measured: JointFigures, law: Law, values: Mapping[str, int]
 ) -> tuple[int, str] | None:
     """Return a larger P and the reason if the error at rest is too large; at most the factory value of an STS."""
     count, now = abs(joint.units_per_count), held["P"]
@@ -132,7 +132,7 @@ def _stiffer(
 
 
 def _damped(
-    held: Mapping[str, int], plan: Plan, measured: Figures, law: Law, values: Mapping[str, int], count: float
+    held: Mapping[str, int], plan: TrialPlan, measured: JointFigures, law: Law, values: Mapping[str, int], count: float
 ) -> Iterator[tuple[str, int, str]]:
     """Yield the smallest D with an acceptable overshoot, or the D with the least overshoot."""
     allowed, position_p = ALLOWED_OVERSHOOT * abs(plan.step), values.get("P", held["P"])

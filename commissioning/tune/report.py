@@ -14,7 +14,7 @@ from hal.joint import Joint
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class TuneReport:
     """Result of the tuning of one joint."""
 
     joint: Joint
@@ -28,7 +28,7 @@ class Report:
     after: Measurement | None = None
     """Measurement with the written gains; None if none were written."""
 
-    def completed(self, written: tuple[Written, ...], after: Measurement) -> "Report":
+    def completed(self, written: tuple[Written, ...], after: Measurement) -> "TuneReport":
         """Return the report with the written gains and the measurement after it."""
         return replace(self, written=written, after=after)
 
@@ -95,7 +95,9 @@ def kept(model: ServoModel, values: Mapping[str, int], named: Mapping[str, int])
     return found
 
 
-def tune(tuner: Tuner, at: float | None = None, write: Mapping[str, int] | None = None, apply: bool = False) -> Report:
+def tune(
+    tuner: Tuner, at: float | None = None, write: Mapping[str, int] | None = None, apply: bool = False
+) -> TuneReport:
     """Measure a joint, propose gains, and optionally write gains and measure again.
 
     Args:
@@ -120,7 +122,7 @@ def tune(tuner: Tuner, at: float | None = None, write: Mapping[str, int] | None 
     values = _chosen(before, proposal, write, apply)
     law = Law(joint, before.plan, before.figures)
     predicted = law.predict(values) if values else proposal.predicted
-    report = Report(joint, before, proposal, predicted, tuner.named)
+    report = TuneReport(joint, before, proposal, predicted, tuner.named)
     if not values:
         return report
     written = tuner.write(values)

@@ -6,7 +6,7 @@ from math import cos, pi, sqrt
 from typing import Final
 
 from commissioning.slow_arm import SPEED_SHARE, SlowArm
-from commissioning.tune.figures import Trace, rest_error
+from commissioning.tune.figures import TuneTrace, rest_error
 from commissioning.tune.gains import TuneError
 from hal.joint import Joint
 
@@ -26,7 +26,7 @@ SPEED_MARGIN: Final = 0.8
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class TrialPlan:
     """Motion of a joint, in rad or m: from ``start`` to ``near``, then back and forth between ``near`` and ``far``."""
 
     joint: str
@@ -43,7 +43,7 @@ class Plan:
         return self.far - self.near
 
 
-def plan_for(joint: Joint, start: float, at: float | None = None) -> Plan:
+def plan_for(joint: Joint, start: float, at: float | None = None) -> TrialPlan:
     """Return a plan that moves the joint toward its farther limit. The motions are smaller if there is little room.
 
     Args:
@@ -69,7 +69,7 @@ def plan_for(joint: Joint, start: float, at: float | None = None) -> Plan:
             f"{joint.name} has not enough room to move between its limits {limits.lower:.3f} and {limits.upper:.3f}"
         )
     speed = min(SPEED_SHARE * limits.velocity, FASTEST_RAD_S * unit)
-    return Plan(joint.name, start, near, near + way * step, speed, _sine_hz(joint, step, speed))
+    return TrialPlan(joint.name, start, near, near + way * step, speed, _sine_hz(joint, step, speed))
 
 
 def _sine_hz(joint: Joint, step: float, speed: float) -> float:
@@ -79,7 +79,7 @@ def _sine_hz(joint: Joint, step: float, speed: float) -> float:
     return min(SINE_HZ, by_speed, by_acceleration)
 
 
-def plan_question(joint: Joint, plan: Plan, others: Sequence[str], end: str) -> str:
+def plan_question(joint: Joint, plan: TrialPlan, others: Sequence[str], end: str) -> str:
     """Return the plan as a question to the user; ``end`` says how the arm is left."""
     unit, counts = ("rad" if joint.transmission == 1.0 else "m"), abs(plan.step / joint.units_per_count)
     held = f" {', '.join(others)} will hold their positions." if others else ""
@@ -105,10 +105,10 @@ MOVED_SHARE: Final = 0.5
 """Minimum motion in the slow pass, as a share of the step. A joint that moves less is blocked."""
 
 
-class Trial:
+class TuneTrial:
     """The motions of one joint. They stop if the joint does not follow or its servo reports an alarm."""
 
-    def __init__(self, arm: SlowArm, index: int, plan: Plan) -> None:
+    def __init__(self, arm: SlowArm, index: int, plan: TrialPlan) -> None:
         self._arm, self._index, self._plan = arm, index, plan
         self._joint = arm.joints[index]
 
@@ -140,20 +140,20 @@ class Trial:
         self._arm.go_all(targets, self._check)
         return rest_error(self._for(SHORT_REST_S, lambda time_s: target))
 
-    def step(self, target: float) -> Trace:
+    def step(self, target: float) -> TuneTrace:
         """Command a step, which the safety gate turns into a ramp at the plan's speed, and wait until it rests."""
         ramp_s = abs(target - float(self._arm.command[self._index])) / self._plan.speed
         return self._for(ramp_s + REST_S, lambda time_s: target)
 
-    def sine(self) -> Trace:
+    def sine(self) -> TuneTrace:
         """Move along a sine between near and far. The trace does not contain the first period."""
         near, half, hz = self._plan.near, 0.5 * self._plan.step, self._plan.sine_hz
         whole = self._for(PERIODS / hz, lambda time_s: near + half * (1.0 - cos(2.0 * pi * hz * time_s)))
         later = whole.time_s >= 1.0 / hz
         self._for(SHORT_REST_S, lambda time_s: near)
-        return Trace(whole.time_s[later], whole.command[later], whole.position[later])
+        return TuneTrace(whole.time_s[later], whole.command[later], whole.position[later])
 
-    def _for(self, seconds: float, position: Callable[[float], float]) -> Trace:
+    def _for(self, seconds: float, position: Callable[[float], float]) -> TuneTrace:
         """Run cycles for some seconds; ``position`` returns the goal for the expected end of each cycle."""
         rows, cycles, begin_s = [self._row()], 1, self._arm.asked_s
         while (elapsed_s := self._arm.asked_s - begin_s) < seconds:
@@ -167,7 +167,7 @@ class Trial:
                 f"{self._called} answered in only {len(rows)} of {cycles} cycles, too few to measure its motion. Run "
                 "`servoloop doctor` to find the problem of the bus"
             )
-        return Trace.of(rows)
+        return TuneTrace.of(rows)
 
     def _row(self) -> tuple[float, float, float]:
         return self._arm.asked_s, float(self._arm.command[self._index]), self._arm.measured(self._index)

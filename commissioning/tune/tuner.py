@@ -7,9 +7,9 @@ from typing import Final
 
 from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm, StoppedError
-from commissioning.tune.figures import Figures, Trace, figures
+from commissioning.tune.figures import JointFigures, TuneTrace, figures
 from commissioning.tune.gains import TuneError, Written, as_held, read_gains, with_gains, write_gains
-from commissioning.tune.trial import FASTEST_RAD_S, Plan, Trial, plan_for
+from commissioning.tune.trial import FASTEST_RAD_S, TrialPlan, TuneTrial, plan_for
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoState
 from drivers.clock import Clock
@@ -41,10 +41,10 @@ class Measurement:
     """Measurement of a joint with its present gains."""
 
     gains: Mapping[str, int]
-    plan: Plan
-    figures: Figures
-    steps: tuple[Trace, ...]
-    sine: Trace
+    plan: TrialPlan
+    figures: JointFigures
+    steps: tuple[TuneTrace, ...]
+    sine: TuneTrace
 
 
 class Tuner:
@@ -173,7 +173,7 @@ class Tuner:
             self._begun = arm.command.copy()
         arm.go_all(self._begun)
         plan = plan_for(self.joint, float(self._begun[self._index]), at)
-        trial = Trial(arm, self._index, plan)
+        trial = TuneTrial(arm, self._index, plan)
         half_way = trial.look_for_room()
         steps = [trial.step(target) for _ in range(TIMES) for target in (plan.far, plan.near)]
         sine = trial.sine()

@@ -10,7 +10,7 @@ from controller.manager.controllers_file import no_type
 from controller.manager.factory import Factory
 from controller.manager.plugins import controller_types, look_for_plugins_again
 from controller.manager.requests import Request
-from controller.manager.settings import Settings
+from controller.manager.settings import ManagerSettings
 from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
 from controller.parameters import Parameters
 
@@ -33,7 +33,7 @@ class ManagerClient:
         self._changes: dict[str, tuple[ControllerSpec, Request[None]]] = {}
         """Latest parameter change of each controller, by name. The loop may not have applied the change yet."""
 
-    def load(self, name: str, settings: Settings) -> Request[None]:
+    def load(self, name: str, settings: ManagerSettings) -> Request[None]:
         """Load a controller. The arguments are those of ``Factory.spec``."""
         if name in self._manager.registry.loaded:
             raise ManagerError(f"A controller named '{name}' was already loaded inside the controller manager")

@@ -12,12 +12,12 @@ from controller.manager.controller_spec import ControllerSpec, name_mistake, wit
 from controller.manager.node_parameters import Content, files_in, merged, names, parameters_in, parameters_of
 from controller.manager.parameter_file import ALL, MOST_NODES, PARAMETERS, read_parameter_file
 from controller.manager.plugins import SUCCESSORS, broken_plugins, controller_types, outdated
-from controller.manager.settings import SETTINGS, Settings, setting_mistakes
+from controller.manager.settings import SETTINGS, ManagerSettings, setting_mistakes
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo
 from hal.types import Interface
-from hal.yaml_file import Places, mistakes
+from hal.yaml_file import YamlPlaces, mistakes
 from hal.yaml_nodes import YamlFile
 
 LOG = logging.getLogger("servoloop.controller")
@@ -65,7 +65,7 @@ class _FileWithDefaults:
 
     file: YamlFile
     content: Content
-    defaults: Places
+    defaults: YamlPlaces
 
     def place(self, location: Sequence[int | str]) -> str:
         node, _, *keys = location
@@ -75,7 +75,7 @@ class _FileWithDefaults:
 
 
 def load_controllers_file(
-    path: Path, defaults: Defaults, component: HardwareInfo, origin: Places | None = None
+    path: Path, defaults: Defaults, component: HardwareInfo, origin: YamlPlaces | None = None
 ) -> ControllersFile:
     """Read and check a controllers file.
 
@@ -103,7 +103,9 @@ def load_controllers_file(
     return ControllersFile(file, manager.update_rate, tuple(controllers), content, defaults)
 
 
-def load_controller(file: ControllersFile, name: str, settings: Settings, component: HardwareInfo) -> ControllerSpec:
+def load_controller(
+    file: ControllersFile, name: str, settings: ManagerSettings, component: HardwareInfo
+) -> ControllerSpec:
     """Build the spec of one controller. Required parameters may still be missing.
 
     Args:
@@ -117,7 +119,7 @@ def load_controller(file: ControllersFile, name: str, settings: Settings, compon
         ValueError: An argument of the node is not valid YAML.
     """
     source = _Source(file.yaml, file.content, file.defaults, file.manager)
-    settings = settings.over(Settings.of(source.entry(name)))
+    settings = settings.over(ManagerSettings.of(source.entry(name)))
     last, content, parameters = source.parameters(name, settings)
     reader = _Reader(last, content, component, [], last, complete=False)
     found = list(reader.controller(name, settings, parameters))
@@ -160,7 +162,7 @@ class _Source:
         typed = [n for n in own if n not in named and parameters_of(self.content, n).get("type") in known]
         return [name for name in dict.fromkeys([*named, *typed]) if name not in GROUPS]
 
-    def parameters(self, name: str, settings: Settings) -> tuple[YamlFile, Content, dict[str, Any]]:
+    def parameters(self, name: str, settings: ManagerSettings) -> tuple[YamlFile, Content, dict[str, Any]]:
         """Return the file with the highest priority, its content, and the merged parameters of a controller.
 
         Raises ControllersFileError or ValueError.
@@ -194,7 +196,7 @@ class _Reader:
     content: Content
     component: HardwareInfo
     problems: list[str]
-    places: Places
+    places: YamlPlaces
     complete: bool = True
     """Whether a required parameter that is missing is a mistake."""
 
@@ -217,7 +219,7 @@ class _Reader:
                 self.report(name, "wait_for", f"names {other}, which is not another controller in this file")
             if self._settings_wrong(source, name):
                 continue
-            settings = Settings.of(entry)
+            settings = ManagerSettings.of(entry)
             for other in self._not_in_file(name, settings.fallback, known):
                 key = f"{name}.fallback_controllers"
                 self.report(
@@ -256,7 +258,9 @@ class _Reader:
             self.problems += mistakes(self.places, error, (name, PARAMETERS), name)
             return None
 
-    def controller(self, name: str, settings: Settings, parameters: Mapping[str, Any]) -> Iterator[ControllerSpec]:
+    def controller(
+        self, name: str, settings: ManagerSettings, parameters: Mapping[str, Any]
+    ) -> Iterator[ControllerSpec]:
         """Yield the spec of a controller, unless it has mistakes."""
         kind = settings.kind
         if kind in SUCCESSORS and self.complete:

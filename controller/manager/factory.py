@@ -7,7 +7,7 @@ from controller.manager.controller_spec import ControllerSpec
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, claim_mistakes, load_controller
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types
-from controller.manager.settings import Settings
+from controller.manager.settings import ManagerSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,7 @@ class Factory:
     file: ControllersFile
     context: ControllerContext
 
-    def spec(self, name: str, settings: Settings) -> ControllerSpec:
+    def spec(self, name: str, settings: ManagerSettings) -> ControllerSpec:
         """Return the checked spec of a controller. The controllers file provides settings that are not in ``settings``.
 
         Raises:

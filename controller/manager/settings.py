@@ -12,7 +12,7 @@ SETTINGS: Final = ("type", "fallback_controllers", "params_file", "node_options_
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class ManagerSettings:
     """Settings of one controller. An empty setting counts as not set."""
 
     kind: str = ""
@@ -35,9 +35,9 @@ class Settings:
             tuple(arguments.split()) if isinstance(arguments, str) else _texts(arguments),
         )
 
-    def over(self, other: "Settings") -> "Settings":
+    def over(self, other: "ManagerSettings") -> "ManagerSettings":
         """Return these settings, with missing values taken from ``other``."""
-        return Settings(
+        return ManagerSettings(
             self.kind or other.kind,
             self.files or other.files,
             self.fallback or other.fallback,

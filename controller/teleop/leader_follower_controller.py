@@ -26,7 +26,7 @@ SMOOTHED_S: Final = 0.04
 """Time constant of the filter for the leader's velocity, in seconds. The velocity compensates for servo lag."""
 
 
-class Phase(StrEnum):
+class FollowerPhase(StrEnum):
     """Current activity of the follower."""
 
     HOLDING = "holding"
@@ -75,7 +75,7 @@ class LeaderFollowerController:
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.allowed = False
         """Whether the follower may move. Another thread sets this flag when the operator allows motion."""
-        self.phase = Phase.HOLDING
+        self.phase = FollowerPhase.HOLDING
         self.reason = ""
         """Why the follower holds its position although it may move."""
         self.joints = tuple(joints)
@@ -124,7 +124,7 @@ class LeaderFollowerController:
         if last is not None:
             velocity = self._gain * (leader - last) / period_s
             self._velocity += (velocity - self._velocity) * min(1.0, period_s / SMOOTHED_S)
-        if self.phase is not Phase.FOLLOWING:
+        if self.phase is not FollowerPhase.FOLLOWING:
             self._join(target, period_s)
         else:
             self._follow(target, period_s)
@@ -155,17 +155,17 @@ class LeaderFollowerController:
         return ""
 
     def _hold(self, reason: str) -> None:
-        self.phase, self.reason, self._ramp = Phase.HOLDING, reason, None
+        self.phase, self.reason, self._ramp = FollowerPhase.HOLDING, reason, None
         self._velocity = np.zeros(len(self.joints))
 
     def _join(self, target: FloatArray, period_s: float) -> None:
         if self._ramp is None:
             self._ramp = RampIn(self.command, self._limits, period_s)
-            self.phase, self.reason = Phase.JOINING, ""
+            self.phase, self.reason = FollowerPhase.JOINING, ""
         self._ramp.step(target)
         self.command = np.clip(self._ramp.command, self._lower, self._upper)
         if self._ramp.joined(target):
-            self.phase, self._ramp, self._share = Phase.FOLLOWING, None, SHARE
+            self.phase, self._ramp, self._share = FollowerPhase.FOLLOWING, None, SHARE
 
     def _follow(self, target: FloatArray, period_s: float) -> None:
         """Follow the leader within the speed limit, ahead of it by the period and the lag of the servos."""

@@ -13,7 +13,15 @@ import numpy as np
 from controller.motion import Kinematics, MotionError, Path, motion_to, plan_stop
 from controller.trajectory.goal import Allowed, GoalPoint, TrajectoryGoal, limits_reason, reason_to_reject
 from controller.trajectory.integration import integrated
-from controller.trajectory.paths import Joined, Task, begun_at, jerk_limited_path, smooth_lead, spline_lead, spline_path
+from controller.trajectory.paths import (
+    Joined,
+    PathTask,
+    begun_at,
+    jerk_limited_path,
+    smooth_lead,
+    spline_lead,
+    spline_path,
+)
 from controller.trajectory.steps import StepPlan
 from controller.trajectory.waypoints import Waypoints
 from hal.types import FloatArray, JointLimits
@@ -55,7 +63,7 @@ class GoalPlanner:
             waypoints = at_most(ahead(waypoints), self.limits)
             if self.endless:
                 waypoints = waypoints.by_shortest_turn(reference.position, self.endless)
-            plan = prepare(self.method, Task(reference, waypoints, self.limits, self.joints))
+            plan = prepare(self.method, PathTask(reference, waypoints, self.limits, self.joints))
             plan.join(reference, 0.0)
         except MotionError as error:
             raise GoalRejected(str(error)) from error
@@ -136,7 +144,7 @@ def joined_at(times_s: FloatArray, now_s: float) -> int:
     return index if times_s[index] <= now_s + 2.0 * JOINS_S else max(index - 1, first_ahead(times_s, now_s))
 
 
-def prepare(method: Method, task: Task) -> "Plan":
+def prepare(method: Method, task: PathTask) -> "Plan":
     """Prepare a plan with an interpolation method. Raises MotionError if there is no motion within the limits."""
     if method == "none":
         return StepPlan(task.waypoints)
@@ -153,7 +161,7 @@ def prepare(method: Method, task: Task) -> "Plan":
 class PathPlan:
     """Plan of a whole path. ``passes_s`` (m,) holds the times at which the path passes each point."""
 
-    task: Task
+    task: PathTask
     path: Path
     passes_s: FloatArray
     smooth: bool

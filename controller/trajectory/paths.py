@@ -24,7 +24,7 @@ It covers sag, backlash and following error.
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class PathTask:
     """Input of a plan. ``limits`` and ``names`` are in joint order."""
 
     start: Kinematics
@@ -54,13 +54,13 @@ def begun_at(waypoints: Waypoints, here: FloatArray) -> Waypoints:
     )
 
 
-def spline_path(task: Task) -> tuple[Path, FloatArray]:
+def spline_path(task: PathTask) -> tuple[Path, FloatArray]:
     """Return a spline and the times (m,) at which it passes each point. Raises MotionError."""
     path = spline(task.start, task.waypoints, task.limits, task.names)
     return path, _passes(path)
 
 
-def jerk_limited_path(task: Task) -> tuple[Path, FloatArray]:
+def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
     """Return a jerk-limited path and the times (m,) at which it passes each point. Raises MotionError.
 
     The path is ruckig's if it passes few points in the requested time. Otherwise, it is ruckig's or a smoothed spline,
@@ -79,7 +79,7 @@ def jerk_limited_path(task: Task) -> tuple[Path, FloatArray]:
     return smooth, later
 
 
-def _exact(task: Task) -> Motion | None:
+def _exact(task: PathTask) -> Motion | None:
     """Return the path through few points by ruckig, or None if it would leave the position limits between them."""
     if len(task.waypoints.times_s) > FEW:
         return None
@@ -114,12 +114,12 @@ class Joined:
         return self.rest.sample(self.from_s + time_s - self.first.duration_s)
 
 
-def smooth_lead(task: Task, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
+def smooth_lead(task: PathTask, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
     """Plan a jerk-limited motion from ``reference`` to the path's state ``target`` at the point ``index``."""
     return motion_to(reference, within(target, Bounds.of(task.limits)), task.limits, span_s, task.names)
 
 
-def spline_lead(task: Task, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
+def spline_lead(task: PathTask, reference: Kinematics, target: Kinematics, index: int, span_s: float) -> Path:
     """Plan a spline from ``reference`` to ``target``: linear, cubic or quintic, as the point defines."""
     waypoint = Waypoints(
         np.array([span_s]),

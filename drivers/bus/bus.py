@@ -12,7 +12,7 @@ from drivers.bus.group_read import GroupRead
 from drivers.bus.identify import check_model_number, check_settings
 from drivers.bus.indirect import IndirectMaps
 from drivers.bus.known_servos import KnownServos
-from drivers.bus.late_replies import HELD_S, LateReplies
+from drivers.bus.late_replies import HELD_S, LateReplyFilter
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
@@ -74,7 +74,7 @@ class Bus:
             raise ValueError(f"{port.name}: {error}") from error
         self.counters = BusCounters()
         """Replies and faults since the bus was opened, by servo and kind."""
-        late, protocol = LateReplies(), servos.protocol
+        late, protocol = LateReplyFilter(), servos.protocol
         self._line = line = Line(port, clock)
         self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
         self._single = single = SingleServo(line, protocol, self.counters, late)

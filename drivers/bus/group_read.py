@@ -6,7 +6,7 @@ from typing import Final
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S, AdaptiveTimeout
 from drivers.bus.counters import BusCounters, ServoCounters
 from drivers.bus.fast_read import FastReads
-from drivers.bus.late_replies import LateReplies, Missed
+from drivers.bus.late_replies import LateReplyFilter, Missed
 from drivers.bus.read_plan import ReadPlan, ReadResult
 from drivers.bus.reply_assembler import ReplyAssembler
 from drivers.bus.types import ServoFault, ServoState
@@ -28,7 +28,7 @@ _MANY: Final = 4096
 class GroupRead:
     """Group reads of one bus. Faults are counted and returned. The only exception is PortLost."""
 
-    def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplies) -> None:
+    def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplyFilter) -> None:
         self._line = line
         self._protocol = protocol
         self._counters = counters

@@ -37,7 +37,7 @@ class _OpenRequests:
     """Whether the servo has answered a later request, after which no reply to these is expected."""
 
 
-class LateReplies:
+class LateReplyFilter:
     """Open requests of one bus, by servo and size.
 
     A corrupt reply leaves its request open, because the garbage may come from another servo. A refusal that arrives

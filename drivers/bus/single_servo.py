@@ -5,7 +5,7 @@ from typing import Final
 from dynamixel_sdk import COMM_SUCCESS
 
 from drivers.bus.counters import BusCounters
-from drivers.bus.late_replies import LateReplies
+from drivers.bus.late_replies import LateReplyFilter
 from drivers.bus.sdk_adapter import CORRUPT, SdkAdapter
 from drivers.errors import DriverError, ServoCorrupt, ServoRefused, ServoSilent
 from drivers.port.line import Line
@@ -20,7 +20,7 @@ _MANY: Final = 4096  # more bytes than can arrive during the wait for a late rep
 class SingleServo:
     """Requests to a single servo. They raise ServoError for its faults, and PortLost after the port has disappeared."""
 
-    def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplies) -> None:
+    def __init__(self, line: Line, protocol: WireProtocol, counters: BusCounters, late: LateReplyFilter) -> None:
         self._line = line
         self._protocol = protocol
         self._packets = protocol.packets

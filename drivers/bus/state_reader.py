@@ -12,7 +12,7 @@ from drivers.bus.backoff import Backoff
 from drivers.bus.counters import BusCounters
 from drivers.bus.group_read import GROUP_WAIT_S, GroupRead
 from drivers.bus.known_servos import KnownServos
-from drivers.bus.late_replies import LateReplies
+from drivers.bus.late_replies import LateReplyFilter
 from drivers.bus.read_plan import ReadPlan, ReadResult, register_plan
 from drivers.bus.retry import CYCLE_RETRIES
 from drivers.bus.types import Reading, fault
@@ -29,7 +29,7 @@ class StateReader:
     """State reads of one bus. The only exception is PortLost."""
 
     def __init__(
-        self, line: Line, group: GroupRead, servos: KnownServos, counters: BusCounters, late: LateReplies
+        self, line: Line, group: GroupRead, servos: KnownServos, counters: BusCounters, late: LateReplyFilter
     ) -> None:
         self._line = line
         self._group = group

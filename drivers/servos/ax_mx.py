@@ -93,7 +93,7 @@ RPM: Final = 2.0 * math.pi / 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Model(ServoModel):
+class AxMxModel(ServoModel):
     """A servo model. ``own`` holds its registers beyond ``COMMON``. The stall current is that at rated voltage."""
 
     own: tuple[Register, ...]
@@ -106,10 +106,10 @@ class Model(ServoModel):
 
 def _ax(
     name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float, *own: Register
-) -> Model:
+) -> AxMxModel:
     """Create a model with a potentiometer and compliance. ``own`` holds registers that an AX-12A does not have."""
     turn = round(AX_POSITIONS * 360.0 / 300.0)
-    return Model(
+    return AxMxModel(
         name, number, "little", turn, volts, stall_nm, no_load_rpm * RPM, AX_POSITIONS,
         own=_AX_ONLY + own, speed_unit_counts_s=0.111 * turn / 60.0, bulk_read=False, stall_current_a=stall_a,
     )  # fmt: skip
@@ -117,9 +117,9 @@ def _ax(
 
 def _mx(
     name: str, number: int, volts: float, stall_nm: float, stall_a: float, no_load_rpm: float, *own: Register
-) -> Model:
+) -> AxMxModel:
     """Create a model with a magnetic encoder and gains. ``own`` holds registers that an MX-28 does not have."""
-    return Model(
+    return AxMxModel(
         name, number, "little", 4096, volts, stall_nm, no_load_rpm * RPM,
         own=_MX_ONLY + own, speed_unit_counts_s=0.114 * 4096 / 60.0, bulk_read=True, stall_current_a=stall_a,
     )  # fmt: skip
@@ -128,13 +128,13 @@ def _mx(
 AX_12A = _ax("ax-12a", 12, 12.0, 1.5, 1.5, 59.0)
 MX_28 = _mx("mx-28", 29, 12.0, 2.5, 1.4, 55.0)  # protocol 1.0 firmware
 
-MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, AxMxModel)}
 
 SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in MODELS.items()}
 """Unit of speed of each model."""
 
 
-def registers(model: Model) -> tuple[Register, ...]:
+def registers(model: AxMxModel) -> tuple[Register, ...]:
     return by_address(COMMON + model.own)
 
 

@@ -107,7 +107,7 @@ VOLTAGE_UNIT_V: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Model(ServoModel):
+class XModel(ServoModel):
     """A servo model. ``own`` holds its registers beyond ``REGISTERS``. The stall current is that at rated voltage."""
 
     own: tuple[Register, ...]
@@ -119,10 +119,10 @@ class Model(ServoModel):
 def _model(
     name: str, number: int, volts: float, stall_nm: float, stall_a: float, rpm: float, unit_a: float | None,
     *own: Register,
-) -> Model:  # fmt: skip
+) -> XModel:  # fmt: skip
     """Create a model. ``own`` holds registers that not all models have, except those at 38, 102 and 126."""
     own += (present_load,) if unit_a is None else (current_limit, goal_current, present_current)
-    return Model(
+    return XModel(
         name, number, "little", 4096, volts, stall_nm, rpm * 2.0 * math.pi / 60.0,
         own=own, current_unit_a=unit_a, stall_current_a=stall_a,
     )  # fmt: skip
@@ -142,7 +142,7 @@ XM430_W350 = _model("xm430-w350", 1020, 12.0, 4.1, 2.3, 46.0, 0.00269)
 MX_28_2 = _model("mx-28-2.0", 30, 12.0, 2.5, 1.4, 55.0, None, acceleration_limit)
 """MX-28 with protocol 2.0 firmware. With protocol 1.0 firmware, its model number is 29 (``ax_mx``)."""
 
-MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, Model)}
+MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, XModel)}
 
 X330: Final = tuple(model for model in MODELS.values() if pwm_slope in model.own)
 """Models with fewer indirect registers, whose addresses differ in old firmware."""
@@ -150,7 +150,7 @@ CURRENT_UNIT_A: Final = {name: unit_a for name, model in MODELS.items() if (unit
 """Unit of ``present_current`` of each model that measures its current, in A."""
 
 
-def registers(model: Model) -> tuple[Register, ...]:
+def registers(model: XModel) -> tuple[Register, ...]:
     """Return the control table of a model without indirect registers, sorted by address."""
     return by_address(REGISTERS + model.own)
 

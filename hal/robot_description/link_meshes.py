@@ -27,7 +27,7 @@ ZERO: Final[Vector] = (0.0, 0.0, 0.0)
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), NoTruth]
 
 
-class Place(BaseModel):
+class MeshPlace(BaseModel):
     """Entry of the file: one mesh on a link."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -39,12 +39,12 @@ class Place(BaseModel):
     rgb: tuple[Share, Share, Share]
 
 
-class Places(BaseModel):
+class MeshPlaces(BaseModel):
     """Content of the file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    links: dict[str, list[Place]]
+    links: dict[str, list[MeshPlace]]
     """Meshes by link name."""
 
 
@@ -65,7 +65,7 @@ def link_meshes(folder: Path) -> list[LinkMesh]:
     path = folder / PLACES
     if not path.is_file():
         return []
-    links = load(path, Places, ArmFileError).links
+    links = load(path, MeshPlaces, ArmFileError).links
     return [
         LinkMesh(link, path.parent / one.mesh, one.xyz_m, from_rpy(one.rpy_rad), one.rgb)
         for link, meshes in links.items()

@@ -24,7 +24,7 @@ class JointsNow:
     """Fault of each faulty servo, by joint."""
 
 
-class Robot(Protocol):
+class MovableRobot(Protocol):
     """Data about a robot that is available immediately, without a request to the stack."""
 
     @property

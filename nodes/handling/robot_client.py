@@ -23,7 +23,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hal.types import FloatArray
 from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, JointPositions
-from nodes.handling.robot import HandlingError, Robot, describe_faults
+from nodes.handling.robot import HandlingError, MovableRobot, describe_faults
 from nodes.ros_process import spin_until_done
 
 TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
@@ -78,7 +78,7 @@ class RobotClient:
     """
 
     def __init__(
-        self, node: Node, executor: SingleThreadedExecutor, robot: Robot, now: Callable[[], float] = monotonic
+        self, node: Node, executor: SingleThreadedExecutor, robot: MovableRobot, now: Callable[[], float] = monotonic
     ) -> None:
         self._node, self._executor, self._robot, self._now = node, executor, robot, now
         self._known: dict[str, _DrivenController] = {}

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 
 from controller.manager.client import ManagerClient
 from controller.manager.requests import Request
-from controller.manager.settings import SETTINGS, Settings, setting_mistake
+from controller.manager.settings import SETTINGS, ManagerSettings, setting_mistake
 from controller.manager.switch import Loaded, Strictness, SwitchRequest
 from controller.parameters import ManagerParameters
 from drivers.printable import printable
@@ -133,7 +133,7 @@ class ManagerNode:
     def _load(self, request: LoadController.Request) -> Request[None]:
         name = request.name
         settings = {key: value for key in SETTINGS if (value := self._setting(name, key)) is not None}
-        return self._manager_client.load(name, Settings.of(settings))
+        return self._manager_client.load(name, ManagerSettings.of(settings))
 
     def _reload(self, request: ReloadControllerLibraries.Request) -> Request[None]:
         return self._manager_client.reload(request.force_kill)

@@ -12,8 +12,8 @@ from rclpy.task import Future
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from nodes.pick_place.job import Outcome
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.job import JobOutcome
+from nodes.pick_place.settings import JobSettings
 from nodes.pick_place.waiter import Waiter
 
 ARM_ACTION = "/arm_controller/follow_joint_trajectory"
@@ -25,7 +25,7 @@ _STATUS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "ca
 class RosArm:
     """Arm and hand over ROS, one motion at a time. All calls come from the executor thread."""
 
-    def __init__(self, node: Node, settings: Settings) -> None:
+    def __init__(self, node: Node, settings: JobSettings) -> None:
         self._settings = settings
         self._waiter = Waiter(node)
         self._client = ActionClient(node, FollowJointTrajectory, ARM_ACTION)
@@ -45,12 +45,12 @@ class RosArm:
         if not self._stop.done():
             self._stop.set_result(None)
 
-    async def move(self, positions_rad: Sequence[float]) -> Outcome:
+    async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         """Send one goal and wait for its outcome, within the timeouts of the settings."""
         self._stop = Future()
         found = await self._find_server()
         if self._stop.done():
-            return Outcome(False)
+            return JobOutcome(False)
         if not found:
             return self._late(f"the action server {ARM_ACTION} is not available", "server")
         sent = self._client.send_goal_async(self._goal(positions_rad))
@@ -58,7 +58,7 @@ class RosArm:
             sent.add_done_callback(_cancel_if_accepted)
             return self._late("the arm did not respond to the goal", "goal")
         if not sent.result().accepted:
-            return Outcome(False, "the arm rejected the goal; the log of the stack contains the reason")
+            return JobOutcome(False, "the arm rejected the goal; the log of the stack contains the reason")
         return await self._outcome(sent.result())
 
     async def _find_server(self) -> bool:
@@ -68,7 +68,7 @@ class RosArm:
             await self._waiter.until(_POLL_S, self._stop)
         return bool(self._client.server_is_ready())
 
-    async def _outcome(self, goal: Any) -> Outcome:
+    async def _outcome(self, goal: Any) -> JobOutcome:
         result, is_available = goal.get_result_async(), self._client.server_is_ready
         if not await self._waiter.until_moved(self._settings.result_timeout_s, is_available, result, self._stop):
             goal.cancel_goal_async()
@@ -87,24 +87,26 @@ class RosArm:
         goal.trajectory.points = [point]
         return goal
 
-    def _unfinished(self, what: str, which: str) -> Outcome:
+    def _unfinished(self, what: str, which: str) -> JobOutcome:
         if self._client.server_is_ready():
             return self._late(what, which)
-        return Outcome(False, f"the action server {ARM_ACTION} is gone during the motion: check the log of the stack")
+        return JobOutcome(
+            False, f"the action server {ARM_ACTION} is gone during the motion: check the log of the stack"
+        )
 
-    def _late(self, what: str, which: str) -> Outcome:
+    def _late(self, what: str, which: str) -> JobOutcome:
         seconds = getattr(self._settings, f"{which}_timeout_s")
-        return Outcome(False, f"{what} (waited {seconds:g} s)")
+        return JobOutcome(False, f"{what} (waited {seconds:g} s)")
 
 
-def _outcome_of(response: Any, *, stopped: bool) -> Outcome:
+def _outcome_of(response: Any, *, stopped: bool) -> JobOutcome:
     if response.status == GoalStatus.STATUS_SUCCEEDED:
-        return Outcome(True)
+        return JobOutcome(True)
     if stopped and response.status == GoalStatus.STATUS_CANCELED:
-        return Outcome(False)
+        return JobOutcome(False)
     what = _STATUS.get(response.status, f"ended with status {response.status}")
     reason = response.result.error_string or f"error code {response.result.error_code} without a text"
-    return Outcome(False, f"the arm {what}: {reason}")
+    return JobOutcome(False, f"the arm {what}: {reason}")
 
 
 def _cancel_if_accepted(sent: Future) -> None:

@@ -8,8 +8,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from nodes.pick_place.arm import RosArm
-from nodes.pick_place.job import Outcome
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.job import JobOutcome
+from nodes.pick_place.settings import JobSettings
 
 OPEN_S: Final = 1.0
 """Time for the fingers to open and for a released object to come to rest, in seconds."""
@@ -19,12 +19,12 @@ _SPIN_S: Final = 0.05
 class Homing:
     """Homing motion through the controllers of arm and hand. The caller's thread spins ``executor``."""
 
-    def __init__(self, node: Node, executor: SingleThreadedExecutor, settings: Settings) -> None:
+    def __init__(self, node: Node, executor: SingleThreadedExecutor, settings: JobSettings) -> None:
         self._settings = settings
         self._arm = RosArm(node, self._settings)
         self._executor = executor
 
-    def home(self, stop: Callable[[], bool]) -> Outcome:
+    def home(self, stop: Callable[[], bool]) -> JobOutcome:
         """Open the hand, then move to the ready pose. The motion ends when ``stop`` returns True."""
         self._arm.hand(self._settings.hand_open_m)
         opened_s = monotonic() + OPEN_S
@@ -35,5 +35,5 @@ class Homing:
             if stop():
                 self._arm.stop()
             self._executor.spin_once(timeout_sec=_SPIN_S)
-        outcome: Outcome = moving.result()
+        outcome: JobOutcome = moving.result()
         return outcome

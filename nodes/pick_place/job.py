@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import Protocol
 
-from nodes.pick_place.settings import Pose, Settings, normal_grade
+from nodes.pick_place.settings import JobSettings, Pose, normal_grade
 
 
-class Phase(StrEnum):
+class JobPhase(StrEnum):
     """Phases of a job, as named in states and feedback."""
 
     START = "start"
@@ -22,7 +22,7 @@ class Phase(StrEnum):
     ERROR = "error"
 
 
-class Ending(Enum):
+class JobEnding(Enum):
     """Possible endings of a job."""
 
     SUCCEEDED = "succeeded"
@@ -36,37 +36,37 @@ class State:
 
     request_id: int
     grade: str
-    phase: Phase
+    phase: JobPhase
     message: str
     feedback: bool = False
 
     @property
     def ok(self) -> bool:
         """False only in the final state of an unsuccessful job."""
-        return self.phase is not Phase.ERROR
+        return self.phase is not JobPhase.ERROR
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
     """Result of a job, with the reason."""
 
-    ending: Ending
+    ending: JobEnding
     request_id: int
     message: str
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class JobOutcome:
     """Outcome of one motion. ``text`` explains why the arm did not reach the pose, if the reason is known."""
 
     reached: bool
     text: str = ""
 
 
-class Arm(Protocol):
+class JobArm(Protocol):
     """Interface through which a job moves the arm."""
 
-    async def move(self, positions_rad: Sequence[float]) -> Outcome:
+    async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         """Move to a pose and return the outcome. Failures are returned and never raised."""
         ...
 
@@ -80,40 +80,40 @@ class Arm(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class JobMove:
     """A motion of the arm."""
 
-    phase: Phase
+    phase: JobPhase
     where: str
     pose_rad: Pose
 
 
 @dataclass(frozen=True, slots=True)
-class Hand:
+class JobHand:
     """A command to the fingers."""
 
-    phase: Phase
+    phase: JobPhase
     what: str
     position_m: float
 
 
-def steps(settings: Settings, grade: str) -> tuple[Move | Hand, ...]:
+def steps(settings: JobSettings, grade: str) -> tuple[JobMove | JobHand, ...]:
     """Return all steps of a job for a known grade."""
     return (
-        Move(Phase.READY, "the ready pose", settings.ready_rad),
-        Hand(Phase.OPEN_GRIPPER, "opening the gripper", settings.hand_open_m),
-        Move(Phase.GRASP, "the pick pose", settings.pick_rad),
-        Hand(Phase.CLOSE_GRIPPER, "closing the gripper", settings.hand_closed_m),
-        Move(Phase.PLACE, f"bin {grade}", settings.bins_rad[grade]),
-        Hand(Phase.RELEASE, "opening the gripper", settings.hand_open_m),
-        Move(Phase.DONE, "the ready pose", settings.ready_rad),
+        JobMove(JobPhase.READY, "the ready pose", settings.ready_rad),
+        JobHand(JobPhase.OPEN_GRIPPER, "opening the gripper", settings.hand_open_m),
+        JobMove(JobPhase.GRASP, "the pick pose", settings.pick_rad),
+        JobHand(JobPhase.CLOSE_GRIPPER, "closing the gripper", settings.hand_closed_m),
+        JobMove(JobPhase.PLACE, f"bin {grade}", settings.bins_rad[grade]),
+        JobHand(JobPhase.RELEASE, "opening the gripper", settings.hand_open_m),
+        JobMove(JobPhase.DONE, "the ready pose", settings.ready_rad),
     )
 
 
 class _EndedError(Exception):
     """Exception that ends a job before its last step."""
 
-    def __init__(self, ending: Ending, message: str) -> None:
+    def __init__(self, ending: JobEnding, message: str) -> None:
         super().__init__(message)
         self.ending = ending
 
@@ -125,8 +125,8 @@ class PickPlaceJob:
         self,
         request_id: int,
         grade: str,
-        settings: Settings,
-        arm: Arm,
+        settings: JobSettings,
+        arm: JobArm,
         tell: Callable[[State], None],
     ) -> None:
         self.request_id = request_id
@@ -149,43 +149,43 @@ class PickPlaceJob:
         except _EndedError as end:
             return self._failed(end.ending, str(end))
         except Exception as error:  # Unexpected errors must also be reported as a state.
-            return self._failed(Ending.ABORTED, f"internal error: {error!r}")
+            return self._failed(JobEnding.ABORTED, f"internal error: {error!r}")
         # No sensor confirms that the apple has dropped.
         message = f"gripper opened over bin {self.grade}; the arm is back at the ready pose"
-        self._report(Phase.DONE, message)
-        return Result(Ending.SUCCEEDED, self.request_id, message)
+        self._report(JobPhase.DONE, message)
+        return Result(JobEnding.SUCCEEDED, self.request_id, message)
 
     async def _run(self) -> None:
-        self._report(Phase.START, f"job {self.request_id}, grade {self.grade}", feedback=True)
+        self._report(JobPhase.START, f"job {self.request_id}, grade {self.grade}", feedback=True)
         if self.grade not in self._settings.bins_rad:
             known = ", ".join(self._settings.bins_rad)
-            raise _EndedError(Ending.ABORTED, f"there is no bin for grade {self.grade!r}; known grades: {known}")
+            raise _EndedError(JobEnding.ABORTED, f"there is no bin for grade {self.grade!r}; known grades: {known}")
         for step in steps(self._settings, self.grade):
             self._check_cancel()
-            if isinstance(step, Move):
+            if isinstance(step, JobMove):
                 await self._move(step)
             else:
                 self._arm.hand(step.position_m)
                 self._report(step.phase, step.what)
 
-    async def _move(self, step: Move) -> None:
+    async def _move(self, step: JobMove) -> None:
         # The phase "done" is reported only at the ready pose. The motion back belongs to the phase "release".
-        if step.phase is not Phase.DONE:
+        if step.phase is not JobPhase.DONE:
             self._report(step.phase, f"moving to {step.where}", feedback=True)
         outcome = await self._arm.move(step.pose_rad)
         self._check_cancel(outcome.text)
         if not outcome.reached:
-            raise _EndedError(Ending.ABORTED, f"on the way to {step.where}: {outcome.text}")
+            raise _EndedError(JobEnding.ABORTED, f"on the way to {step.where}: {outcome.text}")
         self._report(step.phase, f"at {step.where}")
 
     def _check_cancel(self, text: str = "") -> None:
         if self._cancel_reason is not None:
             parts = [self._cancel_reason, text] if text else [self._cancel_reason]
-            raise _EndedError(Ending.CANCELED, "; ".join(parts))
+            raise _EndedError(JobEnding.CANCELED, "; ".join(parts))
 
-    def _failed(self, ending: Ending, message: str) -> Result:
-        self._report(Phase.ERROR, message, feedback=True)
+    def _failed(self, ending: JobEnding, message: str) -> Result:
+        self._report(JobPhase.ERROR, message, feedback=True)
         return Result(ending, self.request_id, message)
 
-    def _report(self, phase: Phase, message: str, *, feedback: bool = False) -> None:
+    def _report(self, phase: JobPhase, message: str, *, feedback: bool = False) -> None:
         self._tell(State(self.request_id, self.grade, phase, message, feedback))

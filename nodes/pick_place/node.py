@@ -20,7 +20,7 @@ from drivers.printable import printable_line
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from nodes.pick_place import parameters
 from nodes.pick_place.arm import RosArm
-from nodes.pick_place.job import Ending, PickPlaceJob, Result, State
+from nodes.pick_place.job import JobEnding, PickPlaceJob, Result, State
 from nodes.pick_place.settings import normal_grade
 from nodes.pick_place.state import state_json
 from nodes.pick_place.vision import candidate, reason_not_fresh
@@ -152,14 +152,14 @@ class PickPlaceNode:
         if self._job is None:  # This cannot happen, because _on_accepted has set it.
             return PickPlace.Result(message="internal error: no job")
         result = await self._run(self._job)
-        if result.ending is Ending.SUCCEEDED:
+        if result.ending is JobEnding.SUCCEEDED:
             handle.succeed()
         elif handle.is_cancel_requested:
             handle.canceled()
         else:
             handle.abort()
         return PickPlace.Result(
-            success=result.ending is Ending.SUCCEEDED,
+            success=result.ending is JobEnding.SUCCEEDED,
             request_id=result.request_id,
             message=result.message,
         )
@@ -173,7 +173,7 @@ class PickPlaceNode:
             if not self._idle.done():
                 self._idle.set_result(None)
         text = printable_line(f"job {job.request_id} {result.ending.value}: {result.message}")
-        if result.ending is Ending.SUCCEEDED:  # rclpy allows only one severity per line of code.
+        if result.ending is JobEnding.SUCCEEDED:  # rclpy allows only one severity per line of code.
             self._log.info(text)
         else:
             self._log.error(text)

@@ -1,4 +1,4 @@
-"""Declare the ROS parameters of the node with the defaults of ``Settings``, and read them once."""
+"""Declare the ROS parameters of the node with the defaults of ``JobSettings``, and read them once."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from controller.manager.node_parameters import files_in
-from nodes.pick_place.settings import Settings, normal_grade
+from nodes.pick_place.settings import JobSettings, normal_grade
 
 AUTO_GOAL = "auto_goal_from_vision"
 ACTION_NAME = "pick_place_action_name"
@@ -39,7 +39,7 @@ def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[st
         yield f"{listed} contains no parameters for {node.get_fully_qualified_name()}: using the defaults"
 
 
-def declare(node: Node) -> Settings:
+def declare(node: Node) -> JobSettings:
     """Declare all parameters and read the settings.
 
     Raises:
@@ -47,9 +47,9 @@ def declare(node: Node) -> Settings:
     """
     # This parameter is read at every vision message, so it can be changed at run time.
     node.declare_parameter(AUTO_GOAL, True)
-    default = Settings()
+    default = JobSettings()
     grades = _fixed(node, "grades", list(default.bins_rad))
-    return Settings(
+    return JobSettings(
         joints=tuple(_fixed(node, "joints", list(default.joints))),
         ready_rad=_pose(node, "poses.ready", default.ready_rad),
         pick_rad=_pose(node, "poses.pick", default.pick_rad),

@@ -18,7 +18,7 @@ def _bins() -> dict[str, Pose]:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class JobSettings:
     """Settings of the node. Poses are in rad in the order of ``joints``. Hand positions are in meters; 0 is open."""
 
     joints: tuple[str, ...] = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6")
@@ -52,7 +52,7 @@ def normal_grade(text: str) -> str:
     return text.strip().upper()
 
 
-def _mistakes(settings: Settings) -> Iterator[str]:
+def _mistakes(settings: JobSettings) -> Iterator[str]:
     if not settings.joints:
         yield "joints is empty: list the joints of the arm"
     poses = {"poses.ready": settings.ready_rad, "poses.pick": settings.pick_rad}

@@ -10,7 +10,7 @@ from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion, multiply, rotate
 from hal.types import FloatArray
 from servoloop.dashboard.arm_model import ArmModel
-from servoloop.dashboard.shapes import Shape, arm_shapes
+from servoloop.dashboard.shapes import DrawnShape, arm_shapes
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.still import Solid
 
@@ -71,7 +71,7 @@ class PosedArm:
         return JointArrow(name, np.array(place), place + size * (np.cos(angle) * first + np.sin(angle) * second))
 
 
-def solid(shape: Shape, pose: Pose) -> Solid:
+def solid(shape: DrawnShape, pose: Pose) -> Solid:
     """Return a shape at a pose in the world."""
     red, green, blue = (part / 255.0 for part in shape.rgb)
     return Solid(shape.vertices, shape.faces, pose, (red, green, blue))

@@ -21,9 +21,9 @@ from drivers.servos.register import ServoModel
 from hal.joint import Joint
 from hal.servos.limp_arm import servo_name, torque_warning
 from nodes.ros_environment import RosError, require_ros
-from servoloop.bench.bus import Run, run_cycles, standing_still
+from servoloop.bench.bus import BusRun, run_cycles, standing_still
 from servoloop.bench.figures import ArmFigures, JointMotion, machine_figures
-from servoloop.bench.motion import Trial, bench_poses, run_trial, slow
+from servoloop.bench.motion import BenchTrial, bench_poses, run_trial, slow
 from servoloop.bench.ros import RosRun, run_ros
 from servoloop.simulation.recording import following_error
 from servoloop.stack.arm_folders import Arm, read_arm_files
@@ -42,7 +42,7 @@ CYCLES: Final = 1000
 
 def measure_buses(
     files: Files, devices: Mapping[str, str], clock: Clock, open_port: OpenPort, cycles: int = CYCLES
-) -> dict[str, Run]:
+) -> dict[str, BusRun]:
     """Measure each bus and return the results by bus name.
 
     All servos are checked before the first one is sent a goal. Raises DriverError if a servo is missing, is of another
@@ -69,7 +69,7 @@ def _require_limp(bus: Bus, joints: Sequence[Joint]) -> None:
         )
 
 
-def _run(bus: Bus, joints: Sequence[Joint], clock: Clock, cycles: int) -> Run:
+def _run(bus: Bus, joints: Sequence[Joint], clock: Clock, cycles: int) -> BusRun:
     by_model: dict[ServoModel, list[int]] = {}
     for joint in joints:
         by_model.setdefault(joint.model, []).append(joint.servo_id)
@@ -85,8 +85,8 @@ class Measured:
     """Figures of an arm, with the measurements for the plots."""
 
     figures: ArmFigures
-    buses: Mapping[str, Run]
-    trial: Trial
+    buses: Mapping[str, BusRun]
+    trial: BenchTrial
     ros: RosRun | None
 
 
@@ -153,7 +153,7 @@ def _no_ros() -> str:
     return ""
 
 
-def _motions(trial: Trial) -> tuple[JointMotion, ...]:
+def _motions(trial: BenchTrial) -> tuple[JointMotion, ...]:
     error = np.array(trial.reference) - np.array(trial.position)
     found = following_error(np.array(trial.time_s), error, np.array(trial.velocity))
     rows = zip(trial.joints, found.largest_rad, found.rms_moving_rad, found.at_rest_rad, strict=True)

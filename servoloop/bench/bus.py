@@ -36,7 +36,7 @@ LARGEST_ID: Final = 253
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class BusSpeed:
     """Figures of one measurement. A cycle lasts from one answer of at least one servo to the next."""
 
     hz: float
@@ -54,7 +54,7 @@ class Figures:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class BusRun:
     """Data of one measurement. A cycle lasts from one answer of at least one servo to the next."""
 
     took_s: list[float]
@@ -71,12 +71,12 @@ class Run:
     """Number of faults by kind."""
 
     @property
-    def figures(self) -> Figures:
+    def figures(self) -> BusSpeed:
         """Figures of this measurement."""
         times_s = sorted(self.took_s) or [self.all_s]
         count = len(times_s)
         p50_s, p99_s = times_s[count // 2], times_s[min(count - 1, count * 99 // 100)]
-        return Figures(
+        return BusSpeed(
             hz=round(len(self.took_s) / self.all_s, 2),
             p50_us=round(p50_s * 1e6, 1),
             p99_us=round(p99_s * 1e6, 1),
@@ -108,7 +108,7 @@ def parse_ids(text: str) -> list[int]:
 
 def bench_bus(
     port: str, servo_ids: Sequence[int], model: str, baud: int, cycles: int, *, hold: bool = False
-) -> Figures:
+) -> BusSpeed:
     """Measure a bus.
 
     Args:
@@ -169,12 +169,12 @@ def wire_s(bus: Bus, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal]) -
     return bus.exchange_size(goals, servo_ids) * 10.0 / bus.baud
 
 
-def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> Figures:
+def measure(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> BusSpeed:
     """Measure a number of cycles and return the figures. Raises DriverError if no servo answers."""
     return run_cycles(bus, clock, servo_ids, goals, cycles).figures
 
 
-def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> Run:
+def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[int, ServoGoal], cycles: int) -> BusRun:
     """Read all states and write all goals, cycle by cycle without a pause, and return the time of each cycle.
 
     Raises DriverError if no servo answers during or after the cycles.
@@ -211,19 +211,19 @@ def run_cycles(bus: Bus, clock: Clock, servo_ids: Sequence[int], goals: Mapping[
     faults["silent"] += faults.pop("skipped")
     if not took_s:
         answering_servos(bus, servo_ids)  # raises an error that explains the silence
-    return Run(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
+    return BusRun(took_s, last_s - begin_s, last_s - answered_s, cpu_s / cycles, on_wire_s, dict(faults))
 
 
 def _any_answer(readings: Mapping[int, Reading]) -> bool:
     return any(isinstance(reading, ServoState) for reading in readings.values())
 
 
-def as_json(figures: Figures) -> str:
+def as_json(figures: BusSpeed) -> str:
     """Return the figures as one line of JSON."""
     return json.dumps(asdict(figures))
 
 
-def print_table(figures: Figures, console: Console) -> None:
+def print_table(figures: BusSpeed, console: Console) -> None:
     """Print the figures as a table."""
     table = Table(title="servo bus", show_header=False)
     for name, value in asdict(figures).items():

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Self
 
 from commissioning.ports.adapters import ports
-from servoloop.bench.bus import Figures as BusFigures
+from servoloop.bench.bus import BusSpeed
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class Distribution:
     """Distribution of times, in ms: median, 99th percentile and largest value."""
 
     p50_ms: float
@@ -37,9 +37,9 @@ class Timing:
     rate_hz: float
     cycles: int
     missed: int
-    late: Spread | None
+    late: Distribution | None
     """Delay of the start of a cycle."""
-    took: Spread | None
+    took: Distribution | None
     """Time from the start of a cycle until its goals were sent."""
 
 
@@ -61,14 +61,14 @@ class RosFigures:
     goals: int
     failed: int
     """Number of goals that did not succeed."""
-    goal_to_answer: Spread | None
+    goal_to_answer: Distribution | None
     """Time from sending a goal to its acceptance."""
-    goal_to_motion: Spread | None
+    goal_to_motion: Distribution | None
     """Time from sending a goal until a joint has measurably moved."""
     joint_states_hz: float
-    joint_states_age: Spread | None
+    joint_states_age: Distribution | None
     """Time from a measurement to its arrival at the client."""
-    joint_states_jitter: Spread | None
+    joint_states_jitter: Distribution | None
     """Deviation of the time between two stamps from its median."""
     loop: Timing
     """Timing of the control loop during this measurement."""
@@ -96,7 +96,7 @@ class ArmFigures:
     devices: dict[str, str]
     """Serial device of each bus. If an arm has only one bus, its name is empty."""
     machine: MachineFigures
-    buses: dict[str, BusFigures]
+    buses: dict[str, BusSpeed]
     loop: Timing
     motions: tuple[JointMotion, ...]
     ros: RosFigures | None

@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.robot_file.robot_file import ExitFile, ParkFile
 from hal.types import FloatArray, JointLimits
-from servoloop.bench.figures import Spread, Timing
+from servoloop.bench.figures import Distribution, Timing
 from servoloop.stack import hardware
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareKind
@@ -74,7 +74,7 @@ LOG = logging.getLogger("servoloop")
 
 
 @dataclass(slots=True)
-class Trial:
+class BenchTrial:
     """Measurements of each cycle."""
 
     joints: tuple[str, ...]
@@ -97,7 +97,9 @@ class Trial:
     @property
     def timing(self) -> Timing:
         """Timing of the control loop."""
-        return Timing(self.rate_hz, len(self.late_s), self.missed, Spread.of(self.late_s), Spread.of(self.took_s))
+        return Timing(
+            self.rate_hz, len(self.late_s), self.missed, Distribution.of(self.late_s), Distribution.of(self.took_s)
+        )
 
 
 def run_trial(
@@ -107,7 +109,7 @@ def run_trial(
     clock: Clock,
     signals: Callable[[], int] = lambda: 0,
     virtual: "VirtualLines | None" = None,
-) -> Trial:
+) -> BenchTrial:
     """Move an arm through the poses and back to its initial pose, and measure it.
 
     At the start and at the end the torque is off, also after an error. Only a second signal skips the way back.
@@ -128,7 +130,7 @@ def run_trial(
     stack = ControlStack.build(setup, files, clock)
     stack.load_controllers()
     loop, arm = stack.loop, _arm_controller(stack)
-    trial = Trial(arm.joints, 1.0 / loop.period_s, files.limits)
+    trial = BenchTrial(arm.joints, 1.0 / loop.period_s, files.limits)
     with stack.configured():
         loop.activate()
         names = [name.rpartition("/")[0] for name in setup.hardware.command_interfaces]
@@ -159,7 +161,7 @@ def _drive(
     loop: ControlLoop,
     arm: JointTrajectoryController,
     poses: Sequence[Pose],
-    trial: Trial,
+    trial: BenchTrial,
     signals: Callable[[], int],
 ) -> None:
     """Run the control loop until the rest after the last pose is over."""
@@ -181,7 +183,7 @@ def _drive(
     loop.run(ended)
 
 
-def _moves(arm: JointTrajectoryController, poses: Sequence[Pose], trial: Trial, period_s: float) -> Iterator[bool]:
+def _moves(arm: JointTrajectoryController, poses: Sequence[Pose], trial: BenchTrial, period_s: float) -> Iterator[bool]:
     """Send the goals, and yield in each cycle until the last motion and its rest are over."""
     for before, pose in pairwise([trial.lay, *poses]):
         target = tuple(pose[joint] for joint in arm.joints)

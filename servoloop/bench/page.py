@@ -7,8 +7,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from servoloop.bench.arm import Measured
-from servoloop.bench.figures import Spread
-from servoloop.bench.motion import Trial
+from servoloop.bench.figures import Distribution
+from servoloop.bench.motion import BenchTrial
 from servoloop.plots import PALETTE, Curve, Panel, histogram, time_series
 
 BINS = 60
@@ -30,9 +30,9 @@ def page(measured: Measured) -> str:
     )
 
 
-def _spread_text(spread: Spread | None) -> list[str]:
+def _spread_text(spread: Distribution | None) -> list[str]:
     """Return the table cells of a distribution."""
-    return ["", "", ""] if spread is None else [f"{getattr(spread, one.name):.3f}" for one in fields(Spread)]
+    return ["", "", ""] if spread is None else [f"{getattr(spread, one.name):.3f}" for one in fields(Distribution)]
 
 
 def _pictures(measured: Measured) -> Iterator[tuple[str, list[str]]]:
@@ -62,7 +62,7 @@ def _histogram(times_s: Sequence[float], axis: str, unit: str) -> str:
     return histogram(edges.tolist(), {"": counts.tolist()}, PALETTE[:1], axis, unit)
 
 
-def _motions(trial: Trial) -> str:
+def _motions(trial: BenchTrial) -> str:
     times = np.array(trial.time_s)
     reference, position = np.array(trial.reference), np.array(trial.position)
     panels = [

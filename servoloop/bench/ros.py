@@ -10,7 +10,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Final
 
 from drivers.errors import DriverError
-from servoloop.bench.figures import RosFigures, Spread, Timing
+from servoloop.bench.figures import Distribution, RosFigures, Timing
 from servoloop.bench.motion import BACK, Pose, seconds_for
 from servoloop.bench.ros_stack import Work
 from servoloop.demo.cell import environment
@@ -122,11 +122,11 @@ def _run(noted: "Promptness", recorded: RecordedRun, rate_hz: float) -> RosRun:
     figures = RosFigures(
         goals=noted.goals,
         failed=noted.failed,
-        goal_to_answer=Spread.of(noted.answers_s),
-        goal_to_motion=Spread.of(noted.motions_s),
+        goal_to_answer=Distribution.of(noted.answers_s),
+        goal_to_motion=Distribution.of(noted.motions_s),
         joint_states_hz=round(len(periods_s) / sum(periods_s), 2) if periods_s else 0.0,
-        joint_states_age=Spread.of(noted.ages_s),
-        joint_states_jitter=Spread.of(abs(one - middle_s) for one in periods_s),
-        loop=Timing(rate_hz, len(late_s), recorded.missed, Spread.of(late_s), Spread.of(took_s)),
+        joint_states_age=Distribution.of(noted.ages_s),
+        joint_states_jitter=Distribution.of(abs(one - middle_s) for one in periods_s),
+        loop=Timing(rate_hz, len(late_s), recorded.missed, Distribution.of(late_s), Distribution.of(took_s)),
     )
     return RosRun(figures, noted.ages_s, noted.motions_s, late_s, took_s)

@@ -5,7 +5,7 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
-from servoloop.simulation.acts import Act, Cancel, Guide, Hand, Jog, Move, Plan, Reactivate, Stream, Switch
+from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
 
 BEYOND: Final = 0.08
 """Share of goals with a position beyond a limit. The controller must reject such a goal."""
@@ -74,7 +74,7 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
     if draw < 0.25:
         return Cancel(at_s=at_s)
     if draw < 0.35 and hand:
-        return Hand(at_s=at_s, share=round(random.random(), 3))
+        return MoveHand(at_s=at_s, share=round(random.random(), 3))
     return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
 
 
@@ -87,7 +87,7 @@ def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
 
 def _stream(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
     if random.random() < 0.3 and hand:
-        return Hand(at_s=at_s, share=round(random.random(), 3))
+        return MoveHand(at_s=at_s, share=round(random.random(), 3))
     near = {name: limit for name, limit in joints.items() if random.random() < 0.5} or dict(joints)
     return Stream(at_s=at_s, positions=_positions(random, near), for_s=round(random.uniform(0.2, 2.0), 2))
 
@@ -116,7 +116,7 @@ def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: 
     if random.random() < 0.5:
         return _move(random, joints, hand, at_s)
     for_s = round(random.uniform(0.3, 2.0), 2)
-    return Guide(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
+    return GuideArm(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
 
 
 DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {

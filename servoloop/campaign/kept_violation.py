@@ -10,7 +10,7 @@ from servoloop.campaign.invariants import Violation
 from servoloop.campaign.run import NO_HANG, NOT_KILLED, RunReport
 from servoloop.campaign.shrink import Violated, smallest, violated
 from servoloop.campaign.workers import Stop, quiet
-from servoloop.simulation.cycle_recorder import CycleRecorder, Recording
+from servoloop.simulation.cycle_recorder import CycleRecorder, CycleRecording
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.simulation.trace_file import trace_text
@@ -20,7 +20,7 @@ BEFORE_S: Final = 2.0
 """Length of a trace before the violation, in seconds."""
 CYCLES_BEHIND: Final = 4
 """Length of a trace after the violation, in cycles."""
-NOTHING: Final = Recording((), (), ())
+NOTHING: Final = CycleRecording((), (), ())
 """Recording of a run that was not recorded."""
 AS_DRAWN: Final = {
     NO_HANG: "The schedule is not minimized: every further run of it would last until the limit.",
@@ -36,7 +36,7 @@ class KeptViolation:
 
     violation: Violation
     schedule: Schedule
-    recording: Recording
+    recording: CycleRecording
     """Recording from ``BEFORE_S`` before the violation to ``CYCLES_BEHIND`` after it."""
     schedule_path: Path
     trace_path: Path | None
@@ -50,7 +50,7 @@ class KeptViolation:
         return shlex.join(["servoloop", "campaign", "--schedule", str(self.schedule_path)])
 
 
-def recorded(schedule: Schedule) -> tuple[RunReport, Recording]:
+def recorded(schedule: Schedule) -> tuple[RunReport, CycleRecording]:
     """Run a schedule and record the whole run. Raises FaultError if a fault cannot happen to the arm."""
     recorders: list[CycleRecorder] = []
 
@@ -111,7 +111,9 @@ def _write(path: Path, violation: Violation, schedule: Schedule, note: str = "")
     write_file(path, f"{remarks}{schedule_text(schedule)}", keep=False)
 
 
-def traced(violation: Violation, schedule: Schedule, recording: Recording, path: Path, trace: Path) -> KeptViolation:
+def traced(
+    violation: Violation, schedule: Schedule, recording: CycleRecording, path: Path, trace: Path
+) -> KeptViolation:
     """Cut the trace of a violation out of the recording of the whole run and write it.
 
     Args:

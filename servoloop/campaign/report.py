@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 from hal.joint import Joint
 from servoloop.campaign.campaign import files_of
 from servoloop.campaign.kept_violation import BEFORE_S, KeptViolation
-from servoloop.campaign.tally import INVARIANTS, Outcome, Row, Tally
+from servoloop.campaign.tally import INVARIANTS, RunOutcome, RunRow, Tally
 from servoloop.extras import install_command
-from servoloop.simulation.cycle_recorder import Recording
+from servoloop.simulation.cycle_recorder import CycleRecording
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
 from servoloop.stack.robot_files import write_file
@@ -29,7 +29,7 @@ MISSING: Final = f"the report is not written because matplotlib or Jinja2 is mis
 MOST_ROWS: Final = 200
 """Maximum number of violations in the table of the page. ``--json`` prints all violations."""
 COLORS: Final = ("#b00020", "#7a7a7a", "#e69f00", "#0072b2")
-"""Colors of the outcomes, in the order of ``Outcome``."""
+"""Colors of the outcomes, in the order of ``RunOutcome``."""
 MOST_BARS: Final = 40
 """Maximum number of bars in the histogram of fault times."""
 
@@ -112,7 +112,7 @@ def _fault_kinds(tally: Tally) -> str:
     from servoloop.plots import stacked_bars
 
     kinds = sorted({kind for kind, _ in tally.drawn})
-    series = {outcome.value: [tally.drawn[kind, outcome] for kind in kinds] for outcome in Outcome}
+    series = {outcome.value: [tally.drawn[kind, outcome] for kind in kinds] for outcome in RunOutcome}
     return stacked_bars(kinds, series, COLORS, "faults drawn")
 
 
@@ -123,15 +123,15 @@ def _fault_times(tally: Tally) -> str:
     width_s = ceil((last_s + 1) / MOST_BARS)
     edges_s = [*range(0, last_s + 1 + width_s, width_s)]
 
-    def counts(outcome: Outcome) -> list[int]:
+    def counts(outcome: RunOutcome) -> list[int]:
         return [sum(tally.begun[second, outcome] for second in range(*gap)) for gap in pairwise(edges_s)]
 
-    series = {outcome.value: counts(outcome) for outcome in Outcome}
+    series = {outcome.value: counts(outcome) for outcome in RunOutcome}
     return histogram(edges_s, series, COLORS, "start of the fault, after the arm was up (s)", "faults")
 
 
-def _by_outcome(tally: Tally, value: Callable[[Row], float | None]) -> dict[str, list[tuple[float, float]]]:
-    found: dict[str, list[tuple[float, float]]] = {outcome.value: [] for outcome in Outcome}
+def _by_outcome(tally: Tally, value: Callable[[RunRow], float | None]) -> dict[str, list[tuple[float, float]]]:
+    found: dict[str, list[tuple[float, float]]] = {outcome.value: [] for outcome in RunOutcome}
     for row in tally.rows:
         number = value(row)
         if number is not None:
@@ -190,7 +190,7 @@ def _trace(kept: KeptViolation, joints: Sequence[Joint]) -> str:
     return time_series(times_s, panels, _stretches(recording), kept.violation.time_s)
 
 
-def _panels(recording: Recording, names: Sequence[str], unit: str) -> "list[Panel]":
+def _panels(recording: CycleRecording, names: Sequence[str], unit: str) -> "list[Panel]":
     from servoloop.plots import Curve, Panel
 
     measured = {name: _values(recording, "position", name) for name in names}
@@ -209,17 +209,17 @@ def _panels(recording: Recording, names: Sequence[str], unit: str) -> "list[Pane
     ]
 
 
-def _values(recording: Recording, quantity: str, joint: str) -> list[float]:
+def _values(recording: CycleRecording, quantity: str, joint: str) -> list[float]:
     place = recording.joints.index(joint)
     return [getattr(cycle, quantity)[place] for cycle in recording.cycles]
 
 
-def _commands(recording: Recording, joint: str) -> list[float]:
+def _commands(recording: CycleRecording, joint: str) -> list[float]:
     place = recording.interfaces.index(f"{joint}/position")
     return [cycle.command[place] for cycle in recording.cycles]
 
 
-def _stretches(recording: Recording) -> "list[Stretch]":
+def _stretches(recording: CycleRecording) -> "list[Stretch]":
     """Return the time span of each injected fault in the recording."""
     from servoloop.plots import Stretch
 

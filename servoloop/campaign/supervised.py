@@ -65,7 +65,7 @@ def limit(clock: SimulatedClock, schedule: Schedule) -> None:
     clock.on_time = ON_TIME.get()
 
 
-class Standstill:
+class ClockStandstill:
     """Detects that a simulated time stands still for too many polls."""
 
     def __init__(self, more_s: float = 0.0) -> None:
@@ -117,7 +117,7 @@ def ended_when_it_stands(now: Callable[[], float]) -> Iterator[None]:
 
 def _watch(now: Callable[[], float], over: threading.Event) -> None:
     """Send the signal at every poll while the time stands still, because the body may catch the exception."""
-    standstill = Standstill()
+    standstill = ClockStandstill()
     while not over.wait(POLL_S):
         if standstill.poll(now()):
             signal.pthread_kill(threading.main_thread().ident or 0, SIGNAL)
@@ -172,7 +172,7 @@ class Supervisor:
     def _hangs(self) -> bool:
         """Wait for the result. Return whether the run hangs instead."""
         assert self._connection is not None
-        standstill = Standstill(GRACE_S)
+        standstill = ClockStandstill(GRACE_S)
         while not self._connection.poll(POLL_S):
             if standstill.poll(self._time.value):
                 return True

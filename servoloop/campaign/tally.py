@@ -17,7 +17,7 @@ INVARIANTS = (*EXAMINED, *WHOLE_RUN)
 """Names of all invariants that a run can violate."""
 
 
-class Outcome(StrEnum):
+class RunOutcome(StrEnum):
     """Outcome of a run, from worst to best."""
 
     VIOLATED = "violated an invariant"
@@ -27,11 +27,11 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RunRow:
     """Summary of a run."""
 
     seed: int
-    outcome: Outcome
+    outcome: RunOutcome
     simulated_s: float
     largest_following_rad: float | None
 
@@ -43,7 +43,7 @@ class Tally:
     scenario: Scenario
     planned: int
     """Number of runs that the campaign should do."""
-    rows: list[Row] = field(default_factory=list)
+    rows: list[RunRow] = field(default_factory=list)
     violations: list[tuple[int, Violation]] = field(default_factory=list)
     """Violations, each with the seed of its run."""
     first: dict[str, RunReport] = field(default_factory=dict)
@@ -54,9 +54,9 @@ class Tally:
     """Number of jobs that put their cube into its bin."""
     ended: int = 0
     """Number of runs whose program ended early."""
-    drawn: Counter[tuple[str, Outcome]] = field(default_factory=Counter)
+    drawn: Counter[tuple[str, RunOutcome]] = field(default_factory=Counter)
     """Number of faults, by kind and outcome of their run."""
-    begun: Counter[tuple[int, Outcome]] = field(default_factory=Counter)
+    begun: Counter[tuple[int, RunOutcome]] = field(default_factory=Counter)
     """Number of faults, by start time (whole seconds since the arm was up) and outcome of their run."""
     examined: Counter[str] = field(default_factory=Counter)
     """Number of times that each invariant examined its condition, by name."""
@@ -66,7 +66,7 @@ class Tally:
     def add(self, report: RunReport) -> None:
         """Add the report of a run."""
         outcome = outcome_of(report)
-        self.rows.append(Row(report.seed, outcome, report.simulated_s, report.largest_following_rad))
+        self.rows.append(RunRow(report.seed, outcome, report.simulated_s, report.largest_following_rad))
         self.jobs += len(report.schedule.job)
         self.succeeded += report.succeeded
         self.ended += bool(report.ended)
@@ -134,10 +134,10 @@ class Tally:
         }
 
 
-def outcome_of(report: RunReport) -> Outcome:
+def outcome_of(report: RunReport) -> RunOutcome:
     """Return the worst outcome that applies to a run."""
     if report.violations:
-        return Outcome.VIOLATED
+        return RunOutcome.VIOLATED
     if report.ended:
-        return Outcome.ENDED
-    return Outcome.DONE if report.succeeded == len(report.schedule.job) else Outcome.FAILED
+        return RunOutcome.ENDED
+    return RunOutcome.DONE if report.succeeded == len(report.schedule.job) else RunOutcome.FAILED

@@ -16,7 +16,7 @@ from servoloop.stack.arm_folders import OWN
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from servoloop.bench.figures import ArmFigures, Spread
+    from servoloop.bench.figures import ArmFigures, Distribution
 
 app = typer.Typer(no_args_is_help=True, help="Measure the performance of a bus or an arm.")
 
@@ -144,7 +144,7 @@ def print_figures(figures: "ArmFigures", console: "Console") -> None:
         console.print(f"ROS was not measured: {figures.without_ros}", highlight=False)
 
 
-def _spreads(figures: "ArmFigures") -> "dict[str, Spread | None]":
+def _spreads(figures: "ArmFigures") -> "dict[str, Distribution | None]":
     loop, ros = figures.loop, figures.ros
     found = {"loop, delay": loop.late, "loop, duration": loop.took}
     if ros is not None:

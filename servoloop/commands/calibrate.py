@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from commissioning.calibrations import Row, calibration_rows, export_calibration, import_calibration
+from commissioning.calibrations import CalibrationRow, calibration_rows, export_calibration, import_calibration
 from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
 from drivers.errors import DriverError
@@ -21,7 +21,7 @@ from servoloop.stack.arm_folders import OWN
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from commissioning.calibrate.run import Outcome
+    from commissioning.calibrate.run import CalibrationOutcome
     from servoloop.stack.arm_folders import Arm
     from servoloop.stack.robot_files import ServoFiles
 
@@ -82,7 +82,7 @@ def _require_writable(robot: Path) -> None:
         raise DriverError(f"{error}; copy the arm's folder (docs/calibrate.md) and pass the copy with --arm") from error
 
 
-def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "Outcome":
+def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "CalibrationOutcome":
     from commissioning.calibrate.by_itself import by_itself
     from commissioning.calibrate.run import calibrate as run
     from drivers.bus.bus import Bus
@@ -104,7 +104,7 @@ def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto:
     return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure, terminal.stopped)
 
 
-def _outcome_as_json(outcome: "Outcome") -> dict[str, Any]:
+def _outcome_as_json(outcome: "CalibrationOutcome") -> dict[str, Any]:
     """Return the outcome as JSON content."""
     return {
         "stored": outcome.stored,
@@ -261,7 +261,7 @@ def _imported(made: list[Imported]) -> Table:
     return table
 
 
-def _shown(rows: list[Row]) -> Table:
+def _shown(rows: list[CalibrationRow]) -> Table:
     table = Table("joint", "servo", "sign", "zero", "offset", "travel", "URDF range", "warning")
     for row in rows:
         travel = "" if row.travel is None else f"{row.travel:.3f}"

@@ -17,8 +17,8 @@ from servoloop.commands.console import Keyboard, print_table
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:
-    from commissioning.calibrate.by_hand import Task
-    from commissioning.calibrate.run import Difference
+    from commissioning.calibrate.by_hand import CalibrationTask
+    from commissioning.calibrate.run import CalibrationDifference
 
 NOTHING, STORED = "nothing was stored", "the calibration is stored, but it was not tested"
 
@@ -46,7 +46,7 @@ class Terminal:
         """Print a line."""
         self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
 
-    def until_done(self, task: "Task", update: Callable[[], None]) -> None:
+    def until_done(self, task: "CalibrationTask", update: Callable[[], None]) -> None:
         """Show the task and the positions of all joints until Enter is pressed."""
         self.console.print(f"[bold]{task.text}[/]; press Enter when done", soft_wrap=True)
         with self._table() as show:
@@ -55,7 +55,7 @@ class Terminal:
                 show(task)
 
     @contextmanager
-    def _table(self) -> Iterator[Callable[["Task"], None]]:
+    def _table(self) -> Iterator[Callable[["CalibrationTask"], None]]:
         if not self.console.is_terminal:
             yield lambda task: None
             return
@@ -82,7 +82,7 @@ class Terminal:
         question = f"{joint} moved in one direction and back. Was the first direction: {text}?"
         return self._keyboard.agrees(question, enter_is_no=False)
 
-    def show(self, differences: "Sequence[Difference]") -> None:
+    def show(self, differences: "Sequence[CalibrationDifference]") -> None:
         """Print the new calibration next to the previous one."""
         print_table(self.console, difference_table(differences), "joint", "zero", "homing offset")
         for one in differences:
@@ -94,7 +94,7 @@ class Terminal:
         return self._keyboard.pressed() or self._signals.count > 0
 
 
-def _sweep_table(task: "Task") -> Table:
+def _sweep_table(task: "CalibrationTask") -> Table:
     table = Table("joint", "servo", "counts", "minimum", "maximum", "covered")
     for joint in task.sweep.joints:
         swept = task.sweep.swept.get(joint.name)
@@ -108,7 +108,7 @@ def _sweep_table(task: "Task") -> Table:
     return table
 
 
-def difference_table(differences: "Sequence[Difference]") -> Table:
+def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
     """Return a table of the previous and new sign, zero and offset of each joint, its travel and its URDF range."""
     table = Table(
         "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "URDF range"

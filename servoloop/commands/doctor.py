@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from commissioning.doctor.motion import Move
-    from commissioning.doctor.report import BusFigures, Report
+    from commissioning.doctor.report import BusFigures, DoctorReport
     from drivers.clock import Clock
     from servoloop.stack.robot_files import ServoFiles
     from servoloop.stack.signals import Signals
@@ -91,7 +91,7 @@ def _motion(files: "ServoFiles", clock: "Clock", signals: "Signals | None") -> "
     return SmallMotions(lambda device, baud: SerialPort(device, baud, clock), clock, gravity, lambda: signals.count > 0)
 
 
-def print_report(report: "Report", console: "Console") -> None:
+def print_report(report: "DoctorReport", console: "Console") -> None:
     """Print the findings, then a table of the servos of each bus."""
     for number, one in enumerate(report.findings, 1):
         where = f"{one.place}: " if str(one.place) else ""

@@ -15,7 +15,7 @@ from servoloop.stack.signals import Signals
 from servoloop.stack.terminal import print_styled
 
 if TYPE_CHECKING:
-    from commissioning.set_up.flow import Audit, SetUp, Task
+    from commissioning.set_up.flow import Audit, SetUp, SetUpTask
 
 
 def setup(
@@ -66,7 +66,7 @@ class Plugger:
         """Print a line."""
         typer.echo(text, err=True)
 
-    def connect(self, task: "Task") -> None:
+    def connect(self, task: "SetUpTask") -> None:
         """Print the problem with the connected servos, if any, and the next task; then wait for Enter."""
         if task.problem:
             print_styled(task.problem, fg="yellow", err=True)

@@ -133,10 +133,10 @@ def played(side: "Side", motion: "RecordedMotion", speed: float, hands_free: boo
     from rich.console import Console
 
     from servoloop.teach.run import play as run
-    from servoloop.teach.screen import Screen
+    from servoloop.teach.screen import TeachScreen
 
     log_to_terminal()
-    with permission_of(hands_free) as permission, Screen(Console()) as screen:
+    with permission_of(hands_free) as permission, TeachScreen(Console()) as screen:
         return run(side, rate_hz, motion, speed, permission, screen.show)
 
 
@@ -187,7 +187,7 @@ def teleop(
     from servoloop.commands.console import confirm
     from servoloop.teleop.arms import TeleopError
     from servoloop.teleop.attendance import HANDS_FREE_HINT, HINT, REACTIVATE
-    from servoloop.teleop.screen import Screen
+    from servoloop.teleop.screen import TeleopScreen
     from servoloop.teleop.teleop import teleop as run
 
     require_keys(hands_free)
@@ -196,7 +196,7 @@ def teleop(
     if set(sides[0].devices.values()) & set(sides[1].devices.values()):
         raise TeleopError("leader and follower cannot share a port; pass a different port for each")
     keys = partial(permission_of, hands_free, (REACTIVATE,))
-    screen = Screen(Console(), keys, partial(confirm, yes=False), HANDS_FREE_HINT if hands_free else HINT)
+    screen = TeleopScreen(Console(), keys, partial(confirm, yes=False), HANDS_FREE_HINT if hands_free else HINT)
     status = run(*sides, rate_hz, screen)
     screen.console.print(screen.summary, highlight=False)
     raise typer.Exit(status)

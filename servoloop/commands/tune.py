@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from commissioning.tune.report import Report
+    from commissioning.tune.report import TuneReport
     from commissioning.tune.tuner import OpenBuses, Tuner
     from drivers.bus.bus import Bus
     from drivers.clock import Clock
@@ -175,7 +175,7 @@ def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | Non
 
 def _tuned(
     tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, signals: "Signals"
-) -> "Report":
+) -> "TuneReport":
     from commissioning.slow_arm import StoppedError
     from commissioning.tune.report import tune as run
     from servoloop.stack.processes import Interrupted
@@ -188,7 +188,7 @@ def _tuned(
         raise
 
 
-def _drawn(path: Path, report: "Report") -> Path | None:
+def _drawn(path: Path, report: "TuneReport") -> Path | None:
     """Draw the plot and return its path, or None without matplotlib. Raises DriverError if it cannot be written."""
     if find_spec("matplotlib") is None:
         typer.echo(f"No plot is drawn because matplotlib is missing: {install_command('report')}", err=True)
@@ -199,7 +199,7 @@ def _drawn(path: Path, report: "Report") -> Path | None:
     return path
 
 
-def print_report(report: "Report", robot_file: Path, console: "Console") -> None:
+def print_report(report: "TuneReport", robot_file: Path, console: "Console") -> None:
     """Print the figures, the proposed gains and how to keep them."""
     from servoloop.commands.tune_output import table, words
 

@@ -8,16 +8,16 @@ import yaml
 from matplotlib.axes import Axes
 from rich.table import Table
 
-from commissioning.tune.figures import Figures, Trace
+from commissioning.tune.figures import JointFigures, TuneTrace
 from commissioning.tune.predict import Predicted
-from commissioning.tune.report import Report
+from commissioning.tune.report import TuneReport
 from commissioning.tune.tuner import Measurement
 from hal.types import FloatArray
 from servoloop.plots import PALETTE, new_figure, style, svg
 
 
 class _Row(NamedTuple):
-    """Row of the table: its name, its field in ``Figures`` and ``Predicted``, and whether it is a time."""
+    """Row of the table: its name, its field in ``JointFigures`` and ``Predicted``, and whether it is a time."""
 
     name: str
     field: str
@@ -37,9 +37,9 @@ ROWS: Final = (
 )
 
 
-def table(report: Report) -> Table:
+def table(report: TuneReport) -> Table:
     """Return a table of the figures before, as predicted and after."""
-    shown: list[tuple[str, Figures | Predicted]] = [(_gains(report.before.gains), report.before.figures)]
+    shown: list[tuple[str, JointFigures | Predicted]] = [(_gains(report.before.gains), report.before.figures)]
     if report.predicted is not None:
         values = {one.gain: one.new for one in report.written} or dict(report.proposal.values)
         shown.append((f"predicted for\n{_gains(values)}", report.predicted))
@@ -63,8 +63,8 @@ def _gains(gains: object) -> str:
     return " ".join(f"{name} {value}" for name, value in gains.items() if len(name) == 1 or len(gains) == 1)
 
 
-def _position(report: Report) -> Callable[[Figures | Predicted, str], str]:
-    def write(found: Figures | Predicted, field: str) -> str:
+def _position(report: TuneReport) -> Callable[[JointFigures | Predicted, str], str]:
+    def write(found: JointFigures | Predicted, field: str) -> str:
         value = getattr(found, field, None)
         if value is None:
             return ""
@@ -74,20 +74,20 @@ def _position(report: Report) -> Callable[[Figures | Predicted, str], str]:
     return write
 
 
-def _time(found: Figures | Predicted, field: str) -> str:
-    if isinstance(found, Figures) and getattr(found, field) is None:
+def _time(found: JointFigures | Predicted, field: str) -> str:
+    if isinstance(found, JointFigures) and getattr(found, field) is None:
         return "does not settle" if field == "settling_s" else "none"
     value = getattr(found, field, None)
     return "" if value is None else f"{value * 1e3:.0f} ms"
 
 
-def _shakes(found: Figures | Predicted) -> str:
+def _shakes(found: JointFigures | Predicted) -> str:
     if isinstance(found, Predicted):
         return "not predicted"
     return f"yes, {found.swing_hz:.1f} Hz" if found.shakes else "no"
 
 
-def words(report: Report, robot_file: Path) -> Iterator[str]:
+def words(report: TuneReport, robot_file: Path) -> Iterator[str]:
     """Yield the lines below the table."""
     proposal, joint = report.proposal, report.joint
     yield from (f"· {reason}" for reason in proposal.reasons)
@@ -117,10 +117,10 @@ class _Curves(NamedTuple):
 
     label: str
     color: str
-    trace: Trace
+    trace: TuneTrace
 
 
-def picture(report: Report) -> str:
+def picture(report: TuneReport) -> str:
     """Return an SVG plot with positions above and errors, in encoder counts, below."""
     measured = [one for one in (report.before, report.after) if one is not None]
     columns = [
@@ -143,7 +143,7 @@ def picture(report: Report) -> str:
         return svg(figure)
 
 
-def _curves(measured: Sequence[Measurement], traces: Sequence[Trace]) -> Iterator[_Curves]:
+def _curves(measured: Sequence[Measurement], traces: Sequence[TuneTrace]) -> Iterator[_Curves]:
     for one, trace, color in zip(measured, traces, PALETTE, strict=False):
         words = ", ".join(f"{letter} {one.gains[letter]}" for letter in "PDI" if letter in one.gains)
         yield _Curves(words or "measured", color, trace)

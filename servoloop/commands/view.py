@@ -14,7 +14,7 @@ from servoloop.extras import install_command, require_view
 
 if TYPE_CHECKING:
     from servoloop.recording.emulator_source import EmulatorSource
-    from servoloop.recording.sources import LiveSource, Recording
+    from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.arm_folders import Arm
 
 
@@ -58,7 +58,7 @@ def view(
     from servoloop.dashboard.page import Page
     from servoloop.dashboard.player import Player
     from servoloop.dashboard.server import PageServer
-    from servoloop.recording.sources import LiveSource, Recording
+    from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.signals import Signals
 
     clock = MonotonicClock()
@@ -68,7 +68,7 @@ def view(
         page = Page(server, folder)
         mover = Mover(found, clock) if isinstance(found, LiveSource) else None
         panel = MovePanel(server, mover, page.above_arm) if mover else None
-        source = Player(server, found, clock) if isinstance(found, Recording) else found
+        source = Player(server, found, clock) if isinstance(found, PlayedRecording) else found
         typer.echo(f"the page is at {server.url}")
         if browser and any(name in os.environ for name in SCREENS):
             typer.launch(server.url)
@@ -83,13 +83,13 @@ def view(
 
 def _opened(
     recording: Path | None, bus: Path | None, arm: str | None, clock: Clock
-) -> "tuple[LiveSource | Recording | EmulatorSource, Path | None]":
+) -> "tuple[LiveSource | PlayedRecording | EmulatorSource, Path | None]":
     """Open the source and return it with the folder of its arm, or None if only the URDF of the arm is known."""
-    from servoloop.recording.sources import LiveSource, Recording
+    from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.arm_folders import OWN, find_arm
 
     if recording is not None:
-        return Recording(recording), find_arm(arm).folder if arm is not None else None
+        return PlayedRecording(recording), find_arm(arm).folder if arm is not None else None
     if bus is not None:
         known = find_arm(arm or OWN)
         return _emulated(bus, known, clock), known.folder
@@ -133,12 +133,12 @@ def monitor(
             "`ssh -t`)"
         )
     from servoloop.dashboard.terminal import MonitorApp
-    from servoloop.recording.sources import LiveSource, Playback, Recording
+    from servoloop.recording.sources import LiveSource, Playback, PlayedRecording
     from servoloop.stack.signals import Signals
 
     os.nice(NICE)
     clock = MonotonicClock()
-    source = LiveSource(arm, clock) if recording is None else Playback(Recording(recording), clock)
+    source = LiveSource(arm, clock) if recording is None else Playback(PlayedRecording(recording), clock)
     with Signals() as signals:
         app = MonitorApp(source, lambda: signals.count > 0)
         try:

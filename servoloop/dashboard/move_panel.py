@@ -15,7 +15,7 @@ from drivers.errors import DriverError
 from nodes.ros_environment import RosError, require_ros
 from servoloop.dashboard.narrow_page import PINNED
 from servoloop.manual.buttons import REPEATS_HZ, Command, GoTo, HeldButtons, Moves, Turn
-from servoloop.manual.poses import CLOSE, NO_TARGETS, OPEN, Targets, find_targets
+from servoloop.manual.poses import CLOSE, NO_TARGETS, OPEN, MoveTargets, find_targets
 from servoloop.manual.robot import LiveRobot
 from servoloop.recording.sources import LiveSource
 
@@ -138,7 +138,7 @@ class Mover:
             spin()
             turn += 1
 
-    def _update(self, now: Targets) -> None:
+    def _update(self, now: MoveTargets) -> None:
         if now != self.targets:
             self.targets = now
 
@@ -173,7 +173,7 @@ class MovePanel:
     def __init__(self, server: viser.ViserServer, mover: Mover, order: float) -> None:
         """Add the folder at the position ``order`` of the page, and the button *Stop everything* above all folders."""
         self._mover, self._buttons = mover, mover.buttons
-        self._targets: Targets | None = None
+        self._targets: MoveTargets | None = None
         gui = self._gui = server.gui
         gui._websock_interface.queue_message(RunJavascriptMessage(RELEASE))  # viser has no public way
         gui.add_html(PINNED, order=-1.0)

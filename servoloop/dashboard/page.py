@@ -17,10 +17,10 @@ from servoloop.dashboard import tables
 from servoloop.dashboard.arm_model import ArmModel
 from servoloop.dashboard.narrow_page import LAYOUT
 from servoloop.dashboard.scene import CHOICES, PLAIN, ArmScene, add_ground, place_camera, shares
-from servoloop.dashboard.shapes import Shape, arm_shapes, scene_shapes, shapes, thing_shapes
-from servoloop.dashboard.tables import STRIPS, Cell, Strip, Table, axis_range, strip_data
+from servoloop.dashboard.shapes import DrawnShape, arm_shapes, scene_shapes, shapes, thing_shapes
+from servoloop.dashboard.tables import STRIPS, StateTable, Strip, TableCell, axis_range, strip_data
 from servoloop.recording.history import KEPT_S
-from servoloop.recording.robot_state import GoalPath, ObservedRobot, Snapshot, health, servo_faults
+from servoloop.recording.robot_state import GoalPath, ObservedRobot, RobotSnapshot, health, servo_faults
 from servoloop.stack.arm_folders import ARM_FILE, Arm, arms, read_arm
 
 HEIGHT_PX: Final = 150
@@ -72,41 +72,41 @@ COLUMNS: Final = ("position", "error", "temp.", "supply", "state")
 """Columns of the joint table. The plots show the other quantities."""
 
 
-def servo_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint]) -> str:
+def servo_table(snapshot: RobotSnapshot, joints: Mapping[str, UrdfJoint]) -> str:
     """Return a table of the joints' positions, errors, temperatures, voltages and states, as HTML."""
     return html(tables.joint_table(snapshot, joints, COLUMNS))
 
 
-def faults(snapshot: Snapshot) -> str:
+def faults(snapshot: RobotSnapshot) -> str:
     """Return all errors and warnings as HTML, or an empty string if there are none."""
     rows = tables.fault_table(snapshot).rows
     return "".join(f"<p>{_cell(name)}: {_cell(message)}</p>" for name, message in rows)
 
 
-def loop_table(snapshot: Snapshot) -> str:
+def loop_table(snapshot: RobotSnapshot) -> str:
     """Return a table of the loop's timing and diagnostics, as HTML."""
     return html(tables.loop_table(snapshot))
 
 
-def counter_table(snapshot: Snapshot) -> str:
+def counter_table(snapshot: RobotSnapshot) -> str:
     """Return a table of the communication errors of each servo and port, as HTML."""
     return html(tables.counter_table(snapshot))
 
 
-def controller_table(snapshot: Snapshot) -> str:
+def controller_table(snapshot: RobotSnapshot) -> str:
     """Return tables of the components, the controllers with their latest goals, and the goal results, as HTML."""
     results = tables.result_table(snapshot)
     return html(tables.controller_table(snapshot)) + (html(results) if results.rows else "")
 
 
-def html(table: Table) -> str:
+def html(table: StateTable) -> str:
     """Return a table as HTML, with escaped cell texts."""
     lines = [f"<th>{'</th><th>'.join(map(escape, table.head))}</th>"]
     lines += [f"<td>{'</td><td>'.join(map(_cell, row))}</td>" for row in table.rows]
     return f"<table {STYLE}><tr {ROW}>{f'</tr><tr {ROW}>'.join(lines)}</tr></table>"
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: TableCell) -> str:
     text = escape(cell.text)
     return f'<b style="color:#d2322d">{text}</b>' if cell.level else text
 
@@ -135,7 +135,7 @@ def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
     return next((arm for arm in arms() if read_xml(arm.urdf, DescriptionError) == xml), None)
 
 
-def _around(known: Arm | None) -> tuple[Iterable[Shape], Iterable[Shape]]:
+def _around(known: Arm | None) -> tuple[Iterable[DrawnShape], Iterable[DrawnShape]]:
     """Return the shapes of the fixed and of the loose objects around an arm; none if the arm is unknown."""
     if known is None or not known.scene.is_file():
         return (), ()
@@ -224,7 +224,7 @@ class Page:
         gui.main_panel.dock_right()
         return [*servos, *loop]
 
-    def _build(self, snapshot: Snapshot) -> None:
+    def _build(self, snapshot: RobotSnapshot) -> None:
         """Draw the arm for the first time or after another arm was connected."""
         if self._arm is not None:
             self._arm.remove()
@@ -253,7 +253,7 @@ class Page:
             self._arm.show_frames(self._frames.value)
             self._arm.show_ghost(self._ghost.value)
 
-    def _show_goal(self, watched: ObservedRobot, snapshot: Snapshot) -> None:
+    def _show_goal(self, watched: ObservedRobot, snapshot: RobotSnapshot) -> None:
         """Draw the path of the latest goal while it is active."""
         going = [goal for goal in snapshot.goals.values() if not goal.ended and self._can_draw(goal)]
         goal = max(going, key=lambda goal: goal.begun_s, default=None)
@@ -268,7 +268,7 @@ class Page:
         known = set(self._description.joints if self._description else ()) & set(self._joints)
         return len(goal.joints) > 1 and set(goal.joints) <= known
 
-    def _limits(self, snapshot: Snapshot) -> FloatArray:
+    def _limits(self, snapshot: RobotSnapshot) -> FloatArray:
         """Return the effort limits (n,) from the robot description, in N m or N."""
         joints = self._description.joints if self._description else {}
         return np.array([joints[name].effort if name in joints else np.inf for name in snapshot.joints])

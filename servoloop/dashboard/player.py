@@ -6,7 +6,7 @@ import viser
 
 from drivers.clock import Clock
 from servoloop.recording.robot_state import ObservedRobot
-from servoloop.recording.sources import SPEEDS, Playback, Recording
+from servoloop.recording.sources import SPEEDS, Playback, PlayedRecording
 
 PAUSE: Final = "Pause"
 PLAY: Final = "Play"
@@ -17,11 +17,11 @@ class Player:
 
     up_to_date = True
 
-    def __init__(self, server: viser.ViserServer, recording: Recording, clock: Clock) -> None:
+    def __init__(self, server: viser.ViserServer, recording: PlayedRecording, clock: Clock) -> None:
         self._playback = Playback(recording, clock)
         self.status, self.close = f"recording: {recording.name}", self._playback.close
         gui, length_s = server.gui, recording.length_s
-        with gui.add_folder("Recording", order=0.0):
+        with gui.add_folder("PlayedRecording", order=0.0):
             self._slider = gui.add_slider(
                 "Time (s)", min=0.0, max=max(0.1, round(length_s, 1)), step=0.1, initial_value=0.0
             )

@@ -10,7 +10,7 @@ import viser
 from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
 from servoloop.dashboard.arm_model import ArmModel
-from servoloop.dashboard.shapes import Rgb, Shape
+from servoloop.dashboard.shapes import DrawnShape, Rgb
 from servoloop.recording.robot_state import ScenePose
 from servoloop.recording.sampler import LinkPose
 
@@ -76,9 +76,9 @@ class ArmScene:
         self,
         server: viser.ViserServer,
         model: ArmModel,
-        visuals: Iterable[Shape],
-        around: Iterable[Shape] = (),
-        things: Iterable[Shape] = (),
+        visuals: Iterable[DrawnShape],
+        around: Iterable[DrawnShape] = (),
+        things: Iterable[DrawnShape] = (),
     ) -> None:
         """Draw an arm.
 
@@ -155,7 +155,7 @@ class _Robot:
     """Drawing of the solid arm or of its ghost, with a frame for each link. The ghost has no fixed links."""
 
     def __init__(
-        self, server: viser.ViserServer, model: ArmModel, root: str, visuals: Iterable[Shape], ghost: bool = False
+        self, server: viser.ViserServer, model: ArmModel, root: str, visuals: Iterable[DrawnShape], ghost: bool = False
     ) -> None:
         self._model = model
         self._top = server.scene.add_frame(root, show_axes=False)
@@ -196,7 +196,7 @@ class _Robot:
         self._top.visible = shown
 
 
-def _add(server: viser.ViserServer, name: str, shape: Shape, ghost: bool = False) -> viser.MeshHandle:
+def _add(server: viser.ViserServer, name: str, shape: DrawnShape, ghost: bool = False) -> viser.MeshHandle:
     return server.scene.add_mesh_simple(
         name,
         shape.vertices.astype(np.float32),

@@ -28,7 +28,7 @@ class MeshTooLarge(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class DrawnShape:
     """Visual of a link: triangles and their pose in the link, in meters."""
 
     link: str
@@ -41,14 +41,14 @@ class Shape:
     """Whether the shape has plane faces and sharp edges."""
 
 
-def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]]:
+def shapes(xml: str, folder: Path | None = None) -> tuple[list[DrawnShape], list[str]]:
     """Return the visuals of all links of a URDF, and the names of meshes that cannot be read.
 
     ``folder`` is the folder of the URDF, for meshes with relative paths.
     """
     robot = ElementTree.fromstring(xml)
     colors = {name: rgb for one in robot.iter("material") if (name := one.get("name")) and (rgb := _color(one))}
-    found: list[Shape] = []
+    found: list[DrawnShape] = []
     missing: list[str] = []
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
@@ -66,7 +66,7 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
             origin = visual.find("origin")
             place = ORIGIN if origin is None else origin
             found.append(
-                Shape(
+                DrawnShape(
                     link.get("name", ""),
                     np.asarray(mesh.vertices, np.float64),
                     np.asarray(mesh.faces, np.int64),
@@ -79,7 +79,7 @@ def shapes(xml: str, folder: Path | None = None) -> tuple[list[Shape], list[str]
     return found, missing
 
 
-def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Shape], list[str]]:
+def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[DrawnShape], list[str]]:
     """Read the shapes of an arm's links from ``meshes/``, or from the URDF for links without such a mesh.
 
     Args:
@@ -98,18 +98,18 @@ def arm_shapes(xml: str, urdf_folder: Path, scene_folder: Path) -> tuple[list[Sh
     return _with_real_shapes(visuals, [mesh for mesh in link_meshes(scene_folder) if mesh.link in links]), missing
 
 
-def _with_real_shapes(visuals: Iterable[Shape], meshes: Iterable[LinkMesh]) -> list[Shape]:
+def _with_real_shapes(visuals: Iterable[DrawnShape], meshes: Iterable[LinkMesh]) -> list[DrawnShape]:
     """Return the visuals, in which the meshes replace the visuals of the same links."""
     meshes = list(meshes)
     links = {mesh.link for mesh in meshes}
     triangles = {path: with_edges(*read_stl(path)) for path in {mesh.path for mesh in meshes}}
     return [shape for shape in visuals if shape.link not in links] + [
-        Shape(mesh.link, *triangles[mesh.path], mesh.position_m, mesh.quaternion, _bytes(mesh.rgb), flat=False)
+        DrawnShape(mesh.link, *triangles[mesh.path], mesh.position_m, mesh.quaternion, _bytes(mesh.rgb), flat=False)
         for mesh in meshes
     ]
 
 
-def scene_shapes(path: Path) -> Iterator[Shape]:
+def scene_shapes(path: Path) -> Iterator[DrawnShape]:
     """Yield the fixed boxes of a MuJoCo scene (bins and stand) in the world frame, with the body's name as the link."""
     model, data = _scene(path)
     for geom, name in _boxes(model):
@@ -119,7 +119,7 @@ def scene_shapes(path: Path) -> Iterator[Shape]:
             yield _box(model, geom, name, data.geom_xpos[geom], turn)
 
 
-def thing_shapes(path: Path) -> Iterator[Shape]:
+def thing_shapes(path: Path) -> Iterator[DrawnShape]:
     """Yield the loose boxes of a MuJoCo scene (the cube) in their body frames, with the body's name as the link."""
     model, _ = _scene(path)
     for geom, name in _boxes(model):
@@ -142,12 +142,12 @@ def _boxes(model: Any) -> Iterator[tuple[int, str]]:
             yield geom, model.body(model.geom_bodyid[geom]).name
 
 
-def _box(model: Any, geom: int, name: str, position_m: FloatArray, wxyz: FloatArray) -> Shape:
+def _box(model: Any, geom: int, name: str, position_m: FloatArray, wxyz: FloatArray) -> DrawnShape:
     box = trimesh.creation.box(extents=2.0 * model.geom_size[geom])
     w, x, y, z = wxyz.tolist()
     place: Vector = tuple(position_m.tolist())
     rgb = _bytes(model.geom_rgba[geom][:3].tolist())
-    return Shape(name, np.asarray(box.vertices), np.asarray(box.faces), place, (x, y, z, w), rgb, flat=True)
+    return DrawnShape(name, np.asarray(box.vertices), np.asarray(box.faces), place, (x, y, z, w), rgb, flat=True)
 
 
 def _mesh(geometry: Element, folder: Path | None) -> trimesh.Trimesh:

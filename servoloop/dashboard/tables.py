@@ -14,7 +14,7 @@ from servoloop.recording.robot_state import (
     OWN,
     Health,
     Minute,
-    Snapshot,
+    RobotSnapshot,
     StatusNow,
     health,
     health_column,
@@ -30,21 +30,23 @@ NEWEST: Final = 5
 """Maximum number of goal results shown."""
 
 
-class Cell(NamedTuple):
+class TableCell(NamedTuple):
     """Text with a level as in diagnostic_msgs/DiagnosticStatus: 0 is OK, 1 a warning, 2 an error."""
 
     text: str
     level: int = 0
 
 
-class Table(NamedTuple):
+class StateTable(NamedTuple):
     """Table whose rows have as many cells as the head."""
 
     head: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableCell, ...], ...]
 
 
-def joint_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint], columns: Sequence[str] = JOINT_COLUMNS) -> Table:
+def joint_table(
+    snapshot: RobotSnapshot, joints: Mapping[str, UrdfJoint], columns: Sequence[str] = JOINT_COLUMNS
+) -> StateTable:
     """Return a table with a row for each joint.
 
     Args:
@@ -57,26 +59,26 @@ def joint_table(snapshot: Snapshot, joints: Mapping[str, UrdfJoint], columns: Se
         linear = name in joints and joints[name].kind == "prismatic"
         scale, unit = (1e3, "mm") if linear else (math.degrees(1.0), "°")
         cells = {
-            "position": Cell(number(snapshot.position[place] * scale, 1, unit)),
-            "command": Cell(number(snapshot.command[place] * scale, 1, unit)),
-            "error": Cell(number(snapshot.error[place] * scale, 2, unit)),
-            "velocity": Cell(number(snapshot.velocity[place] * scale, 1, f"{unit}/s")),
-            "load": Cell(number(snapshot.effort[place], 2, "N" if linear else "N m")),
-            "temp.": Cell(number(servo_health.temperature_c[place], 0, "°C")),
-            "supply": Cell(number(servo_health.voltage_v[place], 1, "V")),
+            "position": TableCell(number(snapshot.position[place] * scale, 1, unit)),
+            "command": TableCell(number(snapshot.command[place] * scale, 1, unit)),
+            "error": TableCell(number(snapshot.error[place] * scale, 2, unit)),
+            "velocity": TableCell(number(snapshot.velocity[place] * scale, 1, f"{unit}/s")),
+            "load": TableCell(number(snapshot.effort[place], 2, "N" if linear else "N m")),
+            "temp.": TableCell(number(servo_health.temperature_c[place], 0, "°C")),
+            "supply": TableCell(number(servo_health.voltage_v[place], 1, "V")),
             "state": _message(servo_status(snapshot, name)),
         }
-        rows.append((Cell(name), *(cells[column] for column in columns)))
-    return Table(("joint", *columns), tuple(rows))
+        rows.append((TableCell(name), *(cells[column] for column in columns)))
+    return StateTable(("joint", *columns), tuple(rows))
 
 
-def fault_table(snapshot: Snapshot) -> Table:
+def fault_table(snapshot: RobotSnapshot) -> StateTable:
     """Return a table of all errors and warnings."""
     faults = ((name, one) for name, one in snapshot.statuses.items() if one.level >= 1)
-    return Table(("", "faults"), tuple((Cell(name.removeprefix(OWN)), _message(one)) for name, one in faults))
+    return StateTable(("", "faults"), tuple((TableCell(name.removeprefix(OWN)), _message(one)) for name, one in faults))
 
 
-def loop_table(snapshot: Snapshot) -> Table:
+def loop_table(snapshot: RobotSnapshot) -> StateTable:
     """Return a table of the timing of the latest cycle and the diagnostics of the control loop."""
     rows = [
         ("start delay", number(snapshot.late_s * 1e3, 2, "ms")),
@@ -89,32 +91,32 @@ def loop_table(snapshot: Snapshot) -> Table:
     if loop is not None:
         counted = {key: value for key, value in loop.values.items() if key != "missed_cycles"}
         rows += [(key.replace("_", " "), value) for key, value in counted.items()]
-    return Table(("control loop", ""), _plain(rows))
+    return StateTable(("control loop", ""), _plain(rows))
 
 
-def counter_table(snapshot: Snapshot) -> Table:
+def counter_table(snapshot: RobotSnapshot) -> StateTable:
     """Return a table of the communication errors of each servo and port."""
-    return Table(("servo or port", "errors"), _plain(_counted(snapshot)))
+    return StateTable(("servo or port", "errors"), _plain(_counted(snapshot)))
 
 
-def controller_table(snapshot: Snapshot) -> Table:
+def controller_table(snapshot: RobotSnapshot) -> StateTable:
     """Return a table of the states of components and controllers, with the latest goal of each controller."""
-    rows: list[tuple[Cell, ...]] = [
-        (Cell(name.removeprefix(OWN)), _message(one))
+    rows: list[tuple[TableCell, ...]] = [
+        (TableCell(name.removeprefix(OWN)), _message(one))
         for name, one in snapshot.statuses.items()
         if OF_SERVO not in name and name not in (LOOP, CONTROLLERS) and PORT not in one.values
     ]
     controllers = snapshot.statuses.get(CONTROLLERS)
     rows += _plain(controllers.values.items() if controllers else ())
     rows += _plain((f"{name}: latest goal", goal.ended or "active") for name, goal in snapshot.goals.items())
-    return Table(("component or controller", "state"), tuple(rows))
+    return StateTable(("component or controller", "state"), tuple(rows))
 
 
-def result_table(snapshot: Snapshot) -> Table:
+def result_table(snapshot: RobotSnapshot) -> StateTable:
     """Return a table of the latest goal results, the most recent first, with their age."""
     newest = reversed(snapshot.results[-NEWEST:])
     rows = ((number(snapshot.stamp_s - stamp_s, 0, "s ago"), text) for stamp_s, text in newest)
-    return Table(("goal ended", "result"), _plain(rows))
+    return StateTable(("goal ended", "result"), _plain(rows))
 
 
 def number(value: float, places: int, unit: str) -> str:
@@ -122,19 +124,19 @@ def number(value: float, places: int, unit: str) -> str:
     return "–" if math.isnan(value) else f"{value:.{places}f}\u00a0{unit}"
 
 
-def _plain(rows: Iterable[tuple[str, str]]) -> tuple[tuple[Cell, ...], ...]:
-    return tuple((Cell(name), Cell(text)) for name, text in rows)
+def _plain(rows: Iterable[tuple[str, str]]) -> tuple[tuple[TableCell, ...], ...]:
+    return tuple((TableCell(name), TableCell(text)) for name, text in rows)
 
 
-def _counted(snapshot: Snapshot) -> Iterator[tuple[str, str]]:
+def _counted(snapshot: RobotSnapshot) -> Iterator[tuple[str, str]]:
     for name, one in snapshot.statuses.items():
         if OF_SERVO in name or PORT in one.values:
             counted = {key: value for key, value in one.values.items() if key not in HEALTH and value != "0"}
             yield name.removeprefix(OWN), ", ".join(f"{key} {value}" for key, value in counted.items()) or "none"
 
 
-def _message(status: StatusNow | None) -> Cell:
-    return Cell("") if status is None else Cell(status.message, status.level)
+def _message(status: StatusNow | None) -> TableCell:
+    return TableCell("") if status is None else TableCell(status.message, status.level)
 
 
 MOST: Final = 600

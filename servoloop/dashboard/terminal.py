@@ -17,8 +17,8 @@ from hal.robot_description.description import UrdfJoint, parse_urdf
 from servoloop.dashboard.tables import (
     JOINT_COLUMNS,
     STRIPS,
-    Cell,
-    Table,
+    StateTable,
+    TableCell,
     controller_table,
     counter_table,
     fault_table,
@@ -27,19 +27,19 @@ from servoloop.dashboard.tables import (
     result_table,
 )
 from servoloop.dashboard.terminal_chart import StripChart
-from servoloop.recording.robot_state import ObservedRobot, Snapshot
+from servoloop.recording.robot_state import ObservedRobot, RobotSnapshot
 from servoloop.recording.sources import SPEEDS, Playback, Source
 
 STYLES: Final = ("", "bold yellow", "bold red")
 """Text styles, by the level of a cell."""
 
 
-def rich_cell(cell: Cell) -> Text:
+def rich_cell(cell: TableCell) -> Text:
     """Return the text of a cell in the color of its level."""
     return Text(cell.text, style=STYLES[min(cell.level, len(STYLES) - 1)])
 
 
-def rich_table(table: Table) -> RichTable:
+def rich_table(table: StateTable) -> RichTable:
     """Return a table that fills the available width."""
     found = RichTable(*table.head, box=None, expand=True, padding=(0, 1, 0, 0), header_style="bold cyan")
     for row in table.rows:
@@ -53,7 +53,7 @@ class JointsTable(DataTable[Text]):
     def __init__(self) -> None:
         super().__init__(id="joints", cursor_type="row", cursor_foreground_priority="renderable")
         self._joints: tuple[str, ...] = ()
-        self._cells: tuple[tuple[Cell, ...], ...] = ()
+        self._cells: tuple[tuple[TableCell, ...], ...] = ()
         self._xml = ""
         self._described: Mapping[str, UrdfJoint] = {}
 
@@ -61,7 +61,7 @@ class JointsTable(DataTable[Text]):
         """Add the columns."""
         self.add_columns("joint", *JOINT_COLUMNS)
 
-    def show(self, snapshot: Snapshot) -> None:
+    def show(self, snapshot: RobotSnapshot) -> None:
         """Update the cells that have changed."""
         if snapshot.description_xml != self._xml:
             self._xml = snapshot.description_xml
@@ -77,7 +77,7 @@ class JointsTable(DataTable[Text]):
                 self._renew(place, before, row)
         self._cells = rows
 
-    def _renew(self, place: int, before: Sequence[Cell], row: Sequence[Cell]) -> None:
+    def _renew(self, place: int, before: Sequence[TableCell], row: Sequence[TableCell]) -> None:
         """Update the changed cells of a row. A column width is recomputed only if the length of a text changes."""
         for column, (old, new) in enumerate(zip(before, row, strict=True)):
             if new != old:
@@ -85,7 +85,7 @@ class JointsTable(DataTable[Text]):
                 self.update_cell_at(Coordinate(place, column), _text(new, column), update_width=wider)
 
 
-def _text(cell: Cell, column: int) -> Text:
+def _text(cell: TableCell, column: int) -> Text:
     text = rich_cell(cell)
     if 0 < column < len(JOINT_COLUMNS):  # numbers
         text.justify = "right"
@@ -140,7 +140,7 @@ class MonitorApp(App[None]):
         self._source, self._stop = source, stop
         self._watched: ObservedRobot | None = None
         self._turn = 0
-        self._shown_faults: Table | None = None
+        self._shown_faults: StateTable | None = None
         self._joints = JointsTable()
         self._charts = [StripChart(strip) for strip in STRIPS]
         self._status, self._faults, self._tables = Static(id="status"), Static(id="faults"), Static()
@@ -217,7 +217,7 @@ class MonitorApp(App[None]):
         else:
             self.show()
 
-    def _show_joints(self) -> Snapshot:
+    def _show_joints(self) -> RobotSnapshot:
         """Update the status line, the faults and the joint table."""
         self._watched = self._source.robot
         snapshot = self._watched.state.snapshot

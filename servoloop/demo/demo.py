@@ -12,7 +12,7 @@ from rich.table import Table
 
 from drivers.errors import DriverError
 from servoloop.demo.cell import ARM, Cell, CellOptions, are_all_grades, cell
-from servoloop.demo.jobs import Live, Run
+from servoloop.demo.jobs import JobRun, Live
 from servoloop.simulation.recording import worst
 from servoloop.stack.robot_files import write_file
 
@@ -45,13 +45,13 @@ FIGURES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class DemoReport:
     """Results of a demo."""
 
     joints: tuple[str, ...]
     """Joints of the arm, in the order of all figures."""
-    runs: tuple[Run, ...]
-    comparisons: Mapping[str, Run]
+    runs: tuple[JobRun, ...]
+    comparisons: Mapping[str, JobRun]
     """Comparison runs, by the missing compensation; only if all grades were picked. They need not succeed."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
@@ -62,7 +62,7 @@ def demo(
     repeat: int,
     options: CellOptions,
     live: Live,
-) -> Report:
+) -> DemoReport:
     """Pick cubes of these grades, ``repeat`` times, in a new cell.
 
     Raises DriverError if a process fails; the message has its last output.
@@ -72,7 +72,7 @@ def demo(
         return _measure(jobs, ready, are_all_grades(grades, options.arm))
 
 
-def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> Report:
+def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
     """Run all jobs and, with ``compare``, one more job without each compensation."""
     runner, monitor = ready.runner, ready.monitor
     stack = psutil.Process(ready.process_ids["stack"])
@@ -81,10 +81,12 @@ def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> Report:
     runner.idle(1.5)  # the figures of the last cycles are published once a second
     loop = {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
     comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT if compare}
-    return Report(tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent})
+    return DemoReport(
+        tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent}
+    )
 
 
-def _run_without(what: str, grade: str, ready: Cell) -> Run:
+def _run_without(what: str, grade: str, ready: Cell) -> JobRun:
     """Run a job without the compensation ``what``."""
     for node, name, value in WITHOUT[what]:
         node = node or ready.component
@@ -102,17 +104,17 @@ def _cpu(process: psutil.Process, action: Callable[[], Result]) -> tuple[float, 
     return process.cpu_percent(), result
 
 
-def write_json(report: Report, path: Path) -> None:
+def write_json(report: DemoReport, path: Path) -> None:
     """Write the report as JSON. Raises DriverError if the file cannot be written."""
     write_file(path, json.dumps(_content(report), indent=2, allow_nan=False) + "\n", keep=False)
 
 
-def succeeded(report: Report) -> bool:
+def succeeded(report: DemoReport) -> bool:
     """Return whether every cube is in the bin of its grade."""
     return bool(report.runs) and all(run.success for run in report.runs)
 
 
-def print_table(report: Report, console: Console) -> None:
+def print_table(report: DemoReport, console: Console) -> None:
     """Print the report as tables."""
     columns = ("grade", "bin", "time", "largest", "RMS", "at rest", "fastest joint", "largest", "RMS")
     table = Table(*columns, title="following error, rad")
@@ -137,7 +139,7 @@ def print_table(report: Report, console: Console) -> None:
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
 
 
-def _loop_table(report: Report) -> Table:
+def _loop_table(report: DemoReport) -> Table:
     loop, cpu = report.loop, report.cpu_percent
     columns = ("cycles", "missed", "unmeasured", "latest wake-up", "longest cycle", "CPU idle", "CPU moving")
     table = Table(*columns, title="control loop")
@@ -153,7 +155,7 @@ def _loop_table(report: Report) -> Table:
     return table
 
 
-def _cells(run: Run, joints: Sequence[str]) -> tuple[str, ...]:
+def _cells(run: JobRun, joints: Sequence[str]) -> tuple[str, ...]:
     place = ("[green]" if run.success else "[red]") + (run.bin or "none") + "[/]"
     error = run.between_cycles
     cells = (run.grade, place, f"{run.duration_s:.2f} s")
@@ -169,7 +171,7 @@ def _texts(numbers: Iterable[float]) -> list[str]:
     return [f"{number:.4f}" for number in numbers]
 
 
-def _content(report: Report) -> dict[str, Any]:
+def _content(report: DemoReport) -> dict[str, Any]:
     runs = report.runs
     return {
         "success": succeeded(report),
@@ -184,7 +186,7 @@ def _content(report: Report) -> dict[str, Any]:
     }
 
 
-def _run(run: Run, joints: Sequence[str]) -> dict[str, Any]:
+def _run(run: JobRun, joints: Sequence[str]) -> dict[str, Any]:
     return {
         "grade": run.grade,
         "success": run.success,

@@ -110,7 +110,7 @@ HOMING_TRIES = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class JobRun:
     """Results of a job: the bin of the cube and the following errors of the arm."""
 
     grade: str
@@ -123,7 +123,7 @@ class Run:
 
 
 @dataclass(slots=True)
-class Trace:
+class WorldTrace:
     """Joint positions from the simulated world, also between the cycles, with times on the monotonic clock."""
 
     times_s: list[float] = field(default_factory=list)
@@ -158,13 +158,13 @@ class JobRunner:
         self._signals = signals
         self._processes = processes
 
-    def run(self, grade: str) -> Run:
+    def run(self, grade: str) -> JobRun:
         """Run one job and watch it. Raises Interrupted, after canceling the job, if the user ends the demo."""
         if self._failed:
             self._clean_up()
         samples = self._monitor.newest.samples
         self._camera.poll()
-        self._camera.trace = Trace()
+        self._camera.trace = WorldTrace()
         samples.clear()
         self._live.job(grade)
         started_s = perf_counter()
@@ -175,7 +175,7 @@ class JobRunner:
         success = outcome.success and where == grade.strip().upper()
         self._failed = not success
         self._live.done(grade, where, success, outcome.message)
-        return Run(grade, success, where, duration_s, outcome.message, at, between)
+        return JobRun(grade, success, where, duration_s, outcome.message, at, between)
 
     def _clean_up(self) -> None:
         """Open the hand and move the arm home. When the next job starts, the simulation puts the cube on the stand."""
@@ -229,7 +229,7 @@ class Camera:
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
         self.bin: str | None = None
-        self.trace = Trace()
+        self.trace = WorldTrace()
         self._client = client
         self._joints = list(joints)
 
@@ -242,7 +242,7 @@ class Camera:
                 self.trace.positions.append(positions[: len(self._joints)])
 
 
-def _errors(samples: "Sequence[Sample]", trace: Trace) -> tuple[FollowingError, FollowingError]:
+def _errors(samples: "Sequence[Sample]", trace: WorldTrace) -> tuple[FollowingError, FollowingError]:
     """Return the following errors at the cycles and between them.
 
     The ROS times of the samples are converted to the clock of the trace.

@@ -98,7 +98,7 @@ OPEN, CLOSE = "open the hand", "close the hand"
 
 
 @dataclass(frozen=True, slots=True)
-class Targets:
+class MoveTargets:
     """Joints that can be moved, and poses that can be approached."""
 
     joints: tuple[str, ...] = ()
@@ -110,12 +110,12 @@ class Targets:
     """Reasons why saved poses are not available."""
 
 
-NO_TARGETS: Final = Targets()
+NO_TARGETS: Final = MoveTargets()
 
 
 def find_targets(
     folder: Path | None, driven: Mapping[str, tuple[str, ...]], limits: Mapping[str, JointLimits]
-) -> Targets:
+) -> MoveTargets:
     """Return the joints that a running arm can move and the poses that it can approach.
 
     Args:
@@ -125,15 +125,19 @@ def find_targets(
     """
     joints = tuple(joint for some in driven.values() for joint in some)
     if folder is None:
-        return Targets(joints, refused=("No poses are available because the stack does not report its arm's folder.",))
+        return MoveTargets(
+            joints, refused=("No poses are available because the stack does not report its arm's folder.",)
+        )
     hand = _hand(folder, driven)
     try:
         poses = Poses(folder).all()
     except PoseError as error:
-        return Targets(joints, hand, refused=(f"No poses are available: {error}",))
+        return MoveTargets(joints, hand, refused=(f"No poses are available: {error}",))
     refused = {pose: why for pose, at in poses.items() if (why := _refusal(at, joints, limits))}
     available = {pose: at for pose, at in poses.items() if pose not in refused}
-    return Targets(joints, hand, available, tuple(f"{pose} is not available: {why}" for pose, why in refused.items()))
+    return MoveTargets(
+        joints, hand, available, tuple(f"{pose} is not available: {why}" for pose, why in refused.items())
+    )
 
 
 def _hand(folder: Path, driven: Mapping[str, tuple[str, ...]]) -> Mapping[str, Pose]:

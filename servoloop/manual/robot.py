@@ -11,14 +11,14 @@ from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray, JointLimits
 from nodes.handling.robot import HandlingError, JointsNow
 from servoloop.recording.history import Curves
-from servoloop.recording.robot_state import Snapshot, servo_faults
+from servoloop.recording.robot_state import RobotSnapshot, servo_faults
 from servoloop.recording.sources import LiveSource
 
 ANSWER_S: Final = 5.0
 """Maximum time until the first measurement of a running stack arrives."""
 
 
-def joints_now(snapshot: Snapshot, age_s: float) -> JointsNow:
+def joints_now(snapshot: RobotSnapshot, age_s: float) -> JointsNow:
     """Return the commanded and measured joint positions of a snapshot that is ``age_s`` old."""
     commanded = np.where(np.isfinite(snapshot.command), snapshot.command, snapshot.position)
     return JointsNow(
@@ -26,11 +26,11 @@ def joints_now(snapshot: Snapshot, age_s: float) -> JointsNow:
     )
 
 
-def _by_name(snapshot: Snapshot, positions: FloatArray) -> dict[str, float]:
+def _by_name(snapshot: RobotSnapshot, positions: FloatArray) -> dict[str, float]:
     return dict(zip(snapshot.joints, positions.tolist(), strict=True))
 
 
-def limits_of(snapshot: Snapshot) -> dict[str, JointLimits]:
+def limits_of(snapshot: RobotSnapshot) -> dict[str, JointLimits]:
     """Return the limits in the robot description, by joint."""
     if not snapshot.description_xml:
         return {}
@@ -68,7 +68,7 @@ class LiveRobot:
         return self._source.arm
 
     @property
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> RobotSnapshot:
         """Latest state of the robot."""
         return self._source.robot.state.snapshot
 

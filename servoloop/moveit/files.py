@@ -16,7 +16,7 @@ from hal.robot_file.robot_file import load_robot_file
 from servoloop.moveit.collision_matrix import SAMPLES, reasons
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
-from servoloop.moveit.surroundings import Objects, Shape, surroundings
+from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings
 from servoloop.stack.arm_folders import Arm, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import CONFIG, Files, make_folder, write_file
@@ -155,7 +155,7 @@ def planning_scene(objects: Objects) -> str:
     return text
 
 
-def _pose(shape: Shape) -> str:
+def _pose(shape: CollisionShape) -> str:
     x, y, z = shape.position
     position = f"position: {{x: {x}, y: {y}, z: {z}}}"
     qx, qy, qz, qw = shape.quaternion_xyzw
@@ -169,7 +169,7 @@ def read_objects(request: Mapping[str, Any]) -> Objects:
     found: Objects = {}
     for item in request["scene"]["world"]["collision_objects"]:
         found[item["id"]] = [
-            Shape(
+            CollisionShape(
                 primitive["type"],
                 tuple(map(float, primitive["dimensions"])),
                 tuple(float(pose["position"][axis]) for axis in "xyz"),

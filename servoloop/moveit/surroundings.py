@@ -31,7 +31,7 @@ Pose = Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class CollisionShape:
     """Primitive shape of an object with its center and orientation. Dimensions are as in shape_msgs/SolidPrimitive."""
 
     kind: int
@@ -62,7 +62,7 @@ class Pit:
         return Pit(x_from, x_to, y_from, y_to, max(self.depth, other.depth))
 
 
-Objects = dict[str, list[Shape]]
+Objects = dict[str, list[CollisionShape]]
 BASE: Final = "base_link"
 """First body and link of the arm."""
 
@@ -105,7 +105,7 @@ def _level(data: Any, geom: int, name: str) -> float:
     return float(data.geom_xpos[geom][2])
 
 
-def _shape(model: Any, data: Any, geom: int, lower_m: float) -> Shape | None:
+def _shape(model: Any, data: Any, geom: int, lower_m: float) -> CollisionShape | None:
     """Return a geometry as a primitive with its top lowered by ``lower_m``, or None if nothing remains."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
     middle, turn = data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3)
@@ -125,7 +125,7 @@ def _shape(model: Any, data: Any, geom: int, lower_m: float) -> Shape | None:
             return None
     quaternion = np.zeros(4)
     mujoco.mju_mat2Quat(quaternion, turn.ravel())
-    return Shape(primitive, _rounded(dimensions), _rounded(middle), _rounded(np.roll(quaternion, -1)))
+    return CollisionShape(primitive, _rounded(dimensions), _rounded(middle), _rounded(np.roll(quaternion, -1)))
 
 
 def _rounded(values: FloatArray) -> Numbers:
@@ -172,12 +172,12 @@ def _extent(arm: LinkModel, geom: int, padding_m: float) -> tuple[FloatArray, Fl
     return middle - half, middle + half
 
 
-def _table(level: float, pits: Sequence[Pit]) -> list[Shape]:
+def _table(level: float, pits: Sequence[Pit]) -> list[CollisionShape]:
     """Return boxes that form the table with its pits. Neighboring boxes along x are merged."""
     xs = _edges(edge for pit in pits for edge in (pit.x_from, pit.x_to))
     ys = _edges(edge for pit in pits for edge in (pit.y_from, pit.y_to))
     bottom = level - max([TABLE_M, *(pit.depth + ROOM_M for pit in pits)])
-    boxes: list[Shape] = []
+    boxes: list[CollisionShape] = []
     for y_from, y_to in pairwise(ys):
         runs: list[tuple[float, float, float]] = []
         for x_from, x_to in pairwise(xs):
@@ -187,7 +187,7 @@ def _table(level: float, pits: Sequence[Pit]) -> list[Shape]:
             runs.append((begin, x_to, depth))
         for x_from, x_to, depth in runs:
             low, high = np.array([x_from, y_from, bottom]), np.array([x_to, y_to, level - depth])
-            boxes.append(Shape(BOX, _rounded(high - low), _rounded((low + high) / 2)))
+            boxes.append(CollisionShape(BOX, _rounded(high - low), _rounded((low + high) / 2)))
     return boxes
 
 

@@ -11,7 +11,7 @@ from servoloop.recording.joint_values import widened
 KEPT_S: Final = 60.0
 
 
-class Row(NamedTuple):
+class HistoryRow(NamedTuple):
     """Joint values of one cycle: arrays (n,) in joint order, in rad or m, rad/s or m/s, and N m or N."""
 
     stamp_s: float
@@ -41,9 +41,9 @@ class History:
     """Rows of the last ``KEPT_S`` seconds. Not thread-safe."""
 
     def __init__(self) -> None:
-        self._rows: deque[Row] = deque()
+        self._rows: deque[HistoryRow] = deque()
 
-    def add(self, row: Row) -> None:
+    def add(self, row: HistoryRow) -> None:
         """Add a row. If its time is before the last row, start a new history.
 
         Rows older than a newly added joint get NaN for this joint.
@@ -66,5 +66,5 @@ class History:
         return Curves(np.array(time_s), *(np.array(column) for column in columns))
 
 
-def _widened(row: Row, count: int) -> Row:
-    return Row(row.stamp_s, *(widened(values, count) for values in row[1:]))
+def _widened(row: HistoryRow, count: int) -> HistoryRow:
+    return HistoryRow(row.stamp_s, *(widened(values, count) for values in row[1:]))

@@ -12,7 +12,7 @@ import numpy as np
 from hal.robot_description.description import Vector
 from hal.robot_description.kinematics import Quaternion
 from hal.types import FloatArray
-from servoloop.recording.history import KEPT_S, Curves, History, Row
+from servoloop.recording.history import KEPT_S, Curves, History, HistoryRow
 from servoloop.recording.joint_values import JointValues, widened
 from servoloop.recording.mcap_messages import (
     COMMANDS,
@@ -61,7 +61,7 @@ class GoalPath:
 
 
 @dataclass(frozen=True, slots=True)
-class Snapshot:
+class RobotSnapshot:
     """Immutable state of a robot at one time. Arrays (n,) are in the order of ``joints``, in rad or m."""
 
     description_xml: str = ""
@@ -105,7 +105,7 @@ class RobotState:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._now, self._values = Snapshot(), JointValues()
+        self._now, self._values = RobotSnapshot(), JointValues()
         self._history = History()
         self._results: deque[tuple[float, str]] = deque(maxlen=RESULTS)
         self._sequence: int | None = None
@@ -116,7 +116,7 @@ class RobotState:
             self._take(received)
 
     @property
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> RobotSnapshot:
         """Current state of the robot."""
         with self._lock:
             return self._now
@@ -176,7 +176,7 @@ class RobotState:
         positions = dict(zip(message.name, message.position, strict=False))
         command = np.array([positions.get(joint, np.nan) for joint in now.joints])
         self._now = now = replace(now, command=command)
-        self._history.add(Row(now.stamp_s, now.position, command, now.velocity, now.effort))
+        self._history.add(HistoryRow(now.stamp_s, now.position, command, now.velocity, now.effort))
 
     def _goal(self, controller: str, received: Received) -> None:
         message, begun_s = received.message, received.stamp_ns * 1e-9
@@ -222,13 +222,13 @@ FAULT: Final = 2
 """Error level of a diagnostic status."""
 
 
-def servo_status(snapshot: Snapshot, joint: str) -> StatusNow | None:
+def servo_status(snapshot: RobotSnapshot, joint: str) -> StatusNow | None:
     """Return the diagnostic status of a joint's servo, or None if the joint has no servo."""
     prefix = f"{OWN}{joint}{OF_SERVO}"
     return next((status for name, status in snapshot.statuses.items() if name.startswith(prefix)), None)
 
 
-def servo_faults(snapshot: Snapshot) -> dict[str, str]:
+def servo_faults(snapshot: RobotSnapshot) -> dict[str, str]:
     """Return the error messages of servos by joint."""
     found = {joint: servo_status(snapshot, joint) for joint in snapshot.joints}
     return {joint: one.message for joint, one in found.items() if one is not None and one.level >= FAULT}
@@ -284,7 +284,7 @@ class ObservedRobot:
         return None if at < 0 else np.asarray(curves.position[at])
 
 
-def health(snapshot: Snapshot) -> Health:
+def health(snapshot: RobotSnapshot) -> Health:
     """Return the servos' health from the latest diagnostics."""
 
     def numbers(key: str) -> FloatArray:

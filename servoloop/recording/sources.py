@@ -127,7 +127,7 @@ class Source(Protocol):
         ...
 
 
-class Recording:
+class PlayedRecording:
     """Messages of a recording in order, and the robot at the current playback position."""
 
     def __init__(self, path: Path) -> None:
@@ -174,7 +174,7 @@ class Playback:
 
     up_to_date = True
 
-    def __init__(self, recording: Recording, clock: Clock) -> None:
+    def __init__(self, recording: PlayedRecording, clock: Clock) -> None:
         self.playing = True
         self.speed = "1"
         """One of ``SPEEDS``."""

@@ -48,7 +48,7 @@ class Cancel(_Act):
     kind: Literal["cancel"] = "cancel"
 
 
-class Hand(_Act):
+class MoveHand(_Act):
     """Move the hand. ``share`` 0 is its lower limit and 1 its upper limit."""
 
     kind: Literal["hand"] = "hand"
@@ -79,7 +79,7 @@ class Jog(_Act):
     for_s: Duration = 1.0
 
 
-class Guide(_Act):
+class GuideArm(_Act):
     """Switch the arm to freedrive and pull at one joint. Switch back to the arm controller after ``for_s``."""
 
     kind: Literal["guide"] = "guide"
@@ -89,4 +89,6 @@ class Guide(_Act):
     for_s: Duration = 1.0
 
 
-Act = Annotated[Move | Plan | Stream | Cancel | Hand | Switch | Reactivate | Jog | Guide, Field(discriminator="kind")]
+Act = Annotated[
+    Move | Plan | Stream | Cancel | MoveHand | Switch | Reactivate | Jog | GuideArm, Field(discriminator="kind")
+]

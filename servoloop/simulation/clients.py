@@ -15,7 +15,7 @@ from hal.errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState
 from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, JointPositions
-from servoloop.simulation.acts import Act, Cancel, Guide, Hand, Jog, Move, Plan, Reactivate, Stream, Switch
+from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
 from servoloop.simulation.stack import SimulatedStack
 
 LOG = logging.getLogger("servoloop")
@@ -45,7 +45,7 @@ class SimulatedClients:
         """Kind of the latest act, empty before the first act."""
         self._measured: FloatArray = np.full(len(arm.joints), np.nan)
         """Measured positions (n,) of the arm's joints in the latest cycle, in rad or m."""
-        if any(isinstance(act, Guide) for act in acts):
+        if any(isinstance(act, GuideArm) for act in acts):
             self._add_freedrive()
 
     def cycle(self, state: JointState) -> None:
@@ -129,7 +129,7 @@ class SimulatedClients:
             yield
             yield
 
-    def _guide(self, act: Guide) -> None:
+    def _guide(self, act: GuideArm) -> None:
         loop, stack = self._stack.loop, self._stack
         switch = SwitchRequest(activate=(FREEDRIVE,), deactivate=(self._arm.name,))
         loop.manager.switch(switch, loop.within_limits)
@@ -156,7 +156,7 @@ class SimulatedClients:
         if self._arm.newest is not None:
             self._arm.cancel(self._arm.newest)
 
-    def _hand(self, act: Hand) -> None:
+    def _hand(self, act: MoveHand) -> None:
         limit = self._limit_of(self._stack.hand.joints[0])
         self._stack.hand.submit([limit.lower + act.share * (limit.upper - limit.lower)])
 

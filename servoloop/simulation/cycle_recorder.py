@@ -47,14 +47,14 @@ class CycleRecord:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class CycleRecording:
     """Recorded cycles of a run, with the names of its interfaces and joints."""
 
     interfaces: tuple[str, ...]
     joints: tuple[str, ...]
     cycles: tuple[CycleRecord, ...]
 
-    def around(self, time_s: float, before_s: float, cycles_after: int) -> "Recording":
+    def around(self, time_s: float, before_s: float, cycles_after: int) -> "CycleRecording":
         """Return the cycles of ``before_s`` seconds before a time, and ``cycles_after`` cycles after it."""
         times = [cycle.time_s for cycle in self.cycles]
         begin = bisect_left(times, time_s - before_s - ROUNDING_S)
@@ -86,12 +86,12 @@ class CycleRecorder:
         hardware.read, hardware.write = recorded_read, recorded_write  # type: ignore[method-assign]
 
     @property
-    def recording(self) -> Recording:
+    def recording(self) -> CycleRecording:
         """All cycles so far. Packets after the last write are in an extra record at the end."""
         if self._state is not None and any(self._unseen().values()):
             self._records.append(self._record(self._stack.loop.command, self._state))
         hardware = self._stack.loop.hardware
-        return Recording(hardware.command_interfaces, hardware.joints, tuple(self._records))
+        return CycleRecording(hardware.command_interfaces, hardware.joints, tuple(self._records))
 
     def _record(self, command: FloatArray, state: JointState) -> CycleRecord:
         loop = self._stack.loop

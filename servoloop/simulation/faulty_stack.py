@@ -13,7 +13,7 @@ from servoloop.simulation.stack_faults import StackFaults, Upsettable
 from servoloop.simulation.touches import Touches
 from sim_backend.buses.port import VirtualAdapter
 from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 
 
 class FaultyStack(SimulatedStack):
@@ -44,7 +44,7 @@ class FaultyStack(SimulatedStack):
             name: VirtualAdapter(line, self.clock, self.ports[name].name) for name, line in self.lines.items()
         }
         self.stack_faults = StackFaults(self.clock, self.controllers, self.arm.name, self._client_dies)
-        self.player = FaultPlayer(Targets(self.lines, self.world, self.adapters, self.stack_faults))
+        self.player = FaultPlayer(FaultTargets(self.lines, self.world, self.adapters, self.stack_faults))
         self.touches = Touches(self.files.robot.joints, self.player, self.clock)
         self._playing = True
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
-from nodes.pick_place.job import Ending, Outcome, PickPlaceJob, Result, State
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
+from nodes.pick_place.settings import JobSettings
 from servoloop.simulation.recording import FollowingError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import Arm
@@ -28,9 +28,9 @@ class _NextCycle:
 
 
 class SimulatedArm:
-    """Implementation of nodes.pick_place.job.Arm with the controllers of a simulated stack."""
+    """Implementation of nodes.pick_place.job.JobArm with the controllers of a simulated stack."""
 
-    def __init__(self, stack: SimulatedStack, settings: Settings) -> None:
+    def __init__(self, stack: SimulatedStack, settings: JobSettings) -> None:
         self._stack = stack
         self._settings = settings
         self._goal: GoalHandle | None = None
@@ -42,17 +42,17 @@ class SimulatedArm:
         if self._goal is not None:
             self._stack.arm.cancel(self._goal)
 
-    async def move(self, positions_rad: Sequence[float]) -> Outcome:
+    async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         point = GoalPoint(tuple(positions_rad), self._settings.move_time_s)
         goal = TrajectoryGoal(self._settings.joints, (point,))
         if reason := self._stack.arm.check(goal):
-            return Outcome(False, f"the arm rejected the goal: {reason}")
+            return JobOutcome(False, f"the arm rejected the goal: {reason}")
         handle = self._goal = self._stack.arm.submit(goal)
         while not handle.done:
             await _NextCycle()
         if handle.status is GoalStatus.SUCCEEDED:
-            return Outcome(True)
-        return Outcome(False, f"the arm {handle.status.name.lower()}: {handle.error_text}")
+            return JobOutcome(True)
+        return JobOutcome(False, f"the arm {handle.status.name.lower()}: {handle.error_text}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +75,15 @@ def require_cell(files: Files, grades: Collection[str]) -> None:
         require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
 
 
-def job_settings(arm: Arm, grades: Collection[str]) -> Settings:
+def job_settings(arm: Arm, grades: Collection[str]) -> JobSettings:
     """Return the settings of the arm's pick-and-place node. Without jobs, return the defaults without reading a file.
 
     Raises ArmFileError.
     """
-    return load_pick_place(arm.pick_place).settings() if grades else Settings()
+    return load_pick_place(arm.pick_place).settings() if grades else JobSettings()
 
 
-def run_job(stack: SimulatedStack, settings: Settings, grade: str, number: int = 1) -> JobRecord:
+def run_job(stack: SimulatedStack, settings: JobSettings, grade: str, number: int = 1) -> JobRecord:
     """Run one job until the cube has come to rest. Raises the errors of the stack, such as PortLost."""
     begun_s = stack.clock.now()
     states: list[State] = []
@@ -107,11 +107,11 @@ def run_job(stack: SimulatedStack, settings: Settings, grade: str, number: int =
     finally:
         steps.close()
         stack.after_cycle = lambda: None
-    result = results[0] if results else Result(Ending.ABORTED, number, f"no end within {LONGEST_S:g} s")
+    result = results[0] if results else Result(JobEnding.ABORTED, number, f"no end within {LONGEST_S:g} s")
     landed = bins[-1] if bins else None
     return JobRecord(
         job.grade,
-        result.ending is Ending.SUCCEEDED and landed == job.grade,
+        result.ending is JobEnding.SUCCEEDED and landed == job.grade,
         landed,
         result.message,
         duration_s,

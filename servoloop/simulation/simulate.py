@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.port import Port
 from hal.types import JointState
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.recording.bus_tap import BusTaps
 from servoloop.recording.sampler import Sampler
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -111,7 +111,7 @@ def simulated(files: Files) -> Inventory:
     return replace(inventory_of(files), end_s=None)
 
 
-def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path | None = None) -> SimulationResult:
+def simulate(files: Files, settings: JobSettings, schedule: Schedule, record: Path | None = None) -> SimulationResult:
     """Activate the arm on virtual servos, run the jobs one by one, then stay active for the schedule's ``seconds``.
 
     Equal arguments give equal digests, with or without a recording.
@@ -157,7 +157,7 @@ def simulate(files: Files, settings: Settings, schedule: Schedule, record: Path 
     )
 
 
-def _run(stack: FaultyStack, settings: Settings, schedule: Schedule) -> tuple[JobRecord, ...]:
+def _run(stack: FaultyStack, settings: JobSettings, schedule: Schedule) -> tuple[JobRecord, ...]:
     stack.up()
     stack.run(SETTLED_S)
     jobs = tuple(run_job(stack, settings, grade, number) for number, grade in enumerate(schedule.job, 1))

@@ -8,7 +8,7 @@ from drivers.protocol import v1, v2
 from drivers.protocol.decoder import Reply
 from drivers.servos.catalog import series_of, wire_protocol
 from hal.joint import Joint
-from servoloop.simulation.cycle_recorder import CycleRecord, Recording
+from servoloop.simulation.cycle_recorder import CycleRecord, CycleRecording
 from sim_backend.faults.text import text_of
 from sim_backend.packets import dynamixel as dynamixel_wire
 from sim_backend.packets import sts as sts_wire
@@ -74,7 +74,7 @@ SEPARATOR = " | "
 """Separator between the packets of a cycle."""
 
 
-def trace_text(recording: Recording, joints: Sequence[Joint]) -> str:
+def trace_text(recording: CycleRecording, joints: Sequence[Joint]) -> str:
     """Return a recording as CSV: time, commands, positions, velocities, faults, states and packets.
 
     Numbers are exact, in s, rad or m, and rad/s or m/s. ``joints``: joints of the robot file.
@@ -88,7 +88,7 @@ def trace_text(recording: Recording, joints: Sequence[Joint]) -> str:
     return text.getvalue()
 
 
-def packet_texts(recording: Recording, joints: Sequence[Joint]) -> list[list[str]]:
+def packet_texts(recording: CycleRecording, joints: Sequence[Joint]) -> list[list[str]]:
     """Return the packets of each cycle as text with their times in s: ``>`` for sent and ``<`` for received."""
     buses = {joint.bus for joint in joints}
     texts = {bus: PacketText([joint for joint in joints if joint.bus == bus]) for bus in sorted(buses)}
@@ -104,7 +104,7 @@ def packet_texts(recording: Recording, joints: Sequence[Joint]) -> list[list[str
     return [cycle_texts(cycle) for cycle in recording.cycles]
 
 
-def _header(recording: Recording) -> list[str]:
+def _header(recording: CycleRecording) -> list[str]:
     commands = [f"command/{name}" for name in recording.interfaces]
     measured = [f"{kind}/{joint}" for kind in ("position", "velocity") for joint in recording.joints]
     return ["time_s", *commands, *measured, "faults", "injected", "hardware", "controllers", "packets"]

@@ -29,15 +29,15 @@ from sim_backend.emulator import serve_all
 from sim_backend.faults.control import handle_fault_command
 from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import FaultPlayer, require_possible
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 from sim_backend.line.common_plant import CommonPlant
 from sim_backend.line.line import ServoLine
 from sim_backend.line.rig import Supply
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.plant import Coupling, Plant, WorldPlant
 from sim_backend.scene.feeder import Feeder
-from sim_backend.scene.hand import Hand, handle_hand_command
-from sim_backend.scene.picture import Recorder
+from sim_backend.scene.hand import SceneHand, handle_hand_command
+from sim_backend.scene.picture import FilmRecorder
 from sim_backend.scene.scene_check import require_scene
 from sim_backend.scene.world import World
 from sim_backend.scene.world_feed import WorldFeed, feed_path
@@ -154,12 +154,12 @@ class EmulatedArm:
         if build.practice_seed is not None:
             self.world.clear_table()
         self._feeder = Feeder()
-        self._hand = Hand(self.world, {one.joint: one.transmission for one in ways})
-        self.recorder = Recorder(self.world) if pictured else None
+        self._hand = SceneHand(self.world, {one.joint: one.transmission for one in ways})
+        self.recorder = FilmRecorder(self.world) if pictured else None
         self.lines, handle = self._boxed(files, build, ways) if build.in_box else self._wired(files, build, ways)
         self._adapters = {name: PtyAdapter(path) for name, path in device_paths(link, self.lines).items()}
         # All servos of a new box share one ID, so a fault cannot target a single servo.
-        self.player = FaultPlayer(Targets({} if build.in_box else self.lines, self.world, self._adapters))
+        self.player = FaultPlayer(FaultTargets({} if build.in_box else self.lines, self.world, self._adapters))
         self.handle: Handler = partial(handle_fault_command, self.player, lambda: self.world.time_s, handle)
         """Executes the requests of the control socket's clients."""
 

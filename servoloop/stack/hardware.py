@@ -31,7 +31,7 @@ from hal.robot_file.robot_file import RobotFile
 from hal.servos.servo_hardware import ServoHardware
 from servoloop.stack.devices import world_feed
 from servoloop.stack.emulated_scene import EmulatedScene, Pose
-from servoloop.stack.line_rate import Line
+from servoloop.stack.line_rate import RatedLine
 from servoloop.stack.robot_files import Files
 from sim_backend.scene.world_feed import WorldFeedClient
 
@@ -78,7 +78,7 @@ class HardwareSetup:
     """Switch for the gravity compensation of each component that has servos."""
     virtual: bool
     """Whether all hardware is simulated."""
-    buses: Mapping[str, Line]
+    buses: Mapping[str, RatedLine]
     """Buses opened so far, by name."""
     rates_hz: Mapping[str, float]
     """Rate of reads and writes on each bus, in Hz."""
@@ -176,7 +176,7 @@ class _ComponentBuilder:
     clock: Clock
     world: "_World | None"
     open_port: OpenPort
-    buses: dict[str, Line] = field(default_factory=dict)
+    buses: dict[str, RatedLine] = field(default_factory=dict)
     """Buses opened so far, by name."""
 
     def build(self, kind: HardwareKind | str, component: HardwareInfo) -> Hardware:

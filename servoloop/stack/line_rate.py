@@ -12,7 +12,7 @@ BITS_PER_BYTE: Final = 10
 """Bits per byte on the wire: a start bit, eight data bits and a stop bit."""
 
 
-class Line(Protocol):
+class RatedLine(Protocol):
     """Bus with a baud rate and a known number of bytes per cycle."""
 
     @property
@@ -24,7 +24,7 @@ class Line(Protocol):
     def exchange_size(self, goals: Mapping[int, ServoGoal], servo_ids: Sequence[int]) -> int: ...
 
 
-def check_rates(buses: Mapping[str, Line], rates_hz: Mapping[str, float], robot: Robot, file: Path) -> None:
+def check_rates(buses: Mapping[str, RatedLine], rates_hz: Mapping[str, float], robot: Robot, file: Path) -> None:
     """Check that each open bus can transfer its goals and states at the required rate.
 
     Args:
@@ -41,7 +41,7 @@ def check_rates(buses: Mapping[str, Line], rates_hz: Mapping[str, float], robot:
         raise ControllersFileError("\n".join(f"{file}: {problem}" for problem in problems if problem))
 
 
-def _problem(bus: Line, rate_hz: float, robot: Robot, name: str) -> str:
+def _problem(bus: RatedLine, rate_hz: float, robot: Robot, name: str) -> str:
     ids = [joint.servo_id for joint in robot.joints if joint.bus == name]
     size = bus.exchange_size(dict.fromkeys(ids, ServoGoal(0)), ids)
     wire_s = size * BITS_PER_BYTE / bus.baud

@@ -12,7 +12,7 @@ from hal.plausible import Position
 from hal.yaml_file import mistakes
 
 if TYPE_CHECKING:
-    from nodes.pick_place.settings import Settings
+    from nodes.pick_place.settings import JobSettings
 
 
 NODE: Final = "vision_pick_place_controller"
@@ -58,11 +58,11 @@ class PickPlace(BaseModel):
         bins = {f"bins.{grade}": pose for grade, pose in self.bins.items()}
         return {"poses.ready": self.poses.ready, "poses.pick": self.poses.pick, **bins}
 
-    def settings(self) -> "Settings":
+    def settings(self) -> "JobSettings":
         """Return the settings of the node, with default times."""
-        from nodes.pick_place.settings import Settings
+        from nodes.pick_place.settings import JobSettings
 
-        return Settings(
+        return JobSettings(
             joints=self.joints,
             ready_rad=self.poses.ready,
             pick_rad=self.poses.pick,

@@ -26,7 +26,7 @@ READY_S: Final = FADE_IN_S + 0.5
 """Time after torque on until the servos carry the arm and have corrected its sag, in seconds."""
 
 
-class Phase(StrEnum):
+class PlayPhase(StrEnum):
     """State of a playback."""
 
     READYING = "getting ready"
@@ -60,7 +60,7 @@ class Play:
         Raises:
             TeachError: The motion cannot be played.
         """
-        self.phase = Phase.READYING
+        self.phase = PlayPhase.READYING
         self._arm, self._follow, self._permission = arm, follow, permission
         limits = arm.loop.limits
         if motion.path is not None:
@@ -68,7 +68,7 @@ class Play:
         points = goal_points(slowed(motion.path, limits, speed), limits) if motion.path is not None else ()
         self._check(motion.position, points)
         self._goals = self._make_goals(motion.position, points, speed)
-        self._running: tuple[Phase, GoalHandle] | None = None
+        self._running: tuple[PlayPhase, GoalHandle] | None = None
         self._ready_s = math.inf
 
     def _check(self, poses: FloatArray, points: tuple[GoalPoint, ...]) -> None:
@@ -103,10 +103,10 @@ class Play:
         if allowed and self._running is None and not self._next():
             return False
         if self._running is None:
-            self.phase = Phase.WAITING
+            self.phase = PlayPhase.WAITING
             return True
         phase, handle = self._running
-        self.phase = phase if allowed else Phase.PAUSED
+        self.phase = phase if allowed else PlayPhase.PAUSED
         if handle.done and handle.status is not GoalStatus.SUCCEEDED:
             raise TeachError(f"the arm has stopped: {handle.error_text}")
         return not handle.done or self._next()
@@ -115,7 +115,7 @@ class Play:
         """Start the next goal. Return False if there is no further goal."""
         found = next(self._goals, None)
         if found is None:
-            self.phase = Phase.DONE
+            self.phase = PlayPhase.DONE
             return False
         phase, goal = found
         if reason := self._follow.check(goal):
@@ -125,14 +125,14 @@ class Play:
 
     def _make_goals(
         self, poses: FloatArray, points: tuple[GoalPoint, ...], speed: float
-    ) -> Iterator[tuple[Phase, TrajectoryGoal]]:
+    ) -> Iterator[tuple[PlayPhase, TrajectoryGoal]]:
         """Yield the goals of the motion. Each goal is computed only after the previous goal was reached."""
         if not points:
             for pose in poses:
-                yield Phase.PLAYING, self._slowly_to(pose, speed)
+                yield PlayPhase.PLAYING, self._slowly_to(pose, speed)
             return
-        yield Phase.APPROACHING, self._slowly_to(poses[0])
-        yield Phase.PLAYING, TrajectoryGoal(self._arm.joints, points)
+        yield PlayPhase.APPROACHING, self._slowly_to(poses[0])
+        yield PlayPhase.PLAYING, TrajectoryGoal(self._arm.joints, points)
 
     def _slowly_to(self, pose: FloatArray, speed: float = 1.0) -> TrajectoryGoal:
         limits = [replace(one, velocity=APPROACH * speed * one.velocity) for one in self._arm.loop.limits]

@@ -36,7 +36,7 @@ Keep = Callable[[RecordedMotion, Sequence[str]], None]
 """Function that saves a motion and prints the warnings about it. Raises DriverError if it cannot be saved."""
 
 
-class Phase(StrEnum):
+class RecordPhase(StrEnum):
     """State of a recording."""
 
     READYING = "getting ready: hold the arm"
@@ -45,7 +45,7 @@ class Phase(StrEnum):
     HELD = "the arm holds its position: release it"
 
 
-class Recording:
+class TeachRecording:
     """Recording of one motion. The loop thread calls ``take``; the user interface calls all other methods."""
 
     def __init__(self, arm: TeachArm, freedrive: FreedriveController | None, poses: bool, keep: Keep) -> None:
@@ -57,7 +57,7 @@ class Recording:
             poses: Whether to record poses marked with a key instead of the path.
             keep: Saves the motion.
         """
-        self.phase = Phase.READYING
+        self.phase = RecordPhase.READYING
         self.error: Exception | None = None
         """Reason why the motion was not saved."""
         self._arm, self._freedrive, self._keep = arm, freedrive, keep
@@ -84,7 +84,7 @@ class Recording:
 
     def take(self, state: JointState) -> None:
         """Record the joint positions of a cycle if all joints were measured."""
-        if self.phase is not Phase.BY_HAND:
+        if self.phase is not RecordPhase.BY_HAND:
             return
         self._unmeasured.update(dict.fromkeys(state.faults))
         if not state.faults and np.isfinite(state.position).all():
@@ -93,7 +93,7 @@ class Recording:
     def press(self, key: str) -> None:
         """Process a key, which marks the current pose or ends the recording."""
         if self._poses is not None and key in MARK_KEYS:
-            if self.phase is Phase.BY_HAND and self._samples:
+            if self.phase is RecordPhase.BY_HAND and self._samples:
                 count = max(1, round(POSE_S / self._arm.loop.period_s))
                 self._poses.append(np.median([position for _, position in self._samples[-count:]], axis=0))
         elif key in STOP_KEYS:
@@ -101,9 +101,9 @@ class Recording:
 
     def stop(self) -> None:
         """End and save the recording, and make the arm hold its position."""
-        if self.phase not in (Phase.READYING, Phase.BY_HAND):
+        if self.phase not in (RecordPhase.READYING, RecordPhase.BY_HAND):
             return
-        self.phase = Phase.HOLDING
+        self.phase = RecordPhase.HOLDING
         try:
             self._keep(*self.shown())
         except DriverError as error:  # raised later, once the arm holds its position
@@ -118,13 +118,13 @@ class Recording:
 
         Raises TeachError if torque cannot be enabled.
         """
-        if self.phase is Phase.READYING and (self._freedrive is None or self._freedrive.free):
-            self.phase = Phase.BY_HAND
-        elif self.phase is Phase.BY_HAND and self._poses is None and self._is_full():
+        if self.phase is RecordPhase.READYING and (self._freedrive is None or self._freedrive.free):
+            self.phase = RecordPhase.BY_HAND
+        elif self.phase is RecordPhase.BY_HAND and self._poses is None and self._is_full():
             self.stop()
-        elif self.phase is Phase.HOLDING and self._holds():
-            self.phase, self._held_s = Phase.HELD, now_s
-        return not (self.phase is Phase.HELD and now_s - self._held_s >= HANDS_S)
+        elif self.phase is RecordPhase.HOLDING and self._holds():
+            self.phase, self._held_s = RecordPhase.HELD, now_s
+        return not (self.phase is RecordPhase.HELD and now_s - self._held_s >= HANDS_S)
 
     def _is_full(self) -> bool:
         """Return whether the path has reached the maximum length for playback."""

@@ -14,7 +14,7 @@ from servoloop.stack.processes import claim_realtime_priority
 from servoloop.stack.signals import Signals
 from servoloop.teach.arm import TeachArm, add_freedrive, add_trajectory, build_arm
 from servoloop.teach.play import Play
-from servoloop.teach.record import Keep, Recording
+from servoloop.teach.record import Keep, TeachRecording
 from servoloop.teach.taught import RecordedMotion
 from servoloop.teleop.arms import Side
 
@@ -22,7 +22,7 @@ Show = Callable[[str, TeachArm], None]
 """Function that displays the state of the arm. It is called many times per second."""
 
 
-class Person(Protocol):
+class TeachOperator(Protocol):
     """User interface of a recording. Within its context, keys are read and the arm is displayed."""
 
     def confirm(self, question: str) -> None:
@@ -42,7 +42,7 @@ class Person(Protocol):
         ...
 
 
-def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, keep: Keep) -> int:
+def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOperator, keep: Keep) -> int:
     """Record a motion until a key, a signal or a fault ends the recording.
 
     At the end, the arm holds its position or parks, as its robot file requires. If torque cannot be enabled, the arm
@@ -65,7 +65,7 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: Person, ke
     """
     worker, loop_signals, stack_recording = BackgroundWorker(), Signals(), StackRecording(None)
     arm = build_arm(side, rate_hz, MonotonicClock(), worker, not limp, stack_recording.tap)
-    recording = Recording(arm, None if limp else add_freedrive(arm), poses, keep)
+    recording = TeachRecording(arm, None if limp else add_freedrive(arm), poses, keep)
     arm.loop.on_cycle = recording.take
     run = LoopThread(arm.stack, loop_signals)
     with arm.stack.configured(hangs=run.hangs):

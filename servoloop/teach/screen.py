@@ -16,7 +16,7 @@ from servoloop.stack.terminal import raw_keys, typed
 from servoloop.teach.arm import TeachArm
 
 
-class Screen(LiveTable):
+class TeachScreen(LiveTable):
     """Live table of one arm."""
 
     def show(self, phase: str, arm: TeachArm) -> None:
@@ -27,7 +27,7 @@ class Screen(LiveTable):
         self.draw(text, lambda: Group(Text(phase, style="cyan"), _table(arm, state)))
 
 
-class Teacher(Screen):
+class Teacher(TeachScreen):
     """Terminal user interface of a recording."""
 
     def __init__(self, console: Console, confirm: Callable[[str], None]) -> None:

@@ -21,7 +21,7 @@ HINT: Final = f"press {REACTIVATE} to enable their torque again at their current
 HANDS_FREE_HINT: Final = "press Ctrl-C and start again to enable their torque"
 
 
-class Person(Keys, Protocol):
+class TeleopOperator(Keys, Protocol):
     """User interface with the keys and a display of both arms."""
 
     @property
@@ -37,7 +37,7 @@ class Person(Keys, Protocol):
 class Attendance:
     """Supervision of both arms in the thread of the user interface."""
 
-    def __init__(self, both: Teleop, person: Person, end: Callable[[], None]) -> None:
+    def __init__(self, both: Teleop, person: TeleopOperator, end: Callable[[], None]) -> None:
         """``end`` ends the loop."""
         self._both, self._person, self._end = both, person, end
         self._tried_s = 0.0

@@ -9,17 +9,17 @@ from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
-from controller.teleop.leader_follower_controller import Phase
+from controller.teleop.leader_follower_controller import FollowerPhase
 from hal.servos.leader_arm import leader_joint
 from servoloop.manual.dead_man import Keys
 from servoloop.manual.live_table import LiveTable
 from servoloop.teleop.arms import Teleop
 from servoloop.teleop.attendance import HINT
 
-STYLES = {Phase.HOLDING: "yellow", Phase.JOINING: "cyan", Phase.FOLLOWING: "green"}
+STYLES = {FollowerPhase.HOLDING: "yellow", FollowerPhase.JOINING: "cyan", FollowerPhase.FOLLOWING: "green"}
 
 
-class Screen(LiveTable):
+class TeleopScreen(LiveTable):
     """Terminal user interface with questions, a dead-man key and a live table of both arms."""
 
     summary = ""

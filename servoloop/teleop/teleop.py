@@ -13,10 +13,10 @@ from servoloop.stack.loop_thread import LEFT, LoopThread, run_beside
 from servoloop.stack.processes import claim_realtime_priority
 from servoloop.stack.signals import Signals
 from servoloop.teleop.arms import Side, Teleop, build_teleop, release_leader
-from servoloop.teleop.attendance import Attendance, Person
+from servoloop.teleop.attendance import Attendance, TeleopOperator
 
 
-class Leading(Person, Protocol):
+class Leading(TeleopOperator, Protocol):
     """Terminal user interface. Within its context, keys are read and the arms are displayed."""
 
     def confirm(self, question: str) -> None:
@@ -63,7 +63,7 @@ def teleop(leader: Side, follower: Side, rate_hz: int, person: Leading) -> int:
     return 1 if run.failed or both.lost else 0
 
 
-def _run(run: LoopThread, both: Teleop, person: Person) -> None:
+def _run(run: LoopThread, both: Teleop, person: TeleopOperator) -> None:
     """Run the loop in its thread and supervise the arms in this thread."""
     attendance = Attendance(both, person, run.signals.ask)
     try:

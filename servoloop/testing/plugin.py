@@ -10,7 +10,7 @@ import pytest
 
 if TYPE_CHECKING:
     from servoloop.testing.arm import VirtualArm
-    from servoloop.testing.processes import RosStack, VirtualBus
+    from servoloop.testing.processes import RosStack, VirtualBusProcess
 
 MARKERS = (
     "virtual_arm(arm, robot=None, urdf=None, controllers=None, backlash_deg=1.0): choose the arm of the fixtures",
@@ -81,11 +81,11 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Iterator[None]:
 
 
 @pytest.fixture
-def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any) -> Iterator["VirtualBus"]:
+def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any) -> Iterator["VirtualBusProcess"]:
     """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a process of their own."""
-    from servoloop.testing.processes import VirtualBus
+    from servoloop.testing.processes import VirtualBusProcess
 
-    with VirtualBus(_files(request.node), tmp_path, seed, **_arm(request.node)).running() as bus:
+    with VirtualBusProcess(_files(request.node), tmp_path, seed, **_arm(request.node)).running() as bus:
         for text in _texts(request.node):
             bus.fault(text)
         yield bus

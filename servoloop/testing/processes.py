@@ -98,7 +98,7 @@ class _Process:
             clock.sleep_until(clock.now() + POLL_S)
 
 
-class VirtualBus(_Process):
+class VirtualBusProcess(_Process):
     """Process of ``servoloop emulate``. Any client of a serial port can use ``port``."""
 
     def __init__(

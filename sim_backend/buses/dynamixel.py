@@ -18,7 +18,7 @@ from typing import Final
 
 from drivers.servos.register import ServoModel
 from drivers.servos.xl320 import XL320
-from sim_backend.line.line import Reply, ServoLine, Turn, named
+from sim_backend.line.line import DelayedReply, ServoLine, Turn, named
 from sim_backend.line.rig import Rig, Supply
 from sim_backend.mechanics.plant import Plant
 from sim_backend.packets.dynamixel import (
@@ -77,7 +77,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
 
     def _execute(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
-    ) -> list[Reply]:
+    ) -> list[DelayedReply]:
         parameters = instruction.parameters
         match instruction.code:
             case Code.SYNC_WRITE:
@@ -114,10 +114,12 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
                 gap_s += (STATUS_OVERHEAD + size) * byte_s
         return turns
 
-    def _fast(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float) -> list[Reply]:
+    def _fast(
+        self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float
+    ) -> list[DelayedReply]:
         """Return one packet in blocks, up to the first servo that does not receive the block before its own intact."""
         knowing = [servo for servo in servos if servo.answers_reads and servo.reads_fast]
-        wire, replies = b"", list[Reply]()
+        wire, replies = b"", list[DelayedReply]()
         length = fast_length(size for _, _, size in spans)
         if length > LONGEST_REPLY:
             return []
@@ -132,7 +134,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
             if not wire and self.paced:
                 at_s += max(servo.return_delay_s for servo in asked)
             heard = self.faults.pass_reply(servo_id, sent)
-            replies.append(Reply(at_s, heard, self.faults.held_s(servo_id)))
+            replies.append(DelayedReply(at_s, heard, self.faults.held_s(servo_id)))
             wire += heard
             if not heard or not ends_whole(wire):
                 break
@@ -150,7 +152,7 @@ def _overlaid(blocks: Sequence[bytes]) -> bytes:
     return bytes(reduce(and_, column) for column in zip(*blocks, strict=True))
 
 
-def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[Reply]:
+def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[DelayedReply]:
     """Write each servo's part of a group write. There is no reply."""
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):

@@ -20,7 +20,7 @@ from drivers.servos import ax_mx as dynamixel1
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
-from sim_backend.line.line import Reply, ServoLine, Turn, named
+from sim_backend.line.line import DelayedReply, ServoLine, Turn, named
 from sim_backend.line.rig import Rig, Supply
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.motor import sts_motor
@@ -33,8 +33,6 @@ from sim_backend.servos.generic.scs_servo import VirtualScsServo
 from sim_backend.servos.sts.firmware import AS_REIMPLEMENTED, StsVariant
 from sim_backend.servos.sts.servo import VirtualServo
 from sim_backend.servos.sts.state import TABLE_SIZE
-
-__all__ = ["Reply", "VirtualBus"]
 
 _ID_AT = 2
 _SLOT_PAUSE = 3
@@ -84,7 +82,7 @@ class VirtualBus(ServoLine[PacketServo]):
 
     def _execute(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
-    ) -> list[Reply]:
+    ) -> list[DelayedReply]:
         """Let ``servos`` execute one instruction, and return the replies in order."""
         parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
         meant = servos if broadcast else named(instruction.servo_id, servos)
@@ -110,14 +108,16 @@ class VirtualBus(ServoLine[PacketServo]):
                 before = b"" if instruction.code == Code.READ else self._waiting.get(servo, b"")
                 self._waiting[servo] = before + packet
 
-    def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
+    def _silence(self, at_s: float, byte_s: float) -> list[DelayedReply]:
         turns: dict[float, list[bytes]] = {}
         for servo, packets in self._waiting.items():
             turns.setdefault(servo.return_delay_s if self.paced else 0.0, []).append(packets)
         self._waiting.clear()
         return [self._reply(packets, at_s + delay_s, byte_s) for delay_s, packets in sorted(turns.items())]
 
-    def _sync_read(self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]) -> list[Reply]:
+    def _sync_read(
+        self, parameters: bytes, at_s: float, byte_s: float, servos: Sequence[PacketServo]
+    ) -> list[DelayedReply]:
         """Answer a sync read (address, size, IDs).
 
         Each ID has a time slot; a servo that is named twice replies once.
@@ -140,7 +140,7 @@ class VirtualBus(ServoLine[PacketServo]):
 
     def _broadcast(
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[PacketServo]
-    ) -> list[Reply]:
+    ) -> list[DelayedReply]:
         """Return the replies to a broadcast. Most broadcasts have none."""
         own_time = [servo for servo in servos if isinstance(servo, VirtualServo)]
         others = self._answers(instruction, [servo for servo in servos if not isinstance(servo, VirtualServo)])
@@ -161,7 +161,7 @@ def servo_of(
     model: ServoModel, servo_id: int, variant: StsVariant = AS_REIMPLEMENTED, spread: Spread = NOMINAL
 ) -> PacketServo:
     """Create a servo of ``model``. An STS servo gets this firmware variant and a motor of this spread."""
-    if isinstance(model, dynamixel1.Model):
+    if isinstance(model, dynamixel1.AxMxModel):
         servo = (VirtualMxServo if model.bulk_read else VirtualAxServo)(model, servo_id)
         servo.memory.save(dynamixel1.baud_rate, 1)
         servo.memory.save(dynamixel1.return_delay, 0)

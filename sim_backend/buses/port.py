@@ -9,7 +9,7 @@ from typing import Any
 
 from drivers.clock import Clock
 from drivers.errors import PortLost, PortMissing
-from sim_backend.line.line import Reply, ServoLine
+from sim_backend.line.line import DelayedReply, ServoLine
 
 
 class VirtualPort:
@@ -21,7 +21,7 @@ class VirtualPort:
         self._baud = baud
         self._name = name
         self._gone = ""
-        self._coming: deque[Reply] = deque()
+        self._coming: deque[DelayedReply] = deque()
         self._arrived = bytearray()
         bus.advance(clock.now())
 

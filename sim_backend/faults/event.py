@@ -11,7 +11,7 @@ from drivers.servos.register import ServoModel
 from hal.plausible import Chance, Duration, Seed, ServoId, Time
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.tails import log_uniform
-from sim_backend.faults.targets import Inventory, Place, Since, Targets
+from sim_backend.faults.targets import FaultPlace, FaultTargets, Inventory, Since
 
 DRAWN_S: Final = (0.001, 20.0)
 """Durations of drawn faults that end, in seconds: from one packet to a whole run with a job."""
@@ -40,7 +40,7 @@ class Event(BaseModel):
             does = {"start": "starts", "up": "comes up", "end": "ends"}[self.since]
             raise FaultError(f"no stack {does} here: leave out `since`, or play the fault with servoloop campaign")
 
-    def acting(self, targets: Targets) -> AbstractContextManager[None]:
+    def acting(self, targets: FaultTargets) -> AbstractContextManager[None]:
         """Return a context in which the fault is active. It starts on entry and ends on exit."""
         raise NotImplementedError
 
@@ -110,7 +110,7 @@ class OfServo(Event):
         """Return the servo's model. Raises FaultError if there is no such servo."""
         return there.servos[there.bus_of(self.servo_id, self.bus)][self.servo_id]
 
-    def place(self, targets: Targets) -> Place:
+    def place(self, targets: FaultTargets) -> FaultPlace:
         """Return the place of the servo on its line."""
         return targets.place(self.servo_id, self.bus)
 

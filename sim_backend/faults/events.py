@@ -26,7 +26,7 @@ from sim_backend.faults.stack import (
     ControllerJumps,
     ControllerNan,
     ControllerRaises,
-    Stall,
+    LoopStall,
 )
 
 FaultEvent = Annotated[
@@ -35,7 +35,7 @@ FaultEvent = Annotated[
     | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | FalsePosition | FalseValue | Hot | Overcurrent
     | WrongId | WrongRate | WrongMode | WrongSetting | EepromGone
     | AdapterUnplugged | ForeignPackets
-    | Stall | ControllerRaises | ControllerNan | ControllerJumps | ClientNonsense | ClientCancels | ClientDies,
+    | LoopStall | ControllerRaises | ControllerNan | ControllerJumps | ClientNonsense | ClientCancels | ClientDies,
     Field(discriminator="kind"),
 ]  # fmt: skip
 

@@ -13,7 +13,7 @@ from hal.plausible import Counts, Number, RegisterValue
 from sim_backend.faults.event import Lasting, OfServo, model_of
 from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
 from sim_backend.faults.tails import either_way, log_uniform
-from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.servos.generic.packet_servo import PacketServo
 
 READ_IN_CYCLES: Final = (
@@ -66,7 +66,7 @@ class FalsePosition(_FalseReplies):
     """Number of counts added to the true position."""
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
         register, due = servo.PRESENT_POSITION, self._turns()
 
@@ -100,7 +100,7 @@ class FalseValue(_FalseReplies):
         require_value(register, self.value)
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo, due = self.place(targets).servo, self._turns()
         register = register_of(servo.model, self.register_name)
 

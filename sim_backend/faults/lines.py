@@ -13,7 +13,7 @@ from hal.plausible import Duration, Ohms, ServoId, Volts
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, OfBus, OfServo, any_servo
 from sim_backend.faults.tails import about, log_uniform
-from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.line import ServoLine
 from sim_backend.line.power import feed, restart, watch_supply
 
@@ -41,7 +41,7 @@ class CableCut(OfBus, Lasting):
         return {bus: list(there.servos[bus]).index(self.after) + 1}
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         with ExitStack() as cut:
             for bus, first in self._cut(targets.inventory).items():
                 line = targets.lines[bus]
@@ -55,7 +55,7 @@ class CableCut(OfBus, Lasting):
 
 
 @contextmanager
-def _off(targets: Targets, line: ServoLine[Any], servo: Any) -> Iterator[None]:
+def _off(targets: FaultTargets, line: ServoLine[Any], servo: Any) -> Iterator[None]:
     def pull(pulled: bool) -> None:
         if pulled:
             line.unplug(servo)
@@ -88,7 +88,7 @@ class WeakSupply(OfBus, Lasting):
         return self
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         with ExitStack() as weak:
             for line in targets.lines_of(self.bus):
                 weak.enter_context(_fed(targets, line, (self.voltage_v, self.resistance_ohm)))
@@ -104,7 +104,7 @@ class WeakSupply(OfBus, Lasting):
 
 
 @contextmanager
-def _fed(targets: Targets, line: ServoLine[Any], supply: tuple[float | None, float | None]) -> Iterator[None]:
+def _fed(targets: FaultTargets, line: ServoLine[Any], supply: tuple[float | None, float | None]) -> Iterator[None]:
     def change(what: tuple[float | None, float | None]) -> None:
         feed(line, *what)
 
@@ -121,7 +121,7 @@ class Echo(OfBus, Lasting):
     kind: Literal["echo"] = "echo"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         with ExitStack() as echo:
             for line in targets.lines_of(self.bus):
                 echo.enter_context(_echoing(targets, line))
@@ -129,7 +129,7 @@ class Echo(OfBus, Lasting):
 
 
 @contextmanager
-def _echoing(targets: Targets, line: ServoLine[Any]) -> Iterator[None]:
+def _echoing(targets: FaultTargets, line: ServoLine[Any]) -> Iterator[None]:
     def join(joined: bool) -> None:
         line.faults.echo = joined
 
@@ -156,7 +156,7 @@ class AdapterUnplugged(OfBus, Lasting):
             raise FaultError("there is no adapter here that could be unplugged: the line ends in this program")
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         adapters = [targets.adapters[name] for name in targets.inventory.buses(self.bus)]
         with ExitStack() as pulled:
             for adapter in adapters:
@@ -183,7 +183,7 @@ class ForeignPackets(OfServo, Lasting):
     does: Literal["reads", "lets_go"] = "reads"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         place = self.place(targets)
         packet, next_s = self._packet(place.servo.model), -1.0
 

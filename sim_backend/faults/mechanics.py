@@ -13,7 +13,7 @@ from hal.plausible import Counts, Torque
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
 from sim_backend.faults.tails import about, either_way, log_uniform
-from sim_backend.faults.targets import Inventory, Mechanics, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory, Mechanics
 
 
 class Jammed(OfServo, Lasting):
@@ -25,7 +25,7 @@ class Jammed(OfServo, Lasting):
         _require_world(there, self.kind)
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         world, joint = _world(targets), self.place(targets).joint
 
         def jam(jammed: bool) -> None:
@@ -49,7 +49,7 @@ class Overload(OfServo, Lasting):
         _require_world(there, self.kind)
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         world, place = _world(targets), self.place(targets)
         effort = self.torque_nm / abs(place.ratio)
         world.load(place.joint, effort)
@@ -79,7 +79,7 @@ class SlippedHorn(Momentary, OfServo):
         return counts
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         place = self.place(targets)
         place.line.rig.plant.slip(place.number, self.counts * 2.0 * pi / place.servo.model.counts_per_turn)
         yield
@@ -95,6 +95,6 @@ def _require_world(there: Inventory, kind: str) -> None:
         raise FaultError(f"there are only servos on a line here, without a simulated arm: no joint can have {kind!r}")
 
 
-def _world(targets: Targets) -> Mechanics:
+def _world(targets: FaultTargets) -> Mechanics:
     assert targets.world is not None, "``refuse`` checks this"
     return targets.world

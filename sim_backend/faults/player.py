@@ -7,7 +7,7 @@ from typing import Final
 
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
-from sim_backend.faults.targets import Inventory, Since, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory, Since
 
 ENDS, BEGINS = 0, 1
 """Order of events at the same time. A fault ends before the next one begins."""
@@ -18,7 +18,7 @@ ROUNDING_S: Final = 1e-6
 class FaultPlayer:
     """Starts and ends faults. Call ``update`` after every step of the world with the world's time."""
 
-    def __init__(self, targets: Targets) -> None:
+    def __init__(self, targets: FaultTargets) -> None:
         self.active: dict[int, Event] = {}
         """Active faults in the order in which they began."""
         self.happened: list[Event] = []

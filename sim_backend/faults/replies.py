@@ -9,7 +9,7 @@ from hal.plausible import Delay, ServoId
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Replies
 from sim_backend.faults.tails import log_uniform
-from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.line import overlaid
 from sim_backend.packets.faults import LONGEST_NOISE
 
@@ -22,7 +22,7 @@ class _OnTheWire(Replies):
         raise NotImplementedError
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         random = self.stream()
 
         def become(servo_id: int, packet: bytes) -> bytes:
@@ -93,7 +93,7 @@ class Collision(_OnTheWire):
         there.bus_of(self.other_id, there.bus_of(self.servo_id, self.bus))
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         random, last_reply = self.stream(), b""
 
         def become(servo_id: int, packet: bytes) -> bytes:
@@ -124,7 +124,7 @@ class LateReplies(Replies):
     by_s: Delay = 0.02
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         random = self.stream()
 
         def held(servo_id: int) -> float:
@@ -145,7 +145,7 @@ class MissedInstructions(Replies):
     kind: Literal["missed_instructions"] = "missed_instructions"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         random = self.stream()
 
         def reaches(servo_id: int) -> bool:
@@ -156,7 +156,7 @@ class MissedInstructions(Replies):
 
 
 @contextmanager
-def _listed(targets: Targets, bus: str | None, where: str, act: Callable[..., Any]) -> Iterator[None]:
+def _listed(targets: FaultTargets, bus: str | None, where: str, act: Callable[..., Any]) -> Iterator[None]:
     """Within the context, ``act`` is in this list of each line's faults."""
     lists: list[list[Any]] = [getattr(line.faults, where) for line in targets.lines_of(bus)]
     for each in lists:

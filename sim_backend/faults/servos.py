@@ -12,7 +12,7 @@ from drivers.servos.register import ServoModel
 from hal.plausible import Celsius, Chance, Duration
 from sim_backend.faults.event import Lasting, Momentary, OfServo
 from sim_backend.faults.tails import about, log_uniform
-from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.power import restart
 
 BEARABLE_C: Final = 70.0
@@ -25,7 +25,7 @@ class Silent(OfServo, Lasting):
     kind: Literal["silent"] = "silent"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         place = self.place(targets)
         mute, servo = place.line.faults.mute, place.servo
 
@@ -42,7 +42,7 @@ class BrownOut(Momentary, OfServo):
     kind: Literal["brown_out"] = "brown_out"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         restart(self.place(targets).servo)
         yield
 
@@ -54,7 +54,7 @@ class LoosePlug(OfServo, Lasting):
     every_s: Duration = 1.0
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo, next_s = self.place(targets).servo, -1.0
 
         def shake(time_s: float) -> None:
@@ -78,7 +78,7 @@ class Hot(OfServo, Lasting):
     temperature_c: Celsius = 90.0
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         firmware = self.place(targets).servo.firmware
 
         def heat(time_s: float = 0.0) -> None:
@@ -104,7 +104,7 @@ class Overcurrent(OfServo, Lasting):
             raise self.cannot(model, "has no overcurrent protection")
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
 
         def wind(share: float) -> None:
@@ -128,7 +128,7 @@ class DeadEncoder(OfServo, Lasting):
             raise self.cannot(model, "does not report the state of its encoder")
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
 
         def fail(fails: bool) -> None:
@@ -144,7 +144,7 @@ class StuckEncoder(OfServo, Lasting):
     kind: Literal["stuck_encoder"] = "stuck_encoder"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
 
         def stick(sticks: bool) -> None:

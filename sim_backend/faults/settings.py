@@ -16,7 +16,7 @@ from sim_backend.box import FACTORY_ID
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
 from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
-from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.power import restart
 from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
@@ -35,7 +35,7 @@ class _WrongSetting(OfServo, Lasting):
         raise NotImplementedError
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
         name, value = self._setting(servo.model)
         register = register_of(servo.model, name)
@@ -134,7 +134,7 @@ class EepromGone(Momentary, OfServo):
     kind: Literal["eeprom_gone"] = "eeprom_gone"
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
         fresh = VirtualXl320Servo(FACTORY_ID) if servo.model == xl320.XL320 else type(servo)(servo.model, FACTORY_ID)
         servo.memory.flash = fresh.memory.flash

@@ -9,7 +9,7 @@ from hal.plausible import Duration, Position, Seed
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event, Lasting, Momentary
 from sim_backend.faults.tails import either_way, log_uniform
-from sim_backend.faults.targets import ClientFault, ControllerFault, Inventory, StackTarget, Targets
+from sim_backend.faults.targets import ClientFault, ControllerFault, FaultTargets, Inventory, StackTarget
 
 
 class _OfStack(Event):
@@ -20,19 +20,19 @@ class _OfStack(Event):
         if not there.stack:
             raise FaultError(f"there is no stack here, only servos: {self.kind!r} needs a stack on simulated time")
 
-    def stack(self, targets: Targets) -> StackTarget:
+    def stack(self, targets: FaultTargets) -> StackTarget:
         assert targets.stack is not None, "``refuse`` checks this"
         return targets.stack
 
 
-class Stall(_OfStack):
+class LoopStall(_OfStack):
     """The computer stalls, as if another program used the processor. Cycles are missed while the world continues."""
 
     kind: Literal["stall"] = "stall"
     for_s: Duration
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         self.stack(targets).stall(self.for_s)
         yield
 
@@ -67,7 +67,7 @@ class _OfController(_OfStack, Lasting):
         return [name for name, commands in there.controllers.items() if commands or cls.HOW == "raises"]
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         with self.stack(targets).disturb_controller(self.controller, self.HOW, self._jump):
             yield
 
@@ -120,7 +120,7 @@ class _OfClient(Momentary, _OfStack):
     seed: Seed = 0
 
     @contextmanager
-    def acting(self, targets: Targets) -> Iterator[None]:
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
         self.stack(targets).disturb_client(self.DOES, self.stream())
         yield
 

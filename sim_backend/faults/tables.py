@@ -16,7 +16,7 @@ ZERO: Final = 0.15
 
 def registers_of(model: ServoModel) -> Sequence[Register]:
     """Return all registers of a model, in order of address."""
-    return x.registers(model) if isinstance(model, x.Model) else series_of(model).registers
+    return x.registers(model) if isinstance(model, x.XModel) else series_of(model).registers
 
 
 def register_of(model: ServoModel, name: str) -> Register:

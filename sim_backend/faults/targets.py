@@ -24,7 +24,7 @@ HOLD_S: Final = 0.2
 """Time until an arm that holds its position at the program's end is at rest, in seconds."""
 
 
-class Adapter(Protocol):
+class FaultyAdapter(Protocol):
     """The adapter between a line and the computer."""
 
     def unplug(self) -> None:
@@ -123,7 +123,7 @@ def _ids(servos: Mapping[int, ServoModel]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FaultPlace:
     """Place at which a servo was mounted, regardless of its present ID."""
 
     line: ServoLine[Any]
@@ -145,12 +145,12 @@ class Place:
 
 
 @dataclass(slots=True)
-class Targets:
+class FaultTargets:
     """Targets of faults. Servos are named by the IDs with which they were mounted."""
 
     lines: Mapping[str, ServoLine[Any]]
     world: Mechanics | None = None
-    adapters: Mapping[str, Adapter] = field(default_factory=dict)
+    adapters: Mapping[str, FaultyAdapter] = field(default_factory=dict)
     stack: StackTarget | None = None
     holds: Holds = field(default_factory=Holds)
     _each_step: list[Callable[[float], None]] = field(default_factory=list)
@@ -168,11 +168,11 @@ class Targets:
         controllers = self.stack.controllers if self.stack is not None else {}
         return Inventory(servos, self.world is not None, bool(self.adapters), self.stack is not None, controllers)
 
-    def place(self, servo_id: int, bus: str | None) -> Place:
+    def place(self, servo_id: int, bus: str | None) -> FaultPlace:
         """Return the place of a servo."""
         line = self.lines[self.inventory.bus_of(servo_id, bus)]
         ids = [coupling.servo_id for coupling in line.rig.plant.couplings]
-        return Place(line, ids.index(servo_id))
+        return FaultPlace(line, ids.index(servo_id))
 
     def lines_of(self, bus: str | None) -> list[ServoLine[Any]]:
         """Return one line, or all lines."""

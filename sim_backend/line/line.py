@@ -43,7 +43,7 @@ AnyServo = TypeVar("AnyServo", bound=Wired)
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class DelayedReply:
     """Bytes that have all reached the master at ``due_s``."""
 
     due_s: float
@@ -126,18 +126,18 @@ class ServoLine(ABC, Generic[AnyServo]):
             self.rig.step()
         self._steps += max(0, behind)
 
-    def receive(self, data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+    def receive(self, data: bytes, now_s: float, baud: int = 1_000_000) -> list[DelayedReply]:
         """Return the replies to ``data``, whose first byte the master sends at ``now_s``."""
         if baud == 0:  # A baud rate of 0 means a closed line in termios.
             return []
-        replies: list[Reply] = []
+        replies: list[DelayedReply] = []
         while self.faults.foreign:
             foreign = self.faults.foreign.popleft()
             answers = self._exchange(foreign, now_s, baud)
-            replies += [Reply(now_s, foreign), *answers]
+            replies += [DelayedReply(now_s, foreign), *answers]
         return self._through_adapter(replies + self._exchange(data, now_s, baud))
 
-    def _exchange(self, data: bytes, now_s: float, baud: int) -> list[Reply]:
+    def _exchange(self, data: bytes, now_s: float, baud: int) -> list[DelayedReply]:
         """Return the replies to bytes that a program sends, with the times at which they have left the wire."""
         byte_s = BITS_PER_BYTE / baud if self.paced else 0.0
         begin_s = max(now_s, self._free_s)
@@ -146,9 +146,9 @@ class ServoLine(ABC, Generic[AnyServo]):
         self._heard_s = now_s
         self._free_s = begin_s + len(data) * byte_s
         held = self.faults.take_held()
-        replies: list[Reply] = [Reply(begin_s, held)] if held else []
+        replies: list[DelayedReply] = [DelayedReply(begin_s, held)] if held else []
         if self.faults.echo:
-            replies.append(Reply(self._free_s, data))
+            replies.append(DelayedReply(self._free_s, data))
         for instruction in self._parser.feed(data):
             complete_s = begin_s + (len(data) - self._parser.pending) * byte_s
             self.advance(complete_s)
@@ -160,7 +160,7 @@ class ServoLine(ABC, Generic[AnyServo]):
             self._free_s = max(self._free_s, replies[-1].due_s)
         return replies
 
-    def _through_adapter(self, replies: list[Reply]) -> list[Reply]:
+    def _through_adapter(self, replies: list[DelayedReply]) -> list[DelayedReply]:
         """Delay the replies as the adapter does. A reply that it holds back also delays all replies after it."""
         late = any(reply.held_s for reply in replies)
         if not replies or not (late or replies[0].due_s < self._handed_over_s):
@@ -168,7 +168,7 @@ class ServoLine(ABC, Generic[AnyServo]):
         through = []
         for reply in replies:
             self._handed_over_s = max(self._handed_over_s, reply.due_s + reply.held_s)
-            through.append(Reply(self._handed_over_s, reply.data))
+            through.append(DelayedReply(self._handed_over_s, reply.data))
         return through
 
     def _listening(self, baud: int) -> list[AnyServo]:
@@ -185,14 +185,16 @@ class ServoLine(ABC, Generic[AnyServo]):
         ]
 
     @abstractmethod
-    def _execute(self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]) -> list[Reply]:
+    def _execute(
+        self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[AnyServo]
+    ) -> list[DelayedReply]:
         """Let ``servos`` execute one instruction, and return the replies in order."""
 
-    def _silence(self, at_s: float, byte_s: float) -> list[Reply]:
+    def _silence(self, at_s: float, byte_s: float) -> list[DelayedReply]:
         """Return the replies that servos send only when the line is silent. The master's bytes end at ``at_s``."""
         return []
 
-    def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[Reply]:
+    def _in_turn(self, turns: Iterable[Turn], at_s: float, byte_s: float, slot_s: float) -> list[DelayedReply]:
         """Return replies one after the other. A turn without a reply lasts ``slot_s``."""
         replies = []
         for delay_s, packets in turns:
@@ -204,11 +206,11 @@ class ServoLine(ABC, Generic[AnyServo]):
             at_s = reply.due_s
         return replies
 
-    def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> Reply:
+    def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> DelayedReply:
         """Return the bytes on the wire if these packets are sent at the same time."""
         servo_id = packets[0][self._id_at]
         data = self.faults.pass_reply(servo_id, overlaid(packets))
-        return Reply(begin_s + max(map(len, packets)) * byte_s, data, self.faults.held_s(servo_id))
+        return DelayedReply(begin_s + max(map(len, packets)) * byte_s, data, self.faults.held_s(servo_id))
 
     def _answers(self, instruction: Instruction, servos: Sequence[AnyServo]) -> list[Turn]:
         """Let all servos execute the instruction. Replies with the same ID are sent at the same time."""

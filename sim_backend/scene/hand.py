@@ -35,7 +35,7 @@ class Grip:
     reach: float
 
 
-class Hand:
+class SceneHand:
     """A person's hand. Call ``update`` after every step of the world. Positions are in rad or m."""
 
     def __init__(self, world: Pushable, reach: Mapping[str, float]) -> None:
@@ -102,7 +102,7 @@ def _position(value: Any) -> float:
     return position
 
 
-def handle_hand_command(hand: Hand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
+def handle_hand_command(hand: SceneHand, lay_table: Callable[[], None], command: Mapping[str, Any]) -> dict[str, Any]:
     """Execute a command of ``servoloop hand`` and return the state of all joints.
 
     Raises ValueError for invalid commands.

@@ -157,7 +157,7 @@ def save_gif(path: Path, images: Sequence[Picture], fps: float) -> None:
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=round(1000 / fps), loop=0)
 
 
-class Recorder:
+class FilmRecorder:
     """Records the motion of the world to draw it later. Phases without motion are left out."""
 
     def __init__(self, world: World, period_s: float = 0.3, frames: int = 75) -> None:

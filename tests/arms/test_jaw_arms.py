@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import PickPlace, load_pick_place
@@ -81,7 +81,7 @@ def test_its_servos_hold_the_ready_pose(name: str) -> None:
 class SeenJob(UnpacedJob):
     """Job that checks the bins in each cycle, as a cube may be removed before the arm returns."""
 
-    def __init__(self, rig: SimulatedStack, grade: str, settings: Settings) -> None:
+    def __init__(self, rig: SimulatedStack, grade: str, settings: JobSettings) -> None:
         super().__init__(rig, grade, settings)
         self.lay: set[str | None] = set()
 

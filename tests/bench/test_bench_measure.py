@@ -17,7 +17,7 @@ from drivers.servos import x as x_series
 from drivers.servos.catalog import MODELS
 from drivers.servos.indirect import block_for
 from drivers.servos.register import ServoModel
-from servoloop.bench.bus import Figures, measure, standing_still
+from servoloop.bench.bus import BusSpeed, measure, standing_still
 from servoloop.bench.goals import present_goals
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
@@ -41,7 +41,7 @@ class Interrupted(VirtualPort):
             super().write(data)
 
 
-def measured(port: VirtualPort, cycles: int = 1000) -> Figures:
+def measured(port: VirtualPort, cycles: int = 1000) -> BusSpeed:
     clock = port._clock
     bus = Bus(port, clock)
     return measure(bus, clock, IDS, GOALS, cycles)

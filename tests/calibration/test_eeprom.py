@@ -135,7 +135,7 @@ def test_an_impossible_write_is_refused_before_sending(register: Register, value
 
 
 @pytest.mark.parametrize("model", [dxl.AX_12A, dxl.MX_28], ids=lambda model: model.name)
-def test_acknowledgments_can_be_switched_off_and_on(model: dxl.Model) -> None:
+def test_acknowledgments_can_be_switched_off_and_on(model: dxl.AxMxModel) -> None:
     clock = SimulatedClock(10.0)
     servos = VirtualBus.of(BenchPlant((1, 2)), model)
     bus = Bus(VirtualPort(servos, clock), clock, dict.fromkeys((1, 2), model))

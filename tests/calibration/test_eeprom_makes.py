@@ -45,7 +45,7 @@ class Bench:
     def __init__(self, case: Case) -> None:
         clock = SimulatedClock(10.0)
         models = dict.fromkeys((1, 2), case.model)
-        self.protocol2 = isinstance(case.model, x.Model)
+        self.protocol2 = isinstance(case.model, x.XModel)
         of = VirtualDynamixelBus.of if self.protocol2 else VirtualBus.of
         self.servos = of(BenchPlant((1, 2)), models)
         self.port = WatchedPort(self.servos, clock)

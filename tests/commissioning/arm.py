@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from calibration.angles import Travel
-from commissioning.calibrate.by_hand import Task
+from commissioning.calibrate.by_hand import CalibrationTask
 from commissioning.calibrate.plan import ArmPlan, JointPlan
-from commissioning.calibrate.result import Found, JointCalibration, calibration_of, unit
+from commissioning.calibrate.result import FoundZero, JointCalibration, calibration_of, unit
 from drivers.bus.bus import Bus
 from hal.joint import Joint
 from hal.types import FloatArray
@@ -21,7 +21,7 @@ from sim_backend.buses.mounting import Mounting
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import Coupling, WorldPlant
-from sim_backend.scene.hand import Hand
+from sim_backend.scene.hand import SceneHand
 from sim_backend.scene.world import World
 
 FILES = read_arm_files(find_arm())
@@ -57,7 +57,7 @@ class UnalignedArm:
         self.world.clear_table()
         if start is None:
             self.world.model.geom_contype[:] = 0
-        self.hand = Hand(self.world, {joint.name: joint.transmission for joint in self.joints})
+        self.hand = SceneHand(self.world, {joint.name: joint.transmission for joint in self.joints})
         self._fastest_rad_s = 0.0
         self._passed: list[tuple[FloatArray, FloatArray]] = []
         """Positions and velocities after each step that are not evaluated yet."""
@@ -122,7 +122,7 @@ class UnalignedArm:
         for joint, true in zip(self.joints, self.couplings, strict=True):
             at = [true.zero_counts + true.sign * end / unit(joint) for end in (joint.limits.lower, joint.limits.upper)]
             travel = Travel(round(min(at)), round(max(at)))
-            found[joint.name] = calibration_of(joint, Found(travel, true.sign, true.zero_counts, 0.0, 0))
+            found[joint.name] = calibration_of(joint, FoundZero(travel, true.sign, true.zero_counts, 0.0, 0))
         return found
 
     def wait(self) -> None:
@@ -144,7 +144,7 @@ class Person:
     arm: UnalignedArm
     plans: Mapping[str, JointPlan] = field(default_factory=lambda: PLAN.joints)
     heard: list[str] = field(default_factory=list)
-    lazy: Callable[[Task], bool] = lambda task: False
+    lazy: Callable[[CalibrationTask], bool] = lambda task: False
     """Returns whether the person ignores a task."""
     skipped: set[str] = field(default_factory=set)
     """Joints that are not swept."""
@@ -152,7 +152,7 @@ class Person:
     def say(self, text: str) -> None:
         self.heard.append(text)
 
-    def until_done(self, task: Task, update: Callable[[], None]) -> None:
+    def until_done(self, task: CalibrationTask, update: Callable[[], None]) -> None:
         self.heard.append(task.text)
         if self.lazy(task):
             return

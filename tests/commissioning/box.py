@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from commissioning.set_up.flow import SetUp, Task
-from commissioning.set_up.only_one import Place
+from commissioning.set_up.flow import SetUp, SetUpTask
+from commissioning.set_up.only_one import ServoPlace
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from drivers.servos.register import Register, ServoModel
@@ -18,9 +18,9 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 GRIPPER = (("position_p", 16), ("protection_current", 250), ("max_torque", 500))
 
 
-def places(model: ServoModel = sts.STS3215) -> list[Place]:
+def places(model: ServoModel = sts.STS3215) -> list[ServoPlace]:
     """Return the servos of an SO-101: the base has ID 1; the gripper has ID 6 and its own settings."""
-    return [Place(name, i, model, GRIPPER if name == "gripper" else ()) for i, name in enumerate(JOINTS, 1)]
+    return [ServoPlace(name, i, model, GRIPPER if name == "gripper" else ()) for i, name in enumerate(JOINTS, 1)]
 
 
 class Port(VirtualPort):
@@ -70,14 +70,14 @@ class Hands:
     """Hands that connect the requested servo, or the servos that ``instead`` returns."""
 
     bench: Bench
-    asked: list[Task] = field(default_factory=list)
+    asked: list[SetUpTask] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
-    instead: Callable[[Task], tuple[int, ...] | None] = lambda task: None
+    instead: Callable[[SetUpTask], tuple[int, ...] | None] = lambda task: None
 
     def say(self, text: str) -> None:
         self.said.append(text)
 
-    def connect(self, task: Task) -> None:
+    def connect(self, task: SetUpTask) -> None:
         self.asked.append(task)
         other = self.instead(task)
         right = range(len(JOINTS)) if task.kind == "chain" else (JOINTS.index(task.joint),)

@@ -22,7 +22,7 @@ class ToolLine:
 
     def __init__(self, models: Mapping[int, ServoModel], port: type[VirtualPort] = VirtualPort) -> None:
         self.clock = SimulatedClock(20.0)
-        of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.Model) else VirtualBus.of
+        of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.XModel) else VirtualBus.of
         self.servos: ServoLine[Any] = of(BenchPlant(tuple(models), timestep_s=0.005), models)
         self._noted(port)
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from math import tau
 
-from commissioning.drive_trial import JointMotion
-from commissioning.set_up.only_one import Place
+from commissioning.drive_trial import TrialMotion
+from commissioning.set_up.only_one import ServoPlace
 from commissioning.set_up.turn import turn_loose
 from drivers.bus.bus import Bus
 from drivers.servos import sts
@@ -51,9 +51,9 @@ class Loose:
         self.port = Port(self.line, self.clock)
         self.bus = Bus(self.port, self.clock)
 
-    def turn(self, place: ServoModel | None = None, stopped: Callable[[], bool] = lambda: False) -> JointMotion | None:
+    def turn(self, place: ServoModel | None = None, stopped: Callable[[], bool] = lambda: False) -> TrialMotion | None:
         """Run the gear test for a joint that needs this model."""
-        return turn_loose(self.bus, self.clock, 1, Place("jaw", 1, place or self.model), stopped)
+        return turn_loose(self.bus, self.clock, 1, ServoPlace("jaw", 1, place or self.model), stopped)
 
     @property
     def left(self) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import Any
 from commissioning.doctor.doctor import doctor
 from commissioning.doctor.findings import Finding
 from commissioning.doctor.motion import Move, no_move
-from commissioning.doctor.report import Report
+from commissioning.doctor.report import DoctorReport
 from commissioning.ports.machine import Machine
 from drivers.bus.bus import Bus
 from drivers.errors import PortError
@@ -90,7 +90,7 @@ class Patient:
         memory = self.line.servo(servo_id).memory
         (memory.save if hasattr(memory, "save") and register.persistent else memory.put)(register, value)
 
-    def examine(self, move: Move = no_move) -> Report:
+    def examine(self, move: Move = no_move) -> DoctorReport:
         devices = {name: f"{self.device}-{name}" if name else self.device for name in self.lines}
         return doctor(
             self.robot,

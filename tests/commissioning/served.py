@@ -22,7 +22,7 @@ from tests.servoloop.served import served as served_line
 @contextmanager
 def served(link: Path, models: Mapping[int, ServoModel]) -> Iterator[ServoLine[Any]]:
     """Serve a bus at ``link`` in a thread. Tests may only read its memory."""
-    of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.Model) else VirtualBus.of
+    of = VirtualDynamixelBus.of if isinstance(next(iter(models.values())), x.XModel) else VirtualBus.of
     bus: ServoLine[Any] = of(BenchPlant(tuple(models), timestep_s=0.005), models)
     with served_line(bus, link):
         yield bus

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commissioning.calibrate.by_hand import ByHand, Task
+from commissioning.calibrate.by_hand import ByHand, CalibrationTask
 from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
 from commissioning.calibrate.run import DIRECTIONS, by_hand, to_turn_round
 from commissioning.calibrate.sweep import Swept
@@ -31,9 +31,9 @@ class Clumsy(Person):
     """Distances from the marked pose, one for each time that it is shown."""
     instead: Mapping[str, str] = field(default_factory=dict)
     """Joint that is moved instead of another one."""
-    tasks: list[Task] = field(default_factory=list)
+    tasks: list[CalibrationTask] = field(default_factory=list)
 
-    def until_done(self, task: Task, update: object) -> None:
+    def until_done(self, task: CalibrationTask, update: object) -> None:
         self.tasks.append(task)
         super().until_done(task, update)  # type: ignore[arg-type]
 
@@ -83,7 +83,7 @@ def test_a_short_sweep_is_requested_again_with_the_measured_share(share: float) 
 
 def test_a_short_travel_is_accepted_after_a_second_sweep() -> None:
     class Learning(Clumsy):
-        def until_done(self, task: Task, update: object) -> None:
+        def until_done(self, task: CalibrationTask, update: object) -> None:
             super().until_done(task, update)
             self.share = {}
 

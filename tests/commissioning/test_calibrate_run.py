@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from commissioning.calibrate.by_hand import ByHand, Task
+from commissioning.calibrate.by_hand import ByHand, CalibrationTask
 from commissioning.calibrate.result import CalibrationError, travel_warnings
 from commissioning.calibrate.run import (
     DIRECTIONS,
@@ -18,7 +18,7 @@ from commissioning.calibrate.run import (
     STORE,
     SUPPORT,
     TRY,
-    Difference,
+    CalibrationDifference,
     by_hand,
     calibrate,
     to_repeat,
@@ -42,7 +42,7 @@ class Owner(Person):
 
     no: tuple[str, ...] = ()
     asked: list[str] = field(default_factory=list)
-    shown: list[Difference] = field(default_factory=list)
+    shown: list[CalibrationDifference] = field(default_factory=list)
 
     def confirm(self, question: str) -> bool:
         self.asked.append(question)
@@ -59,7 +59,7 @@ class Owner(Person):
             assert torque(self.arm), "it is taken before it is limp"
             self.arm.hand.hold()
 
-    def show(self, differences: tuple[Difference, ...]) -> None:
+    def show(self, differences: tuple[CalibrationDifference, ...]) -> None:
         self.shown = list(differences)
 
 
@@ -153,7 +153,7 @@ def test_unplugging_the_adapter_during_the_sweep_stores_nothing(robot: Path) -> 
     arm = UnalignedArm(SEED)
 
     class Clumsy(Owner):
-        def until_done(self, task: Task, update: Callable[[], None]) -> None:
+        def until_done(self, task: CalibrationTask, update: Callable[[], None]) -> None:
             self.arm.port.unplug()
             update()
 

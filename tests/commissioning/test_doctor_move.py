@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from commissioning.doctor.motion import FASTEST_RAD_S, SmallMotions
-from commissioning.doctor.report import Report
+from commissioning.doctor.report import DoctorReport
 from commissioning.slow_arm import SPEED_SHARE
 from drivers.servos import sts
 from hal.compensation.gravity import Gravity
@@ -21,12 +21,12 @@ PAN = 1
 LIFT = 2
 
 
-def examine(patient: Patient, stopped: Callable[[], bool] = lambda: False) -> Report:
+def examine(patient: Patient, stopped: Callable[[], bool] = lambda: False) -> DoctorReport:
     gravity = Gravity(patient.files.description, [joint.name for joint in patient.robot.joints])
     return patient.examine(SmallMotions(patient.open, patient.clock, gravity, stopped))
 
 
-def found(report: Report) -> list[tuple[str, int | None]]:
+def found(report: DoctorReport) -> list[tuple[str, int | None]]:
     return [(one.id, one.place.servo_id) for one in report.findings]
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from commissioning.doctor.doctor import judge
-from commissioning.doctor.findings import KINDS, SEVERITIES, Finding, Place, finding, ranked
+from commissioning.doctor.findings import KINDS, SEVERITIES, Finding, FindingPlace, finding, ranked
 from commissioning.doctor.snapshot import BusSnapshot, Heard, LineFigures, ServoSnapshot, Snapshot
 from drivers.bus.types import ServoState
 from tests.commissioning.patient import files_of
@@ -15,7 +15,10 @@ from tests.commissioning.patient import files_of
 JOINTS = files_of("robot_arm").robot.joints
 
 PLACES = st.builds(
-    Place, st.sampled_from([None, "", "hand"]), st.none(), st.one_of(st.none(), st.integers(min_value=1, max_value=3))
+    FindingPlace,
+    st.sampled_from([None, "", "hand"]),
+    st.none(),
+    st.one_of(st.none(), st.integers(min_value=1, max_value=3)),
 )
 FINDINGS = st.lists(
     st.builds(finding, st.sampled_from(sorted(KINDS)), PLACES, st.just("symptom"), st.just("cause")), max_size=12

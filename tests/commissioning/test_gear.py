@@ -6,7 +6,7 @@ from math import sqrt, tau
 
 import pytest
 
-from commissioning.drive_trial import JointMotion
+from commissioning.drive_trial import TrialMotion
 from commissioning.set_up.turn import WAY_RAD, GearResult, called, judge_gear, rivals, v_s_rad
 from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost
@@ -22,7 +22,7 @@ STARTS = {None: 2048, 0: 3, 1: 4090}
 LEFT_AS_IT_WAS = (0, 1000)
 
 
-def in_place_of(model: ServoModel, motion: JointMotion | None) -> GearResult:
+def in_place_of(model: ServoModel, motion: TrialMotion | None) -> GearResult:
     """Judge the motion for a joint that needs another model with the same rated voltage."""
     assert motion is not None
     return judge_gear(replace(motion, joint=replace(motion.joint, model=model)))

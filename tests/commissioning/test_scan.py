@@ -20,7 +20,7 @@ from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.register import ServoModel
 from sim_backend.buses.port import VirtualPort
 from sim_backend.faults import Disturbance
-from sim_backend.line.line import Reply
+from sim_backend.line.line import DelayedReply
 from tests.commissioning.lines import ToolLine
 from tests.drivers.ports import EchoingPort, WatchedPort
 
@@ -348,7 +348,7 @@ class AllAtOncePort(VirtualPort):
         if data[2] == v1.BROADCAST_ID and len(self._coming) > before:
             replies = [self._coming.pop() for _ in range(len(self._coming) - before)]
             mixed = bytes(reduce(and_, column) for column in zip(*(reply.data for reply in replies), strict=True))
-            self._coming.append(Reply(replies[-1].due_s, mixed))
+            self._coming.append(DelayedReply(replies[-1].due_s, mixed))
 
 
 @pytest.mark.parametrize("ids", [(5, 66), (130, 211, 252)])

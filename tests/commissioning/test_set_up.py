@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from commissioning.set_up.flow import TRIES, SetUp, Task
-from commissioning.set_up.only_one import Place, SetUpError, in_order, places_of
+from commissioning.set_up.flow import TRIES, SetUp, SetUpTask
+from commissioning.set_up.only_one import ServoPlace, SetUpError, in_order, places_of
 from drivers.errors import DriverError, PortLost
 from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
@@ -82,7 +82,7 @@ def test_a_second_run_recognizes_single_servos() -> None:
 def test_an_interrupted_set_up_continues_where_it_stopped(after: int) -> None:
     bench = Bench()
 
-    def stop(task: Task) -> None:
+    def stop(task: SetUpTask) -> None:
         if len(hands.asked) > after:
             raise KeyboardInterrupt
 
@@ -101,7 +101,7 @@ def test_an_interrupted_set_up_continues_where_it_stopped(after: int) -> None:
     assert_set_up(bench)
 
 
-def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
+def once(joint: str, *numbers: int) -> Callable[[SetUpTask], tuple[int, ...] | None]:
     """Connect other servos when the joint is requested the first time."""
     return lambda task: numbers if task.joint == joint and not task.problem else None
 
@@ -117,7 +117,7 @@ def once(joint: str, *numbers: int) -> Callable[[Task], tuple[int, ...] | None]:
     ],
 )
 def test_a_wrong_connection_is_reported_and_requested_again(
-    instead: Callable[[Task], tuple[int, ...] | None], text: str
+    instead: Callable[[SetUpTask], tuple[int, ...] | None], text: str
 ) -> None:
     bench = Bench()
     hands = Hands(bench, instead=instead)
@@ -170,7 +170,7 @@ def test_another_model_is_reported() -> None:
     bench.servo(5).memory.save(sts.model_number, 2825)
     hands = Hands(bench)
 
-    def swap(task: Task) -> None:
+    def swap(task: SetUpTask) -> None:
         if task.problem:
             bench.servo(5).memory.save(sts.model_number, 777)
 
@@ -221,7 +221,7 @@ def test_a_servo_with_torque_on_is_not_changed() -> None:
     bench.servo(5).memory.put(sts.torque_enable, 1)
     bench.port.before_write = refuse_writes
 
-    def stay(task: Task) -> tuple[int, ...] | None:
+    def stay(task: SetUpTask) -> tuple[int, ...] | None:
         if task.problem:
             assert bench.servo(5).memory.get(sts.torque_enable) == 1
             raise KeyboardInterrupt
@@ -306,7 +306,7 @@ def test_the_set_up_recovers_from_a_power_cut(at: int) -> None:
 
 
 def test_the_servo_with_the_factory_id_comes_last() -> None:
-    odd = [Place("a", 4, sts.STS3215), Place("b", 1, sts.STS3215), Place("c", 2, sts.STS3215, GRIPPER)]
+    odd = [ServoPlace("a", 4, sts.STS3215), ServoPlace("b", 1, sts.STS3215), ServoPlace("c", 2, sts.STS3215, GRIPPER)]
     assert [place.joint for place in in_order(odd)] == ["c", "a", "b"]
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from commissioning.set_up.flow import SetUp, Task
-from commissioning.set_up.only_one import Place
+from commissioning.set_up.flow import SetUp, SetUpTask
+from commissioning.set_up.only_one import ServoPlace
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort
@@ -19,8 +19,8 @@ from tests.servoloop.served import eventually, served
 # By name, because they have no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 PLACES = [
-    Place("wrist", 5, sts.STS3215, (("position_p", 20),)),
-    Place("jaw", 6, sts.STS3215, (("position_p", 16), ("protection_current", 250))),
+    ServoPlace("wrist", 5, sts.STS3215, (("position_p", 20),)),
+    ServoPlace("jaw", 6, sts.STS3215, (("position_p", 16), ("protection_current", 250))),
 ]
 
 
@@ -36,7 +36,7 @@ class Hands:
             self.box.connect(*self.wanted.queue[0])
             self.wanted.get()
 
-    def connect(self, task: Task) -> None:
+    def connect(self, task: SetUpTask) -> None:
         numbers = (0, 1) if task.kind == "chain" else ([place.joint for place in PLACES].index(task.joint),)
         self.wanted.put(numbers)
         eventually(self.wanted.empty)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from commissioning.set_up.flow import SetUp, Task
-from commissioning.set_up.only_one import Place
+from commissioning.set_up.flow import SetUp, SetUpTask
+from commissioning.set_up.only_one import ServoPlace
 from commissioning.slow_arm import StoppedError
 from drivers.bus.bus import Bus
 from drivers.servos import sts
@@ -19,7 +19,7 @@ from sim_backend.servos.sts.servo import VirtualServo
 from tests.commissioning.box import GRIPPER
 
 LIFT, JAW = 0, 1
-PLACES = [Place("lift", 2, sts.STS3215_C001), Place("jaw", 3, sts.STS3215_C046, GRIPPER)]
+PLACES = [ServoPlace("lift", 2, sts.STS3215_C001), ServoPlace("jaw", 3, sts.STS3215_C046, GRIPPER)]
 NAMES = [place.joint for place in PLACES]
 
 
@@ -27,8 +27,8 @@ NAMES = [place.joint for place in PLACES]
 class Table:
     """Two loose servos of a leader, and hands that connect the requested one or what ``instead`` returns."""
 
-    instead: Callable[[Task], int | None] = lambda task: None
-    asked: list[Task] = field(default_factory=list)
+    instead: Callable[[SetUpTask], int | None] = lambda task: None
+    asked: list[SetUpTask] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -44,7 +44,7 @@ class Table:
     def say(self, text: str) -> None:
         self.said.append(text)
 
-    def connect(self, task: Task) -> None:
+    def connect(self, task: SetUpTask) -> None:
         self.asked.append(task)
         other = self.instead(task)
         right = range(len(PLACES)) if task.kind == "chain" else (NAMES.index(task.joint),)
@@ -55,7 +55,7 @@ class Table:
         return SetUp(self.bus, self.clock, PLACES, self, turn=turn, stopped=stopped)
 
 
-def the_wrong_one_first(task: Task) -> int | None:
+def the_wrong_one_first(task: SetUpTask) -> int | None:
     return LIFT if task.joint == "jaw" and not task.problem else None
 
 
@@ -63,7 +63,7 @@ def test_a_servo_with_a_wrong_gear_is_rejected() -> None:
     table = Table(the_wrong_one_first)
     held: list[tuple[int, ...]] = []
 
-    def look(task: Task) -> int | None:
+    def look(task: SetUpTask) -> int | None:
         if task.problem:
             memory = table.servo(LIFT).memory
             held.append(tuple(memory.get(register) for register in (sts.servo_id, sts.position_p, sts.max_torque)))
@@ -92,7 +92,7 @@ def test_a_set_up_servo_with_a_wrong_gear_can_be_reset() -> None:
     table = Table(the_wrong_one_first)
     table.servo(LIFT).memory.save(sts.servo_id, 3)
 
-    def end(task: Task) -> int | None:
+    def end(task: SetUpTask) -> int | None:
         if task.problem:
             raise KeyboardInterrupt
         return the_wrong_one_first(task)

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commissioning.tune.figures import SHAKES_COUNTS, Trace, figures, following, response, rest_error
+from commissioning.tune.figures import SHAKES_COUNTS, TuneTrace, figures, following, response, rest_error
 from commissioning.tune.gains import TuneError, gains_of, parse_gains, with_gains
-from commissioning.tune.trial import LIFT_RAD, STEP_RAD, Plan, plan_for, plan_question
+from commissioning.tune.trial import LIFT_RAD, STEP_RAD, TrialPlan, plan_for, plan_question
 from drivers.servos import ax_mx, scs, sts, x
 from drivers.servos.register import ServoModel
 from hal.joint import Joint
@@ -26,22 +26,22 @@ def times(seconds: float) -> FloatArray:
     return np.arange(round(seconds / PERIOD_S) + 1) * PERIOD_S
 
 
-def step(over: float, off: float, decay_s: float = 0.05, swing: float = 0.0, way: float = 0.15) -> Trace:
+def step(over: float, off: float, decay_s: float = 0.05, swing: float = 0.0, way: float = 0.15) -> TuneTrace:
     """Return a ramp of 0.2 s with a decaying overshoot and an error ``off`` at rest."""
     time_s = times(1.7)
     command = np.clip(way * time_s / 0.2, min(way, 0.0), max(way, 0.0))
     since = np.maximum(time_s - 0.2, 0.0)
     bump = over * (since / decay_s) * np.exp(1.0 - since / decay_s) * math.copysign(1.0, way)
-    return Trace(time_s, command, command - off + bump + 0.5 * swing * np.sign(np.sin(2.0 * np.pi * 5.0 * time_s)))
+    return TuneTrace(time_s, command, command - off + bump + 0.5 * swing * np.sign(np.sin(2.0 * np.pi * 5.0 * time_s)))
 
 
-def sine(delay_s: float, off: float, hz: float, periods: int = 2) -> Trace:
+def sine(delay_s: float, off: float, hz: float, periods: int = 2) -> TuneTrace:
     time_s = times(periods / hz)
 
     def wave(at_s: FloatArray) -> FloatArray:
         return 0.075 * (1.0 - np.cos(2.0 * np.pi * hz * at_s))
 
-    return Trace(time_s, wave(time_s), wave(time_s - delay_s) - off)
+    return TuneTrace(time_s, wave(time_s), wave(time_s - delay_s) - off)
 
 
 @given(st.floats(0.0, 0.2), st.floats(-0.1, 0.1), st.floats(0.3, 1.0))
@@ -153,4 +153,4 @@ def test_stiffness_follows_the_gains() -> None:
 
 
 def test_the_plan_contains_its_step() -> None:
-    assert Plan("one", 0.0, 0.2, 0.05, 1.0, 1.0).step == pytest.approx(-0.15)
+    assert TrialPlan("one", 0.0, 0.2, 0.05, 1.0, 1.0).step == pytest.approx(-0.15)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commissioning.tune.figures import Figures
+from commissioning.tune.figures import JointFigures
 from commissioning.tune.gains import with_gains
 from commissioning.tune.predict import Law, Loop
 from commissioning.tune.propose import FACTORY_P, UNKNOWN, Proposal, propose
@@ -19,7 +19,7 @@ from tests.hal.bench import JOINTS
 
 FACTORY = {"P": 32, "I": 0, "D": 32, "cw_dead_zone": 1, "ccw_dead_zone": 1, "minimum_startup_force": 16}
 COUNT = abs(JOINTS[0].units_per_count)
-WELL = Figures(
+WELL = JointFigures(
     overshoot=3.0 * COUNT,
     settling_s=0.2,
     sag=4.0 * COUNT,
@@ -40,11 +40,11 @@ def held(changes: Mapping[str, int]) -> Joint:
     return with_gains(JOINTS[0], {**FACTORY, **changes})
 
 
-def proposed(changes: Mapping[str, int], measured: Figures) -> Proposal:
+def proposed(changes: Mapping[str, int], measured: JointFigures) -> Proposal:
     return propose(held(changes), {**FACTORY, **changes}, PLAN, measured)
 
 
-def shaking(measured: Figures) -> Figures:
+def shaking(measured: JointFigures) -> JointFigures:
     return replace(measured, swing=20.0 * COUNT, swing_hz=6.0, shakes=True)
 
 
@@ -74,7 +74,7 @@ def shaking(measured: Figures) -> Figures:
     ],
 )
 def test_proposals_and_their_reasons(
-    changes: Mapping[str, int], measured: Figures, values: Mapping[str, int], says: str
+    changes: Mapping[str, int], measured: JointFigures, values: Mapping[str, int], says: str
 ) -> None:
     found = proposed(changes, replace(measured, overshoot=0.0))
     assert found.values == values

@@ -9,7 +9,7 @@ from controller.interface import ControllerContext
 from controller.manager.controller_spec import ControllerSpec
 from controller.manager.controllers_file import ControllersFileError
 from controller.manager.factory import Factory
-from controller.manager.settings import Settings, setting_mistake
+from controller.manager.settings import ManagerSettings, setting_mistake
 from tests.controller.test_controllers_file import HAND_TYPE, PLAIN, description, load
 
 MORE = "hand_controller: {ros__parameters: {command_timeout: 7.5, joints: [joint1]}}"
@@ -30,10 +30,10 @@ def in_its_section(settings: dict[str, Any]) -> str:
     return text.replace("    joints: [right]\n", f"    joints: [right]\n{lines}")
 
 
-def loaded(tmp_path: Path, text: str, settings: Settings | None = None) -> ControllerSpec:
+def loaded(tmp_path: Path, text: str, settings: ManagerSettings | None = None) -> ControllerSpec:
     """Return the hand's spec that a service call creates with this controllers file."""
     context = ControllerContext(*description(), {}, lambda name: True)
-    return Factory(load(tmp_path, text), cast(Any, context)).spec("hand_controller", settings or Settings())
+    return Factory(load(tmp_path, text), cast(Any, context)).spec("hand_controller", settings or ManagerSettings())
 
 
 @pytest.fixture(params=["a list", "a text"])
@@ -51,7 +51,7 @@ def settings(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
 
 def test_settings_have_the_same_effect_from_every_source(settings: dict[str, Any], tmp_path: Path) -> None:
     entry, section = in_the_entry(settings), in_its_section(settings)
-    asked = Settings.of(settings | {"node_options_args": ARGUMENTS})
+    asked = ManagerSettings.of(settings | {"node_options_args": ARGUMENTS})
     specs = [
         load(tmp_path, entry).controllers[-1],
         load(tmp_path, section).controllers[-1],
@@ -69,7 +69,7 @@ def test_settings_have_the_same_effect_from_every_source(settings: dict[str, Any
 
 def test_the_settings_of_a_client_override_those_of_the_file(tmp_path: Path) -> None:
     text = in_the_entry({"type": HAND_TYPE, "node_options_args": ARGUMENTS})
-    spec = loaded(tmp_path, text, Settings(node_arguments=("-p", "joints:=[joint1]")))
+    spec = loaded(tmp_path, text, ManagerSettings(node_arguments=("-p", "joints:=[joint1]")))
     assert spec.parameters.claims() == ("joint1/position",)
     assert spec.node_arguments == ("--ros-args", "-p", "joints:=[joint1]")
 
@@ -78,7 +78,7 @@ def test_a_controller_without_a_type_is_not_loaded(tmp_path: Path) -> None:
     context = ControllerContext(*description(), {}, lambda name: True)
     factory = Factory(load(tmp_path, PLAIN), cast(Any, context))
     with pytest.raises(ControllersFileError, match=r"^The 'type' param was not defined for 'elbow': set elbow.type on"):
-        factory.spec("elbow", Settings())
+        factory.spec("elbow", ManagerSettings())
 
 
 @pytest.mark.parametrize(

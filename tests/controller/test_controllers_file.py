@@ -18,7 +18,7 @@ from controller.manager.controllers_file import (
 )
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
-from controller.manager.settings import Settings
+from controller.manager.settings import ManagerSettings
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.file_size import LARGEST_BYTES
 from hal.robot_description.description import Description, HardwareInfo, parse_urdf
@@ -308,7 +308,7 @@ def spec(tmp_path: Path, name: str, kind: str, *texts: str) -> ControllerSpec:
         paths.append(tmp_path / f"more{number}.yaml")
         paths[-1].write_text(text)
     file = load(tmp_path, PLAIN, DEFAULTS)
-    return load_controller(file, name, Settings(kind, tuple(paths)), description()[1])
+    return load_controller(file, name, ManagerSettings(kind, tuple(paths)), description()[1])
 
 
 def test_a_spawner_can_load_a_controller_that_is_not_in_the_file(tmp_path: Path) -> None:
@@ -337,7 +337,7 @@ def test_a_spawner_keeps_the_fallback_of_the_controllers_file(tmp_path: Path) ->
     more = tmp_path / "more.yaml"
     more.write_text("arm_controller: {ros__parameters: {joints: [joint1]}}")
     file = load_controllers_file(path, {}, description()[1])
-    made = load_controller(file, "arm_controller", Settings(ARM_TYPE, (more,)), description()[1])
+    made = load_controller(file, "arm_controller", ManagerSettings(ARM_TYPE, (more,)), description()[1])
     assert (made.fallback, made.parameters.claims()) == (("hand_controller",), ("joint1/position",))
 
 

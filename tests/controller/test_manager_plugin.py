@@ -16,7 +16,7 @@ from controller.manager.controllers_file import ControllersFileError, load_contr
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types, look_for_plugins_again
-from controller.manager.settings import Settings
+from controller.manager.settings import ManagerSettings
 from controller.manager.switch import ManagerError, SwitchError, SwitchRequest
 from hal.components.component_set import ComponentSet
 from hal.lifecycle import LifecycleState
@@ -157,7 +157,7 @@ def test_a_plugin_installed_later_is_found_after_a_reload(site: Path) -> None:
     assert (dict(manager.registry.loaded), "joint_wave/Wave" in manager_client.controller_types()) == ({}, True)
     extra = site / "wave.yaml"
     extra.write_text("wave: {ros__parameters: {joint: joint2}}")
-    load = partial(manager_client.load, "wave", Settings("joint_wave/Wave", (extra,)))
+    load = partial(manager_client.load, "wave", ManagerSettings("joint_wave/Wave", (extra,)))
     for ask in (load, partial(manager_client.configure, "wave")):
         request = ask()
         cycles(loop, 1)
@@ -189,4 +189,4 @@ def test_a_switch_after_its_timeout_is_not_done() -> None:
 def test_an_invalid_node_name_is_rejected(name: str) -> None:
     manager_client = ManagerClient(Bench().loop, None)  # type: ignore[arg-type]
     with pytest.raises(ManagerError, match=f"^{name} is not a valid controller name: use letters, digits and _"):
-        manager_client.load(name, Settings("joint_wave/Wave"))
+        manager_client.load(name, ManagerSettings("joint_wave/Wave"))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from controller.motion import Kinematics, MotionError, stretched
 from controller.trajectory.goal import GoalPoint
 from controller.trajectory.goal_planner import Method, prepare
-from controller.trajectory.paths import FEW, Task
+from controller.trajectory.paths import FEW, PathTask
 from controller.trajectory.smoothing import smooth_path
 from controller.trajectory.waypoints import Waypoints
 from tests.controller.waypoints import JOINTS, LIMITS, Trapezoid, assert_within, at_rest, random_waypoints, waypoints
@@ -18,8 +18,8 @@ START = at_rest(0.0, 0.0)
 METHODS: tuple[Method, ...] = ("splines", "ruckig", "none")
 
 
-def task(way: Waypoints, start: Kinematics = START) -> Task:
-    return Task(start, way, LIMITS, JOINTS)
+def task(way: Waypoints, start: Kinematics = START) -> PathTask:
+    return PathTask(start, way, LIMITS, JOINTS)
 
 
 @pytest.mark.soak

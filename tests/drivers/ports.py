@@ -1,7 +1,7 @@
 """Virtual ports that behave like particular adapters."""
 
 from sim_backend.buses.port import VirtualPort
-from sim_backend.line.line import Reply
+from sim_backend.line.line import DelayedReply
 
 
 class EchoingPort(VirtualPort):
@@ -29,7 +29,7 @@ class SlowPort(VirtualPort):
         before = len(self._coming)
         super().write(data)
         for at in range(before, len(self._coming)):
-            self._coming[at] = Reply(self._clock.now() + 0.016, self._coming[at].data)
+            self._coming[at] = DelayedReply(self._clock.now() + 0.016, self._coming[at].data)
 
 
 class WatchedPort(VirtualPort):
@@ -44,7 +44,7 @@ class WatchedPort(VirtualPort):
         super().write(data)
         self.sent += (data,)
         for at in range(before, len(self._coming)):
-            self._coming[at] = Reply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
+            self._coming[at] = DelayedReply(self._coming[at].due_s + self.hold_s, self._coming[at].data)
         if self.echoes:
             self._arrived += data
 

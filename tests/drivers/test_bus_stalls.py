@@ -8,7 +8,7 @@ from drivers.bus.late_replies import HELD_S
 from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.catalog import series_of
-from sim_backend.line.line import Reply
+from sim_backend.line.line import DelayedReply
 from sim_backend.servos.dynamixel.servo import VirtualXServo
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, every_kind
 from tests.drivers.ports import WatchedPort
@@ -33,7 +33,7 @@ class Stalling:
         self._switch = series_of(kind.model).torque_enable
         receive = self.line.servos.receive
 
-        def heard(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+        def heard(data: bytes, now_s: float, baud: int = 1_000_000) -> list[DelayedReply]:
             self.truth.number += 1
             self._publish()
             replies = receive(data, now_s, baud)

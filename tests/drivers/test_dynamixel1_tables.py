@@ -23,7 +23,7 @@ ROBOTIS = {
 
 
 @every_model
-def test_names_are_unique_and_nothing_overlaps(model: dxl.Model) -> None:
+def test_names_are_unique_and_nothing_overlaps(model: dxl.AxMxModel) -> None:
     table = dxl.registers(model)
     assert len({register.name for register in table}) == len(table)
     for before, after in pairwise(table):
@@ -37,7 +37,7 @@ def test_addresses_and_sizes_agree_with_the_list_of_robotis(name: str) -> None:
 
 
 @every_model
-def test_properties_of_ax_and_mx_models(model: dxl.Model) -> None:
+def test_properties_of_ax_and_mx_models(model: dxl.AxMxModel) -> None:
     compliance, gains = dxl.cw_compliance_slope in model.own, dxl.p_gain in model.own
     assert compliance != gains == model.bulk_read == (dxl.goal_acceleration in model.own)
     assert model.positions == (dxl.AX_POSITIONS if compliance else None)
@@ -47,7 +47,7 @@ def test_properties_of_ax_and_mx_models(model: dxl.Model) -> None:
 
 
 @every_model
-def test_a_register_fits_the_table(model: dxl.Model) -> None:
+def test_a_register_fits_the_table(model: dxl.AxMxModel) -> None:
     for register in dxl.registers(model):
         assert register.persistent == (register.address < 24)
         state = 36 <= register.address <= 46 or register in (dxl.realtime_tick, dxl.model_number, dxl.firmware_version)

@@ -23,7 +23,7 @@ from hal.types import JointCommand, JointLimits
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.line.line import Reply
+from sim_backend.line.line import DelayedReply
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets.dynamixel import Code, InstructionParser
 from sim_backend.packets.instructions import Instruction
@@ -75,7 +75,10 @@ def test_all_states_are_read_in_one_exchange() -> None:
     assert states[1] == ServoState(1000, 0, 0.0, 12.0, 27.0)
     asked = bytes((124, 0, 23, 0, 1, 2, 7))
     # The second request only tests once whether fast reads are supported.
-    assert [(i.code, i.parameters) for i in line.sent] == [(Code.SYNC_READ, asked), (Code.FAST_SYNC_READ, asked)]
+    assert [(i.code, i.parameters) for i in line.sent] == [
+        (Code.SYNC_READ, asked),
+        (Code.FAST_SYNC_READ, asked),
+    ]
 
 
 @pytest.mark.parametrize("chained", [False, True])
@@ -189,7 +192,7 @@ def test_an_alarm_is_reported_even_if_its_name_cannot_be_read() -> None:
     line.overload(2)
     receive = line.servos.receive
 
-    def spoiled(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+    def spoiled(data: bytes, now_s: float, baud: int = 1_000_000) -> list[DelayedReply]:
         if data[8] == x.hardware_error_status.address:
             line.servos.faults.corrupt_next(2)
         return receive(data, now_s, baud)

@@ -7,7 +7,7 @@ from drivers.bus.types import ServoState
 from drivers.protocol import v2 as wire
 from drivers.servos.dynamixel import PROTOCOL_2, X
 from drivers.servos.x import hardware_error_status
-from sim_backend.line.line import Reply
+from sim_backend.line.line import DelayedReply
 from sim_backend.packets.dynamixel import status_packet
 from tests.drivers.fault_lines import IDS, KINDS, Line
 
@@ -20,7 +20,7 @@ def test_reading_the_name_of_an_alarm_keeps_the_deadline() -> None:
     line.servos.servo(3).firmware.protection.status |= 1 << 5
     receive = line.servos.receive
 
-    def deaf(data: bytes, now_s: float, baud: int = 1_000_000) -> list[Reply]:
+    def deaf(data: bytes, now_s: float, baud: int = 1_000_000) -> list[DelayedReply]:
         return [] if data[8] == hardware_error_status.address else receive(data, now_s, baud)
 
     line.servos.receive = deaf  # type: ignore[method-assign]

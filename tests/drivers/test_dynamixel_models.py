@@ -46,7 +46,7 @@ def sdk_name(model: ServoModel) -> str:
 
 
 def registers_of(model: ServoModel) -> tuple[Register, ...]:
-    return x_series.registers(model) if isinstance(model, x_series.Model) else xl320.REGISTERS
+    return x_series.registers(model) if isinstance(model, x_series.XModel) else xl320.REGISTERS
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)

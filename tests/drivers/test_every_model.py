@@ -49,7 +49,7 @@ _KEPT_BESIDES = (3 + 1, *range(50, 55), 78, 79)
 
 def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
     """Return the registers of a Feetech or Dynamixel protocol 1.0 model, and the instruction of its group read."""
-    if isinstance(model, dxl.Model):
+    if isinstance(model, dxl.AxMxModel):
         return dxl.registers(model), Code.BULK_READ if model.bulk_read else None
     series = series_of(model)
     return series.registers, Code.SYNC_READ if series.protocol.group_read == "sync" else None
@@ -104,7 +104,7 @@ def test_the_servo_is_at_rest_without_alarms_and_then_reaches_its_goal(model: Se
     start = states[1].position_counts
     assert 0 <= start <= model.last_count
     assert (states[1].load, states[1].alarms) == (0.0, ())
-    measures = isinstance(model, x_series.Model) and model.current_unit_a is not None
+    measures = isinstance(model, x_series.XModel) and model.current_unit_a is not None
     assert (states[1].current_a is not None) == measures
     bench.bus.write_goals(dict.fromkeys(IDS, ServoGoal(start)))
     for servo_id in IDS:

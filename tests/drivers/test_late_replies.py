@@ -5,7 +5,7 @@ from collections import deque
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.bus.late_replies import HELD_S, OPEN_S, LateReplies
+from drivers.bus.late_replies import HELD_S, OPEN_S, LateReplyFilter
 
 SIZES = (8, 10, 13, 15)
 CYCLE_S = 0.01
@@ -15,7 +15,7 @@ class OneServo:
     """One servo and its requests. An adapter delivers its replies in their order."""
 
     def __init__(self) -> None:
-        self.late = LateReplies()
+        self.late = LateReplyFilter()
         self.asked: list[int] = []
         self.held: deque[int] = deque()
         """Requests whose replies are held by the adapter."""
@@ -53,7 +53,7 @@ def test_only_the_current_reply_is_accepted_and_soon_again(cycles: list[tuple[bo
 
 
 def test_the_oldest_of_many_open_requests_is_answered_first() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add(1, 15, 0.0, "silent")
     late.add(1, 10, 0.001, "silent")
     for number in range(2, 1000):
@@ -63,7 +63,7 @@ def test_the_oldest_of_many_open_requests_is_answered_first() -> None:
 
 
 def test_expired_requests_are_not_kept() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     for number in range(1000):
         late.add(1, 15, number * 0.01, "silent")
     assert len(late.open[1][15].given_up) == OPEN_S / 0.01
@@ -78,7 +78,7 @@ def test_an_ambiguous_reply_is_not_accepted_but_the_next_reply_is() -> None:
 
 
 def test_a_certain_reply_closes_all_earlier_requests_of_its_servo() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add(1, 8, 0.0, "silent")
     late.add(2, 8, 0.0, "silent")
     late.add_single(1, 0.0)
@@ -88,14 +88,14 @@ def test_a_certain_reply_closes_all_earlier_requests_of_its_servo() -> None:
 
 
 def test_each_late_reply_returns_how_its_request_was_counted() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     for counted in ("silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
     assert [late.match(1, 8) for _ in range(3)] == ["silent", "corrupt", None]
 
 
 def test_open_requests_are_closed_after_their_time() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     for now_s, size in ((0.0, 8), (1.0, 10)):
         late.add(1, size, now_s, "corrupt")
     late.forget(OPEN_S)
@@ -105,7 +105,7 @@ def test_open_requests_are_closed_after_their_time() -> None:
 
 
 def test_a_group_is_asked_for_the_size_with_the_fewest_and_latest_open_requests() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     for now_s, place in enumerate((0, 1, 3, 2)):
         late.add(1, SIZES[place], now_s, "silent")
     assert late.place({1: SIZES}) == 2
@@ -115,7 +115,7 @@ def test_a_group_is_asked_for_the_size_with_the_fewest_and_latest_open_requests(
 
 
 def test_each_of_several_equal_requests_may_be_answered_late_once() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     for counted in ("silent", "silent", "silent", "corrupt"):
         late.add(1, 8, 0.0, counted)
     assert late.open and late.servos(0.0) == {1}
@@ -124,7 +124,7 @@ def test_each_of_several_equal_requests_may_be_answered_late_once() -> None:
 
 
 def test_overtaken_requests_are_remembered_for_a_while() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add(1, 8, 0.0, "silent")
     late.answered(1, 0.0)
     late.forget(HELD_S * 0.9)
@@ -135,7 +135,7 @@ def test_overtaken_requests_are_remembered_for_a_while() -> None:
 
 
 def test_only_an_open_size_that_was_not_overtaken_is_ambiguous() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add(1, 8, 0.0, "silent")
     assert late.ambiguous({1: 8, 2: 8})
     assert not late.ambiguous({1: 10, 2: 8}) and not late.ambiguous({2: 8}) and not late.ambiguous({})

@@ -2,11 +2,11 @@
 
 import math
 
-from drivers.bus.late_replies import HELD_S, OPEN_S, LateReplies
+from drivers.bus.late_replies import HELD_S, OPEN_S, LateReplyFilter
 
 
 def test_a_reply_to_a_single_request_may_be_late_for_held_s() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add_single(1, 5.0)
     assert late.single_until_s(1) == 5.0 + HELD_S
     assert late.single_until_s(2) == -math.inf
@@ -15,7 +15,7 @@ def test_a_reply_to_a_single_request_may_be_late_for_held_s() -> None:
 
 
 def test_a_request_of_the_same_size_keeps_earlier_requests_open() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add(1, 8, 0.0, "silent")
     late.add(1, 8, 1.5, "corrupt")
     late.forget(1.5)
@@ -27,11 +27,11 @@ def test_a_request_of_the_same_size_keeps_earlier_requests_open() -> None:
 
 
 def test_a_reply_to_an_overtaken_request_is_recognized_by_its_size() -> None:
-    late = LateReplies()
+    late = LateReplyFilter()
     late.add(1, 8, 0.0, "silent")
     late.answered(1, 0.0)
     assert late.match(1, 8) == "silent"
 
 
 def test_without_servos_the_first_size_is_chosen() -> None:
-    assert LateReplies().place({}) == 0
+    assert LateReplyFilter().place({}) == 0

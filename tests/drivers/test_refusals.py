@@ -13,7 +13,7 @@ from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x
 from sim_backend.buses.port import VirtualPort
-from sim_backend.line.line import Reply
+from sim_backend.line.line import DelayedReply
 from sim_backend.packets.dynamixel import status_packet
 from tests.drivers.fault_lines import IDS, KINDS, Kind, Line, Truth, mixed
 from tests.drivers.ports import WatchedPort
@@ -139,7 +139,7 @@ class BytePort(VirtualPort):
         for reply in new:
             last = len(reply.data) - 1
             self._coming += [
-                Reply(max(reply.due_s - (last - at) * byte_s, self._clock.now()), reply.data[at : at + 1])
+                DelayedReply(max(reply.due_s - (last - at) * byte_s, self._clock.now()), reply.data[at : at + 1])
                 for at in range(last + 1)
             ]
 

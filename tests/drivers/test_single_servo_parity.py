@@ -47,9 +47,9 @@ def words_of_the_sdk() -> Iterator[None]:
 def table_of(model: ServoModel) -> tuple[Register, ...]:
     """Return all registers of a model."""
     match model:
-        case dxl.Model():
+        case dxl.AxMxModel():
             return dxl.registers(model)
-        case x_series.Model():
+        case x_series.XModel():
             return x_series.registers(model)
         case xl320.XL320:
             return xl320.REGISTERS

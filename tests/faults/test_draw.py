@@ -17,7 +17,7 @@ from sim_backend.faults.false_replies import FalsePosition
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.replies import FlippedReplies, LostReplies
 from sim_backend.faults.servos import Hot
-from sim_backend.faults.targets import Inventory, Targets
+from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.mechanics.plant import BenchPlant
 from tests.faults.strategies import TWO_LINES
 
@@ -85,7 +85,7 @@ def test_other_faults_of_a_reply_do_not_change_the_next_reply() -> None:
         line = VirtualBus.of(BenchPlant((1,)))
         with ExitStack() as acting:
             for event in (*others, FlippedReplies(chance=0.3, seed=5)):
-                acting.enter_context(event.acting(Targets({"": line})))
+                acting.enter_context(event.acting(FaultTargets({"": line})))
             return [line.faults.pass_reply(1, number.to_bytes(2, "big")) for number in range(500)]
 
     alone, beside = flipped(), flipped(LostReplies(chance=0.5, seed=5))

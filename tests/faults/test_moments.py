@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hal.lifecycle import LifecycleState
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.campaign.run import RunReport, end_program, run_schedule, with_exit_policy
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.faulty_stack import FaultyStack
@@ -19,7 +19,7 @@ from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.player import FaultPlayer
 from sim_backend.faults.script import read_script
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 from sim_backend.faults.text import matching, parse, text_of
 from sim_backend.mechanics.plant import BenchPlant
 from tests.complaint import complaint
@@ -30,7 +30,7 @@ from tests.pages import code
 
 def life(*texts: str, seconds: float = 0.3) -> RunReport:
     faults = tuple(map(parse, texts))
-    return run_schedule(files_of("robot_arm"), Settings(), Schedule(seconds=seconds, faults=faults))
+    return run_schedule(files_of("robot_arm"), JobSettings(), Schedule(seconds=seconds, faults=faults))
 
 
 def test_fault_times_count_from_when_the_arm_is_up_by_default(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_faults_of_a_past_moment_are_refused() -> None:
 
 
 def test_servos_without_a_stack_have_no_start_or_end() -> None:
-    player = FaultPlayer(Targets({"": VirtualBus.of(BenchPlant((1, 2)))}))
+    player = FaultPlayer(FaultTargets({"": VirtualBus.of(BenchPlant((1, 2)))}))
     with pytest.raises(FaultError) as refused:
         player.play([parse("silent id=1 since=start"), parse("silent id=2 at=1s since=end"), parse("silent id=2")])
     assert str(refused.value).splitlines() == [

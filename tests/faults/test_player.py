@@ -22,7 +22,7 @@ from sim_backend.faults.draw import draw
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS
 from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 from sim_backend.faults.text import matching, parse, text_of
 from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
@@ -43,7 +43,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.line = VirtualBus.of(BenchPlant(IDS))
-        self.player = FaultPlayer(Targets({"": self.line}))
+        self.player = FaultPlayer(FaultTargets({"": self.line}))
         self.ms = 0
 
     def play(self, *texts: str) -> None:
@@ -112,7 +112,7 @@ def test_servos_of_each_series_accept_or_refuse_each_kind(model: ServoModel) -> 
     made = VirtualDynamixelBus.of if series_of(model).protocol is PROTOCOL_2 else VirtualBus.of
     for kind, number in product(sorted(KINDS), range(3)):
         line: ServoLine[Any] = made(BenchPlant(IDS), dict.fromkeys(IDS, model))
-        player = FaultPlayer(Targets({"": line}))
+        player = FaultPlayer(FaultTargets({"": line}))
         before = [(servo.servo_id, servo.baud) for servo in line.servos]
         try:
             player.play([KINDS[kind].drawn(Random(number), player.targets.inventory, 0.001)])
@@ -173,7 +173,7 @@ def test_a_fault_of_an_unknown_controller_is_refused() -> None:
 
 def test_servos_from_the_box_cannot_be_named() -> None:
     with pytest.raises(FaultError, match="all servos from a box have one ID"):
-        FaultPlayer(Targets({})).play([parse("echo")])
+        FaultPlayer(FaultTargets({})).play([parse("echo")])
 
 
 def test_the_same_faults_give_the_same_bytes() -> None:

@@ -26,7 +26,7 @@ from controller_manager_msgs.srv import SwitchController
 from hal.types import JointLimits
 from nodes.client_node import client_node
 from nodes.handling.guided_motion import HORIZON_S
-from nodes.handling.robot import HandlingError, JointsNow, Robot
+from nodes.handling.robot import HandlingError, JointsNow, MovableRobot
 from nodes.handling.robot_client import SLOW, RobotClient
 from servoloop.manual.robot import LiveRobot
 from servoloop.stack.arm_folders import ARMS
@@ -63,7 +63,7 @@ def robot(stack: None) -> Iterator[LiveRobot]:
 
 
 @contextmanager
-def client(robot: Robot) -> Iterator[RobotClient]:
+def client(robot: MovableRobot) -> Iterator[RobotClient]:
     with client_node("test_handling") as (node, executor):
         made = RobotClient(node, executor, robot)
         made.connect()

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from hal.types import JointLimits
 from servoloop.cli import app
-from servoloop.manual.poses import CLOSE, FILE, OPEN, Poses, Targets, find_targets
+from servoloop.manual.poses import CLOSE, FILE, OPEN, MoveTargets, Poses, find_targets
 from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import LiveRig, runtime_folder
 
@@ -66,7 +66,7 @@ def test_an_invalid_pose_file_does_not_affect_joints_and_hand(arm: Path) -> None
 
 def test_without_the_arm_folder_there_are_joints_but_no_poses() -> None:
     found = find_targets(None, DRIVEN, LIMITS)
-    assert isinstance(found, Targets) and found.joints and "does not report its arm's folder" in found.refused[0]
+    assert isinstance(found, MoveTargets) and found.joints and "does not report its arm's folder" in found.refused[0]
 
 
 def test_poses_are_saved_in_the_folder_of_the_running_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

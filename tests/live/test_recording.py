@@ -7,7 +7,7 @@ import pytest
 
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.recorder import RecordingFile
-from servoloop.recording.sources import Recording
+from servoloop.recording.sources import PlayedRecording
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
 
@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Path]:
 @pytest.mark.slow
 def test_every_position_shows_its_measurement_after_any_seek(run: tuple[Rig, Path]) -> None:
     rig, path = run
-    recording = Recording(path)
+    recording = PlayedRecording(path)
     stamps = np.array([sample.state.stamp_s for sample in rig.samples]) - rig.samples[0].state.stamp_s
     assert recording.length_s == pytest.approx(stamps[-1])
     for at_s in (0.0, 0.5, 0.7, 75.0, 3.0, 2.0, 79.0, 0.0):
@@ -42,7 +42,7 @@ def test_every_position_shows_its_measurement_after_any_seek(run: tuple[Rig, Pat
 
 @pytest.mark.slow
 def test_seek_keeps_earlier_messages_that_are_still_valid(run: tuple[Rig, Path]) -> None:
-    recording = Recording(run[1])
+    recording = PlayedRecording(run[1])
     snapshot = recording.play_to(75.0).state.snapshot
     assert snapshot.description_xml.startswith("<?xml") and snapshot.statuses
     goal = snapshot.goals["arm_controller"]
@@ -56,6 +56,6 @@ def test_seek_keeps_earlier_messages_that_are_still_valid(run: tuple[Rig, Path])
 def test_recording_without_joint_states_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"nothing")
     with pytest.raises(RecordingError, match="is a text file, not an MCAP recording"):
-        Recording(tmp_path / "x.mcap")
+        PlayedRecording(tmp_path / "x.mcap")
     with pytest.raises(RecordingError, match="cannot read"):
-        Recording(tmp_path / "none.mcap")
+        PlayedRecording(tmp_path / "none.mcap")

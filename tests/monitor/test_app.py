@@ -12,10 +12,10 @@ from servoloop.dashboard.terminal_chart import AXIS, BLANK
 from servoloop.recording import sources as live_source
 from servoloop.recording.recorder import RecordingFile
 from servoloop.recording.robot_state import ObservedRobot
-from servoloop.recording.sources import SPEEDS, LiveSource, Playback, Recording
+from servoloop.recording.sources import SPEEDS, LiveSource, Playback, PlayedRecording
 from sim_backend.clock import SimulatedClock
 from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 from sim_backend.faults.text import parse
 from tests.live.rig import LiveRig, runtime_folder
 from tests.monitor.rig import FixedSource, on_screen, words
@@ -70,7 +70,7 @@ def test_the_screen_shows_joints_loop_controllers_goals_and_counters(seen: Obser
 
 def test_a_silent_servo_is_named_and_counted() -> None:
     rig = Rig()
-    player = FaultPlayer(Targets(rig.stack.lines, rig.stack.world))
+    player = FaultPlayer(FaultTargets(rig.stack.lines, rig.stack.world))
     player.play([parse("silent id=3")])
     player.update(rig.stack.clock.now())
     rig.run(1.5)
@@ -170,7 +170,7 @@ def test_a_recording_can_be_played_paused_and_searched(rig: Rig, tmp_path: Path)
         file.write(sample)
     file.close()
     clock = SimulatedClock()
-    playback = Playback(Recording(tmp_path / "run.mcap"), clock)
+    playback = Playback(PlayedRecording(tmp_path / "run.mcap"), clock)
 
     async def look(app: MonitorApp, pilot: Pilot[None]) -> None:
         def status(seconds: float) -> str:

@@ -11,7 +11,7 @@ from controller.interface import ControllerContext
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
 from controller.manager.manager import ControllerManager
-from controller.manager.settings import Settings
+from controller.manager.settings import ManagerSettings
 from drivers.clock import MonotonicClock
 from hal.errors import ArmFileError
 from servoloop.dashboard.arm_model import ArmModel
@@ -79,7 +79,7 @@ def read_parameters(path: Path) -> None:
     context = ControllerContext(files.description, files.component, files.limits, lambda: True, {})
     kinds = {spec.name: spec.kind for spec in files.controllers.controllers}
     for name in ("arm_controller", "hand_controller"):
-        Factory(files.controllers, context).spec(name, Settings(kinds[name], (path,)))
+        Factory(files.controllers, context).spec(name, ManagerSettings(kinds[name], (path,)))
 
 
 def read_pick_place(path: Path) -> None:

@@ -12,7 +12,7 @@ from servoloop.campaign.campaign import read_scenario, require_possible_schedule
 from servoloop.manual.poses import Poses
 from servoloop.recording.page import page
 from servoloop.recording.reader import read_recording
-from servoloop.recording.sources import Recording
+from servoloop.recording.sources import PlayedRecording
 from servoloop.simulation.schedule import Schedule, read_schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack_faults import inventory_of, require_possible_in
@@ -81,7 +81,7 @@ def read_mcap(path: Path) -> None:
     run = read_recording(path)
     if crc32(path.read_bytes()) % 20 == 0:  # drawing takes a second
         page(run, path.name)
-    recording = Recording(path)
+    recording = PlayedRecording(path)
     for share in (0.0, 0.5, 1.0):
         recording.play_to(share * recording.length_s)
     recorded_motion(path, [joint.name for joint in joints], [joint.limits for joint in joints])

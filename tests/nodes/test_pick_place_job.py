@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from nodes.pick_place.job import Ending, Outcome, PickPlaceJob, Result, State
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
+from nodes.pick_place.settings import JobSettings
 
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
 PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)
@@ -31,13 +31,13 @@ class RecordingArm:
     """Arm that completes every command immediately. The hooks run inside the n-th call."""
 
     done: list[tuple[float, ...] | float] = field(default_factory=list)
-    on_move: Callable[[int], Outcome] = lambda _: Outcome(True)
+    on_move: Callable[[int], JobOutcome] = lambda _: JobOutcome(True)
     on_hand: Callable[[int], None] = lambda _: None
     moves: int = 0
     hands: int = 0
     stops: int = 0
 
-    async def move(self, positions_rad: Sequence[float]) -> Outcome:
+    async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         self.done.append(tuple(positions_rad))
         self.moves += 1
         await asyncio.sleep(0)
@@ -57,7 +57,7 @@ class RecordedJob:
 
     def __init__(self, arm: RecordingArm, grade: str = "B") -> None:
         self.states: list[State] = []
-        self.inner = PickPlaceJob(7, grade, Settings(), arm, self.states.append)
+        self.inner = PickPlaceJob(7, grade, JobSettings(), arm, self.states.append)
 
     def run(self) -> Result:
         return asyncio.run(self.inner.run())
@@ -70,7 +70,7 @@ class RecordedJob:
 def test_job_sends_all_motions_in_order(grade: str) -> None:
     arm = RecordingArm()
     result = RecordedJob(arm, grade).run()
-    assert result.ending is Ending.SUCCEEDED
+    assert result.ending is JobEnding.SUCCEEDED
     assert arm.done == [READY, 0.0, PICK, 0.05, BIN[grade], 0.0, READY]
 
 
@@ -87,7 +87,7 @@ def test_states_and_feedback_follow_the_phases() -> None:
 def test_grades_are_stripped_and_upper_cased(grade: str) -> None:
     arm = RecordingArm()
     job = RecordedJob(arm, grade)
-    assert job.run().ending is Ending.SUCCEEDED
+    assert job.run().ending is JobEnding.SUCCEEDED
     assert BIN["B"] in arm.done
     assert job.states[0].grade == "B"
 
@@ -96,7 +96,7 @@ def test_unknown_grade_moves_nothing_and_lists_known_grades() -> None:
     arm = RecordingArm()
     job = RecordedJob(arm, "q")
     result = job.run()
-    assert result.ending is Ending.ABORTED
+    assert result.ending is JobEnding.ABORTED
     assert "'Q'" in result.message
     assert "A, B, C" in result.message
     assert arm.done == []
@@ -106,10 +106,10 @@ def test_unknown_grade_moves_nothing_and_lists_known_grades() -> None:
 @pytest.mark.parametrize("failing", range(4))
 def test_failed_motion_aborts_the_job_with_its_reason(failing: int) -> None:
     why = "servo 3 (joint3) is silent"
-    arm = RecordingArm(on_move=lambda n: Outcome(n != failing, why))
+    arm = RecordingArm(on_move=lambda n: JobOutcome(n != failing, why))
     job = RecordedJob(arm)
     result = job.run()
-    assert result.ending is Ending.ABORTED
+    assert result.ending is JobEnding.ABORTED
     assert why in result.message
     assert arm.moves == failing + 1
     assert job.phases() == [*PHASES[: STATES_BEFORE_MOVE[failing]], "error"]
@@ -121,15 +121,15 @@ def test_failed_motion_aborts_the_job_with_its_reason(failing: int) -> None:
 @pytest.mark.parametrize("arrives", [False, True])
 @pytest.mark.parametrize("phase", range(4))
 def test_cancel_during_a_motion(phase: int, arrives: bool) -> None:
-    def cancel_in(call: int) -> Outcome:
+    def cancel_in(call: int) -> JobOutcome:
         if call != phase:
-            return Outcome(True)
+            return JobOutcome(True)
         job.inner.cancel()
-        return Outcome(arrives)
+        return JobOutcome(arrives)
 
     arm = RecordingArm(on_move=cancel_in)
     job = RecordedJob(arm)
-    assert job.run() == Result(Ending.CANCELED, 7, "canceled")
+    assert job.run() == Result(JobEnding.CANCELED, 7, "canceled")
     assert (arm.moves, arm.stops) == (phase + 1, 1)
     assert job.phases() == [*PHASES[: STATES_BEFORE_MOVE[phase]], "error"]
 
@@ -138,7 +138,7 @@ def test_cancel_during_a_motion(phase: int, arrives: bool) -> None:
 def test_cancel_during_a_gripper_command_sends_no_further_goal(phase: int) -> None:
     arm = RecordingArm(on_hand=lambda n: job.inner.cancel() if n == phase else None)
     job = RecordedJob(arm)
-    assert job.run().ending is Ending.CANCELED
+    assert job.run().ending is JobEnding.CANCELED
     assert arm.moves == phase + 1
     assert job.phases() == [*PHASES[: STATES_BEFORE_HAND[phase] + 1], "error"]
 
@@ -147,16 +147,16 @@ def test_cancel_before_the_start() -> None:
     arm = RecordingArm()
     job = RecordedJob(arm)
     job.inner.cancel()
-    assert job.run().ending is Ending.CANCELED
+    assert job.run().ending is JobEnding.CANCELED
     assert arm.done == []
     assert job.phases() == ["start", "error"]
 
 
 def test_first_cancel_reason_is_kept_with_the_outcome_of_the_arm() -> None:
-    def cancel_twice(_: int) -> Outcome:
+    def cancel_twice(_: int) -> JobOutcome:
         job.inner.cancel("canceled: first")
         job.inner.cancel("canceled: second")
-        return Outcome(False, "the arm did not confirm")
+        return JobOutcome(False, "the arm did not confirm")
 
     arm = RecordingArm(on_move=cancel_twice)
     job = RecordedJob(arm)
@@ -165,11 +165,11 @@ def test_first_cancel_reason_is_kept_with_the_outcome_of_the_arm() -> None:
 
 
 def test_unexpected_error_is_reported_as_a_state() -> None:
-    def broken(_: int) -> Outcome:
+    def broken(_: int) -> JobOutcome:
         raise RuntimeError("the middleware is gone")
 
     job = RecordedJob(RecordingArm(on_move=broken))
     result = job.run()
-    assert result.ending is Ending.ABORTED
+    assert result.ending is JobEnding.ABORTED
     assert "the middleware is gone" in result.message
     assert job.phases()[-1] == "error"

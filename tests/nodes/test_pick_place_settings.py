@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 
 CONFIG = Path(__file__).parents[2] / "config" / "vision_pick_place_controller.yaml"
 
@@ -15,7 +15,7 @@ CONFIG = Path(__file__).parents[2] / "config" / "vision_pick_place_controller.ya
 def test_configuration_file_equals_the_defaults() -> None:
     given: dict[str, Any] = yaml.safe_load(CONFIG.read_text())
     parameters = given["vision_pick_place_controller"]["ros__parameters"]
-    default = Settings()
+    default = JobSettings()
     assert parameters.pop("pick_place_action_name") == "/sorting/arm/pick_place"
     assert parameters.pop("auto_goal_from_vision") is True
     assert tuple(parameters.pop("joints")) == default.joints
@@ -43,14 +43,14 @@ def test_configuration_file_equals_the_defaults() -> None:
 )
 def test_invalid_setting_is_named(change: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        replace(Settings(), **change)
+        replace(JobSettings(), **change)
 
 
 def test_all_mistakes_are_named_together() -> None:
     with pytest.raises(ValueError, match=r"pick.*; move_time_s"):
-        replace(Settings(), pick_rad=(), move_time_s=-1.0)
+        replace(JobSettings(), pick_rad=(), move_time_s=-1.0)
 
 
 def test_implausible_pose_is_refused() -> None:
     with pytest.raises(ValueError, match=r"poses.pick: 1e\+30 is not a plausible position"):
-        replace(Settings(), pick_rad=(1e30, 0.0, 0.0, 0.0, 0.0, 0.0))
+        replace(JobSettings(), pick_rad=(1e30, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from nodes.pick_place.job import Phase, State
+from nodes.pick_place.job import JobPhase, State
 from nodes.pick_place.state import state_json
 from nodes.pick_place.vision import candidate, reason_not_fresh
 
@@ -39,7 +39,7 @@ def test_message_is_fresh_for_less_than_a_second(stamp_s: float, word: str | Non
 
 
 def test_state_is_formatted_as_json() -> None:
-    state = State(3, "B", Phase.ERROR, "canceled")
+    state = State(3, "B", JobPhase.ERROR, "canceled")
     assert json.loads(state_json(12, 1.5, state)) == {
         "seq": 12,
         "request_id": 3,

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from servoloop.cli import app
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import read_recording
-from servoloop.recording.sources import Recording
+from servoloop.recording.sources import PlayedRecording
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.teach.recorded import recorded_motion
 from servoloop.teach.taught import TeachError
@@ -48,7 +48,7 @@ def test_each_message_is_read_by_its_own_joint_names(tmp_path: Path) -> None:
     mixed = [state(at, row, NAMES[number % 7 :] + NAMES[: number % 7]) for number, (at, row) in enumerate(ROWS)]
     path = write_states(tmp_path / "y.mcap", mixed)
     assert only_joint1_moves(path)
-    snapshot = Recording(path).play_to(10.0).state.snapshot
+    snapshot = PlayedRecording(path).play_to(10.0).state.snapshot
     assert dict(zip(snapshot.joints, snapshot.position.tolist(), strict=True)) == pytest.approx(ROWS[-1][1])
 
 
@@ -63,7 +63,7 @@ def test_several_publishers_are_merged_by_name(tmp_path: Path) -> None:
     run = read_recording(path)
     assert run.joints == tuple(NAMES) and np.all(np.diff(run.time_s) > 0.0)
     assert np.isfinite(run.position[1:]).all()
-    recording = Recording(path)
+    recording = PlayedRecording(path)
     assert recording.play_to(2.0).state.snapshot.joints == tuple(NAMES)
     assert np.isfinite(recording.robot.state.snapshot.position).all()
 
@@ -105,7 +105,7 @@ def test_fields_may_be_empty_or_short(tmp_path: Path, fields: dict[str, object])
     path = write_states(tmp_path / "x.mcap", [state(at, row, NAMES, **fields) for at, row in ROWS])
     assert CliRunner().invoke(app, ["plot", str(path)]).exit_code == 0
     assert only_joint1_moves(path)
-    assert Recording(path).play_to(1.0).state.snapshot.effort.shape == (7,)
+    assert PlayedRecording(path).play_to(1.0).state.snapshot.effort.shape == (7,)
 
 
 def test_positions_may_be_fewer_than_names_or_not_finite(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_positions_may_be_fewer_than_names_or_not_finite(tmp_path: Path) -> None
     path = write_states(tmp_path / "x.mcap", states)
     assert CliRunner().invoke(app, ["plot", str(path)]).exit_code == 0
     assert only_joint1_moves(path)
-    assert np.isfinite(Recording(path).play_to(0.5).state.snapshot.position).all()
+    assert np.isfinite(PlayedRecording(path).play_to(0.5).state.snapshot.position).all()
 
 
 @pytest.mark.parametrize("stamps", ["zero", "constant", "set back"])
@@ -126,7 +126,7 @@ def test_log_times_replace_invalid_stamps(tmp_path: Path, stamps: str) -> None:
     path = write_states(tmp_path / "x.mcap", states)
     assert only_joint1_moves(path)
     assert read_recording(path).time_s[-1] == pytest.approx(3.95)
-    recording = Recording(path)
+    recording = PlayedRecording(path)
     assert recording.length_s == pytest.approx(3.95)
     assert recording.play_to(3.0).state.snapshot.stamp_s == pytest.approx(1003.0)
 
@@ -153,7 +153,7 @@ def test_flipped_bit_ends_the_recording_with_a_warning(
     np.testing.assert_allclose(run.position[:, 0], [row["joint1"] for _, row in ROWS][: len(run.time_s)], atol=1e-9)
     assert f"{path} is damaged and is read only up to the damage" in caplog.text
     assert CliRunner().invoke(app, ["plot", str(path)]).exit_code == 0
-    assert Recording(path).length_s == pytest.approx(run.time_s[-1])
+    assert PlayedRecording(path).length_s == pytest.approx(run.time_s[-1])
 
 
 @pytest.mark.parametrize("crcs", [True, False])
@@ -167,7 +167,7 @@ def test_flipped_bits_never_cause_a_traceback(tmp_path: Path, crcs: bool, caplog
         content = bytearray(whole)
         content[int(random.integers(len(content)))] ^= 1 << int(random.integers(8))
         path.write_bytes(content)
-        for read in (read_recording, Recording):
+        for read in (read_recording, PlayedRecording):
             try:
                 read(path)
             except RecordingError as error:
@@ -198,7 +198,7 @@ def test_message_that_does_not_match_its_type_is_skipped(tmp_path: Path, monkeyp
 def test_other_file_formats_are_named_in_the_error(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
-    for read in (read_recording, Recording):
+    for read in (read_recording, PlayedRecording):
         with pytest.raises(RecordingError) as refused:
             read(path)
         assert str(refused.value).startswith(f"{path} {message}")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.cli import app
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import RecordedRun, read_recording
@@ -30,7 +30,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record a job with a servo that is silent for a time."""
     path = tmp_path_factory.mktemp("recording") / "run.mcap"
     schedule = Schedule(seed=1, job=("B",), faults=(parse("silent id=3 at=4s for=0.3s"),))
-    simulate(read_files(), Settings(), schedule, record=path)
+    simulate(read_files(), JobSettings(), schedule, record=path)
     return path
 
 

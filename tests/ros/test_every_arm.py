@@ -27,7 +27,7 @@ from servoloop.dashboard.server import PageServer
 from servoloop.recording.sources import LiveSource
 from servoloop.stack.arm_folders import arms, find_arm, read_arm_files
 from servoloop.stack.processes import Processes
-from servoloop.testing.processes import RosStack, VirtualBus
+from servoloop.testing.processes import RosStack, VirtualBusProcess
 from tests.live.rig import runtime_folder
 from tests.ros.stack_process import until
 from tests.servoloop.test_emulator_process import given, read_again
@@ -106,7 +106,7 @@ def shown_joints(arm: str) -> set[str]:
 
 @every_arm
 def test_emulate_doctor_scan_and_calibrate(
-    arm: str, virtual_bus: VirtualBus, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    arm: str, virtual_bus: VirtualBusProcess, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     line = ("--arm", arm, "--port", virtual_bus.port)
     report = json.loads(called("doctor", *line, "--json"))

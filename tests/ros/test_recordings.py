@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.stack.robot_files import read_files
@@ -119,7 +119,7 @@ def test_simulated_time_is_recorded(ros_domain: int, tmp_path: Path, monkeypatch
 
 def test_rclpy_reads_the_messages_of_a_recording(tmp_path: Path) -> None:
     path, read = tmp_path / "job.mcap", set()
-    simulate(read_files(), Settings(), Schedule(job=("B",)), path)
+    simulate(read_files(), JobSettings(), Schedule(job=("B",)), path)
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():
             assert schema is not None

@@ -12,7 +12,7 @@ from hal.types import JointState
 from servoloop.campaign import supervised
 from servoloop.campaign.campaign import run_schedule_of
 from servoloop.campaign.run import NO_HANG
-from servoloop.campaign.supervised import Standstill, ended_when_it_stands, longest_s
+from servoloop.campaign.supervised import ClockStandstill, ended_when_it_stands, longest_s
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 from sim_backend.clock import Hang, SimulatedClock
@@ -22,7 +22,7 @@ SHORT = Schedule(seconds=0.5)
 
 
 class SwitchedStandstill:
-    """Replaces ``Standstill``: reports a standstill as soon as ``over`` is set, however slow the machine is."""
+    """Replaces ``ClockStandstill``: reports a standstill as soon as ``over`` is set, however slow the machine is."""
 
     def __init__(self) -> None:
         self.over = Event()
@@ -36,7 +36,7 @@ def switched(monkeypatch: pytest.MonkeyPatch) -> SwitchedStandstill:
     """Return a standstill that the test triggers. The time of a run is polled often."""
     switched = SwitchedStandstill()
     monkeypatch.setattr(supervised, "POLL_S", 0.01)
-    monkeypatch.setattr(supervised, "Standstill", lambda: switched)
+    monkeypatch.setattr(supervised, "ClockStandstill", lambda: switched)
     return switched
 
 
@@ -56,7 +56,7 @@ def test_the_clock_ends_a_run_after_its_limit() -> None:
 
 
 def test_a_standstill_is_detected_after_the_limit_of_equal_polls() -> None:
-    standstill, extended = Standstill(), Standstill(30.0)
+    standstill, extended = ClockStandstill(), ClockStandstill(30.0)
     assert [standstill.poll(0.0) for _ in range(121)] == [False] * 120 + [True]
     assert not standstill.poll(1.0) and not extended.poll(1.0)
     assert [standstill.poll(1.0) for _ in range(25)] == [False] * 23 + [True] * 2

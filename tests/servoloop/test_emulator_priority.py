@@ -12,7 +12,7 @@ from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.emulator import EmulatorOptions, emulate
 from servoloop.stack.processes import PRIORITY, realtime_priority
 from sim_backend.buses.build import Build
-from sim_backend.scene.picture import Recorder
+from sim_backend.scene.picture import FilmRecorder
 
 
 class Scheduler:
@@ -38,8 +38,8 @@ def test_the_emulator_has_priority_while_it_serves_but_not_while_it_draws(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scheduler, seen = Scheduler(monkeypatch), dict[str, int]()
-    monkeypatch.setattr(Recorder, "__init__", lambda self, world: seen.update(built=scheduler.policy))
-    monkeypatch.setattr(Recorder, "save", lambda self, folder: seen.update(drawn=scheduler.policy))
+    monkeypatch.setattr(FilmRecorder, "__init__", lambda self, world: seen.update(built=scheduler.policy))
+    monkeypatch.setattr(FilmRecorder, "save", lambda self, folder: seen.update(drawn=scheduler.policy))
     emulate(
         read_arm_files(find_arm()),
         tmp_path / "bus",

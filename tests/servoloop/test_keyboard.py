@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from commissioning.calibrate.by_hand import Task
+from commissioning.calibrate.by_hand import CalibrationTask
 from commissioning.calibrate.run import STORE, TRY
-from commissioning.set_up.flow import Task as Connect
+from commissioning.set_up.flow import SetUpTask
 from commissioning.slow_arm import StoppedError
 from servoloop.commands.calibrate_terminal import Terminal
 from servoloop.commands.console import Keyboard
@@ -65,8 +65,10 @@ def test_the_end_of_the_input_is_not_an_answer(typing: Typing) -> None:
 PROMPTS = {
     "store": lambda signals: Terminal(signals, yes=False).confirm(STORE),
     "moved so": lambda signals: Terminal(signals, yes=True).moved_so("joint1", "to the left"),
-    "until done": lambda signals: Terminal(signals, False).until_done(Task("sweep", "Move", (), None), lambda: None),  # type: ignore[arg-type]
-    "connect": lambda signals: Plugger(signals).connect(Connect("one", "Connect the gripper")),
+    "until done": lambda signals: Terminal(signals, False).until_done(  # type: ignore[arg-type]
+        CalibrationTask("sweep", "Move", (), None), lambda: None
+    ),
+    "connect": lambda signals: Plugger(signals).connect(SetUpTask("one", "Connect the gripper")),
 }
 
 

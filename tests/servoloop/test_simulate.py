@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from nodes.pick_place.job import Phase
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.job import JobPhase
+from nodes.pick_place.settings import JobSettings
 from servoloop import cli
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule, schedule_text
@@ -33,7 +33,7 @@ SHORT = ["simulate", "--seed", "1", "--seconds", "1.5", "--json"]
 @pytest.mark.slow
 def test_two_processes_print_the_same_digest_and_another_arm_a_different_one() -> None:
     once = subprocess.run([sys.executable, "-m", "servoloop", *SHORT], capture_output=True, text=True, check=True)
-    here, other = (simulate(read_files(), Settings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
+    here, other = (simulate(read_files(), JobSettings(), Schedule(seed=seed, seconds=1.5)) for seed in (1, 2))
     assert json.loads(once.stdout)["digest"] == here.digest != other.digest
     assert here.cycles == pytest.approx(4.0 * 20, abs=2) and here.missed_cycles == 0
 
@@ -82,10 +82,10 @@ def test_a_failed_job_reports_the_reason_and_the_states_of_the_node() -> None:
     stack = SimulatedStack(build=Build(1.0, 3)).up()
     stack.run(2.5)
     stack.lines[""].faults.silence(3)
-    job = run_job(stack, Settings(), "A")
+    job = run_job(stack, JobSettings(), "A")
     assert not job.success and job.bin is None
     assert "joint3: servo 3 does not answer" in job.message
-    assert [state.phase for state in job.states] == [Phase.START, Phase.READY, Phase.ERROR]
+    assert [state.phase for state in job.states] == [JobPhase.START, JobPhase.READY, JobPhase.ERROR]
 
 
 FAULTS = "- {kind: silent, servo_id: 3, at_s: 3.0, for_s: 1.0}\n- {kind: noise, at_s: 0.5, for_s: 1.0, seed: 4}\n"
@@ -136,7 +136,7 @@ def test_an_error_in_a_schedule_is_reported_with_its_line(tmp_path: Path) -> Non
 def test_a_fault_that_the_arm_does_not_support_is_refused_before_the_start() -> None:
     schedule = Schedule(seconds=1.0, faults=(parse("silent id=12 at=1s"),))
     with pytest.raises(FaultError, match="there is no servo 12"):
-        simulate(read_files(), Settings(), schedule)
+        simulate(read_files(), JobSettings(), schedule)
 
 
 def test_the_exit_status_is_1_if_a_cube_is_not_in_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:

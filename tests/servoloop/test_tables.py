@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from commissioning.doctor.report import BusFigures, Report, ServoFigures
+from commissioning.doctor.report import BusFigures, DoctorReport, ServoFigures
 from servoloop.commands.console import print_table
 from servoloop.commands.doctor import print_report
 
@@ -27,7 +27,7 @@ def test_the_doctors_table_fits_into_80_columns() -> None:
     )
     bus = BusFigures("", "/dev/ttyACM0", 1_000_000, None, None, servos, ())
     console = Console(file=StringIO(), width=80)
-    print_report(Report((), (bus,)), console)
+    print_report(DoctorReport((), (bus,)), console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "…" not in text and max(map(len, text.splitlines())) <= 80
     assert text.count("-1.683") == len(ARMS) and text.count("overload") == len(ARMS)

@@ -21,12 +21,12 @@ from sim_backend.control import ControlServer
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.faults.control import handle_fault_command
 from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets import dynamixel as dynamixel_wire
 from sim_backend.packets import sts as sts_wire
-from sim_backend.scene.hand import Hand, handle_hand_command
+from sim_backend.scene.hand import SceneHand, handle_hand_command
 from sim_backend.scene.world import World
 
 IDS = (1, 2)
@@ -159,9 +159,9 @@ def test_a_read_that_is_too_long_for_a_reply(make: str, size: int) -> None:
 )
 def test_random_commands_do_not_end_an_emulator(line: bytes, tmp_path: Path) -> None:
     world = World()
-    hand = Hand(world, dict.fromkeys(world.joints, 1.0))
+    hand = SceneHand(world, dict.fromkeys(world.joints, 1.0))
     bus = VirtualBus.of(BenchPlant(IDS))
-    player = FaultPlayer(Targets({"": bus}))
+    player = FaultPlayer(FaultTargets({"": bus}))
     handle = partial(handle_fault_command, player, lambda: 0.0, partial(handle_hand_command, hand, world.lay_table))
     with ControlServer(tmp_path / "bus.control", handle) as server, socket.socket(socket.AF_UNIX) as client:
         client.connect(str(server.path))

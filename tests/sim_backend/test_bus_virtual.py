@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.servos import sts
-from sim_backend.buses.feetech import Reply, VirtualBus
+from sim_backend.buses.feetech import VirtualBus
+from sim_backend.line.line import DelayedReply
 from sim_backend.line.rig import Rig
 from sim_backend.mechanics.plant import BenchPlant, Coupling, JointArrays, WorldPlant
 from sim_backend.packets.sts import Code, checksum, status_packet
@@ -25,7 +26,7 @@ def bus_of(*servo_ids: int, paced: bool = True) -> VirtualBus:
     return VirtualBus.of(BenchPlant(servo_ids), paced=paced)
 
 
-def ids(replies: list[Reply]) -> list[int]:
+def ids(replies: list[DelayedReply]) -> list[int]:
     return [reply.data[2] for reply in replies]
 
 

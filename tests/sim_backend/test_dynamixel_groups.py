@@ -181,7 +181,10 @@ def test_an_incomplete_bulk_write_entry_is_ignored(cut: int) -> None:
     assert group.bus.servo(2).memory.get(x.profile_velocity) == 0
 
 
-@pytest.mark.parametrize("code", [Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.BULK_WRITE])
+@pytest.mark.parametrize(
+    "code",
+    [Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.BULK_WRITE],
+)
 @pytest.mark.parametrize("parameters", [b"", b"\x01", bytes((1, 132, 0, 4)), bytes((132, 0, 4, 0))])
 def test_a_group_instruction_without_servos_is_ignored(code: Code, parameters: bytes) -> None:
     assert Group().sent(code, parameters) == []
@@ -199,7 +202,14 @@ def test_two_servos_with_the_same_id_reply_at_once() -> None:
 def test_random_group_instructions_do_not_break_the_bus(seed: int) -> None:
     chance = random.Random(seed)
     group = Group()
-    codes = [Code.SYNC_READ, Code.FAST_SYNC_READ, Code.BULK_READ, Code.FAST_BULK_READ, Code.SYNC_WRITE, Code.BULK_WRITE]
+    codes = [
+        Code.SYNC_READ,
+        Code.FAST_SYNC_READ,
+        Code.BULK_READ,
+        Code.FAST_BULK_READ,
+        Code.SYNC_WRITE,
+        Code.BULK_WRITE,
+    ]
     for _ in range(20):
         few = [0, 1, 2, 3, 4, 64, 132, 168, 224, 254, 255]
         parameters = bytes(chance.choice(few) for _ in range(chance.randrange(40)))

@@ -26,7 +26,7 @@ from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
-from sim_backend.eeprom import EepromError, keep_eeprom
+from sim_backend.eeprom import EepromFileError, keep_eeprom
 from sim_backend.line.line import ServoLine
 from sim_backend.line.power import feed
 from sim_backend.mechanics.plant import BenchPlant, WorldPlant
@@ -170,7 +170,7 @@ def test_a_file_that_does_not_fit_is_refused_and_not_changed(path: Path, old: st
     Run(path, STS)
     changed(path, old, new)
     text = path.read_text()
-    with pytest.raises(EepromError, match=says.replace("[", r"\[")):
+    with pytest.raises(EepromFileError, match=says.replace("[", r"\[")):
         Run(path, STS)
     assert path.read_text() == text
 
@@ -183,7 +183,7 @@ def test_a_servo_without_an_entry_has_factory_values(path: Path) -> None:
 
 
 def test_an_unwritable_path_is_reported_at_once(tmp_path: Path) -> None:
-    with pytest.raises(EepromError, match=r"cannot write .*none/arm\.yaml"):
+    with pytest.raises(EepromFileError, match=r"cannot write .*none/arm\.yaml"):
         Run(tmp_path / "none" / "arm.yaml", STS)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.servos import x
-from drivers.servos.ax_mx import Model
+from drivers.servos.ax_mx import AxMxModel
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus, servo_of
 from sim_backend.line.common_plant import CommonPlant
@@ -73,7 +73,7 @@ def test_gears_are_converted_to_joint_units() -> None:
 
 
 @pytest.mark.parametrize("model", [MX_64, MX_106], ids=lambda model: model.name)
-def test_identified_gears_are_used_on_the_bench(model: Model) -> None:
+def test_identified_gears_are_used_on_the_bench(model: AxMxModel) -> None:
     plant = BenchPlant([1, 2], inertia_kg_m2=99.0)
     VirtualBus.of(plant, {1: model, 2: model})
     gears = IDENTIFIED[model.name].gears

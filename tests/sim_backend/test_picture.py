@@ -10,7 +10,7 @@ from PIL import Image
 from hal.robot_description.link_meshes import link_meshes
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.scene.drawn_model import drawn_model
-from sim_backend.scene.picture import Recorder, View
+from sim_backend.scene.picture import FilmRecorder, View
 from sim_backend.scene.rays import VISIBLE_GROUPS, cast, visible
 from sim_backend.scene.world import World
 
@@ -109,7 +109,7 @@ def test_only_known_shapes_are_drawn():
 
 def test_the_recorder_skips_rests_and_limits_its_memory():
     world = World()
-    recorder = Recorder(world, period_s=0.1, frames=5)
+    recorder = FilmRecorder(world, period_s=0.1, frames=5)
     for i in range(30):
         recorder.update(0.1 * i)
     assert len(recorder._taken) == 1
@@ -121,7 +121,7 @@ def test_the_recorder_skips_rests_and_limits_its_memory():
 
 def test_files_are_written_and_the_world_is_left_alone(tmp_path):
     world = World()
-    recorder = Recorder(world, period_s=0.1, frames=2)
+    recorder = FilmRecorder(world, period_s=0.1, frames=2)
     recorder.update(0.0)
     world.data.qpos[world.cell.qpos][2] += 0.05
     recorder.update(0.1)

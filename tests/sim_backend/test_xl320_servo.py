@@ -31,7 +31,7 @@ START = 614
 class Bench:
     """Two servos. The second one can be of another model."""
 
-    def __init__(self, second: x.Model | None = None, volts: float | None = None) -> None:
+    def __init__(self, second: x.XModel | None = None, volts: float | None = None) -> None:
         self.models = {1: xl320.XL320, 2: second or xl320.XL320}
         self.clock = SimulatedClock(10.0)
         self.plant = BenchPlant(IDS)

@@ -1,7 +1,7 @@
 """Poses of the pick-and-place job, and the job as another node may send it, without waiting for the hand."""
 
 from controller.trajectory.goal import GoalHandle
-from nodes.pick_place.settings import Settings
+from nodes.pick_place.settings import JobSettings
 from servoloop.simulation.stack import SimulatedStack
 
 ARM = tuple(f"joint{i}" for i in range(1, 7))
@@ -13,13 +13,13 @@ BINS = {
     "C": (-0.4, -0.2, -0.8, -0.6, -1.1, 1.55),
 }
 OPEN_M, CLOSED_M = 0.0, 0.05
-ROBOT_ARM = Settings()
+ROBOT_ARM = JobSettings()
 
 
 class UnpacedJob:
     """Pick-and-place job that sends the arm goal immediately after the hand command."""
 
-    def __init__(self, rig: SimulatedStack, grade: str, settings: Settings = ROBOT_ARM) -> None:
+    def __init__(self, rig: SimulatedStack, grade: str, settings: JobSettings = ROBOT_ARM) -> None:
         self._rig = rig
         self._steps = [
             (None, settings.ready_rad),

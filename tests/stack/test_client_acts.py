@@ -3,7 +3,7 @@
 import pytest
 
 from servoloop.campaign.campaign import run_schedule_of
-from servoloop.simulation.acts import Act, Guide, Jog
+from servoloop.simulation.acts import Act, GuideArm, Jog
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule
 
@@ -34,7 +34,7 @@ def test_jogged_joint_moves_while_key_is_held_and_stops_soon_after(arm: str, joi
     ("arm", "joint"), [("robot_arm", "joint1"), ("so101", "shoulder_pan"), ("koch", "shoulder_pan")]
 )
 def test_a_guided_joint_follows_the_hand_and_is_then_held(arm: str, joint: str) -> None:
-    angles, violations = turned(arm, Guide(at_s=0.3, joint=joint, share=1.0, for_s=1.5), joint)
+    angles, violations = turned(arm, GuideArm(at_s=0.3, joint=joint, share=1.0, for_s=1.5), joint)
     assert not violations
     assert angles[36] - angles[6] > 0.2
     assert abs(angles[-1] - angles[44]) < 0.02

@@ -5,7 +5,7 @@ import numpy as np
 from controller.teach.hand_path import HandPath
 from hal.types import FloatArray
 from servoloop.teach.arm import add_trajectory
-from servoloop.teach.play import Phase, Play
+from servoloop.teach.play import Play, PlayPhase
 from servoloop.teach.taught import RecordedMotion
 from tests.teach.rig import FREE, SO101, Pose, Rig
 
@@ -39,7 +39,7 @@ class Player:
         self.rig.configure()
         self.play.begin()
 
-    def go_on(self, seconds: float = 60.0, until: Phase | None = None) -> bool:
+    def go_on(self, seconds: float = 60.0, until: PlayPhase | None = None) -> bool:
         """Run for a time, or until the end or a phase. Return whether the playback is still running."""
         going = True
 

@@ -12,7 +12,7 @@ from hal.types import FloatArray, JointState
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import Files
 from servoloop.teach.arm import add_freedrive, build_arm
-from servoloop.teach.record import Recording
+from servoloop.teach.record import TeachRecording
 from servoloop.teach.taught import RecordedMotion
 from servoloop.teleop.arms import Side
 from sim_backend.clock import SimulatedClock
@@ -105,7 +105,7 @@ class Lesson:
         self.kept: list[tuple[RecordedMotion, Sequence[str]]] = []
         self.asked: list[str] = []
         freedrive = add_freedrive(self.rig.arm) if soft else None
-        self.recording = Recording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
+        self.recording = TeachRecording(self.rig.arm, freedrive, poses, lambda *found: self.kept.append(found))
 
     def begin(self) -> "Lesson":
         """Start the recording. The hand holds the arm still while it becomes free."""

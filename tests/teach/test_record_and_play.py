@@ -11,9 +11,8 @@ from drivers.servos import sts
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray
-from servoloop.teach.play import APPROACH, Phase
-from servoloop.teach.record import HANDS_S, SOFT
-from servoloop.teach.record import Phase as Teaching
+from servoloop.teach.play import APPROACH, PlayPhase
+from servoloop.teach.record import HANDS_S, SOFT, RecordPhase
 from servoloop.teach.taught import TeachError
 from tests.teach.player import FASTEST, PAN, Player
 from tests.teach.rig import FREE, SO101, Lesson
@@ -51,9 +50,9 @@ def test_playback_repeats_the_motion_of_the_hand(soft: bool) -> None:
     taught, warnings = lesson.kept[0]
     assert taught.path is not None and not warnings and np.ptp(shown[:, PAN]) > 0.6
     player = Player(taught)
-    player.go_on(until=Phase.PLAYING)
+    player.go_on(until=PlayPhase.PLAYING)
     cycle = len(player.rig.states)
-    assert not player.go_on() and player.play.phase is Phase.DONE
+    assert not player.go_on() and player.play.phase is PlayPhase.DONE
     done = player.rig.measured(cycle)
     assert nearest(done, shown).max() < 0.02 and nearest(shown, done).max() < 0.02
     assert len(done) * 0.02 == pytest.approx(taught.path.duration_s, abs=0.3)
@@ -64,9 +63,9 @@ def test_playback_repeats_the_motion_of_the_hand(soft: bool) -> None:
 def test_arm_does_not_move_when_torque_is_enabled_again(soft: bool) -> None:
     lesson, _ = recorded(soft)
     rig, left = lesson.rig, lesson.rig.places
-    assert lesson.recording.phase is Teaching.HOLDING
+    assert lesson.recording.phase is RecordPhase.HOLDING
     lesson.go_on(0.5)
-    assert lesson.recording.phase is Teaching.HELD
+    assert lesson.recording.phase is RecordPhase.HELD
     rig.take_to = lambda time_s: {}
     assert not lesson.go_on(HANDS_S + 1.0), "hands have had their time"
     assert np.abs(rig.places - left).max() < 0.02
@@ -133,9 +132,9 @@ def test_soft_torque_needs_confirmation_and_recording_starts_when_the_arm_is_fre
     lesson.recording.begin()
     assert lesson.asked == [SOFT]
     lesson.go_on(0.5)
-    assert lesson.recording.phase is Teaching.READYING
+    assert lesson.recording.phase is RecordPhase.READYING
     lesson.go_on(0.7)
-    assert lesson.recording.phase is Teaching.BY_HAND
+    assert lesson.recording.phase is RecordPhase.BY_HAND
 
 
 def test_unmoved_arm_saves_nothing_and_holds_its_position() -> None:

@@ -17,7 +17,7 @@ from servoloop.recording.reader import read_recording
 from servoloop.recording.recorder import RecordingFile
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.teach.arm import add_trajectory
-from servoloop.teach.play import Phase, Play
+from servoloop.teach.play import Play, PlayPhase
 from servoloop.teach.recorded import recorded_motion
 from servoloop.teach.taught import TeachError
 from tests.recorder.rig import Rig as RecordedRig
@@ -59,11 +59,11 @@ def test_arm_replays_the_recording(recordings: tuple[Path, Path]) -> None:
     cycles: list[int] = []
 
     def poll() -> bool:
-        if play.phase is Phase.PLAYING:
+        if play.phase is PlayPhase.PLAYING:
             cycles.append(len(rig.states))
         return play.update(rig.clock.now())
 
-    assert not rig.run(60.0, poll) and play.phase is Phase.DONE
+    assert not rig.run(60.0, poll) and play.phase is PlayPhase.DONE
     done = rig.measured(cycles[0])
     for mine, other in ((done, recorded), (recorded, done)):
         assert max(np.abs(other - place).max(axis=1).min() for place in mine) < 0.02

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.teleop.leader_follower_controller import Phase
+from controller.teleop.leader_follower_controller import FollowerPhase
 from controller.teleop.ramp_in import SHARE
 from drivers.servos import sts
 from hal.lifecycle import LifecycleState
@@ -38,7 +38,7 @@ def test_follower_lags_less_than_sixty_milliseconds_at_half_a_hertz(rate_hz: int
     times = np.array([state.stamp_s for state in rig.states[cycle:]])
     assert 0.0 < delay_s(times, lambda time_s: hand(time_s - begun_s)[PAN], measured) <= 0.060
     assert np.ptp(measured) == pytest.approx(1.0, abs=0.06)
-    assert rig.controller.phase is Phase.FOLLOWING and rig.loop.figures.missed == 0
+    assert rig.controller.phase is FollowerPhase.FOLLOWING and rig.loop.figures.missed == 0
     assert 0.0 < max(rig.teleop.latency.ages_s) <= 1.0 / rate_hz
 
 
@@ -104,7 +104,7 @@ def test_leader_that_returns_with_torque_is_reported_but_not_released() -> None:
     hold(line, 3)
     rig.leader.plugged = True
     shown = rig.attend(2.5)
-    assert torque(line) == [3] and rig.controller.phase is Phase.HOLDING
+    assert torque(line) == [3] and rig.controller.phase is FollowerPhase.HOLDING
     assert "leader/elbow_flex (servo 3) holds torque, and the arm may fall" in shown
 
 
@@ -113,7 +113,7 @@ def test_follower_joins_the_leader_slowly_from_any_position() -> None:
     assert commands(rig).size == 0
     rig.controller.allowed = True
     rig.run(0.3)
-    assert rig.controller.phase is Phase.JOINING
+    assert rig.controller.phase is FollowerPhase.JOINING
     rig.follow()
     ways = np.abs(np.diff(commands(rig), axis=0)) * 50.0
     fastest = np.array([joint.limits.velocity for joint in FOLLOWER.robot.joints])
@@ -124,7 +124,7 @@ def test_follower_joins_the_leader_slowly_from_any_position() -> None:
 def test_follower_moves_only_while_the_key_is_held() -> None:
     rig = Rig(follower={**REST, PAN: -1.0})
     rig.run(1.0)
-    assert rig.controller.phase is Phase.HOLDING and np.ptp(commands(rig), axis=0).max() == 0.0
+    assert rig.controller.phase is FollowerPhase.HOLDING and np.ptp(commands(rig), axis=0).max() == 0.0
     rig.follow()
     rig.hand = sine(PAN, 0.5, 0.5)
     rig.run(0.7)
@@ -134,21 +134,21 @@ def test_follower_moves_only_while_the_key_is_held() -> None:
     assert np.ptp(commands(rig, cycle), axis=0).max() == 0.0
     rig.controller.allowed = True
     rig.run(0.1)
-    assert rig.controller.phase is Phase.JOINING, "the leader has gone on meanwhile"
+    assert rig.controller.phase is FollowerPhase.JOINING, "the leader has gone on meanwhile"
 
 
 def test_follower_holds_when_the_leader_port_is_lost_and_rejoins_when_it_returns() -> None:
     rig = Rig().follow()
     rig.hand = sine(PAN, 0.5, 0.5)
     rig.run(1.2)
-    assert rig.controller.phase is Phase.FOLLOWING
+    assert rig.controller.phase is FollowerPhase.FOLLOWING
     cycle = len(rig.commands)
     rig.leader.unplug()
     rig.run(1.0)
     held = commands(rig, cycle)
     assert len(held) >= 50 and np.ptp(held, axis=0).max() == 0.0, "from the very cycle on in which it is lost"
     assert np.array_equal(held[0], rig.commands[cycle - 1])
-    assert rig.controller.phase is Phase.HOLDING and "was unplugged" in rig.controller.reason
+    assert rig.controller.phase is FollowerPhase.HOLDING and "was unplugged" in rig.controller.reason
     assert not rig.teleop.lost, "the follower is well"
     rig.leader.plugged = True
     rig.loop.component_transitions.ask("leader", LifecycleState.INACTIVE)
@@ -163,7 +163,7 @@ def test_silent_leader_servo_is_reported_and_the_follower_holds() -> None:
     line.faults.silence(3)
     cycle = len(rig.commands)
     rig.run(0.5)
-    assert rig.controller.phase is Phase.HOLDING and "elbow_flex" in rig.controller.reason
+    assert rig.controller.phase is FollowerPhase.HOLDING and "elbow_flex" in rig.controller.reason
     assert np.ptp(commands(rig, cycle), axis=0).max() == 0.0
     line.faults.restore(3)
     rig.follow()
@@ -202,7 +202,7 @@ def test_leader_far_outside_the_limits_is_reported_with_the_full_error() -> None
     assert "calibrated" in rig.attend(0.2)
     rig.hand = lambda time_s: {**REST, "wrist_flex": -1.70}  # a stop of the leader's may be a little outside
     rig.run(0.5)
-    assert status_line(rig.teleop) == Phase.FOLLOWING
+    assert status_line(rig.teleop) == FollowerPhase.FOLLOWING
 
 
 def test_leader_far_outside_the_limits_is_reported_before_anything_moves() -> None:
@@ -222,7 +222,7 @@ def test_key_reactivates_a_jammed_follower_servo_at_its_position() -> None:
     cycle = len(rig.states)
     shown = rig.attend(1.5)
     assert torque(line) == [1, 2, 3, 4, 5, 6] and "servo 3" not in shown and HINT not in shown
-    assert rig.controller.phase is Phase.HOLDING
+    assert rig.controller.phase is FollowerPhase.HOLDING
     moved = np.ptp(np.array([state.position for state in rig.states[cycle:]]), axis=0)[:6]
     assert np.delete(moved, 2).max() < 0.02, "the others have held"
     rig.person.held = True

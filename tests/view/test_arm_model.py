@@ -14,7 +14,7 @@ from hal.types import FloatArray
 from servoloop.dashboard.arm_model import ArmModel
 from servoloop.dashboard.page import known_arm
 from servoloop.dashboard.scene import LOAD, PLAIN, TEMPERATURE, color_of, shares
-from servoloop.dashboard.shapes import GRAY, Shape, arm_shapes, scene_shapes, shapes
+from servoloop.dashboard.shapes import GRAY, DrawnShape, arm_shapes, scene_shapes, shapes
 from servoloop.stack.arm_folders import arms, find_arm
 from tests.stack.rig import PICK, READY
 
@@ -96,7 +96,7 @@ def test_arms_with_meshes_are_drawn_with_their_real_shapes(name: str) -> None:
         assert np.abs(bounds(drawn, link) - bounds(boxes, link)).max() < 0.06, "each mesh is where its boxes are"
 
 
-def bounds(shown: Sequence[Shape], link: str) -> FloatArray:
+def bounds(shown: Sequence[DrawnShape], link: str) -> FloatArray:
     """Return the lowest and highest corners (2, 3) of a link's shapes in its frame, in meters."""
     turned = [
         trimesh.transformations.quaternion_matrix(np.roll(shape.quaternion, 1))[:3, :3] @ shape.vertices.T

@@ -10,10 +10,10 @@ import pytest
 from servoloop.dashboard.move_panel import NONE, SLOWEST, MovePanel
 from servoloop.dashboard.server import PageServer
 from servoloop.manual.buttons import REPEATS_HZ, TAKEN, Command, GoTo, HeldButtons, Turn
-from servoloop.manual.poses import CLOSE, NO_TARGETS, OPEN, Targets
+from servoloop.manual.poses import CLOSE, NO_TARGETS, OPEN, MoveTargets
 from sim_backend.clock import SimulatedClock
 
-TARGETS = Targets(
+TARGETS = MoveTargets(
     ("joint1", "joint2"),
     {OPEN: {"finger": 0.0}, CLOSE: {"finger": 0.05}},
     {"home": {"joint1": 0.1}},
@@ -36,7 +36,7 @@ class Panel:
     def stop(self) -> None:
         self.stops += 1
 
-    def set_targets(self, targets: Targets) -> None:
+    def set_targets(self, targets: MoveTargets) -> None:
         self.mover.targets = targets
         self.panel.show()
 
@@ -109,7 +109,7 @@ def test_the_speed_sent_by_a_browser_is_limited(panel: Panel) -> None:
 
 
 def test_an_arm_without_hand_and_poses_has_no_buttons_for_them(panel: Panel) -> None:
-    panel.set_targets(Targets(("joint1",)))
+    panel.set_targets(MoveTargets(("joint1",)))
     assert not panel.button("Open the hand").visible and not panel.panel._pose.visible
     assert panel.hold("Go to the pose") is None, "whatever a browser sends"
 

@@ -10,7 +10,7 @@ import pytest
 from servoloop.dashboard.player import Player
 from servoloop.dashboard.server import PageServer
 from servoloop.recording.recorder import RecordingFile
-from servoloop.recording.sources import Recording
+from servoloop.recording.sources import PlayedRecording
 from sim_backend.clock import SimulatedClock
 from tests.recorder.rig import Rig
 
@@ -19,7 +19,7 @@ class Playing:
     """Recording of four seconds, played on a simulated clock."""
 
     def __init__(self, server: PageServer, path: Path) -> None:
-        self.recording, self.clock = Recording(path), SimulatedClock()
+        self.recording, self.clock = PlayedRecording(path), SimulatedClock()
         self.player = Player(server, self.recording, self.clock)
         self.begin_s = self.recording.robot.state.snapshot.stamp_s
 

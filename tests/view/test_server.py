@@ -123,7 +123,7 @@ def test_without_a_stack_the_command_explains_how_to_start_one(
 
 def test_the_page_is_given_the_folder_of_the_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     mine, clock = Path("/mine"), SimulatedClock()
-    monkeypatch.setattr("servoloop.recording.sources.Recording", lambda path: path)
+    monkeypatch.setattr("servoloop.recording.sources.PlayedRecording", lambda path: path)
     monkeypatch.setattr("servoloop.recording.sources.LiveSource", lambda arm, clock: SimpleNamespace(folder=mine))
     monkeypatch.setattr("servoloop.commands.view._emulated", lambda bus, arm, clock: bus)
     so101, file = find_arm("so101").folder, Path("run.mcap")

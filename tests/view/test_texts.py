@@ -10,7 +10,7 @@ from servoloop.dashboard.page import controller_table, counter_table, faults, lo
 from servoloop.dashboard.tables import STRIPS, axis_range, strip_data
 from servoloop.recording.robot_state import ObservedRobot
 from sim_backend.faults.player import FaultPlayer
-from sim_backend.faults.targets import Targets
+from sim_backend.faults.targets import FaultTargets
 from sim_backend.faults.text import parse
 from tests.recorder.rig import Rig
 from tests.stack.rig import READY
@@ -55,7 +55,7 @@ def test_loop_counters_and_controllers_have_tables(seen: ObservedRobot) -> None:
 
 def test_a_silent_servo_is_named_and_counted() -> None:
     rig = Rig()
-    player = FaultPlayer(Targets(rig.stack.lines, rig.stack.world))
+    player = FaultPlayer(FaultTargets(rig.stack.lines, rig.stack.world))
     rig.run(0.2)
     player.play([parse("silent id=3")])
     player.update(rig.stack.clock.now())

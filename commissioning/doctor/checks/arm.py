@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from commissioning.calibrate.result import JointCalibration, travel_warnings
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, write
 from hal.robot_file.calibration_file import CalibrationFile
 from hal.servos.activation import counted_turns
@@ -28,7 +28,7 @@ def check_arm(snapshot: Snapshot) -> Iterator[Finding]:
             "There is no calibration file beside the robot file, so the zeros in the robot file are used. Unless they "
             "were measured on this arm, its pose differs from the pose in RViz. Calibrate the arm"
         )
-        yield finding("not_calibrated", Place(), "the pose of the arm differs from RViz or the simulator", cause,
+        yield finding("not_calibrated", FindingPlace(), "the pose of the arm differs from RViz or the simulator", cause,
                       _calibrate(snapshot, snapshot.buses[0]))  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def _exchanged(bus: BusSnapshot, wrong: list[ServoSnapshot]) -> Iterator[Finding
                 )
                 command = on(bus.port, "set-id", a.servo_id, "NEW")
                 yield finding(
-                    "ids_exchanged", Place(bus=bus.name), f"{a.name} moves instead of {b.name}", cause, command
+                    "ids_exchanged", FindingPlace(bus=bus.name), f"{a.name} moves instead of {b.name}", cause, command
                 )
 
 
@@ -78,7 +78,7 @@ def _offset_differs(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
     )  # fmt: skip
 
 
-def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Finding]:
+def _outside(place: FindingPlace, servo: ServoSnapshot, calibrate: str) -> Iterator[Finding]:
     joint = servo.joint
     counts = servo.states[-1].position_counts
     position = joint.position(counts)
@@ -98,7 +98,7 @@ def _outside(place: Place, servo: ServoSnapshot, calibrate: str) -> Iterator[Fin
 
 
 def _calibrated(
-    place: Place, servo: ServoSnapshot, calibration: CalibrationFile | None, calibrate: str
+    place: FindingPlace, servo: ServoSnapshot, calibration: CalibrationFile | None, calibrate: str
 ) -> Iterator[Finding]:
     found = calibration.joints.get(servo.joint.name) if calibration else None
     if found is None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, on, release, show
 from drivers.servos.catalog import series_of
 
@@ -76,7 +76,7 @@ def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     return show(servo) if kind == "alarm_voltage" else None
 
 
-def _heat(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _heat(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     limit = servo.registers.get("max_temperature", servo.registers.get("temperature_limit"))
     hottest = max(state.temperature_c for state in servo.states)
     if limit is not None and hottest > limit - WARM_C:
@@ -84,7 +84,7 @@ def _heat(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         yield finding("hot", place, "the servo is hot and will soon give way", cause)
 
 
-def _presses(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _presses(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     """Find a servo with full drive at standstill in all states: a gripper on an object, or a goal beyond a stop."""
     limit = series_of(servo.joint.model).torque_limit
     allowed = servo.registers.get(limit.name, 0) / series_of(servo.joint.model).full_torque if limit else 0.0

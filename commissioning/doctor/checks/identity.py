@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
 from drivers.servos.catalog import known_as, series_of
 
@@ -51,4 +51,6 @@ def _firmware(bus: BusSnapshot) -> Iterator[Finding]:
         f"Servos of the same model have different firmware versions ({listed}). servoloop works with all of them. "
         "Other programs may require a firmware update"
     )
-    yield finding("firmware_differs", Place(bus=bus.name), "other programs reject the firmware of the arm", cause)
+    yield finding(
+        "firmware_differs", FindingPlace(bus=bus.name), "other programs reject the firmware of the arm", cause
+    )

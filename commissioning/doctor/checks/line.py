@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Final
 
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, LineFigures, Snapshot
 from drivers.port.latency import HELD_BACK
 
@@ -24,7 +24,7 @@ def check_line(snapshot: Snapshot) -> Iterator[Finding]:
 
 
 def _lossy(bus: BusSnapshot, line: LineFigures) -> Iterator[Finding]:
-    place, allowed = Place(bus=bus.name), TOLERATED_SHARE * line.asked
+    place, allowed = FindingPlace(bus=bus.name), TOLERATED_SHARE * line.asked
     advice = (
         "Check the plugs of the cables, the ground connection between supply and adapter, and other loads on the supply"
     )
@@ -43,7 +43,7 @@ def _lossy(bus: BusSnapshot, line: LineFigures) -> Iterator[Finding]:
 
 
 def _slow(bus: BusSnapshot, line: LineFigures) -> Iterator[Finding]:
-    place = Place(bus=bus.name)
+    place = FindingPlace(bus=bus.name)
     if line.round_trip_s is not None and line.round_trip_s - line.wire_s - line.delay_s > TOLERATED_LATE_S:
         cause = (
             f"A single read takes {1e3 * line.round_trip_s:.1f} ms, but its bytes need only {1e3 * line.wire_s:.2f} "

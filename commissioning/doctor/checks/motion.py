@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, write
-from commissioning.drive_trial import STUCK_SHARE, JointMotion
+from commissioning.drive_trial import STUCK_SHARE, TrialMotion
 from hal.joint import Joint
 
 SHAKES_COUNTS: Final = 12.0
@@ -24,7 +24,7 @@ def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
     """Check every joint that was moved."""
     known = {servo.joint.name: (place_of(bus, servo), servo) for bus in snapshot.buses for servo in bus.servos}
     if snapshot.not_moved:
-        yield finding("not_moved", Place(), "the motion test was not done or not finished", snapshot.not_moved)
+        yield finding("not_moved", FindingPlace(), "the motion test was not done or not finished", snapshot.not_moved)
     for motion in snapshot.motions:
         place, servo = known[motion.joint.name]
         restless = list(_rest(place, servo, motion))
@@ -32,7 +32,7 @@ def check_motion(snapshot: Snapshot) -> Iterator[Finding]:
         yield from restless or _way(place, motion)
 
 
-def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
+def _way(place: FindingPlace, motion: TrialMotion) -> Iterator[Finding]:
     if ratio := gear_ratio(motion):
         cause = (
             f"At the same drive, it turns {ratio:.1f} times faster than an {motion.joint.model.name}. So it probably "
@@ -42,7 +42,7 @@ def _way(place: Place, motion: JointMotion) -> Iterator[Finding]:
         yield finding("wrong_gear", place, "the joint is weaker and faster than the others", cause)
 
 
-def _stuck(place: Place, motion: JointMotion) -> Finding:
+def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
     cause = (
         f"It was commanded to move by {motion.asked:+.3f}, but it moved by {motion.moved:+.3f}. Check whether "
         "something is in its way, it is at a stop, or its horn is loose. It may also lack force: check its torque "
@@ -51,13 +51,13 @@ def _stuck(place: Place, motion: JointMotion) -> Finding:
     return finding("does_not_move", place, "the joint does not follow commands", cause)
 
 
-def gear_ratio(motion: JointMotion) -> float | None:
+def gear_ratio(motion: TrialMotion) -> float | None:
     """Return how many times faster the servo is than its model at the same drive; None if it is not clearly faster."""
     ratio = motion.faster
     return ratio if ratio is not None and ratio > SPEED_FACTOR else None
 
 
-def _rest(place: Place, servo: ServoSnapshot, motion: JointMotion) -> Iterator[Finding]:
+def _rest(place: FindingPlace, servo: ServoSnapshot, motion: TrialMotion) -> Iterator[Finding]:
     joint, count = motion.joint, abs(motion.joint.units_per_count)
     if motion.moved / motion.asked < STUCK_SHARE:
         yield _stuck(place, motion)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Final
 
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, PortProblem, Snapshot
 from commissioning.ports.adapters import Adapter, Complaint, PortsReport
 
@@ -29,7 +29,7 @@ def check_ports(snapshot: Snapshot, report: PortsReport | None) -> Iterator[Find
     """Check the port of every bus; ``report`` describes the adapters of the machine, or is None if unknown."""
     adapters = report.adapters if report else ()
     for bus in snapshot.buses:
-        place = Place(bus=bus.name)
+        place = FindingPlace(bus=bus.name)
         own = [one for one in adapters if bus.port in (one.device, one.by_id)]
         if bus.problem:
             yield _not_open(bus, bus.problem, own)
@@ -40,17 +40,17 @@ def check_ports(snapshot: Snapshot, report: PortsReport | None) -> Iterator[Find
     for complaint in report.complaints if report else ():
         if complaint.kind == "alike":
             text = "two ports may be exchanged after the adapters are plugged in again"
-            yield finding("adapters_alike", Place(), text, _sentence(complaint.text), complaint.command)
+            yield finding("adapters_alike", FindingPlace(), text, _sentence(complaint.text), complaint.command)
 
 
 def _not_open(bus: BusSnapshot, problem: PortProblem, own: list[Adapter]) -> Finding:
     kind, symptom = SYMPTOMS[problem]
     commands = {one.command for adapter in own for one in adapter.complaints if one.kind in ("permission", "login")}
     command = next(iter(commands), None) if problem == "denied" else None
-    return finding(kind, Place(bus=bus.name), f"{bus.port}: {symptom}", bus.problem_text, command)
+    return finding(kind, FindingPlace(bus=bus.name), f"{bus.port}: {symptom}", bus.problem_text, command)
 
 
-def _gone(bus: BusSnapshot, place: Place, report: PortsReport | None) -> Iterator[Finding]:
+def _gone(bus: BusSnapshot, place: FindingPlace, report: PortsReport | None) -> Iterator[Finding]:
     """Find the new name of a missing port, or the program that has taken it."""
     if report is None:
         return
@@ -71,7 +71,7 @@ def _gone(bus: BusSnapshot, place: Place, report: PortsReport | None) -> Iterato
         yield finding("port_moved", place, f"{bus.port}: {UNPLUGGED} any more", cause, command)
 
 
-def _complaint(place: Place, complaint: Complaint) -> Finding:
+def _complaint(place: FindingPlace, complaint: Complaint) -> Finding:
     kind, symptom = COMPLAINTS[complaint.kind]
     return finding(kind, place, symptom, _sentence(complaint.text), complaint.command)
 

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger, on
 
 FACTORY_ID = 1
 
 
-def place_of(bus: BusSnapshot, servo: ServoSnapshot) -> Place:
+def place_of(bus: BusSnapshot, servo: ServoSnapshot) -> FindingPlace:
     """Return the place of a servo, for findings."""
-    return Place(bus.name, servo.joint.name, servo.joint.servo_id)
+    return FindingPlace(bus.name, servo.joint.name, servo.joint.servo_id)
 
 
 def check_presence(snapshot: Snapshot) -> Iterator[Finding]:
@@ -25,7 +25,7 @@ def check_presence(snapshot: Snapshot) -> Iterator[Finding]:
 
 def _together(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Finding]:
     """Find a common cause for several silent servos."""
-    place, rates = Place(bus=bus.name), {servo.elsewhere_baud for servo in silent}
+    place, rates = FindingPlace(bus=bus.name), {servo.elsewhere_baud for servo in silent}
     all_silent = len(silent) == len(bus.servos) and bool(silent)
     if all_silent and rates == {None} and not bus.strangers:
         yield finding(
@@ -111,7 +111,7 @@ def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
 
 def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Finding]:
     for stranger in bus.strangers:
-        place = Place(bus.name, None, stranger.servo_id)
+        place = FindingPlace(bus.name, None, stranger.servo_id)
         if len(silent) == 1 and silent[0].elsewhere_baud is None and _fits(stranger, silent[0]):
             servo = silent[0]
             wanted = servo.joint.servo_id
@@ -120,7 +120,7 @@ def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Fi
                 f"joint, is on the bus. It is probably the servo of {servo.joint.name}: set its ID to {wanted}"
             )
             command = on(bus.port, "set-id", stranger.servo_id, wanted)
-            yield finding("id_not_set", Place(bus.name), f"missing motor ID {wanted}", cause, command)
+            yield finding("id_not_set", FindingPlace(bus.name), f"missing motor ID {wanted}", cause, command)
         cause = (
             f"A servo (model {stranger.model or 'unknown'}) answers with an ID that is not in the robot file. Remove "
             "it from the bus, or add it to the robot file"

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, on, write
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
@@ -39,7 +39,7 @@ def check_settings(snapshot: Snapshot) -> Iterator[Finding]:
                 yield from _lock(place, servo)
 
 
-def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     joint, registers = servo.joint, servo.registers
     series = series_of(joint.model)
     names = {"operating_mode", "drive_mode", "control_mode", "phase", *(one.name for one in series.position_limits)}
@@ -66,7 +66,7 @@ def _mode(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         yield finding("speed_unit", place, "the joint moves far too slowly or far too fast", f"Its {odd}")
 
 
-def _limits(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
     if low is None or high is None or (low, high) == (0, 0) or servo.joint.extended:
         return
@@ -77,7 +77,7 @@ def _limits(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         yield finding("limits_too_narrow", place, symptom, f"The servo {error.text}")
 
 
-def _named(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _named(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     """Find settings whose values in the servo differ from the robot file."""
     wanted, held = dict(servo.joint.settings), servo.registers
     others = [
@@ -91,7 +91,7 @@ def _named(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
         yield finding("settings_differ", place, "settings are written again at each start", cause)
 
 
-def _gains(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     joint, held = servo.joint, servo.registers
     assumed, named = assumed_settings(joint.model), dict(joint.settings)
     if not assumed:
@@ -133,7 +133,7 @@ def _others(
     return {name: value for name, value in unnamed.items() if value != assumed[name]}
 
 
-def _speech(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _speech(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     series = series_of(servo.joint.model)
     level = servo.registers.get(series.status_level.name)
     if level is not None and level < series.answers_all:
@@ -150,7 +150,7 @@ def _speech(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
                           write(servo, name, 0))  # fmt: skip
 
 
-def _lock(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _lock(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     lock = series_of(servo.joint.model).lock
     if lock is not None and servo.registers.get(lock.name) == 0:
         cause = (

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
-from commissioning.doctor.findings import Finding, Place, finding
+from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, write
 from drivers.servos.voltage import voltage_fault, voltage_range
 
@@ -37,7 +37,7 @@ def check_voltage(snapshot: Snapshot) -> Iterator[Finding]:
         yield from _sag(bus, answering, lowest)
 
 
-def _level(place: Place, servo: ServoSnapshot) -> Iterator[Finding]:
+def _level(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     volts, model = _volts(servo), servo.joint.model
     lowest, highest, rated, name = min(volts), max(volts), model.rated_voltage_v, model.name
     limits, allowed = voltage_limits(servo.registers), voltage_range(model)
@@ -77,19 +77,21 @@ def _together(bus: BusSnapshot, servos: list[ServoSnapshot]) -> Iterator[Finding
                 f"The servos measure up to {highest:.1f} V, too much for a supply of {rated:g} V. Check the supply, or "
                 "replace it"
             )
-            yield finding("supply_high", Place(bus=bus.name), "occasional 'input voltage error'", cause)
+            yield finding("supply_high", FindingPlace(bus=bus.name), "occasional 'input voltage error'", cause)
         if "low supply" in kinds:
             cause = (
                 f"The supply voltage is only {lowest:.1f} V, but the servos are rated for {rated:g} V, so they have "
                 "less torque. Check the supply, or replace it"
             )
-            yield finding("supply_low", Place(bus=bus.name), "the arm is weak and slow", cause)
+            yield finding("supply_low", FindingPlace(bus=bus.name), "the arm is weak and slow", cause)
         if highest - lowest > DROP_V:
             cause = (
                 f"At rest, {first.name} has {highest:.1f} V but {last.name} only {lowest:.1f} V. Check the cables and "
                 "plugs between them: one has too much resistance"
             )
-            yield finding("voltage_drops", Place(bus=bus.name), "servos far from the supply are weak or reset", cause)
+            yield finding(
+                "voltage_drops", FindingPlace(bus=bus.name), "servos far from the supply are weak or reset", cause
+            )
 
 
 def _volts(servo: ServoSnapshot) -> list[float]:
@@ -107,5 +109,5 @@ def _sag(bus: BusSnapshot, servos: list[ServoSnapshot], moving_v: Mapping[str, f
                 "too weak, or its cables are too thin. Below a minimum voltage, a servo resets and loses its torque "
                 "without an alarm"
             )
-            yield finding("supply_sags", Place(bus=bus.name), "servos reset or go limp under load", cause)
+            yield finding("supply_sags", FindingPlace(bus=bus.name), "servos reset or go limp under load", cause)
             return

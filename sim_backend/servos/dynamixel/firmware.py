@@ -19,7 +19,7 @@ from typing import Final
 from drivers.servos import x
 from sim_backend.mechanics.motor import MotorConstants
 from sim_backend.servos.dynamixel.protocol2_firmware import ErrorBits, Protocol2Firmware
-from sim_backend.servos.generic.firmware import Memory
+from sim_backend.servos.generic.firmware import FirmwareMemory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 LOOP_S: Final = 0.001
@@ -46,7 +46,7 @@ class XFirmware(Protocol2Firmware):
         overload=1 << 5,
     )
 
-    def __init__(self, memory: Memory, model: x.Model, motor: MotorConstants) -> None:
+    def __init__(self, memory: FirmwareMemory, model: x.XModel, motor: MotorConstants) -> None:
         self._p_divisor = _MEASURED_P_DIVISORS.get(model.name, P_DIVISOR)
         self._turned = 0.0
         """Whole turns that the servo has forgotten, in counts."""

@@ -24,7 +24,7 @@ class XMemory(Protocol2Memory):
     EEPROM_END = x.torque_enable.address
     BAUD_RATES = x.BAUD_RATES
 
-    def __init__(self, model: x.Model, servo_id: int, firmware: int | None = None) -> None:
+    def __init__(self, model: x.XModel, servo_id: int, firmware: int | None = None) -> None:
         """Create the table. ``firmware`` is a version that differs from the usual one."""
         version = FACTORY[x.firmware_version] if firmware is None else firmware
         self._windows = windows_of(model, version)

@@ -75,7 +75,7 @@ _FAST_READ_SINCE: Final = {
 """First firmware version with fast reads, for the models in the e-manual's list of "Fast Sync Read"."""
 
 
-def factory_of(model: x.Model) -> dict[Register, int]:
+def factory_of(model: x.XModel) -> dict[Register, int]:
     """Return all factory values of a model that are not 0.
 
     An unlisted model gets the values of the XM430-W350 (assumed). Its voltage limits are a third above and a fifth
@@ -90,6 +90,6 @@ def factory_of(model: x.Model) -> dict[Register, int]:
     return FACTORY | own | {x.current_limit: _CURRENT_LIMITS.get(model.name, stall)}
 
 
-def reads_fast(model: x.Model, firmware: int) -> bool:
+def reads_fast(model: x.XModel, firmware: int) -> bool:
     """Whether a servo with this firmware version supports fast reads. An unlisted model never does."""
     return model.name in _FAST_READ_SINCE and firmware >= _FAST_READ_SINCE[model.name]

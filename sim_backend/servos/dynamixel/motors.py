@@ -10,7 +10,7 @@ the data sheets.
 from typing import Final
 
 from drivers.servos import x, xl320
-from drivers.servos.ax_mx import Model as Protocol1Model
+from drivers.servos.ax_mx import AxMxModel
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.motor import MotorConstants
 from sim_backend.servos.dynamixel.protocol1_models import MX_64, MX_106
@@ -36,6 +36,6 @@ The XL-320's motor is half as strong as its data sheet says. BAM's laws without 
 """
 
 
-def motor_of(model: x.Model | Protocol1Model) -> MotorConstants:
+def motor_of(model: x.XModel | AxMxModel) -> MotorConstants:
     """Return the motor of a Dynamixel servo. Its thermal constants are those of the STS3215 (assumed)."""
     return IDENTIFIED.get(model.name) or MotorConstants.of(model, model.stall_current_a)

@@ -83,7 +83,7 @@ class Dynamixel1Memory(Memory):
     RESET_ID = 1
     BAUDS = 255
 
-    def __init__(self, model: dxl.Model, servo_id: int) -> None:
+    def __init__(self, model: dxl.AxMxModel, servo_id: int) -> None:
         registers = dxl.registers(model)
         self._own = {**_OWN, **{register.name: register for register in registers}}
         load_unit = 1.0 / sts.TORQUE_UNIT / dxl.FULL_TORQUE
@@ -218,7 +218,7 @@ class VirtualAxServo(GenericServo):
     GROUP_READ: ClassVar[Code | None] = None
     REBOOTS = False
 
-    def __init__(self, model: dxl.Model, servo_id: int) -> None:
+    def __init__(self, model: dxl.AxMxModel, servo_id: int) -> None:
         memory = self.MEMORY(model, servo_id)
         motor = motor_of(model)
         super().__init__(model, memory, self.FIRMWARE(memory, model, motor))

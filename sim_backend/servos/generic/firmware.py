@@ -30,7 +30,7 @@ MOVING_COUNTS_S: Final = 20.0
 MULTI_TURN_PHASE: Final = 1 << 4
 
 
-class Memory(Protocol):
+class FirmwareMemory(Protocol):
     """The part of the control table that the firmware needs."""
 
     def get(self, register: Register) -> int: ...
@@ -41,7 +41,7 @@ class Memory(Protocol):
 class GenericFirmware:
     """Control loop of one servo. ``step`` is called at a fixed rate and must be fast."""
 
-    def __init__(self, memory: Memory, model: ServoModel, motor: MotorConstants) -> None:
+    def __init__(self, memory: FirmwareMemory, model: ServoModel, motor: MotorConstants) -> None:
         self._memory = memory
         self._model = model
         self._motor = motor
