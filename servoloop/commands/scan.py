@@ -86,8 +86,9 @@ def _models(arm: str) -> "dict[int, ServoModel]":
     from drivers.errors import DriverError
     from drivers.servos.catalog import MODELS
     from servoloop.commands.options import known_arm
+    from servoloop.stack.arm_options import ServoArm
 
-    file = known_arm(arm).file
+    file = known_arm(ServoArm(arm)).file
     if len(file.lines()) > 1:
         raise DriverError(f"{arm} has several buses, but a scan covers one port; use --ids instead of --arm")
     return {joint.servo_id: MODELS[joint.model] for joint in file.joints.values()}

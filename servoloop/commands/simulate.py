@@ -8,9 +8,9 @@ import typer
 from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.options import ArmOption, RobotOption
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.stack.arm_options import ArmOption, RobotOption
 
 if TYPE_CHECKING:
     from rich.console import Console
