@@ -85,6 +85,7 @@ def _require_writable(robot: Path) -> None:
 
 def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "CalibrationOutcome":
     from commissioning.calibrate.by_itself import by_itself
+    from commissioning.calibrate.run import JointsToCalibrate
     from commissioning.calibrate.run import calibrate as run
     from drivers.bus.bus import Bus
     from drivers.clock import MonotonicClock
@@ -101,8 +102,9 @@ def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto:
 
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("canceled; the arm was not moved")
+    task = JointsToCalibrate(arm.robot, joints, plan.joints)
     measure = by_itself(open_bus, plan, terminal, clock, terminal.stopped) if auto else None
-    return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure, terminal.stopped)
+    return run(task, open_bus, terminal, clock, measure, terminal.stopped)
 
 
 def _outcome_as_json(outcome: "CalibrationOutcome") -> dict[str, Any]:

@@ -50,6 +50,7 @@ def doctor(
     """
     from rich.console import Console
 
+    from commissioning.doctor.doctor import ExaminedArm
     from commissioning.doctor.doctor import doctor as examine
     from commissioning.doctor.report import markdown
     from commissioning.ports.machine import Machine
@@ -62,14 +63,14 @@ def doctor(
         require_file(report_file)
     files = arm.read()
     clock = MonotonicClock()
-    calibration = load_calibration(files.robot_path)
+    examined = ExaminedArm(files.robot, arm.arm, load_calibration(files.robot_path))
     with served_devices(port, files) as devices:
         if move:
             confirm(MOVES, yes)
         # Without motions, Ctrl-C ends the command immediately.
         with Signals("servos with torque enabled hold their position") if move else nullcontext() as signals:
             motion = _motion(files, clock, signals)
-            report = examine(files.robot, devices, clock, arm=arm.arm, calibration=calibration, move=motion)
+            report = examine(examined, devices, clock, move=motion)
     if json:
         print_json(report)
     else:

@@ -43,7 +43,6 @@ class SimulatedStack:
         self,
         *,
         files: Files | None = None,
-        wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
         build: Build = NOMINAL_BUILD,
         keep_alive: bool = False,
@@ -54,7 +53,6 @@ class SimulatedStack:
 
         Args:
             files: Files of the robot. None: the default arm.
-            wrap: Wraps each controller, for example to inject faults.
             start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
@@ -89,7 +87,6 @@ class SimulatedStack:
         self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
         """Indices of the arm joints, without the hand, in the world's positions. They are used every millisecond."""
-        self._wrap = wrap
         for controller in built:
             self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
@@ -100,7 +97,11 @@ class SimulatedStack:
 
     def add_controller(self, controller: Controller) -> None:
         """Load a controller. It stays inactive until ``up`` is called or the controller is switched."""
-        self.manager.registry.add(self._wrap(controller))
+        self.manager.registry.add(self.wrapped(controller))
+
+    def wrapped(self, controller: Controller) -> Controller:
+        """Return the controller to load. Subclasses wrap it, for example to inject faults."""
+        return controller
 
     def up(self) -> "SimulatedStack":
         """Configure and activate the stack. Raises DriverError or HalError if a component fails."""
