@@ -14,14 +14,15 @@ from drivers.bus.bus import Bus
 from drivers.port import Port
 from hal.compensation.gravity_compensation import GravityCompensation
 from hal.components.component_lifecycle import configure_all
-from hal.components.component_set import ComponentSet
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
-from servoloop.simulation.recording import RecordingPort, Trace
+from servoloop.recording.bus_tap import BusTap
+from servoloop.simulation.observed_components import ObservedComponents
+from servoloop.simulation.recording import Trace
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareSetup, compensation, compliances, servo_bus
 from servoloop.stack.robot_files import Files, read_files
@@ -69,16 +70,17 @@ class SimulatedStack:
         self.scene = virtual.scene
         self.lines = virtual.lines if wire else {}
         self.ports = {
-            name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
+            name: BusTap(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()
         }
         self.tap: Callable[[Port], Port] = lambda port: port
         """Wraps each port when its bus is opened."""
         self.made: list[ServoHardware] = []
         """Components with servos."""
-        components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
+        made = [self._made(one, wire) for one in self.files.description.components]
+        self.components = ObservedComponents(made, self.clock)
         lagging = compliances(self.files.robot.joints)
-        setup = HardwareSetup(components, dict, {}, True, {}, {}, lagging)
+        setup = HardwareSetup(self.components, dict, {}, True, {}, {}, lagging)
         self.control_stack = ControlStack.build(setup, self.files, self.clock, keep_alive=keep_alive)
         self.loop, self.manager = self.control_stack.loop, self.control_stack.loop.manager
         self.loop.on_cycle = self._on_cycle
@@ -127,7 +129,7 @@ class SimulatedStack:
         return next(iter(self.lines.values()))
 
     @property
-    def port(self) -> RecordingPort:
+    def port(self) -> BusTap[VirtualPort]:
         """Recording port of the first bus."""
         return next(iter(self.ports.values()))
 
