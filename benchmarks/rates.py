@@ -72,7 +72,8 @@ def run(device: str, rate_hz: float, cycles: int) -> Figures:
     limits = {joint.name: joint.limits for joint in JOINTS}
     components = ComponentSet([hardware], clock)
     manager = ControllerManager(components, limits)
-    loop = ControlLoop(components, manager, limits, clock, 1.0 / rate_hz, count)
+    loop = ControlLoop(components, manager, limits, clock, 1.0 / rate_hz)
+    loop.on_cycle = count
     hardware.configure()
     try:
         loop.activate()

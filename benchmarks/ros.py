@@ -30,7 +30,7 @@ from rich.table import Table
 from nodes import timing_client
 from nodes.client_node import client_node
 from nodes.discovery import stay_on_this_machine
-from nodes.timing_client import Promptness, TimingClient
+from nodes.timing_client import Promptness, TimedController, TimingClient
 from servoloop.stack.processes import claim_realtime_priority, end, end_with_parent
 
 JOINTS = [f"joint{i}" for i in range(1, 7)]
@@ -92,7 +92,7 @@ def measure(idle_s: float, goals_s: float) -> Figures:
     """Run all measurements."""
     figures = Figures()
     with stack() as process, client_node("bench_ros") as (node, executor):
-        client = TimingClient(node, executor, JOINTS, figures)
+        client = TimingClient(node, executor, TimedController(JOINTS), figures)
         client.spin(SETTLE_S)
         figures.cpu_share = _cpu_share(process, lambda: client.spin(idle_s))
         client.recording = True

@@ -26,9 +26,9 @@ from rich.table import Table
 
 from benchmarks.arguments import positive
 from benchmarks.busy import busy
-from servoloop.demo.cell import Cell, CellOptions, cell
+from servoloop.demo.cell import Cell, cell
+from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
-from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.processes import LOOP_PRIORITY
 from servoloop.stack.robot_files import read_files
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
@@ -139,7 +139,7 @@ class Outcome:
 
 def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
     """Run so many jobs in a new cell, with this side's processes stopped again and again."""
-    with Live(console) as live, cell(CellOptions(folder, find_arm()), live) as ready:
+    with Live(console) as live, cell(CellOptions(folder, backlash_deg=0.0), live) as ready:
         return _measure(side, jobs, seed, folder, ready)
 
 

@@ -25,10 +25,10 @@ from rich.table import Table
 from benchmarks.arguments import in_words, positive
 from benchmarks.browser import PATIENCE_MS, browser_page
 from hal.types import FloatArray
-from servoloop.demo.cell import ADDRESS, Cell, CellOptions, cell
+from servoloop.demo.cell import ADDRESS, Cell, cell
+from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
 from servoloop.recording.reader import read_recording
-from servoloop.stack.arm_folders import find_arm
 
 PERIOD_S: Final = 0.05
 GRADES: Final = "ABC"
@@ -58,7 +58,7 @@ class Outcome:
 def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
     """Run so many jobs in a new cell."""
     found, recording = Outcome(view), folder / "run.mcap"
-    options = CellOptions(folder, find_arm(), record=recording, view=view)
+    options = CellOptions(folder, backlash_deg=0.0, record=recording, view=view)
     with Live(console) as live, cell(options, live) as ready:
         if not view:
             _run_jobs(found, ready, jobs)

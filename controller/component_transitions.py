@@ -4,6 +4,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED, Request
@@ -27,6 +28,20 @@ BackgroundWorker = Callable[[Callable[[], None]], None]
 def run_at_once(work: Callable[[], None]) -> None:
     """Run the work in the calling thread. This is the background worker when there is no other thread."""
     work()
+
+
+@dataclass(frozen=True, slots=True)
+class TransitionRules:
+    """Rules for the transitions of components while the loop runs."""
+
+    keep_alive: bool = False
+    """Whether the loop continues after the last component is lost, until a client activates it again."""
+    background_worker: BackgroundWorker = run_at_once
+    """Runs work that takes longer than a cycle."""
+
+
+NO_BACKGROUND: Final = TransitionRules()
+"""The loop ends with its last component, and all work runs in the thread of the loop."""
 
 
 class ComponentTransition(Request[None]):
@@ -75,8 +90,7 @@ class ComponentTransitions:
         manager: ControllerManager,
         take_over: Callable[[Component, JointState, Collection[str] | None], None],
         resume: Callable[[Sequence[str], JointState], None],
-        keep_alive: bool,
-        background_worker: BackgroundWorker,
+        rules: TransitionRules,
     ) -> None:
         """Connect the transitions with the loop.
 
@@ -85,8 +99,7 @@ class ComponentTransitions:
             manager: The controller manager.
             take_over: Starts to command an activated component, or only the named joints of it. Raises on failure.
             resume: Activates controllers again.
-            keep_alive: Whether the loop continues after the last component is lost.
-            background_worker: Runs work that takes longer than a cycle.
+            rules: Rules for the transitions.
         """
         self.asked: deque[ComponentTransition] = deque()
         """Requested transitions, including those that wait for another transition of their component.
@@ -101,8 +114,7 @@ class ComponentTransitions:
         self._hardware = hardware
         self._manager = manager
         self._take_over, self._resume = take_over, resume
-        self._keep_alive = keep_alive
-        self._background_worker = background_worker
+        self._rules = rules
         self._ended = False
 
     def ask(self, name: str, target: LifecycleState, relax: bool = False) -> ComponentTransition:
@@ -237,7 +249,7 @@ class ComponentTransitions:
                 transition.error_in_background = error
             self.returned.append((component, transition))
 
-        self._background_worker(work)
+        self._rules.background_worker(work)
 
     def _take_back(self, component: Component, transition: ComponentTransition) -> None:
         self._hardware.rejoin(component)
@@ -288,7 +300,7 @@ class ComponentTransitions:
             for other in hardware.components
             if other.error is None and (other.switching or other.state in CONFIGURED)
         ]
-        if not others and not self._keep_alive and lost[0].error is not None:
+        if not others and not self._rules.keep_alive and lost[0].error is not None:
             raise lost[0].error  # The end of the loop stops all joints that can be reached.
         for component in lost:
             if not any(leaving.component is component for leaving in self.leaving):

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.component_transitions import BackgroundWorker, ComponentTransitions, run_at_once
+from controller.component_transitions import NO_BACKGROUND, ComponentTransitions, TransitionRules
 from controller.gate_log import log_gate
 from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
@@ -34,16 +34,6 @@ class ControlLoop:
 
     ``step`` runs one cycle, which tests call directly. ``run`` calls ``step`` at the fixed rate.
 
-    Args:
-        hardware: The components.
-        manager: The controllers.
-        limits: Limits by joint name.
-        clock: Clock of the cycles.
-        period_s: Duration of a period, in seconds.
-        on_cycle: Called after each cycle with its measurement. Its exceptions do not end the loop.
-        keep_alive: Whether the loop continues when the last component is lost, and waits for a client to activate
-            it again.
-        background_worker: Runs slow steps of component transitions outside the cycle.
     """
 
     def __init__(
@@ -53,10 +43,7 @@ class ControlLoop:
         limits: Mapping[str, JointLimits],
         clock: Clock,
         period_s: float,
-        on_cycle: Callable[[JointState], None] = lambda state: None,
-        *,
-        keep_alive: bool = False,
-        background_worker: BackgroundWorker = run_at_once,
+        rules: TransitionRules = NO_BACKGROUND,
     ) -> None:
         """Create a loop whose hardware and controllers are still inactive.
 
@@ -66,9 +53,7 @@ class ControlLoop:
             limits: Limits of each joint, by joint name.
             clock: Clock that paces the loop.
             period_s: Period of the loop, in seconds.
-            on_cycle: Called at the end of each cycle with the measured joint state.
-            keep_alive: Whether the loop continues after the last component is lost, until a client activates it again.
-            background_worker: Runs work that takes longer than a cycle.
+            rules: Rules for the transitions of components.
         """
         self.hardware = hardware
         hardware.filter_leaps(limits)
@@ -98,11 +83,10 @@ class ControlLoop:
         """Time at which the current cycle was due, or None if ``run`` does not pace the loop."""
         self._after_read_s = 0.0
         """Longest recent duration of the steps after the read, in seconds."""
-        self.on_cycle = on_cycle
-        self._keep_alive = keep_alive
-        self.component_transitions = ComponentTransitions(
-            hardware, manager, self.take_over, self._resume, keep_alive, background_worker
-        )
+        self.on_cycle: Callable[[JointState], None] = lambda state: None
+        """Called at the end of each cycle with the measured joint state. Its exceptions do not end the loop."""
+        self._keep_alive = rules.keep_alive
+        self.component_transitions = ComponentTransitions(hardware, manager, self.take_over, self._resume, rules)
 
     def activate(self, keep_inactive: Collection[str] = (), keep_alive: bool | None = None) -> None:
         """Activate the hardware at its current position, then the controllers.

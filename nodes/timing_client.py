@@ -36,6 +36,17 @@ class Promptness:
     failed: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class TimedController:
+    """Joint trajectory controller whose response is timed."""
+
+    joints: Sequence[str]
+    """Names of the controller's joints."""
+    name: str = "arm_controller"
+    moved: float = 1e-6
+    """Distance beyond which a joint counts as moved, in rad or m."""
+
+
 class TimingClient:
     """Client of a joint trajectory controller with one goal at a time. The caller's thread spins ``executor``."""
 
@@ -43,10 +54,8 @@ class TimingClient:
         self,
         node: Node,
         executor: SingleThreadedExecutor,
-        joints: Sequence[str],
+        controller: TimedController,
         noted: Promptness,
-        controller: str = "arm_controller",
-        moved: float = 1e-6,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
         """Connect to the action server of the controller.
@@ -54,25 +63,24 @@ class TimingClient:
         Args:
             node: Node of the client.
             executor: Executor of the node, spun by this client.
-            joints: Names of the controller's joints.
+            controller: The controller.
             noted: Object that receives the measurements.
-            controller: Name of the controller.
-            moved: Distance beyond which a joint counts as moved, in rad or m.
             stop: Function that ends every wait when it returns True.
 
         Raises:
             DriverError: No node offers the action of the controller.
         """
         self.recording = False
-        self._executor, self._joints, self._noted, self._moved, self._stop = executor, joints, noted, moved, stop
+        self._executor, self._controller, self._noted, self._stop = executor, controller, noted, stop
         self._now: Callable[[], float] = lambda: node.get_clock().now().nanoseconds * 1e-9
-        self._arm = ActionClient(node, FollowJointTrajectory, f"/{controller}/follow_joint_trajectory")
+        action = f"/{controller.name}/follow_joint_trajectory"
+        self._arm = ActionClient(node, FollowJointTrajectory, action)
         self._position: list[float] = []
         self._waiting_since_s: float | None = None
         self._start: list[float] = []
         node.create_subscription(JointState, "/joint_states", self._on_state, 100)
         if not self._arm.wait_for_server(PATIENCE_S):
-            raise DriverError(f"no node offers the action /{controller}/follow_joint_trajectory: start the stack first")
+            raise DriverError(f"no node offers the action {action}: start the stack first")
 
     def spin(self, seconds: float) -> None:
         """Serve callbacks for ``seconds``, or until ``stop`` returns True."""
@@ -94,7 +102,7 @@ class TimingClient:
         Raises:
             DriverError: The stack does not respond in time.
         """
-        goal = goal_to(self._joints, position, seconds)
+        goal = goal_to(self._controller.joints, position, seconds)
         self.spin(random.uniform(0.0, period_s))
         sent_s = self._waiting_since_s = time.perf_counter()
         self._start = self._position
@@ -127,7 +135,7 @@ class TimingClient:
             self._noted.stamps_s.append(stamp_s)
             self._noted.ages_s.append(self._now() - stamp_s)
         self._position = list(message.position)
-        moved = any(abs(a - b) > self._moved for a, b in zip(self._start, self._position, strict=False))
+        moved = any(abs(a - b) > self._controller.moved for a, b in zip(self._start, self._position, strict=False))
         if moved and self._waiting_since_s is not None:
             self._noted.motions_s.append(time.perf_counter() - self._waiting_since_s)
             self._waiting_since_s = None

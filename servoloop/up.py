@@ -5,8 +5,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import replace
 from time import time
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from drivers.errors import DriverError
 from nodes.ros_environment import require_ros
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
+from servoloop.stack.arm_options import BACKLASH_DEG
 from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.emulator_process import virtual_servos
@@ -23,6 +23,7 @@ from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.processes import claim_realtime_priority
 from servoloop.stack.robot_files import Files, initial_states, servo_ids
 from servoloop.stack.signals import Signals
+from servoloop.up_options import NO_OPTIONS, UpOptions
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
@@ -30,23 +31,6 @@ if TYPE_CHECKING:
     from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
-
-
-@dataclass(frozen=True, slots=True)
-class UpOptions:
-    """Options of ``servoloop up`` other than the arm and its hardware."""
-
-    keep_alive: bool = False
-    """Whether the program continues without unreachable components, at the start and later."""
-    publish_transforms: bool = True
-    """Whether to publish the transforms of the robot's links along with the ``robot_description``."""
-    simulated: "SimulatedTime | None" = None
-    """Simulated time with virtual servos in this process. None: real time."""
-    record: Path | None = None
-    """Path of a new recording, if any."""
-
-
-NO_OPTIONS = UpOptions()
 
 
 def up(
@@ -68,14 +52,29 @@ def up(
     Returns:
         Exit status.
     """
+    simulated = _simulated_time(options)
     recording = StackRecording(options.record)
-    if options.simulated is not None:
-        setup = options.simulated.hardware(kind, ports, files, recording.tap)
+    if not options.spawn:
+        files = replace(files, controllers=replace(files.controllers, controllers=()))
+    if simulated is not None:
+        setup = simulated.hardware(kind, ports, files, recording.tap)
         with Signals(LEFT) as signals:
-            return _Up(setup, files, options, recording).run(signals, ready)
+            return _Up(setup, files, options, recording, simulated).run(signals, ready)
     with Signals(LEFT) as signals, _devices(kind, ports, files, signals) as devices:
         setup = hardware.build(kind, files, devices, MonotonicClock(), tap=recording.tap)
         return _Up(setup, files, options, recording).run(signals, ready)
+
+
+def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
+    """Return the simulated time of virtual servos in this process, or None for real time."""
+    if options.rtf is None and not options.step:
+        return None
+    from servoloop.simulation.pace import Pace, parse_factor
+    from servoloop.simulation.real_clients import SimulatedTime
+    from sim_backend.buses.build import Build
+
+    pace = Pace(parse_factor("max" if options.rtf is None else options.rtf), paused=options.step)
+    return SimulatedTime(pace, Build(BACKLASH_DEG))
 
 
 @contextmanager
@@ -97,8 +96,14 @@ def _devices(
 class _Up:
     """Run of the stack with its ROS interface."""
 
-    def __init__(self, setup: HardwareSetup, files: Files, options: UpOptions, recording: StackRecording) -> None:
-        simulated = options.simulated
+    def __init__(
+        self,
+        setup: HardwareSetup,
+        files: Files,
+        options: UpOptions,
+        recording: StackRecording,
+        simulated: "SimulatedTime | None" = None,
+    ) -> None:
         worker = simulated.worker if simulated else BackgroundWorker()
         clock = simulated.clock if simulated else MonotonicClock()
         self._initial = initial_states(files)

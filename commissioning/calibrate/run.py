@@ -124,34 +124,47 @@ def by_hand(asker: Asker) -> Measure:
     return lambda bus, joints, plans: ByHand(bus, joints, plans, asker).run() if joints else {}
 
 
+@dataclass(frozen=True, slots=True)
+class JointsToCalibrate:
+    """Joints of a robot file that are on one bus, with the plan of each joint."""
+
+    robot: Path
+    """Robot file. The calibration is stored beside it."""
+    joints: Sequence[Joint]
+    plans: Mapping[str, JointPlan]
+    """Calibration plan of each joint, by name."""
+
+    def require_plans(self) -> None:
+        """Raise CalibrationError if a joint has no plan."""
+        missing = [joint.name for joint in self.joints if joint.name not in self.plans]
+        if missing:
+            names = ", ".join(missing)
+            raise CalibrationError(f"the arm's file has no calibration plan for {names}: add one to arm.yaml")
+
+
 def calibrate(
-    robot: Path,
-    joints: Sequence[Joint],
-    plans: Mapping[str, JointPlan],
+    arm: JointsToCalibrate,
     open_bus: Callable[[], Bus],
     asker: Asker,
     clock: Clock,
     measure: Measure | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> CalibrationOutcome:
-    """Calibrate the joints of a robot file, which must be on one bus.
+    """Calibrate joints by hand or with another measurement.
 
     Nothing is written before the user agrees. Torque is off afterwards, even after an error. Raises CalibrationError,
     ServoError, PortLost, StoppedError.
 
     Args:
-        robot: Robot file; the calibration is stored beside it.
-        joints: Joints to calibrate.
-        plans: Calibration plan of each joint, by name.
+        arm: Joints to calibrate.
         open_bus: Opens the bus of the joints.
         asker: The person who moves the arm and answers questions.
         clock: Clock for all waiting times.
         measure: Measurement to use; by hand if None.
         stopped: Checked during the motion test; the test stops when it returns True.
     """
-    missing = [joint.name for joint in joints if joint.name not in plans]
-    if missing:
-        raise CalibrationError(f"the arm's file has no calibration plan for {', '.join(missing)}: add one to arm.yaml")
+    arm.require_plans()
+    robot, joints, plans = arm.robot, arm.joints, arm.plans
     with closing(open_bus()) as bus:
         _make_limp(bus, joints, asker)
         made = (measure or by_hand(asker))(bus, joints, plans)

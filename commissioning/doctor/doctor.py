@@ -1,12 +1,12 @@
 """Diagnose an arm: measure all buses of a robot, run all checks, and return a report.
 
-report = doctor(robot, {"": "/dev/ttyACM0"}, MonotonicClock())
+report = doctor(ExaminedArm(robot), {"": "/dev/ttyACM0"}, MonotonicClock())
 for finding in report.findings:
     print(finding.severity, finding.symptom, finding.cause, finding.command)
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -57,41 +57,48 @@ def _all(snapshot: Snapshot, ports: PortsReport | None) -> Iterator[Finding]:
         yield from check(snapshot)
 
 
+@dataclass(frozen=True, slots=True)
+class ExaminedArm:
+    """Arm to examine."""
+
+    robot: Robot
+    name: str = "NAME"
+    """Name of the arm on the command line, for the commands that the findings recommend."""
+    calibration: CalibrationFile | None = None
+    """Calibration of the arm; None if it has none."""
+
+
 def doctor(
-    robot: Robot,
+    arm: ExaminedArm,
     devices: Mapping[str, str],
     clock: Clock,
     *,
-    arm: str = "NAME",
-    calibration: CalibrationFile | None = None,
     machine: Machine | None = None,
     open_port: OpenPort | None = None,
     move: Move = no_move,
 ) -> DoctorReport:
-    """Examine the servos of a robot and return a report.
+    """Examine the servos of an arm and return a report.
 
     The function only pings and reads, and it does not change the torque unless ``move`` moves the joints
     (commissioning/doctor/motion.py). It never raises an exception for a problem of the arm; every problem is a finding
     in the report.
 
     Args:
-        robot: The robot.
+        arm: The arm.
         devices: Port of each bus, by the name of the bus.
         clock: Clock for all times.
-        arm: Name of the arm on the command line, for the commands that the findings recommend.
-        calibration: Calibration of the arm; None if it has none.
         machine: Machine whose serial adapters are listed; None for this machine.
         open_port: Opens a device at a baud rate; None for serial ports.
         move: Moves the joints for the checks that need motion.
     """
     opened = open_port or partial(_serial, clock)
-    lines = robot.file.lines()
+    lines = arm.robot.file.lines()
     buses = tuple(
-        measure_bus(name, device, lines[name].baud, [j for j in robot.joints if j.bus == name], opened, clock)
+        measure_bus(name, device, lines[name].baud, [j for j in arm.robot.joints if j.bus == name], opened, clock)
         for name, device in devices.items()
     )
     adapters = ports(machine)
-    snapshot = Snapshot(buses, calibration, arm)
+    snapshot = Snapshot(buses, arm.calibration, arm.name)
     motions, why_not = move(snapshot, judge(snapshot, adapters))
     snapshot = replace(snapshot, motions=motions, not_moved=why_not)
     return report_of(snapshot, judge(snapshot, adapters), adapters.adapters)

@@ -7,7 +7,7 @@ from typing import Final
 
 from commissioning.doctor.line_quality import Hearing, hear, hears_itself, line_figures
 from commissioning.doctor.snapshot import BusSnapshot, PortProblem, ServoSnapshot, Stranger
-from commissioning.scan.scan import scan
+from commissioning.scan.scan import ScanScope, scan
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
@@ -29,18 +29,14 @@ class SearchResult:
     """Servos that do not belong to a joint."""
 
 
-Search = Callable[[Port, Clock, Make, Sequence[int], Sequence[int]], SearchResult]
-"""Search function. Its arguments are the port, the clock, the make, the missing IDs and all IDs of the robot."""
-
-
 def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], known: Sequence[int]) -> SearchResult:
     """Search for missing servos at all baud rates of the make, and for unexpected servos at the port's own baud rate.
 
     Raises PortLost.
     """
     former = port.baud
-    elsewhere = scan(port, clock, servo_ids=missing, makes=(make,)).servos if missing else ()
-    here = scan(port, clock, bauds=(former,), makes=(make,)).servos
+    elsewhere = scan(port, clock, ScanScope(servo_ids=missing, makes=(make,))).servos if missing else ()
+    here = scan(port, clock, ScanScope(bauds=(former,), makes=(make,))).servos
     strangers = tuple(Stranger(one.servo_id, one.baud, one.model) for one in here if one.servo_id not in known)
     return SearchResult({one.servo_id: one.baud for one in elsewhere if one.baud != former}, strangers)
 
@@ -120,7 +116,6 @@ def measure_bus(
     joints: Sequence[Joint],
     open_port: OpenPort,
     clock: Clock,
-    search: Search = search_line,
 ) -> BusSnapshot:
     """Measure the servos of these joints. A problem with the port is part of the result."""
     empty = BusSnapshot(name, device, baud)
@@ -129,7 +124,7 @@ def measure_bus(
     except PortError as error:
         return _failed(empty, error)
     try:
-        return _measured(empty, port, joints, clock, search)
+        return _measured(empty, port, joints, clock)
     except PortError as error:
         return _failed(empty, error)
     finally:
@@ -141,7 +136,7 @@ def _failed(snapshot: BusSnapshot, error: PortError) -> BusSnapshot:
     return replace(snapshot, problem=problem, problem_text=str(error))
 
 
-def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock: Clock, search: Search) -> BusSnapshot:
+def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock: Clock) -> BusSnapshot:
     models = {joint.servo_id: joint.model for joint in joints}
     protocol = series_of(joints[0].model).protocol
     echoes = hears_itself(port, clock, protocol.packets, joints[0].servo_id)
@@ -152,7 +147,7 @@ def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock:
     steady = {servo.joint.servo_id: servo.joint.model for servo in servos if servo.answers}
     line = line_figures(bus, steady, clock, delays, echoes)
     missing = [servo.joint.servo_id for servo in servos if servo.heard == "silent"]
-    found = search(port, clock, series_of(joints[0].model).make, missing, tuple(models))
+    found = search_line(port, clock, series_of(joints[0].model).make, missing, tuple(models))
     servos = [replace(servo, elsewhere_baud=found.bauds.get(servo.joint.servo_id)) for servo in servos]
     return replace(snapshot, servos=tuple(servos), strangers=found.strangers, line=line)
 

@@ -51,36 +51,47 @@ class ScanReport:
     """Kinds of servos that were not searched for, because servos of another protocol had answered."""
 
 
+@dataclass(frozen=True, slots=True)
+class ScanScope:
+    """Baud rates, IDs and makes that a scan tries."""
+
+    bauds: Collection[int] = ()
+    """Baud rates to scan; all if empty."""
+    servo_ids: Collection[int] = ()
+    """IDs to search for, one by one; all if empty."""
+    makes: Collection[Make] = ()
+    """Makes of servos to search for; all if empty."""
+
+
+EVERYTHING: Final = ScanScope()
+
+
 def scan(
     port: Port,
     clock: Clock,
+    scope: ScanScope = EVERYTHING,
     *,
-    bauds: Iterable[int] = (),
-    servo_ids: Collection[int] = (),
-    makes: Collection[Make] = (),
     models: Mapping[int, ServoModel] | None = None,
     progress: Progress = lambda number, count, text, found: None,
 ) -> ScanReport:
     """Search a port for servos and examine them. The baud rate of the port is restored afterwards.
 
-    Without ``makes``, the scan ignores the other protocol after the first reply, because servos with different
-    protocols cannot share a bus.
+    Without ``makes`` in the scope, the scan ignores the other protocol after the first reply, because servos with
+    different protocols cannot share a bus.
 
     Args:
         port: The port.
         clock: Clock for all times.
-        bauds: Baud rates to scan; all if empty.
-        servo_ids: IDs to search for, one by one; all if empty.
-        makes: Makes of servos to search for; all if empty.
-        models: Expected model of each servo, by ID. These IDs are searched for if ``servo_ids`` is empty.
+        scope: Baud rates, IDs and makes to try.
+        models: Expected model of each servo, by ID. These IDs are searched for if the scope has no IDs.
         progress: Called before each step and at the end.
 
     Raises:
         PortLost: The port has disappeared.
     """
     wanted = models or {}
-    search = _Search(port, clock, tuple(sorted(servo_ids or wanted)), bool(makes))
-    former, todo = port.baud, steps(makes, bauds)
+    search = _Search(port, clock, tuple(sorted(scope.servo_ids or wanted)), bool(scope.makes))
+    former, todo = port.baud, steps(scope.makes, scope.bauds)
     try:
         for number, step in enumerate(todo):
             progress(number, len(todo), step.text, search.found)

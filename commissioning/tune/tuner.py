@@ -57,8 +57,7 @@ class Tuner:
         open_buses: OpenBuses,
         clock: Clock,
         ending: Ending,
-        stopped: Callable[[], bool] = lambda: False,
-        hurry: Callable[[], bool] = lambda: False,
+        signals: Callable[[], int] = lambda: 0,
     ) -> None:
         """Read the state of the arm without changing it. Raises TuneError, DriverError.
 
@@ -68,14 +67,13 @@ class Tuner:
             open_buses: Opens the buses of joints.
             clock: Clock of the cycles.
             ending: How the arm is left.
-            stopped: Checked in each cycle. When it returns True, the measurement ends and the arm is left as ``ending``
-                describes.
-            hurry: Checked on the way to the park pose. When it returns True, the rest of the way is skipped.
+            signals: Returns the number of signals. After the first signal, the measurement ends and the arm is left as
+                ``ending`` describes. After the second signal, the rest of the way to the park pose is skipped.
         """
         if name not in (names := [joint.name for joint in joints]):
             raise TuneError(f"the arm has no joint {name}: choose one of {', '.join(names)}")
         self._open, self._clock, self._ending = open_buses, clock, ending
-        self._stopped, self._hurry = stopped, hurry
+        self._signals = signals
         self._index = names.index(name)
         self._begun: FloatArray | None = None
         self.named = dict(joints[self._index].settings)
@@ -93,6 +91,9 @@ class Tuner:
     def joint(self) -> Joint:
         """The joint, with the settings of its servo."""
         return self.joints[self._index]
+
+    def _stopped(self) -> bool:
+        return self._signals() > 0
 
     @contextmanager
     def _buses(self, joints: Sequence[Joint]) -> Iterator[Mapping[str, Bus]]:
@@ -159,7 +160,7 @@ class Tuner:
 
     def _end(self, arm: SlowArm) -> None:
         """Move the joint back, or the arm to its park pose if its torque is released. ``hurry`` skips this motion."""
-        arm.stopped = self._hurry
+        arm.stopped = lambda: self._signals() > 1
         target = arm.command.copy()
         if self._begun is not None:
             target[self._index] = self._begun[self._index]

@@ -43,10 +43,10 @@ class JointTrajectoryController:
         limits: Sequence[JointLimits],
         hardware_joints: Sequence[str],
         settled: Settled,
-        endless: Sequence[int] = (),
         lags: FloatArray | None = None,
     ) -> None:
-        """Create a controller. ``limits`` and ``lags`` are in joint order. ``endless`` lists continuous joints."""
+        """Create a controller. ``limits`` and ``lags`` are in joint order."""
+        endless = tuple(index for index, limit in enumerate(limits) if math.isinf(limit.upper))
         self.name = name
         self.joints = parameters.joints
         self.command_interfaces = parameters.claims()
@@ -57,7 +57,7 @@ class JointTrajectoryController:
         """Data of the latest cycle, or None while the controller is inactive."""
         self._unseen: deque[Tracking] = deque(maxlen=UNSEEN)
         self.running = False
-        self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, tuple(endless))
+        self._planner = GoalPlanner(self.joints, tuple(limits), parameters.interpolation_method, endless)
         self._planner.warm_up()
         self._sampler = TrajectorySampler(limits, parameters.speed_scaling.initial_scaling_factor, lags)
         self.scaling = self._sampler.scaling
@@ -70,7 +70,7 @@ class JointTrajectoryController:
         self.period_s = 0.0
         """Period of the loop, in seconds. It is 0 before the first cycle."""
         self._last_s = 0.0
-        self._standstill = Standstill(self.joints, tuple(endless), self._sampler, self._execution)
+        self._standstill = Standstill(self.joints, endless, self._sampler, self._execution)
 
     @classmethod
     def build(
@@ -78,9 +78,8 @@ class JointTrajectoryController:
     ) -> "JointTrajectoryController":
         """Build the controller from its parameters and the robot."""
         limits = limits_of(parameters.joints, context.limits)
-        endless = [index for index, limit in enumerate(limits) if math.isinf(limit.upper)]
         lags = context.lags(parameters.joints)
-        return cls(name, parameters, limits, context.component.joints, context.settled, endless, lags)
+        return cls(name, parameters, limits, context.component.joints, context.settled, lags)
 
     # Any thread may call the following methods.
 

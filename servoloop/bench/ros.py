@@ -93,16 +93,15 @@ def run_ros(
 def _send_goals(noted: "Promptness", ready: Pose, lay: Pose, files: Files, signals: Callable[[], int]) -> None:
     """Record /joint_states at rest in the ready pose, then send goals near this pose."""
     from nodes.client_node import client_node
-    from nodes.timing_client import TimingClient
+    from nodes.timing_client import TimedController, TimingClient
 
     joint = next(iter(ready))
     limits = files.limits[joint]
     step = min(STEP, 0.1 * (limits.upper - limits.lower))
     beside = {**ready, joint: ready[joint] + (step if ready[joint] < 0.5 * (limits.lower + limits.upper) else -step)}
     with client_node("servoloop_bench") as (node, executor):
-        client = TimingClient(
-            node, executor, list(ready), noted, ARM, moved=0.05 * step, stop=lambda: signals() > 0
-        )  # fmt: skip
+        controller = TimedController(list(ready), ARM, moved=0.05 * step)
+        client = TimingClient(node, executor, controller, noted, stop=lambda: signals() > 0)
         client.go(list(ready.values()), seconds_for(lay, ready, files.limits))
         noted.answers_s.clear()  # the first goal after the start is not typical
         noted.motions_s.clear()

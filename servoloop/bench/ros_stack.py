@@ -51,7 +51,8 @@ class Work:
 
 def main(work: Work) -> int:
     """Run the stack until SIGTERM."""
-    from servoloop.up import UpOptions, up
+    from servoloop.up import up
+    from servoloop.up_options import UpOptions
 
     log_to_terminal()
     files = slow(read_arm_files(find_arm(work.arm)), back_to=work.lay)

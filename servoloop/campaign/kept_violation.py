@@ -20,7 +20,7 @@ BEFORE_S: Final = 2.0
 """Length of a trace before the violation, in seconds."""
 CYCLES_BEHIND: Final = 4
 """Length of a trace after the violation, in cycles."""
-NOTHING: Final = CycleRecording((), (), ())
+NOTHING: Final = CycleRecording((), (), (), {})
 """Recording of a run that was not recorded."""
 AS_DRAWN: Final = {
     NO_HANG: "The schedule is not minimized: every further run of it would last until the limit.",

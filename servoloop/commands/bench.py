@@ -1,6 +1,6 @@
 """``servoloop bench``: measure the performance of a bus or of an arm."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,9 +9,10 @@ import typer
 from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.line_options import PortsOption, interruptible, served_devices
-from servoloop.commands.options import ArmOption
+from servoloop.commands.option_groups import grouped_options
 from servoloop.extras import install_command
 from servoloop.stack.arm_folders import OWN
+from servoloop.stack.arm_options import ArmOption
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,12 +28,20 @@ MOVES = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class MeasuredServos:
+    """Servos of one model on a port."""
+
+    port: Annotated[str, typer.Option(help="Serial port of the servos.")]
+    ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7"
+    model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215"
+    baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000
+
+
 @app.command()
+@grouped_options
 def bus(
-    port: Annotated[str, typer.Option(help="Serial port of the servos.")],
-    ids: Annotated[str, typer.Option(help="Servo IDs, such as 1-7 or 1,2,5.")] = "1-7",
-    model: Annotated[str, typer.Option(help="Servo model.")] = "sts3215",
-    baud: Annotated[int, typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second.")] = 1_000_000,
+    servos: MeasuredServos,
     cycles: Annotated[int, typer.Option(min=1, help="Number of cycles to measure.")] = 1000,
     hold: Annotated[
         bool, typer.Option("--hold", help="Enable the torque of all servos during the measurement.")
@@ -54,7 +63,8 @@ def bus(
     from servoloop.bench import bus as bench_bus
 
     with interruptible():
-        figures = bench_bus.bench_bus(port, bench_bus.parse_ids(ids), model, baud, cycles, hold=hold)
+        ids = bench_bus.parse_ids(servos.ids)
+        figures = bench_bus.bench_bus(servos.port, ids, servos.model, servos.baud, cycles, hold=hold)
     if json:
         typer.echo(bench_bus.as_json(figures))
     else:

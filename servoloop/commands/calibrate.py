@@ -15,8 +15,9 @@ from drivers.errors import DriverError
 from hal.errors import DescriptionError
 from servoloop.commands.console import JsonOption, YesOption, print_json, print_table
 from servoloop.commands.line_options import PortOption, named_devices
-from servoloop.commands.options import ArmOption, RobotOption, UrdfOption, known_arm
-from servoloop.stack.arm_folders import OWN
+from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.options import known_arm
+from servoloop.stack.arm_options import ServoArm
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -84,6 +85,7 @@ def _require_writable(robot: Path) -> None:
 
 def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "CalibrationOutcome":
     from commissioning.calibrate.by_itself import by_itself
+    from commissioning.calibrate.run import JointsToCalibrate
     from commissioning.calibrate.run import calibrate as run
     from drivers.bus.bus import Bus
     from drivers.clock import MonotonicClock
@@ -100,8 +102,9 @@ def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto:
 
     if auto and not terminal.confirm(AUTO):
         raise Interrupted("canceled; the arm was not moved")
+    task = JointsToCalibrate(arm.robot, joints, plan.joints)
     measure = by_itself(open_bus, plan, terminal, clock, terminal.stopped) if auto else None
-    return run(arm.robot, joints, plan.joints, open_bus, terminal, clock, measure, terminal.stopped)
+    return run(task, open_bus, terminal, clock, measure, terminal.stopped)
 
 
 def _outcome_as_json(outcome: "CalibrationOutcome") -> dict[str, Any]:
@@ -182,11 +185,10 @@ LerobotArgument = Annotated[Path, typer.Argument(help="LeRobot calibration file 
 
 
 @app.command("import")
+@grouped_options
 def import_(
     file: LerobotArgument,
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
+    arm: ServoArm,
     prefix: Annotated[str, typer.Option(help="Prefix of the joint names in the file, such as arm_ for LeKiwi.")] = "",
     json: JsonOption = False,
 ) -> None:
@@ -196,7 +198,7 @@ def import_(
     to the servos, because they already hold LeRobot's offsets. The previous calibration file is kept as a backup.
     Example: `servoloop calibration import my_arm.json --arm so101`
     """
-    known = known_arm(arm, urdf, robot)
+    known = known_arm(arm)
     made, written = import_calibration(file, known.robot, known.joints, known.plans, prefix)
     if json:
         print_json({"written": str(written), "joints": [_imported_as_json(one) for one in made]})
@@ -206,11 +208,10 @@ def import_(
 
 
 @app.command()
+@grouped_options
 def export(
     file: LerobotArgument,
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
+    arm: ServoArm,
     json: JsonOption = False,
 ) -> None:
     """Export an arm's calibration to a LeRobot file.
@@ -218,7 +219,7 @@ def export(
     An existing file is kept as a backup with the suffix .1.
     Example: `servoloop calibration export my_arm.json --arm so101`
     """
-    export_calibration(file, known_arm(arm, urdf, robot).robot)
+    export_calibration(file, known_arm(arm).robot)
     if json:
         print_json({"written": str(file)})
     else:
@@ -226,12 +227,13 @@ def export(
 
 
 @app.command()
-def show(arm: ArmOption = OWN, robot: RobotOption = None, urdf: UrdfOption = None, json: JsonOption = False) -> None:
+@grouped_options
+def show(arm: ServoArm, json: JsonOption = False) -> None:
     """Show the direction, zero, homing offset and travel of each joint, and its range in the URDF.
 
     Example: `servoloop calibration show --arm so101`
     """
-    known = known_arm(arm, urdf, robot)
+    known = known_arm(arm)
     rows = calibration_rows(known.robot, known.joints)
     if json:
         print_json(rows)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +13,7 @@ import typer
 from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
+from servoloop.commands.option_groups import grouped_options
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder
 from servoloop.stack.signals import Signals
@@ -31,7 +33,38 @@ NO_VIOLATION = "no invariant was violated"
 NOT_EXAMINED = "Run more seeds, or list under `promises` in the scenario the conditions that it must examine."
 
 
+@dataclass(frozen=True, slots=True)
+class CampaignRuns:
+    """Runs of a campaign, and where they take place."""
+
+    seeds: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 100
+    first: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            help="Number of processes; by default the number of processors. 0 runs in this process, for a debugger.",
+        ),
+    ] = None
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on a Ray cluster at this address. `local` starts Ray on this machine."
+        ),
+    ] = None
+
+    def requested(self) -> range:
+        """Return the seeds of all runs."""
+        return range(self.first, self.first + self.seeds)
+
+    def processes(self) -> int:
+        """Return the number of processes; 0 for this process."""
+        return self.jobs if self.jobs is not None else os.cpu_count() or 1
+
+
+@grouped_options
 def campaign(
+    *,
     scenario: Annotated[Path | None, typer.Option(help="YAML file with the properties that all runs share.")] = None,
     schedule: Annotated[
         Path | None, typer.Option(help="Run one schedule that a campaign has saved, instead of a scenario.")
@@ -40,21 +73,7 @@ def campaign(
         str | None,
         typer.Option(help="Arm that replaces the arms of the scenario: a name from `servoloop arms`, or a folder."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Number of runs.")] = 100,
-    first: Annotated[int, typer.Option(min=0, help="Seed of the first run.")] = 0,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Number of processes; by default the number of processors. 0 runs in this process, for a debugger.",
-        ),
-    ] = None,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="Run on a Ray cluster at this address. `local` starts Ray on this machine."
-        ),
-    ] = None,
+    runs: CampaignRuns,
     out: Annotated[
         Path,
         typer.Option(help="Folder for the report, and for the schedules and traces of violations."),
@@ -79,10 +98,9 @@ def campaign(
 
     checked = read_scenario(scenario, arm)
     make_folder(out)
-    requested, processes = range(first, first + seeds), jobs if jobs is not None else os.cpu_count() or 1
     with Signals() as signals:
-        tally, ended_by = _run(checked, requested, processes, ray, lambda: signals.count > 0)
-        kept, page, unwritten = _keep(tally, out, lambda: signals.count > 0, apart=processes > 0)
+        tally, ended_by = _run(checked, runs, lambda: signals.count > 0)
+        kept, page, unwritten = _keep(tally, out, lambda: signals.count > 0, apart=runs.processes() > 0)
         interrupted = signals.count > 0
     if json:
         print_json({**tally.plain(), **_files(kept, page)})
@@ -95,9 +113,7 @@ def campaign(
     raise typer.Exit(1 if kept or tally.broken_promises else 0)
 
 
-def _run(
-    scenario: "Scenario", seeds: range, processes: int, ray: str | None, stop: "Stop"
-) -> "tuple[Tally, DriverError | None]":
+def _run(scenario: "Scenario", runs: CampaignRuns, stop: "Stop") -> "tuple[Tally, DriverError | None]":
     """Run the scenario with each seed. Return the tally, and the error that ended the campaign early, if any."""
     from rich.console import Console
     from rich.progress import Progress
@@ -106,11 +122,11 @@ def _run(
     from servoloop.campaign.supervised import WorkerError
     from servoloop.campaign.tally import Tally
 
-    tally = Tally(scenario, len(seeds))
+    tally = Tally(scenario, runs.seeds)
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("runs", total=len(seeds))
+        task = progress.add_task("runs", total=runs.seeds)
         try:
-            for report in run(scenario, seeds, processes, stop, ray):
+            for report in run(scenario, runs.requested(), runs.processes(), stop, runs.ray):
                 tally.add(report)
                 progress.advance(task)
         except WorkerError as error:

@@ -8,8 +8,8 @@ import typer
 
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import PortsOption, served_devices
-from servoloop.commands.options import ArmOption, RobotOption, UrdfOption
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+from servoloop.commands.option_groups import grouped_options
+from servoloop.stack.arm_options import ServoArm
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,11 +28,11 @@ MOVES = (
 )
 
 
+@grouped_options
 def doctor(
+    *,
     port: PortsOption = None,
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
+    arm: ServoArm,
     report_file: Annotated[
         Path | None, typer.Option("--report", help="Markdown file for the full report, to attach to a bug report.")
     ] = None,
@@ -50,6 +50,7 @@ def doctor(
     """
     from rich.console import Console
 
+    from commissioning.doctor.doctor import ExaminedArm
     from commissioning.doctor.doctor import doctor as examine
     from commissioning.doctor.report import markdown
     from commissioning.ports.machine import Machine
@@ -60,16 +61,16 @@ def doctor(
 
     if report_file is not None:
         require_file(report_file)
-    files = read_arm_servos(find_arm(arm), urdf, robot)
+    files = arm.read()
     clock = MonotonicClock()
-    calibration = load_calibration(files.robot_path)
+    examined = ExaminedArm(files.robot, arm.arm, load_calibration(files.robot_path))
     with served_devices(port, files) as devices:
         if move:
             confirm(MOVES, yes)
         # Without motions, Ctrl-C ends the command immediately.
         with Signals("servos with torque enabled hold their position") if move else nullcontext() as signals:
             motion = _motion(files, clock, signals)
-            report = examine(files.robot, devices, clock, arm=arm, calibration=calibration, move=motion)
+            report = examine(examined, devices, clock, move=motion)
     if json:
         print_json(report)
     else:

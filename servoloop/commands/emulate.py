@@ -15,17 +15,12 @@ import typer
 from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.options import (
-    BACKLASH_DEG,
-    ArmOption,
-    BacklashOption,
-    RobotOption,
-    SeedOption,
-    UrdfOption,
-)
+from servoloop.commands.option_groups import grouped_options
 from servoloop.extras import require_view
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+from servoloop.stack.arm_options import ArmOption, RobotOption, UrdfOption
 from servoloop.stack.devices import device_paths
+from servoloop.stack.emulator_options import EmulatorOptions
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent
 from servoloop.stack.robot_files import ServoFiles, make_folder
 from servoloop.stack.terminal import log_to_terminal
@@ -38,67 +33,34 @@ LOG = logging.getLogger("servoloop")
 LinkArgument = Annotated[
     Path, typer.Argument(help="Unused path for the serial port of the bus. With several buses: LINK.NAME for each.")
 ]
-PracticeOption = Annotated[
-    int | None,
-    typer.Option(
-        min=0, help="Seed for an uncalibrated arm on an empty table, to practice calibration with `servoloop hand`."
-    ),
-]
-BoxOption = Annotated[
-    bool,
-    typer.Option(
-        "--box",
-        help="Serve factory-new servos: all have ID 1 and none is connected (see `servoloop hand LINK connect`).",
-    ),
-]
-EepromOption = Annotated[
-    Path | None, typer.Option(help="File for the servos' EEPROM: loaded if it exists and updated at every change.")
-]
-FaultsOption = Annotated[
-    Path | None,
-    typer.Option(help="YAML file with faults, timed from when the servos are ready (see `servoloop fault --list`)."),
-]
-ViewOption = Annotated[
-    bool, typer.Option("--view", help="Show the arm in a browser, as `servoloop view --bus LINK` does.")
-]
-PicturesOption = Annotated[Path | None, typer.Option(help="Folder for an image and a video of the arm.")]
 
 
+@grouped_options
 def emulate(
+    *,
     link: LinkArgument,
     arm: ArmOption = OWN,
     urdf: UrdfOption = None,
     robot: RobotOption = None,
-    backlash_deg: BacklashOption = BACKLASH_DEG,
-    seed: SeedOption = None,
-    practice: PracticeOption = None,
-    box: BoxOption = False,
-    eeprom: EepromOption = None,
-    faults: FaultsOption = None,
-    view: ViewOption = False,
-    pictures: PicturesOption = None,
+    options: EmulatorOptions,
 ) -> None:
     """Serve virtual servos and their simulated scene on a pseudo-terminal until Ctrl-C.
 
     Any program can open LINK as a serial port. Example: `servoloop emulate ./bus`
     """
-    from servoloop.stack.emulator import EmulatorOptions
     from servoloop.stack.emulator import emulate as run
     from servoloop.stack.signals import Signals
-    from sim_backend.buses.build import Build
     from sim_backend.compiled import compilation_announced
 
     log_to_terminal()
-    if view:
+    if options.view:
         _require_page(urdf)
-    _require_paths(link, pictures)
+    _require_paths(link, options.pictures)
     files = read_arm_servos(find_arm(arm), urdf, robot)
-    events = _events(faults, files, box)
-    build = Build(backlash_deg, seed, 0 if box and practice is None else practice, box)
-    options = EmulatorOptions(build, pictures, eeprom, events)
+    events = _events(options.faults, files, options.box)
     ready = _ready(link, files)
-    with Signals() as signals, _page(link, arm, view) as show, compilation_announced(LOG.info):
-        run(files, link, options, stop=lambda: signals.count > 0, on_ready=lambda: show(ready))
+    with Signals() as signals, _page(link, arm, options.view) as show, compilation_announced(LOG.info):
+        run(files, link, options, events, stop=lambda: signals.count > 0, on_ready=lambda: show(ready))
 
 
 def _require_page(urdf: Path | None) -> None:

@@ -13,6 +13,7 @@ from nodes.ros_environment import require_ros
 from servoloop.commands.options import NetworkOption, set_network
 from servoloop.manual.poses import FILE, Poses
 from servoloop.stack.arm_folders import OWN, find_arm
+from servoloop.stack.arm_options import ArmOption
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -156,7 +157,6 @@ Name = Annotated[str, typer.Argument(help="Name of the pose.")]
 RunningArm = Annotated[
     str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
 ]
-AnArm = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
 
 
 @app.command()
@@ -209,7 +209,7 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
 
 
 @app.command("list")
-def list_(arm: AnArm = OWN) -> None:
+def list_(arm: ArmOption = OWN) -> None:
     """List the saved poses of an arm, with joint positions in rad or m.
 
     Example: `servoloop pose list --arm so101`
@@ -219,7 +219,7 @@ def list_(arm: AnArm = OWN) -> None:
 
 
 @app.command()
-def remove(name: Name, arm: AnArm = OWN) -> None:
+def remove(name: Name, arm: ArmOption = OWN) -> None:
     """Remove a saved pose.
 
     Example: `servoloop pose remove over_the_box`

@@ -15,27 +15,12 @@ from drivers.errors import DriverError
 from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
 from servoloop.commands.line_options import named_devices
-from servoloop.stack.arm_folders import find_arm, read_arm_files, read_arm_servos
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.arm_options import ServoArm
 
 if TYPE_CHECKING:
     from servoloop.manual.dead_man import Keys
     from servoloop.teleop.arms import Side
-
-
-ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
-UrdfOption = Annotated[Path | None, typer.Option("--urdf", help="URDF file to use instead of the arm's own.")]
-BacklashOption = Annotated[
-    float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each virtual servo, in degrees.")
-]
-SeedOption = Annotated[
-    int | None,
-    typer.Option(
-        "--seed", min=0, help="Seed that varies friction, motors, masses and supply of the virtual arm by up to 10 %."
-    ),
-]
-BACKLASH_DEG = 1.0
-"""Typical backlash that users measure at the shaft of an STS3215, in degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +33,11 @@ class KnownArm:
     plans: Mapping[str, JointPlan]
 
 
-def known_arm(arm: str, urdf: Path | None = None, robot: Path | None = None) -> KnownArm:
-    """Read the files of an arm; ``urdf`` and ``robot`` replace the arm's own files. Raises HalError."""
-    found = find_arm(arm)
-    files = read_arm_servos(found, urdf, robot)
+def known_arm(arm: ServoArm) -> KnownArm:
+    """Read the files of an arm. Raises HalError."""
+    files = arm.read()
     joints = tuple(joint.between_stops() for joint in files.robot.joints)
-    return KnownArm(files.robot_path, files.robot.file, joints, found.file.calibration.joints)
+    return KnownArm(files.robot_path, files.robot.file, joints, arm.found().file.calibration.joints)
 
 
 NetworkOption = Annotated[

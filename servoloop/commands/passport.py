@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -22,30 +22,60 @@ from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
+from servoloop.commands.option_groups import grouped_options
 from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.arm_options import RobotOption
 
 app = typer.Typer(no_args_is_help=True, help="Save, compare and restore the EEPROM of all servos.")
 
-FileArgument = Annotated[
-    Path | None,
-    typer.Argument(help="Passport file (default: SERIAL.passport.yaml, with the serial number of the adapter)."),
-]
-ArmOption = Annotated[
-    str | None, typer.Option("--arm", help="Arm of the servos: a name that `servoloop arms` lists, or an arm folder.")
-]
-RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
-BusOption = Annotated[str | None, typer.Option("--bus", help="Bus, if the robot file has several.")]
 USUAL_BAUD = 1_000_000
 SAME = "All servos match the passport."
 
 
+@dataclass(frozen=True, slots=True)
+class PassportPlace:
+    """Passport file, and the bus whose servos it describes."""
+
+    file: Annotated[
+        Path | None,
+        typer.Argument(help="Passport file (default: SERIAL.passport.yaml, with the serial number of the adapter)."),
+    ] = None
+    port: PortOption = None
+    arm: Annotated[
+        str | None, typer.Option(help="Arm of the servos: a name that `servoloop arms` lists, or an arm folder.")
+    ] = None
+    robot: RobotOption = None
+    bus: Annotated[str | None, typer.Option(help="Bus, if the robot file has several.")] = None
+
+    def path(self) -> Path:
+        """Return the path of the passport, by default named after the adapter's serial number."""
+        from commissioning.ports.adapters import only_port
+
+        if self.file is not None:
+            return self.file
+        device = self.port or only_port()
+        serial = adapter_serial(device)
+        if serial is None:
+            raise PassportError(f"{device} has no serial number, so its passport has no default name; pass a file name")
+        return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
+
+    def robot_file(self) -> RobotFile | None:
+        """Return the robot file of the servos, or None if the command line names none."""
+        path = self.robot or (find_arm(self.arm).robot if self.arm else None)
+        if self.bus is not None and path is None:
+            raise PassportError("--bus selects a bus of a robot file; add --arm or --robot, or omit --bus")
+        return load_robot_file(path) if path else None
+
+    def baud(self, otherwise: int) -> int:
+        """Return the baud rate in the robot file, or ``otherwise`` without a robot file."""
+        robot = self.robot_file()
+        return robot.lines()[bus_of(robot, self.bus)].baud if robot else otherwise
+
+
 @app.command()
+@grouped_options
 def save(
-    file: FileArgument = None,
-    port: PortOption = None,
-    arm: ArmOption = None,
-    robot: RobotOption = None,
-    bus: BusOption = None,
+    place: PassportPlace,
     baud: Annotated[
         int,
         typer.Option(min=SMALLEST_BAUD, max=LARGEST_BAUD, help="Bits per second, if no robot file is given."),
@@ -57,11 +87,11 @@ def save(
     The command reads the servos of the robot file, or without one all STS servos that answer. It writes nothing to
     them. An existing file is kept as a backup. Example: `servoloop passport save my_arm.passport.yaml`
     """
-    path, robot_file = _path(file, port), _robot_file(arm, robot, bus)
-    joints = robot_file.joints_on(bus_of(robot_file, bus)) if robot_file else {}
+    path, robot_file = place.path(), place.robot_file()
+    joints = robot_file.joints_on(bus_of(robot_file, place.bus)) if robot_file else {}
     models = {joint.servo_id: MODELS[joint.model] for joint in joints.values()}
     names = {joint.servo_id: name for name, joint in joints.items()}
-    with open_line(port, _baud(robot_file, bus, baud), models) as line:
+    with open_line(place.port, place.baud(baud), models) as line:
         taken = take_passport(line, models or None, names, adapter_serial(line.name))
     write_passport(path, taken)
     if json:
@@ -72,20 +102,17 @@ def save(
 
 
 @app.command()
+@grouped_options
 def diff(
-    file: FileArgument = None,
-    port: PortOption = None,
-    arm: ArmOption = None,
-    robot: RobotOption = None,
-    bus: BusOption = None,
+    place: PassportPlace,
     json: JsonOption = False,
 ) -> None:
     """Show the registers whose values differ from the passport.
 
     The exit status is 1 if there are differences. Example: `servoloop passport diff my_arm.passport.yaml`
     """
-    passport = read_passport(_path(file, port))
-    with _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
+    passport = read_passport(place.path())
+    with _line_of(passport, place) as line:
         found, adapter = compare(line, passport), adapter_serial(line.name)
     if json:
         print_json({**asdict(found), "same": found.same, "adapter": adapter})
@@ -95,12 +122,9 @@ def diff(
 
 
 @app.command("restore")
+@grouped_options
 def restore_(
-    file: FileArgument = None,
-    port: PortOption = None,
-    arm: ArmOption = None,
-    robot: RobotOption = None,
-    bus: BusOption = None,
+    place: PassportPlace,
     servo_id: Annotated[int | None, typer.Option("--id", help="Restore only this servo of the passport.")] = None,
     to_new: Annotated[
         bool, typer.Option("--to-new", help="Write the data of servo --id to a new servo. Connect only the new servo.")
@@ -118,8 +142,8 @@ def restore_(
         raise PassportError("--to-new needs --id, the servo of the passport that the new servo replaces")
     if json and not yes:
         raise PassportError("--json cannot ask for confirmation; add --yes")
-    passport = read_passport(_path(file, port))
-    with interruptible(), _line_of(passport, port, _robot_file(arm, robot, bus), bus) as line:
+    passport = read_passport(place.path())
+    with interruptible(), _line_of(passport, place) as line:
         _warn_of_other_adapter(passport, adapter_serial(line.name))
         if to_new and servo_id is not None:
             found = [plan_replacement(line, passport, servo_id)]
@@ -133,31 +157,9 @@ def restore_(
     _print_changes(changes, json)
 
 
-def _robot_file(arm: str | None, robot: Path | None, bus: str | None) -> RobotFile | None:
-    path = robot or (find_arm(arm).robot if arm else None)
-    if bus is not None and path is None:
-        raise PassportError("--bus selects a bus of a robot file; add --arm or --robot, or omit --bus")
-    return load_robot_file(path) if path else None
-
-
-def _line_of(
-    passport: Passport, port: str | None, robot: RobotFile | None, bus: str | None
-) -> AbstractContextManager[Bus]:
+def _line_of(passport: Passport, place: PassportPlace) -> AbstractContextManager[Bus]:
     models = {servo_id: servo.servo_model for servo_id, servo in passport.servos.items()}
-    return open_line(port, _baud(robot, bus, passport.baud), models)
-
-
-def _path(file: Path | None, port: str | None) -> Path:
-    """Return the path of the passport, by default named after the adapter's serial number."""
-    from commissioning.ports.adapters import only_port
-
-    if file is not None:
-        return file
-    device = port or only_port()
-    serial = adapter_serial(device)
-    if serial is None:
-        raise PassportError(f"{device} has no serial number, so its passport has no default name; pass a file name")
-    return Path(re.sub(r"[^A-Za-z0-9._-]", "_", serial) + ".passport.yaml")
+    return open_line(place.port, place.baud(passport.baud), models)
 
 
 def _warn_of_other_adapter(passport: Passport, adapter: str | None) -> None:
@@ -166,10 +168,6 @@ def _warn_of_other_adapter(passport: Passport, adapter: str | None) -> None:
         names = [one or "without a serial number" for one in (passport.adapter, adapter)]
         message = f"the passport was saved with the adapter {names[0]}, but this is the adapter {names[1]}"
         typer.echo(message, err=True)
-
-
-def _baud(robot: RobotFile | None, bus: str | None, otherwise: int) -> int:
-    return robot.lines()[bus_of(robot, bus)].baud if robot else otherwise
 
 
 def _print_comparison(found: Comparison, passport: Passport, adapter: str | None) -> None:

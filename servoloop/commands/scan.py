@@ -56,20 +56,19 @@ def scan(
     from rich.console import Console
 
     from commissioning.ports.adapters import only_port
+    from commissioning.scan.scan import ScanScope
     from commissioning.scan.scan import scan as search
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
     from servoloop.bench.bus import parse_ids
 
-    servo_ids = parse_ids(ids) if ids else ()
-    makes, models = [one.make for one in make or ()], _models(arm) if arm else None
+    scope = ScanScope(baud or (), parse_ids(ids) if ids else (), [one.make for one in make or ()])
+    models = _models(arm) if arm else None
     clock, device = MonotonicClock(), port or only_port()
     line = SerialPort(device, (baud or [1_000_000])[0], clock)
     try:
         with _bar(Console(stderr=True), quiet=json) as progress:
-            report = search(
-                line, clock, bauds=baud or (), servo_ids=servo_ids, makes=makes, models=models, progress=progress
-            )
+            report = search(line, clock, scope, models=models, progress=progress)
     except KeyboardInterrupt:
         raise Interrupted("interrupted; nothing was changed") from None
     finally:
@@ -86,8 +85,9 @@ def _models(arm: str) -> "dict[int, ServoModel]":
     from drivers.errors import DriverError
     from drivers.servos.catalog import MODELS
     from servoloop.commands.options import known_arm
+    from servoloop.stack.arm_options import ServoArm
 
-    file = known_arm(arm).file
+    file = known_arm(ServoArm(arm)).file
     if len(file.lines()) > 1:
         raise DriverError(f"{arm} has several buses, but a scan covers one port; use --ids instead of --arm")
     return {joint.servo_id: MODELS[joint.model] for joint in file.joints.values()}

@@ -1,14 +1,18 @@
 """Commands for one servo: set its ID and baud rate, reset it, reboot it, and read and write its registers."""
 
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
+from servoloop.commands.option_groups import grouped_options
 
 if TYPE_CHECKING:
     from commissioning.registers.values import RegisterValue
+    from commissioning.scan.find import FoundServo
 
 
 def set_id(
@@ -114,14 +118,26 @@ def reboot(
         typer.echo(f"servo {servo_id} answers again after {report.took_s:.1f} s; its torque is off")
 
 
+@dataclass(frozen=True, slots=True)
+class ServoAddress:
+    """Port, baud rate and ID of one servo."""
+
+    servo_id: IdOption
+    port: PortOption = None
+    baud: BaudOption = None
+
+    def opened(self) -> "AbstractContextManager[FoundServo]":
+        """Open the port and find the servo for the duration of a block, which signals can interrupt."""
+        return servo_at(self.port, self.servo_id, self.baud)
+
+
 NameArgument = Annotated[str, typer.Argument(help="Name of the register, such as present_voltage.")]
 app = typer.Typer(no_args_is_help=True, help="Read and write the registers of one servo, by name and with units.")
 
 
 @app.command("list")
-def list_registers(
-    servo_id: IdOption, port: PortOption = None, baud: BaudOption = None, json: JsonOption = False
-) -> None:
+@grouped_options
+def list_registers(address: ServoAddress, json: JsonOption = False) -> None:
     """List all registers of a servo with their present values.
 
     Example: `servoloop register list --port /dev/ttyACM0 --id 3`
@@ -131,12 +147,14 @@ def list_registers(
 
     from commissioning.registers.access import list_registers as read_all
 
-    with servo_at(port, servo_id, baud) as servo:
+    with address.opened() as servo:
         values = read_all(servo)
     if json:
         print_json(values)
         return
-    table = Table("register", "address", "access", "memory", "value", "raw", title=f"servo {servo_id}: {servo.name}")
+    table = Table(
+        "register", "address", "access", "memory", "value", "raw", title=f"servo {address.servo_id}: {servo.name}"
+    )
     for one in values:
         access, kept = "read, write" if one.writable else "read", "EEPROM" if one.persistent else "RAM"
         table.add_row(one.name, str(one.address), access, kept, one.text, "" if one.raw is None else str(one.raw))
@@ -144,11 +162,10 @@ def list_registers(
 
 
 @app.command()
+@grouped_options
 def read(
     name: NameArgument,
-    servo_id: IdOption,
-    port: PortOption = None,
-    baud: BaudOption = None,
+    address: ServoAddress,
     json: JsonOption = False,
 ) -> None:
     """Print the value of one register, in its unit and as the raw number.
@@ -157,7 +174,7 @@ def read(
     """
     from commissioning.registers.access import read_register
 
-    with servo_at(port, servo_id, baud) as servo:
+    with address.opened() as servo:
         value = read_register(servo, name)
     if json:
         print_json(value)
@@ -166,12 +183,11 @@ def read(
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # such as the value -300
+@grouped_options
 def write(
     name: NameArgument,
     value: Annotated[str, typer.Argument(help="New value: a raw number (120), or a quantity with its unit (12.0V).")],
-    servo_id: IdOption,
-    port: PortOption = None,
-    baud: BaudOption = None,
+    address: ServoAddress,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -185,18 +201,20 @@ def write(
     from commissioning.registers.access import value_to_write, write_register
 
     switch = name == "torque_enable"
-    with servo_at(port, servo_id, baud) as servo:
+    with address.opened() as servo:
         if switch:
             on = value_to_write(servo, name, value)
             effect = "holds its position, with torque enabled" if on else "loses its torque, and what it holds falls"
-            confirm(f"servo {servo_id} {effect}: continue?", yes)
+            confirm(f"servo {address.servo_id} {effect}: continue?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:
         print_json(written)
     elif written.changed:
-        typer.echo(f"servo {servo_id}: {_text(written.after)}, previously {written.before.text}")
+        typer.echo(f"servo {address.servo_id}: {_text(written.after)}, previously {written.before.text}")
     else:
-        typer.echo(f"servo {servo_id}: {_text(written.after)}; nothing was written because the value is the same")
+        typer.echo(
+            f"servo {address.servo_id}: {_text(written.after)}; nothing was written because the value is the same"
+        )
 
 
 def _text(value: "RegisterValue") -> str:

@@ -8,8 +8,9 @@ import typer
 from drivers.errors import DriverError, PortLost
 from servoloop.commands.console import JsonOption, Keyboard, print_json, print_table
 from servoloop.commands.line_options import PortOption, bus_of, open_line
-from servoloop.commands.options import ArmOption, RobotOption, UrdfOption, known_arm
-from servoloop.stack.arm_folders import OWN
+from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.options import known_arm
+from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
 from servoloop.stack.terminal import print_styled
@@ -18,11 +19,11 @@ if TYPE_CHECKING:
     from commissioning.set_up.flow import Audit, SetUp, SetUpTask
 
 
+@grouped_options
 def setup(
+    *,
     port: PortOption = None,
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
+    arm: ServoArm,
     bus: Annotated[str | None, typer.Option("--bus", help="Bus, if the robot file has several.")] = None,
     turn: Annotated[
         bool, typer.Option("--turn", help="Turn the horn of each loose servo a little, to detect a wrong gear ratio.")
@@ -41,7 +42,7 @@ def setup(
     from commissioning.set_up.only_one import places_of
     from drivers.clock import MonotonicClock
 
-    file = known_arm(arm, urdf, robot).file
+    file = known_arm(arm).file
     name = bus_of(file, bus)
     places = places_of(file, name)
     models = {place.servo_id: place.model for place in places}

@@ -1,5 +1,6 @@
 """``servoloop simulate``: run the whole stack in simulated time, in one thread."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,38 +9,63 @@ import typer
 from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.options import ArmOption, RobotOption
+from servoloop.commands.option_groups import grouped_options
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, RobotOption
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from servoloop.simulation.schedule import Schedule
     from servoloop.simulation.simulate import SimulationResult
 
 
-def simulate(
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    job: Annotated[str | None, typer.Option(help="Grades of the cubes to pick, such as A,B,C.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="Time to run after the jobs, in seconds.")] = None,
+@dataclass(frozen=True, slots=True)
+class SimulatedRun:
+    """Virtual arm, jobs, duration and faults of a run."""
+
+    arm: ArmOption = OWN
+    robot: RobotOption = None
+    job: Annotated[str | None, typer.Option(help="Grades of the cubes to pick, such as A,B,C.")] = None
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Time to run after the jobs, in seconds.")] = None
     backlash_deg: Annotated[
         float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each servo, in degrees.")
-    ] = 1.0,
+    ] = BACKLASH_DEG
     seed: Annotated[
         int | None,
         typer.Option(min=0, help="Seed that varies friction, motors, masses and supply of the arm by up to 10 %."),
-    ] = None,
+    ] = None
     faults: Annotated[
         Path | None, typer.Option(help="YAML file with faults to inject (see `servoloop fault --list`).")
-    ] = None,
-    schedule: Annotated[
-        Path | None,
-        typer.Option(help="YAML file with arm, seed, backlash, jobs, duration and faults, instead of options."),
-    ] = None,
-    record: RecordOption = None,
-    json: JsonOption = False,
-) -> None:
+    ] = None
+
+    def schedule(self) -> "Schedule":
+        """Return the schedule of the run. Raises DriverError."""
+        from servoloop.simulation.schedule import Schedule
+        from sim_backend.faults.script import read_script
+
+        return Schedule(
+            arm=self.arm,
+            seed=self.seed,
+            backlash_deg=self.backlash_deg,
+            job=self._grades(),
+            seconds=self.seconds or 0.0,
+            faults=read_script(self.faults) if self.faults else (),
+        )
+
+    def _grades(self) -> tuple[str, ...]:
+        """Return the grades to pick: all of them if the run has neither jobs nor a duration."""
+        from servoloop.stack.pick_place import load_pick_place
+
+        if self.job is None and self.seconds is not None:
+            return ()
+        known = load_pick_place(find_arm(self.arm).pick_place).grades
+        return known if self.job is None else _grades(self.job, known)
+
+
+@grouped_options
+def simulate(chosen: SimulatedRun, record: RecordOption = None, json: JsonOption = False) -> None:
     """Run pick-and-place jobs on a virtual arm in simulated time, without ROS.
 
     The command runs the whole stack from the controllers to the simulated physics, faster than real time. It prints
@@ -50,36 +76,19 @@ def simulate(
     from rich.console import Console
 
     from servoloop.simulation.job import job_settings
-    from servoloop.simulation.schedule import Schedule, read_schedule
     from servoloop.simulation.simulate import simulate as run
     from servoloop.simulation.simulate import simulated
     from servoloop.simulation.stack_faults import require_possible_in
-    from servoloop.stack.pick_place import load_pick_place
     from sim_backend.compiled import compilation_announced
-    from sim_backend.faults.script import read_script
 
     if record is not None:
         check_path(record)
-    plan = read_schedule(schedule) if schedule else None
-    chosen = find_arm(plan.arm if plan else arm)
-    if plan is None:
-        grades: tuple[str, ...] = ()
-        if job is not None or seconds is None:
-            known = load_pick_place(chosen.pick_place).grades
-            grades = known if job is None else _grades(job, known)
-        plan = Schedule(
-            arm=arm,
-            seed=seed,
-            backlash_deg=backlash_deg,
-            job=grades,
-            seconds=seconds or 0.0,
-            faults=read_script(faults) if faults else (),
-        )
-    files = read_arm_files(chosen, robot=robot)
-    if source := schedule or faults:
-        require_possible_in(source, plan.faults, simulated(files), ("faults",) if schedule else ())
+    schedule, arm = chosen.schedule(), find_arm(chosen.arm)
+    files = read_arm_files(arm, robot=chosen.robot)
+    if chosen.faults is not None:
+        require_possible_in(chosen.faults, schedule.faults, simulated(files), ())
     with compilation_announced(lambda text: typer.echo(text, err=True)):
-        result = run(files, job_settings(chosen, plan.job), plan, record)
+        result = run(files, job_settings(arm, schedule.job), schedule, record)
     if json:
         print_json(_plain(result))
     else:

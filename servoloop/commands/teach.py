@@ -1,6 +1,7 @@
 """``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +9,7 @@ import typer
 
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.option_groups import grouped_options
 from servoloop.commands.options import (
     RATE_HZ,
     HandsFreeOption,
@@ -19,24 +21,37 @@ from servoloop.commands.options import (
     side_of,
 )
 from servoloop.stack.arm_folders import OWN, find_arm
+from servoloop.stack.arm_options import ArmOption
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
-    from servoloop.teach.taught import RecordedMotion
+    from servoloop.teach.taught import MotionStore, RecordedMotion
     from servoloop.teleop.arms import Side
 
 
 app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
 Name = Annotated[str, typer.Argument(help="Name of the motion.")]
-Port = Annotated[str, typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses.")]
-AnArm = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmAtPort:
+    """Real or emulated arm, and its serial port."""
+
+    port: Annotated[str, typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses.")]
+    arm: ArmOption = OWN
+
+    def opened(self) -> "tuple[Side, MotionStore]":
+        """Return the files and devices of the arm, and its recorded motions. Raises HalError or DriverError."""
+        from servoloop.teach.taught import MotionStore
+
+        return side_of(self.arm, self.port), MotionStore(find_arm(self.arm).folder)
 
 
 @app.command()
+@grouped_options
 def record(
     name: Name,
-    port: Port,
-    arm: AnArm = OWN,
+    place: ArmAtPort,
     limp: Annotated[
         bool,
         typer.Option("--limp", help="Switch the torque off. The arm moves more easily, but falls when you release it."),
@@ -56,9 +71,8 @@ def record(
 
     from servoloop.teach.run import record as run
     from servoloop.teach.screen import Teacher
-    from servoloop.teach.taught import MotionStore
 
-    side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
+    side, motions = place.opened()
     motions.require_writable()
     if motions.path(name).exists():
         confirm(f"The motion {name} exists already. Replace it?", yes)
@@ -75,10 +89,10 @@ def record(
 
 
 @app.command()
+@grouped_options
 def play(
     name: Name,
-    port: Port,
-    arm: AnArm = OWN,
+    place: ArmAtPort,
     speed: SpeedOption = 1.0,
     hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
@@ -89,10 +103,8 @@ def play(
     the motion. It stops when you release the key. At the end it holds or parks, as set by on_exit in its robot file.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
-    from servoloop.teach.taught import MotionStore
-
     require_keys(hands_free)
-    side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
+    side, motions = place.opened()
     joints = side.files.robot.joints
     motion = motions.get(name).of([joint.name for joint in joints], name)
     motion.check_units(joints, str(motions.path(name)))
@@ -101,7 +113,7 @@ def play(
 
 
 @app.command("list")
-def list_(arm: AnArm = OWN, json: JsonOption = False) -> None:
+def list_(arm: ArmOption = OWN, json: JsonOption = False) -> None:
     """List the recorded motions of an arm.
 
     Example: `servoloop teach list --arm so101`
@@ -117,7 +129,7 @@ def list_(arm: AnArm = OWN, json: JsonOption = False) -> None:
 
 
 @app.command()
-def remove(name: Name, arm: AnArm = OWN) -> None:
+def remove(name: Name, arm: ArmOption = OWN) -> None:
     """Remove a recorded motion.
 
     Example: `servoloop teach remove wave --arm so101`

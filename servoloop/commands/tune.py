@@ -10,9 +10,9 @@ import typer
 from drivers.errors import DriverError
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.line_options import PortsOption, served_devices
-from servoloop.commands.options import ArmOption, RobotOption, UrdfOption
+from servoloop.commands.option_groups import grouped_options
 from servoloop.extras import install_command
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
+from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.robot_files import write_file
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from commissioning.tune.tuner import OpenBuses, Tuner
     from drivers.bus.bus import Bus
     from drivers.clock import Clock
+    from drivers.servos.register import ServoModel
     from hal.joint import Joint
     from hal.robot_file.robot_file import RobotFile
     from servoloop.stack.robot_files import ServoFiles
@@ -32,20 +33,43 @@ if TYPE_CHECKING:
 FOLDER: Final = Path("out") / "tune"
 
 
-def tune(
-    joint: Annotated[str, typer.Argument(help="Joint to measure.")],
-    more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="Further gains for --write.")] = None,
-    port: PortsOption = None,
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
+@dataclass(frozen=True, slots=True)
+class TuneRequest:
+    """Joint to measure, its position, and the gains to write before it is measured again."""
+
+    joint: Annotated[str, typer.Argument(help="Joint to measure.")]
+    more: Annotated[list[str] | None, typer.Argument(metavar="GAIN=VALUE", help="Further gains for --write.")] = None
     at: Annotated[
         float | None, typer.Option(help="Position to measure at, in rad or m (default: near the present position).")
-    ] = None,
+    ] = None
     write: Annotated[
         list[str] | None, typer.Option("--write", help="Gains to write before measuring again: --write P=24 D=32.")
-    ] = None,
-    apply: Annotated[bool, typer.Option("--apply", help="Write the proposed gains and measure again.")] = False,
+    ] = None
+    apply: Annotated[bool, typer.Option("--apply", help="Write the proposed gains and measure again.")] = False
+
+    def require_consistent(self) -> None:
+        """Raise TuneError if the options contradict each other."""
+        from commissioning.tune.gains import TuneError
+
+        if self.more and not self.write:
+            more = " ".join(self.more)
+            raise TuneError(f"{more}: gains can only be given after --write: --write {more}")
+        if self.write and self.apply:
+            raise TuneError("--apply writes the proposed gains and --write writes yours; use only one of them")
+
+    def gains(self, model: "ServoModel") -> "Mapping[str, int]":
+        """Return the gains to write by name, or none. Raises TuneError if the servo does not have them."""
+        from commissioning.tune.gains import parse_gains
+
+        return parse_gains(model, [*self.write, *(self.more or ())]) if self.write else {}
+
+
+@grouped_options
+def tune(
+    *,
+    port: PortsOption = None,
+    arm: ServoArm,
+    request: TuneRequest,
     out: Annotated[Path | None, typer.Option(help="SVG file to write (default: out/tune/JOINT.svg).")] = None,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -59,23 +83,22 @@ def tune(
     """
     from rich.console import Console
 
-    from commissioning.tune.gains import parse_gains
     from servoloop.stack.loop_thread import LEFT
     from servoloop.stack.robot_files import make_folder, require_file
     from servoloop.stack.signals import Signals
 
-    _check_words(write, more, apply)
-    files = read_arm_servos(find_arm(arm), urdf, robot)
-    path = out or FOLDER / f"{joint}.svg"
+    request.require_consistent()
+    files = arm.read()
+    path = out or FOLDER / f"{request.joint}.svg"
     make_folder(path.parent)
     require_file(path)
     signals = Signals(LEFT)
     with served_devices(port, files) as devices:
-        tuner, ending = _tuner(files, joint, devices, signals)
-        values = parse_gains(tuner.joint.model, [*write, *(more or ())]) if write else None
-        confirm(_question(tuner, at, values, apply, ending.announced), yes)
+        tuner, ending = _tuner(files, request.joint, devices, signals)
+        gains = request.gains(tuner.joint.model)
+        confirm(_question(tuner, request, gains, ending.announced), yes)
         with signals:
-            report = _tuned(tuner, at, values, apply, signals)
+            report = _tuned(tuner, request, gains, signals)
             typer.echo(ending.reached, err=True)
     if not json:
         print_report(report, files.robot_path, Console())
@@ -90,15 +113,6 @@ def tune(
         Console().print(f"Plot: {drawn}", highlight=False, markup=False, soft_wrap=True)
     if failed is not None:
         raise failed
-
-
-def _check_words(write: list[str] | None, more: list[str] | None, apply: bool) -> None:
-    from commissioning.tune.gains import TuneError
-
-    if more and not write:
-        raise TuneError(f"{' '.join(more)}: gains can only be given after --write: --write {' '.join(more)}")
-    if write and apply:
-        raise TuneError("--apply writes the proposed gains and --write writes yours; use only one of them")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +135,8 @@ def _tuner(
     relax = file.on_exit.releases(virtual=world_feed(devices) is not None)
     park = file.park.pose if file.park else None
     opened = _opener(file, devices, clock)
-    tuner = Tuner(
-        files.robot.joints,
-        joint,
-        opened,
-        clock,
-        Ending(relax, park),
-        stopped=lambda: signals.count > 0,
-        hurry=lambda: signals.count > 1,
-    )
+    ending = Ending(relax, park)
+    tuner = Tuner(files.robot.joints, joint, opened, clock, ending, signals=lambda: signals.count)
     return tuner, _ending_text(relax, park is not None)
 
 
@@ -156,32 +163,31 @@ def _opener(file: "RobotFile", devices: "Mapping[str, str]", clock: "Clock") -> 
     return opened
 
 
-def _question(tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, end: str) -> str:
+def _question(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", end: str) -> str:
     """Return the question that describes all motions and writes. Raises TuneError if they are not possible."""
     from commissioning.tune.trial import plan_for, plan_question
 
-    tuner.check_write(bool(values or apply))
+    writes = bool(gains or request.apply)
+    tuner.check_write(writes)
     others = [joint.name for joint in tuner.joints if joint.name != tuner.joint.name]
-    end = " ".join(filter(None, (end, tuner.releases(bool(values or apply)))))
-    text = plan_question(tuner.joint, plan_for(tuner.joint, tuner.position, at), others, end)
-    if not values and not apply:
+    end = " ".join(filter(None, (end, tuner.releases(writes))))
+    text = plan_question(tuner.joint, plan_for(tuner.joint, tuner.position, request.at), others, end)
+    if not writes:
         return text
-    wanted = " ".join(f"{name}={value}" for name, value in (values or {}).items()) or "The proposed gains"
+    wanted = " ".join(f"{name}={value}" for name, value in gains.items()) or "The proposed gains"
     return (
         f"{wanted} will be written to servo {tuner.joint.servo_id} after the first measurement. For that, the torque "
         f"of the arm is switched off (in the park pose, if it has one). Then the measurement is repeated. First: {text}"
     )
 
 
-def _tuned(
-    tuner: "Tuner", at: float | None, values: "Mapping[str, int] | None", apply: bool, signals: "Signals"
-) -> "TuneReport":
+def _tuned(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", signals: "Signals") -> "TuneReport":
     from commissioning.slow_arm import StoppedError
     from commissioning.tune.report import tune as run
     from servoloop.stack.processes import Interrupted
 
     try:
-        return run(tuner, at, values, apply)
+        return run(tuner, request.at, gains, request.apply)
     except StoppedError as error:
         if signals.count:
             raise Interrupted("; ".join([str(error), *getattr(error, "__notes__", ())])) from None

@@ -3,41 +3,32 @@
 import logging
 import os
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from drivers.errors import DriverError
 from nodes.ros_environment import require_ros
-from servoloop.commands.options import (
-    BACKLASH_DEG,
-    ArmOption,
-    BacklashOption,
-    NetworkOption,
-    RobotOption,
-    SeedOption,
-    UrdfOption,
-    set_network,
-)
+from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.options import NetworkOption, set_network
+from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_view
-from servoloop.recording.mcap import RecordOption, check_path
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
+from servoloop.recording.mcap import check_path
+from servoloop.stack.arm_options import ControlledArm
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder, require_writable
 from servoloop.stack.terminal import log_to_terminal
-
-if TYPE_CHECKING:
-    from servoloop.simulation.real_clients import SimulatedTime
-
+from servoloop.up_options import UpOptions
 
 LOG = logging.getLogger("servoloop")
 
 
+@grouped_options
 def up(
+    *,
     hardware: Annotated[
         HardwareKind | None,
         typer.Option(help="Hardware that the control loop drives (default: the plugin named in the URDF)."),
@@ -46,38 +37,8 @@ def up(
         list[str] | None,
         typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
     ] = None,
-    arm: ArmOption = OWN,
-    controllers: Annotated[
-        Path | None, typer.Option(help="Controllers file (ros2_control format) to use instead of the arm's own.")
-    ] = None,
-    urdf: UrdfOption = None,
-    robot: RobotOption = None,
-    keep_alive: Annotated[
-        bool,
-        typer.Option("--stay", help="Keep running if servos are missing or lost, until they are activated again."),
-    ] = False,
-    publish_transforms: Annotated[
-        bool,
-        typer.Option(
-            "--robot-state-publisher/--no-robot-state-publisher",
-            help="Publish robot_description and the transforms of the links, unless a node of yours does.",
-        ),
-    ] = True,
-    spawn: Annotated[
-        bool,
-        typer.Option(
-            "--spawn/--no-spawn",
-            help="Load and activate the controllers of the file, unless ros2_control's spawner does.",
-        ),
-    ] = True,
-    rtf: Annotated[
-        str | None,
-        typer.Option(metavar="FACTOR", help="Run in simulated time, FACTOR times as fast as real time, or `max`."),
-    ] = None,
-    step: Annotated[
-        bool, typer.Option("--step", help="Run in simulated time that only the service step_simulation advances.")
-    ] = False,
-    record: RecordOption = None,
+    arm: ControlledArm,
+    options: UpOptions,
     network: NetworkOption = False,
     ready_file: Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")] = None,
 ) -> None:
@@ -87,7 +48,6 @@ def up(
     `servoloop up --port arm=/dev/ttyACM0 --port hand=/dev/ttyUSB0`; with virtual servos at five times real time,
     `servoloop up --rtf 5`
     """
-    from servoloop.up import UpOptions
     from servoloop.up import up as run
 
     log_to_terminal()
@@ -96,12 +56,9 @@ def up(
         if ready_file.is_dir():
             raise DriverError(f"--ready-file {ready_file} is a folder; choose a file")
         require_writable(ready_file.parent)
-    if record is not None:
-        check_path(record)
-    options = UpOptions(keep_alive, publish_transforms, _simulated_time(rtf, step), record)
-    files = read_arm_files(find_arm(arm), urdf, controllers, robot)
-    if not spawn:
-        files = replace(files, controllers=replace(files.controllers, controllers=()))
+    if options.record is not None:
+        check_path(options.record)
+    files = arm.read()
     devices = parse_ports(port or [], files.robot.file.lines())
 
     def ready(text: str) -> None:
@@ -122,17 +79,6 @@ def write_ready(path: Path) -> None:
         LOG.warning("cannot write %s: %s", path, error.strerror or error)
         with suppress(OSError):
             partial.unlink(missing_ok=True)
-
-
-def _simulated_time(rtf: str | None, step: bool) -> "SimulatedTime | None":
-    """Return the simulated time that ``--rtf`` and ``--step`` select, or None for real time."""
-    if rtf is None and not step:
-        return None
-    from servoloop.simulation.pace import Pace, parse_factor
-    from servoloop.simulation.real_clients import SimulatedTime
-    from sim_backend.buses.build import Build
-
-    return SimulatedTime(Pace(parse_factor("max" if rtf is None else rtf), paused=step), Build(BACKLASH_DEG))
 
 
 def pick(
@@ -166,16 +112,12 @@ def pick(
     raise typer.Exit(0 if outcome.success else 1)
 
 
+@grouped_options
 def demo(
+    *,
     grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
     repeat: Annotated[int, typer.Option(min=1, help="Number of times to pick all grades.")] = 1,
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo"),
-    arm: ArmOption = OWN,
-    robot: RobotOption = None,
-    backlash_deg: BacklashOption = BACKLASH_DEG,
-    seed: SeedOption = None,
-    record: RecordOption = None,
-    view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False,
+    options: CellOptions,
 ) -> None:
     """Sort cubes with a virtual arm, show the progress and measure the motion.
 
@@ -186,26 +128,23 @@ def demo(
     from rich.console import Console
 
     from servoloop.demo import demo as reports
-    from servoloop.demo.cell import CellOptions, check_grades
+    from servoloop.demo.cell import check_grades
     from servoloop.demo.demo import demo as run
     from servoloop.demo.jobs import Live
-    from sim_backend.buses.build import Build
 
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades needs grades such as A,B,C, not {grades!r}")
-    if record is not None:
-        check_path(record)
-    chosen = find_arm(arm)
-    check_grades(jobs, chosen)
+    if options.record is not None:
+        check_path(options.record)
+    check_grades(jobs, options.found())
     require_ros()
-    if view:
+    if options.view:
         require_view()
-    make_folder(out)
+    make_folder(options.out)
     console = Console()
     with Live(console) as live:
-        options = CellOptions(out, chosen, robot, Build(backlash_deg, seed), record, view)
         report = run(jobs, repeat, options, live)
     reports.print_table(report, console)
-    reports.write_json(report, out / "result.json")
+    reports.write_json(report, options.out / "result.json")
     raise typer.Exit(0 if reports.succeeded(report) else 1)

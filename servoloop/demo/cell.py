@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import DriverError
+from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Camera, JobRunner, Live, RosClients
 from servoloop.recording.stream import running_stacks
 from servoloop.simulation.job import require_cell
@@ -19,7 +20,6 @@ from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.processes import Processes
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
-from sim_backend.buses.build import NOMINAL_BUILD, Build
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
@@ -70,23 +70,6 @@ def environment() -> dict[str, str]:
     return values
 
 
-@dataclass(frozen=True, slots=True)
-class CellOptions:
-    """Options of a cell."""
-
-    out: Path
-    """Existing folder for logs and pictures."""
-    arm: Arm
-    robot: Path | None = None
-    """Robot file to use instead of the arm's own."""
-    build: Build = NOMINAL_BUILD
-    """Build of the virtual servos."""
-    record: Path | None = None
-    """New file for the recording of the stack."""
-    view: bool = False
-    """Whether to show the arm in a browser."""
-
-
 @contextmanager
 def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     """Start the processes of a cell, and end them after the block.
@@ -101,7 +84,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.stack_monitor import StackMonitor
 
     os.environ.update(environment())
-    out, arm = options.out, options.arm
+    out, arm = options.out, options.found()
     link = out / "bus"
     files = read_arm_files(arm, robot=options.robot)
     settings = load_pick_place(arm.pick_place).settings()
@@ -151,8 +134,8 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     ready.unlink(missing_ok=True)
     started: dict[str, int] = {}
     live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']})")
-    build, record = options.build, options.record
-    built = ("--backlash", str(build.backlash_deg), *(() if build.seed is None else ("--seed", str(build.seed))))
+    seed, record = options.seed, options.record
+    built = ("--backlash", str(options.backlash_deg), *(() if seed is None else ("--seed", str(seed))))
     command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)
     started["emulator"] = processes.start("emulator", *command)
     served = [feed_path(link), *device_paths(link, buses).values()]

@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from drivers.errors import DriverError
-from servoloop.demo.cell import ARM, Cell, CellOptions, are_all_grades, cell
+from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
+from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import JobRun, Live
 from servoloop.simulation.recording import worst
 from servoloop.stack.robot_files import write_file
@@ -69,7 +70,7 @@ def demo(
     """
     jobs = [grade for _ in range(repeat) for grade in grades]
     with cell(options, live) as ready:
-        return _measure(jobs, ready, are_all_grades(grades, options.arm))
+        return _measure(jobs, ready, are_all_grades(grades, options.found()))
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:

@@ -1,12 +1,14 @@
 """Record the bytes and the time of every read and write on a serial port."""
 
 from collections import deque
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, Generic, NamedTuple, TypeVar
 
 from drivers.clock import Clock
 from drivers.port import Port
 
+AnyPort = TypeVar("AnyPort", bound=Port)
 KEPT: Final = 20_000
 """Maximum number of transfers kept before the loop runs. The set-up of a bus needs several hundred."""
 
@@ -40,12 +42,24 @@ class BusTaps:
 
 
 @dataclass(slots=True)
-class BusTap:
+class BusTap(Generic[AnyPort]):
     """Port that records all transfers of another port."""
 
-    port: Port
+    port: AnyPort
     clock: Clock
-    transfers: deque[Transfer]
+    transfers: deque[Transfer] = field(default_factory=deque)
+    on_write: Callable[[bytes], None] | None = None
+    """Called with the bytes of each write before they are written."""
+
+    @property
+    def sent(self) -> list[tuple[float, bytes]]:
+        """Time and bytes of each write."""
+        return [(one.stamp_s, one.data) for one in self.transfers if one.sent]
+
+    @property
+    def received(self) -> list[tuple[float, bytes]]:
+        """Time and bytes of each read."""
+        return [(one.stamp_s, one.data) for one in self.transfers if not one.sent]
 
     @property
     def name(self) -> str:
@@ -56,8 +70,11 @@ class BusTap:
         return self.port.baud
 
     def write(self, data: bytes) -> None:
-        self.transfers.append(Transfer(self.clock.now(), self.port.name, True, data))
+        stamp_s = self.clock.now()
+        if self.on_write is not None:
+            self.on_write(data)
         self.port.write(data)
+        self.transfers.append(Transfer(stamp_s, self.port.name, True, data))
 
     def read(self, size: int, deadline_s: float) -> bytes:
         data = self.port.read(size, deadline_s)

@@ -25,12 +25,6 @@ class FaultyStack(SimulatedStack):
     def __init__(self, **options: Any) -> None:
         self.controllers: dict[str, Upsettable] = {}
         """All controllers of the loop, by name."""
-
-        def wrap(controller: Controller) -> Controller:
-            upsettable = Upsettable(controller, self.goals)
-            self.controllers[controller.name] = upsettable
-            return cast(Controller, upsettable)
-
         self._playing = False
         self.clients: SimulatedClients | None = None
         self.ending = False
@@ -38,7 +32,7 @@ class FaultyStack(SimulatedStack):
         self.goals = GoalLog(lambda: self.clock.now())
         self.ended_goals: list[LoggedGoal] = []
         """Goals that ended in the latest cycle."""
-        super().__init__(wrap=wrap, **options)
+        super().__init__(**options)
         self.arm = cast(JointTrajectoryController, self.controllers[self.arm.name])
         self.adapters = {
             name: VirtualAdapter(line, self.clock, self.ports[name].name) for name, line in self.lines.items()
@@ -47,6 +41,12 @@ class FaultyStack(SimulatedStack):
         self.player = FaultPlayer(FaultTargets(self.lines, self.world, self.adapters, self.stack_faults))
         self.touches = Touches(self.files.robot.joints, self.player, self.clock)
         self._playing = True
+
+    def wrapped(self, controller: Controller) -> Controller:
+        """Return a wrapper of the controller that can be made to fail."""
+        upsettable = Upsettable(controller, self.goals)
+        self.controllers[controller.name] = upsettable
+        return cast(Controller, upsettable)
 
     def up(self) -> "FaultyStack":
         """Configure and activate the hardware. Planned faults may already occur during the start."""

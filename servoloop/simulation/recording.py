@@ -1,7 +1,7 @@
-"""Record the bus traffic and the motion of a simulated run, and compute its following error."""
+"""Record the motion of a simulated run, and compute its following error."""
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.types import FloatArray
-from sim_backend.buses.port import VirtualPort
-from sim_backend.clock import SimulatedClock
 
 MOVING_RAD_S = 0.01
 REST_S = 0.5
@@ -118,45 +116,6 @@ def between_cycles(
     inside = (times >= cycle_s[0]) & (times <= cycle_s[-1])
     reference, speed = reference_at(times[inside], cycle_s, position, velocity)
     return following_error(times[inside], reference - actual[inside], speed)
-
-
-@dataclass(slots=True)
-class RecordingPort:
-    """Port that records all bytes with their times."""
-
-    port: VirtualPort
-    clock: SimulatedClock
-    sent: list[tuple[float, bytes]] = field(default_factory=list)
-    received: list[tuple[float, bytes]] = field(default_factory=list)
-    on_write: Callable[[bytes], None] = lambda data: None
-
-    @property
-    def name(self) -> str:
-        return self.port.name
-
-    @property
-    def baud(self) -> int:
-        return self.port.baud
-
-    def write(self, data: bytes) -> None:
-        now_s = self.clock.now()
-        self.on_write(data)
-        self.port.write(data)
-        self.sent.append((now_s, data))
-
-    def read(self, size: int, deadline_s: float) -> bytes:
-        data = self.port.read(size, deadline_s)
-        self.received.append((self.clock.now(), data))
-        return data
-
-    def discard_input(self) -> None:
-        self.port.discard_input()
-
-    def set_baud(self, baud: int) -> None:
-        self.port.set_baud(baud)
-
-    def close(self) -> None:
-        self.port.close()
 
 
 @dataclass(slots=True)

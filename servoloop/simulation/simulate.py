@@ -13,16 +13,17 @@ import numpy as np
 from drivers.port import Port
 from hal.types import JointState
 from nodes.pick_place.settings import JobSettings
-from servoloop.recording.bus_tap import BusTaps
+from servoloop.recording.bus_tap import BusTap, BusTaps
 from servoloop.recording.sampler import Sampler
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import JobRecord, require_cell, run_job
-from servoloop.simulation.recording import FollowingError, RecordingPort
+from servoloop.simulation.recording import FollowingError
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import inventory_of
 from servoloop.stack.robot_files import Files, servo_ids
 from sim_backend.buses.build import Build
+from sim_backend.buses.port import VirtualPort
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import Inventory
 
@@ -39,7 +40,7 @@ class Digest:
             self._states.update(np.asarray(values, dtype="<f8").tobytes())
         self._states.update(repr(sorted(state.faults)).encode())
 
-    def of(self, ports: Iterable[RecordingPort]) -> str:
+    def of(self, ports: Iterable[BusTap[VirtualPort]]) -> str:
         """Return the hexadecimal digest, including all bytes of these ports."""
         whole = self._states.copy()
         for port in ports:

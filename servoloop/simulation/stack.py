@@ -14,14 +14,15 @@ from drivers.bus.bus import Bus
 from drivers.port import Port
 from hal.compensation.gravity_compensation import GravityCompensation
 from hal.components.component_lifecycle import configure_all
-from hal.components.component_set import ComponentSet
 from hal.hardware import Hardware
 from hal.joint import Joint
 from hal.robot_description.description import Description
 from hal.robot_description.hardware_info import HardwareInfo
 from hal.servos.servo_hardware import ServoHardware
 from hal.types import JointState
-from servoloop.simulation.recording import RecordingPort, Trace
+from servoloop.recording.bus_tap import BusTap
+from servoloop.simulation.observed_components import ObservedComponents
+from servoloop.simulation.recording import Trace
 from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.hardware import HardwareSetup, compensation, compliances, servo_bus
 from servoloop.stack.robot_files import Files, read_files
@@ -43,7 +44,6 @@ class SimulatedStack:
         self,
         *,
         files: Files | None = None,
-        wrap: Callable[[Controller], Controller] = lambda controller: controller,
         start: Sequence[float] | None = None,
         build: Build = NOMINAL_BUILD,
         keep_alive: bool = False,
@@ -54,7 +54,6 @@ class SimulatedStack:
 
         Args:
             files: Files of the robot. None: the default arm.
-            wrap: Wraps each controller, for example to inject faults.
             start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
@@ -71,16 +70,17 @@ class SimulatedStack:
         self.scene = virtual.scene
         self.lines = virtual.lines if wire else {}
         self.ports = {
-            name: RecordingPort(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
+            name: BusTap(VirtualPort(line, self.clock, name=f"virtual{name}"), self.clock)
             for name, line in self.lines.items()
         }
         self.tap: Callable[[Port], Port] = lambda port: port
         """Wraps each port when its bus is opened."""
         self.made: list[ServoHardware] = []
         """Components with servos."""
-        components = ComponentSet([self._made(one, wire) for one in self.files.description.components], self.clock)
+        made = [self._made(one, wire) for one in self.files.description.components]
+        self.components = ObservedComponents(made, self.clock)
         lagging = compliances(self.files.robot.joints)
-        setup = HardwareSetup(components, dict, {}, True, {}, {}, lagging)
+        setup = HardwareSetup(self.components, dict, {}, True, {}, {}, lagging)
         self.control_stack = ControlStack.build(setup, self.files, self.clock, keep_alive=keep_alive)
         self.loop, self.manager = self.control_stack.loop, self.control_stack.loop.manager
         self.loop.on_cycle = self._on_cycle
@@ -89,7 +89,6 @@ class SimulatedStack:
         self._built = built
         self._arm_at = np.array(self.world.arrays.position_at[: len(self.arm.joints)])
         """Indices of the arm joints, without the hand, in the world's positions. They are used every millisecond."""
-        self._wrap = wrap
         for controller in built:
             self.add_controller(controller)
         self.after_cycle: Callable[[], None] = lambda: None
@@ -100,7 +99,11 @@ class SimulatedStack:
 
     def add_controller(self, controller: Controller) -> None:
         """Load a controller. It stays inactive until ``up`` is called or the controller is switched."""
-        self.manager.registry.add(self._wrap(controller))
+        self.manager.registry.add(self.wrapped(controller))
+
+    def wrapped(self, controller: Controller) -> Controller:
+        """Return the controller to load. Subclasses wrap it, for example to inject faults."""
+        return controller
 
     def up(self) -> "SimulatedStack":
         """Configure and activate the stack. Raises DriverError or HalError if a component fails."""
@@ -126,7 +129,7 @@ class SimulatedStack:
         return next(iter(self.lines.values()))
 
     @property
-    def port(self) -> RecordingPort:
+    def port(self) -> BusTap[VirtualPort]:
         """Recording port of the first bus."""
         return next(iter(self.ports.values()))
 

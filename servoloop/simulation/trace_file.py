@@ -96,9 +96,10 @@ def packet_texts(recording: CycleRecording, joints: Sequence[Joint]) -> list[lis
     def cycle_texts(cycle: CycleRecord) -> list[str]:
         found = []
         for packet in cycle.packets:
-            line = texts[packet.bus]
+            bus = recording.buses[packet.port]
+            line = texts[bus]
             content = f"> {line.sent(packet.data)}" if packet.sent else f"< {line.received(packet.data)}"
-            found.append(f"{packet.time_s:.4f} {packet.bus}{' ' if packet.bus else ''}{content}")
+            found.append(f"{packet.stamp_s:.4f} {bus}{' ' if bus else ''}{content}")
         return found
 
     return [cycle_texts(cycle) for cycle in recording.cycles]

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
+from controller.component_transitions import TransitionRules
 from controller.interface import ControllerContext
 from controller.loop import ControlLoop
 from controller.manager.factory import Factory
@@ -52,9 +53,8 @@ class ControlStack:
         worker = worker or SameThreadWorker()
         manager = ControllerManager(setup.hardware, files.limits)
         period_s = 1.0 / files.controllers.update_rate_hz
-        loop = ControlLoop(
-            setup.hardware, manager, files.limits, clock, period_s, keep_alive=keep_alive, background_worker=worker
-        )
+        rules = TransitionRules(keep_alive, worker)
+        loop = ControlLoop(setup.hardware, manager, files.limits, clock, period_s, rules)
         return cls(setup, files, loop, worker)
 
     @cached_property

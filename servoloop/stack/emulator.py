@@ -1,7 +1,7 @@
 """Implementation of ``servoloop emulate``: virtual servos on virtual buses, in a simulated world."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,11 @@ from hal.errors import RobotFileError
 from hal.joint import Joint
 from hal.robot_file.robot import Robot
 from servoloop.stack.devices import device_paths
+from servoloop.stack.emulator_options import EmulatorOptions
 from servoloop.stack.processes import realtime_priority
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.box import FACTORY_ID, VirtualBox, plugged
-from sim_backend.buses.build import NOMINAL_BUILD, Build
+from sim_backend.buses.build import Build
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.pty_link import PtyAdapter
@@ -198,27 +199,23 @@ class EmulatedArm:
             self.recorder.update(time_s)
 
 
-@dataclass(frozen=True, slots=True)
-class EmulatorOptions:
-    """Options of ``servoloop emulate``: build variation, faults and output files."""
-
-    build: Build = NOMINAL_BUILD
-    pictures: Path | None = None
-    """Folder for a picture and a film. Both are drawn when the emulator ends."""
-    eeprom: Path | None = None
-    """File that stores the EEPROM of the servos."""
-    faults: Sequence[FaultEvent] = ()
-    """Faults to inject. Their times count from the moment the emulator is ready."""
-
-
 def emulate(
     files: ServoFiles,
     link: Path,
     options: EmulatorOptions,
+    faults: Sequence[FaultEvent],
     stop: Callable[[], bool],
     on_ready: Callable[[], None],
 ) -> None:
     """Serve every bus until ``stop`` returns true, a single bus at ``link`` and several buses at ``link``.NAME.
+
+    Args:
+        files: Files of the robot.
+        link: Path of the bus.
+        options: Options of the virtual arm.
+        faults: Faults to inject. Their times count from the moment the emulator is ready.
+        stop: Returns whether to end.
+        on_ready: Called when clients can open the buses.
 
     Raises:
         PortBusy: Another program uses one of the paths.
@@ -226,13 +223,13 @@ def emulate(
         FaultError: These servos do not support one of the faults.
         ArmFileError: The scene lacks joints of the servos.
     """
-    arm = EmulatedArm(files, link, options.build, pictured=options.pictures is not None)
+    arm = EmulatedArm(files, link, options.build(), pictured=options.pictures is not None)
     if options.eeprom is not None:
         keep_eeprom(options.eeprom, arm.lines.values())
-    require_possible(options.faults, arm.player.targets.inventory)
+    require_possible(faults, arm.player.targets.inventory)
 
     def begin() -> None:
-        arm.player.play(options.faults, arm.world.time_s)
+        arm.player.play(faults, arm.world.time_s)
         on_ready()
 
     with (

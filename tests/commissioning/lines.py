@@ -4,7 +4,7 @@ import random
 from collections.abc import Mapping
 from typing import Any
 
-from commissioning.scan.scan import ScanReport, scan
+from commissioning.scan.scan import Progress, ScanReport, ScanScope, scan
 from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
@@ -66,6 +66,9 @@ class ToolLine:
         value: int = self.servos.servo(servo_id).memory.get(register)
         return value
 
-    def scan(self, **options: Any) -> ScanReport:
-        """Scan the bus."""
-        return scan(self.port, self.clock, **options)
+    def scan(
+        self, models: Mapping[int, ServoModel] | None = None, progress: Progress | None = None, **scope: Any
+    ) -> ScanReport:
+        """Scan the bus. ``scope`` has the fields of a ScanScope."""
+        seen: dict[str, Any] = {"progress": progress} if progress else {}
+        return scan(self.port, self.clock, ScanScope(**scope), models=models, **seen)

@@ -5,7 +5,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from commissioning.doctor.doctor import doctor
+from commissioning.doctor.doctor import ExaminedArm, doctor
 from commissioning.doctor.findings import Finding
 from commissioning.doctor.motion import Move, no_move
 from commissioning.doctor.report import DoctorReport
@@ -93,10 +93,9 @@ class Patient:
     def examine(self, move: Move = no_move) -> DoctorReport:
         devices = {name: f"{self.device}-{name}" if name else self.device for name in self.lines}
         return doctor(
-            self.robot,
+            ExaminedArm(self.robot, calibration=self.calibration),
             devices,
             self.clock,
-            calibration=self.calibration,
             machine=self.machine,
             open_port=self.open,
             move=move,

@@ -1,7 +1,7 @@
 """The complete calibration, as called by the command line and scripts."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -19,6 +19,7 @@ from commissioning.calibrate.run import (
     SUPPORT,
     TRY,
     CalibrationDifference,
+    JointsToCalibrate,
     by_hand,
     calibrate,
     to_repeat,
@@ -27,6 +28,7 @@ from commissioning.slow_arm import StoppedError
 from drivers.errors import PortLost, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
+from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question
 from servoloop.stack.robot_files import CONFIG, read_files
@@ -70,6 +72,10 @@ def robot(tmp_path: Path) -> Path:
     return path
 
 
+def task(robot: Path, joints: Sequence[Joint] = JOINTS) -> JointsToCalibrate:
+    return JointsToCalibrate(robot, joints, PLAN.joints)
+
+
 def torque(arm: UnalignedArm) -> list[int]:
     registers = {joint.servo_id: series_of(joint.model).torque_enable for joint in arm.joints}
     return [servo.servo_id for servo in arm.line.servos if servo.memory.get(registers[servo.servo_id])]
@@ -79,13 +85,13 @@ def torque(arm: UnalignedArm) -> list[int]:
 def test_a_calibrated_arm_starts_and_a_second_calibration_agrees(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     owner = Owner(arm)
-    outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    outcome = calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     by_hand = DIRECTIONS.format(joints=", ".join(joint.name for joint in JOINTS[1:]))
     assert outcome.stored and outcome.tried and owner.asked == [by_hand, STORE, TRY, MOVED]
     assert [difference.doubt for difference in owner.shown] == [""] * len(JOINTS)
     assert torque(arm) == [] and arm.hand.holds(JOINTS[0].name)
     joints = read_files(robot=robot).robot.joints
-    again = calibrate(robot, joints, PLAN.joints, lambda: arm.open_bus(joints), Owner(arm), arm.clock)
+    again = calibrate(task(robot, joints), lambda: arm.open_bus(joints), Owner(arm), arm.clock)
     assert all(abs(one.zero_moved) < 0.004 * one.before.transmission for one in again.differences)
     assert not any((again.changes or {}).values()), "what fits is not written again"
 
@@ -94,7 +100,7 @@ def test_a_calibrated_arm_starts_and_a_second_calibration_agrees(robot: Path) ->
 def test_declining_stores_nothing(robot: Path) -> None:
     arm = UnalignedArm(SEED)
     before = [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos]
-    outcome = calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
+    outcome = calibrate(task(robot), lambda: arm.open_bus(JOINTS), Owner(arm, no=(STORE,)), arm.clock)
     assert not outcome.stored and not calibration_path(robot).exists()
     assert [bytes(servo.memory.read(0, 40)) for servo in arm.line.servos] == before
 
@@ -104,7 +110,7 @@ def test_torque_is_released_only_after_confirmation(robot: Path) -> None:
     arm.line.servo(2).memory.put(sts.torque_enable, 1)
     owner = Owner(arm, no=(release_question(["joint2 (servo 2)"]),))
     with pytest.raises(CalibrationError, match=r"^joint2 \(servo 2\) holds torque, .* nothing was changed"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert torque(arm) == [2]
 
 
@@ -113,7 +119,7 @@ def test_an_unswept_joint_is_requested_again_by_name_and_flagged(robot: Path) ->
     arm = UnalignedArm(SEED)
     owner = Owner(arm, no=(STORE,))
     owner.skipped = {"joint3"}
-    calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+    calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert any("Not yet from stop to stop: joint3." in text for text in owner.heard)
     assert ["not from stop to stop" in one.doubt for one in owner.shown] == [j.name == "joint3" for j in JOINTS]
 
@@ -127,9 +133,7 @@ def test_stopping_the_motion_test_keeps_the_calibration_and_releases_torque(robo
 
     with pytest.raises(StoppedError, match="the torque of the arm is released") as left:
         calibrate(
-            robot,
-            JOINTS,
-            PLAN.joints,
+            task(robot),
             lambda: arm.open_bus(JOINTS),
             owner,
             arm.clock,
@@ -145,7 +149,7 @@ def test_an_unknown_direction_ends_the_calibration_without_changes(robot: Path) 
     arm = UnalignedArm(SEED)
     owner = Owner(arm, lazy=lambda task: task.kind == "direction" and "joint2" in task.joints)
     with pytest.raises(CalibrationError, match="joint2 was not moved in its positive direction"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert not calibration_path(robot).exists()
 
 
@@ -158,7 +162,7 @@ def test_unplugging_the_adapter_during_the_sweep_stores_nothing(robot: Path) -> 
             update()
 
     with pytest.raises(PortLost, match="was unplugged"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), Clumsy(arm), arm.clock)
+        calibrate(task(robot), lambda: arm.open_bus(JOINTS), Clumsy(arm), arm.clock)
     assert not calibration_path(robot).exists() and torque(arm) == []
 
 
@@ -167,11 +171,11 @@ def test_a_missing_or_wrong_servo_is_named_before_any_question(robot: Path) -> N
     owner = Owner(arm)
     arm.line.faults.silence(4)
     with pytest.raises(ServoSilent, match="servo 4"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     arm.line.faults.restore(4)
     arm.line.servo(5).memory.put(sts.model_number, 521)
     with pytest.raises(ServoRefused, match="servo 5"):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock)
+        calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock)
     assert owner.asked == []
 
 
@@ -190,7 +194,7 @@ def test_a_calibration_with_a_wrong_direction_is_set_aside(robot: Path, former: 
         else r"calibration.yaml.wrong and is not used\. Cal"
     )
     with pytest.raises(CalibrationError, match=again):
-        calibrate(robot, JOINTS, PLAN.joints, lambda: arm.open_bus(JOINTS), owner, arm.clock, lambda *_: wrong)
+        calibrate(task(robot), lambda: arm.open_bus(JOINTS), owner, arm.clock, lambda *_: wrong)
     (said,) = [text for text in owner.heard if text.startswith("joint1 first moves ")]
     assert said.endswith("this direction, then back: to the left")
     assert path.with_name(path.name + ".wrong").exists() and torque(arm) == []

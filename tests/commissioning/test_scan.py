@@ -10,7 +10,7 @@ import pytest
 from commissioning.registers.tables import rates_of
 from commissioning.scan.examine import ScannedServo
 from commissioning.scan.identify import identity_of
-from commissioning.scan.scan import ScanReport, scan
+from commissioning.scan.scan import ScanReport, ScanScope, scan
 from commissioning.scan.steps import steps
 from commissioning.scan.wire import Wire, _v1_replies
 from drivers.errors import PortError, PortLost
@@ -403,4 +403,4 @@ def test_replies_are_found_between_noise() -> None:
 
 def test_the_scan_of_a_port_is_one_function() -> None:
     line = ToolLine({1: sts.STS3215})
-    assert only(scan(line.port, line.clock, bauds=[1_000_000], servo_ids=[1])).servo_id == 1
+    assert only(scan(line.port, line.clock, ScanScope([1_000_000], [1]))).servo_id == 1

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from controller.component_transitions import ComponentTransition
+from controller.component_transitions import ComponentTransition, TransitionRules
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import ENDED
@@ -107,8 +107,7 @@ class Two:
             limits,
             self.clock,
             PERIOD_S,
-            keep_alive=keep_alive,
-            background_worker=self.background.append,
+            TransitionRules(keep_alive, self.background.append),
         )
         self.states: list[JointState] = []
         self.loop.on_cycle = self.states.append

@@ -143,7 +143,7 @@ def test_integrated_positions_are_compared_with_the_limits() -> None:
 
 def test_a_continuous_joint_moves_the_shorter_way_around() -> None:
     limits = [JointLimits(-math.inf, math.inf, 4.0, 12.0, 120.0), ARM_LIMITS]
-    arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True, endless=[0])
+    arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True)
     position = np.array([3.0, 0.0])
     arm.activate(JointState(0.0, position, np.zeros(2), np.zeros(2)), position)
     goal = TrajectoryGoal(ARM, (GoalPoint((-3.0, 0.0), 1.0),))
@@ -162,7 +162,7 @@ def test_the_error_of_a_continuous_joint_is_the_shorter_way_around() -> None:
 
 def test_a_blocked_continuous_joint_is_relieved_the_shorter_way_around() -> None:
     limits = [JointLimits(-math.inf, math.inf, 4.0, 12.0, 120.0), ARM_LIMITS]
-    arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True, [0])
+    arm = JointTrajectoryController("arm", arm_parameters(), limits, ARM, lambda name: True)
     held = np.array((3.0, 0.0))
     arm.activate(JointState(0.0, held - (math.tau, 0.0), np.zeros(2), np.zeros(2)), held)  # one turn apart
     goal = to(4.0, 0.0, path={"shoulder": 0.2})

@@ -448,7 +448,8 @@ def test_a_failing_callback_is_logged_once_and_ends_no_cycle(caplog: pytest.LogC
 
     clock = SimulatedClock(100.0)
     components = ComponentSet([ScriptedHardware(clock)], clock)
-    loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S, observe)
+    loop = ControlLoop(components, ControllerManager(components, LIMITS), LIMITS, clock, PERIOD_S)
+    loop.on_cycle = observe
     configure_all(components)
     loop.activate()
     for _ in range(3):

@@ -116,10 +116,10 @@ def test_servos_without_a_stack_have_no_start_or_end() -> None:
 def test_a_simulation_without_an_end_refuses_faults_of_the_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    schedule = tmp_path / "schedule.yaml"
-    schedule.write_text("seconds: 1\nfaults:\n- {kind: echo, since: start}\n- {kind: echo, since: end}\n")
-    said = complaint(capsys, monkeypatch, "simulate", "--schedule", str(schedule))
-    assert f"{schedule}:4: echo at 0 s since end: no stack ends here" in said and ":3:" not in said
+    faults = tmp_path / "faults.yaml"
+    faults.write_text("- {kind: echo, since: start}\n- {kind: echo, since: end}\n")
+    said = complaint(capsys, monkeypatch, "simulate", "--seconds", "1", "--faults", str(faults))
+    assert f"{faults}:2: echo at 0 s since end: no stack ends here" in said and ":1:" not in said
 
 
 def test_a_third_of_the_drawn_faults_starts_at_the_start_or_the_end() -> None:

@@ -14,6 +14,7 @@ from commissioning.passport.file import read_passport, write_passport
 from hal.robot_file.calibration_file import calibration_path
 from servoloop.commands.options import known_arm
 from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.emulator import virtual_lines
 from sim_backend.eeprom import keep_eeprom
 from sim_backend.mechanics.plant import BenchPlant
@@ -28,7 +29,7 @@ def beside_robot(folder: Path) -> None:
 
 def read_calibration(path: Path) -> None:
     robot = path.with_name("robot.yaml")
-    known = known_arm(SO101, robot=robot)
+    known = known_arm(ServoArm(SO101, robot))
     calibration_rows(known.robot, known.joints)
     come_up(read_arm_files(find_arm(SO101), robot=robot))
     export_calibration(path.with_name("exported.json"), robot)
@@ -43,7 +44,7 @@ def good_calibration() -> list[bytes]:
 def read_lerobot(path: Path) -> None:
     robot = path.with_name("robot.yaml")
     calibration_path(robot).unlink(missing_ok=True)
-    known = known_arm(SO101, robot=robot)
+    known = known_arm(ServoArm(SO101, robot))
     import_calibration(path, robot, known.joints, known.plans)
 
 

@@ -11,10 +11,9 @@ from rich.console import Console
 
 pytest.importorskip("rclpy")
 
-from servoloop.demo.cell import CellOptions, cell
+from servoloop.demo.cell import cell
+from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
-from servoloop.stack.arm_folders import find_arm
-from sim_backend.buses.build import Build
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -38,7 +37,7 @@ class StopsEmulator(Live):
 def test_job_after_a_failed_job_succeeds(ros_domain: int, tmp_path: Path) -> None:
     words = io.StringIO()
     live = StopsEmulator(Console(file=words, width=200))
-    with cell(CellOptions(tmp_path, find_arm(), build=Build(1.0)), live) as ready:
+    with cell(CellOptions(tmp_path), live) as ready:
         live.emulator = ready.process_ids["emulator"]
         for phase, grade in (("grasp", "A"), ("place", "B")):
             live.when = phase

@@ -225,7 +225,7 @@ def test_an_error_in_the_defaults_of_a_robot_file_is_reported_with_its_line(
 @pytest.mark.parametrize(
     ("arguments", "text", "says"),
     [
-        (("simulate", "--schedule"), "arm: nobody", ":1: there is no arm nobody"),
+        (("campaign", "--schedule"), "arm: nobody", ":1: there is no arm nobody"),
         (("campaign", "--scenario"), "faults: 1\narm: nobody", ":2: there is no arm nobody"),
         (("campaign", "--scenario"), "kinds: [silence]", ":1: kinds: unknown fault silence: choose from silent"),
         (("campaign", "--scenario"), "faults: 1000000000", ":1: faults: 1e+09 is not a plausible number of faults"),

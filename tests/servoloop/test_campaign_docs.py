@@ -1,5 +1,6 @@
 """Tests of docs/campaigns.md: its commands, run with fewer seeds, and its tables."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -79,3 +80,12 @@ def test_the_promises_on_the_page_can_be_read(tmp_path: Path) -> None:
     assert promises.examined == ("safe wire", "cancels are followed")
     visits = [str(visit) for visit in promises.visits]
     assert visits == ["phase canceling, fault silent", "fault brown_out, make dynamixel"]
+
+
+@pytest.mark.slow
+@pytest.mark.runs(f"{PAGE} yaml 2")
+def test_the_schedule_of_the_page_can_be_run(tmp_path: Path) -> None:
+    schedule = tmp_path / "schedule.yaml"
+    schedule.write_text(code(PAGE, "yaml", 2))
+    ran = CliRunner().invoke(app, ["campaign", "--schedule", str(schedule), "--out", str(tmp_path), "--json"])
+    assert ran.exit_code == 0 and json.loads(ran.stdout)["violations"] == []

@@ -32,7 +32,7 @@ def test_a_recording_contains_every_byte_until_the_end_of_the_program() -> None:
     faults = (parse("noise at=0.2s for=0.3s"), parse("silent id=2 at=0.3s for=0.4s"))
     run_schedule_of(Schedule(seconds=1.0, faults=faults), prepare)
     packets = [packet for cycle in recorders[0].recording.cycles for packet in cycle.packets]
-    assert [p.time_s for p in packets] == sorted(p.time_s for p in packets)
+    assert [p.stamp_s for p in packets] == sorted(p.stamp_s for p in packets)
     for sent, log in ((True, stacks[0].port.sent), (False, stacks[0].port.received)):
         assert b"".join(p.data for p in packets if p.sent is sent) == b"".join(data for _, data in log)
     assert recorders[0].recording.cycles[-1].time_s > 1.0

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.emulator import EmulatorOptions, emulate
+from servoloop.stack.emulator import emulate
+from servoloop.stack.emulator_options import EmulatorOptions
 from servoloop.stack.processes import PRIORITY, realtime_priority
-from sim_backend.buses.build import Build
 from sim_backend.scene.picture import FilmRecorder
 
 
@@ -43,7 +43,8 @@ def test_the_emulator_has_priority_while_it_serves_but_not_while_it_draws(
     emulate(
         read_arm_files(find_arm()),
         tmp_path / "bus",
-        EmulatorOptions(Build(0.0), tmp_path),
+        EmulatorOptions(backlash_deg=0.0, pictures=tmp_path),
+        (),
         stop=lambda: True,
         on_ready=lambda: seen.update(served=scheduler.policy),
     )

@@ -14,16 +14,15 @@ from nodes.pick_place.job import JobPhase
 from nodes.pick_place.settings import JobSettings
 from servoloop import cli
 from servoloop.simulation.job import run_job
-from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule, schedule_text
+from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.robot_files import HOME, read_files
 from sim_backend.buses.build import Build
 from sim_backend.faults.errors import FaultError
-from sim_backend.faults.script import read_script
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
-from tests.pages import code, commands
+from tests.pages import commands
 
 PAGE = "simulation.md"
 COMMAND, *_ = commands(PAGE)
@@ -92,18 +91,13 @@ FAULTS = "- {kind: silent, servo_id: 3, at_s: 3.0, for_s: 1.0}\n- {kind: noise, 
 
 
 @pytest.mark.slow
-def test_faults_happen_on_time_and_a_schedule_gives_the_same_run(tmp_path: Path) -> None:
-    script, file = tmp_path / "faults.yaml", tmp_path / "schedule.yaml"
+def test_faults_happen_on_time(tmp_path: Path) -> None:
+    script = tmp_path / "faults.yaml"
     script.write_text(FAULTS)
     once = CliRunner().invoke(cli.app, ["simulate", "--seconds", "3.5", "--faults", str(script), "--json"])
     result = json.loads(once.output)
     assert {what.split(":")[0] for what in result["faulty_cycles"]} == {"joint3"}
     assert result["faulty_cycles"]["joint3: silent"] > 15
-    schedule = Schedule(seconds=3.5, faults=read_script(script))
-    file.write_text(schedule_text(schedule))
-    assert read_schedule(file) == schedule
-    again = CliRunner().invoke(cli.app, ["simulate", "--schedule", str(file), "--json"])
-    assert json.loads(again.output)["digest"] == result["digest"]
 
 
 @pytest.mark.slow
@@ -115,15 +109,6 @@ def test_the_command_of_the_page_sorts_three_cubes() -> None:
         ("B", True),
         ("C", True),
     ]
-
-
-@pytest.mark.runs(f"{PAGE} yaml 1")
-def test_the_schedule_of_the_page_can_be_run(tmp_path: Path) -> None:
-    file = tmp_path / "schedule.yaml"
-    file.write_text(code(PAGE, "yaml"))
-    ran = CliRunner().invoke(cli.app, ["simulate", "--schedule", str(file), "--json"])
-    result = json.loads(ran.output)
-    assert [job["grade"] for job in result["jobs"]] == ["A", "B"] and "elbow_flex: silent" in result["faulty_cycles"]
 
 
 def test_an_error_in_a_schedule_is_reported_with_its_line(tmp_path: Path) -> None:

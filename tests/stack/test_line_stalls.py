@@ -1,13 +1,13 @@
 """The bus stalls for up to 0.2 s at random times during motions. No goal is aborted and the arm stays close."""
 
 import random
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from servoloop.simulation.recording import RecordingPort
+from servoloop.recording.bus_tap import BusTap
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import BINS, PICK, READY
 
@@ -24,9 +24,9 @@ LARGEST_STEP_BACK_RAD: Final = 0.01
 def test_bus_stall_does_not_abort_a_goal(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, chance = SimulatedStack().up(), random.Random(seed)
     rig.run(0.5)
-    silent_until_s, read, stalls = 0.0, RecordingPort.read, 0
+    silent_until_s, read, stalls = 0.0, BusTap.read, 0
 
-    def stalling_read(port: RecordingPort, size: int, deadline_s: float) -> bytes:
+    def stalling_read(port: BusTap[Any], size: int, deadline_s: float) -> bytes:
         if port.clock.now() < silent_until_s:
             port.clock.sleep_until(min(deadline_s, silent_until_s))
         return b"" if port.clock.now() < silent_until_s else read(port, size, deadline_s)
@@ -36,7 +36,7 @@ def test_bus_stall_does_not_abort_a_goal(seed: int, monkeypatch: pytest.MonkeyPa
         if chance.random() < 0.05:
             silent_until_s, stalls = rig.clock.now() + chance.uniform(0.05, 0.2), stalls + 1
 
-    monkeypatch.setattr(RecordingPort, "read", stalling_read)
+    monkeypatch.setattr(BusTap, "read", stalling_read)
     rig.after_cycle = begin_stalls
     for pose in (READY, PICK, BINS["A"], READY):
         handle = rig.go(pose)
@@ -56,24 +56,24 @@ def test_path_waits_for_the_arm_and_never_runs_backward(
     rig.go([*READY[:5], -WAY_RAD])
     rig.run(5.0)
     begin_s, end_s = rig.clock.now() + at_s, rig.clock.now() + at_s + LONGEST_S
-    read, write = RecordingPort.read, RecordingPort.write
+    read, write = BusTap.read, BusTap.write
     held: list[bytes] = []
 
     def stalls() -> bool:
         return begin_s <= rig.clock.now() < end_s
 
-    def stalling_read(port: RecordingPort, size: int, deadline_s: float) -> bytes:
+    def stalling_read(port: BusTap[Any], size: int, deadline_s: float) -> bytes:
         if stalls():
             port.clock.sleep_until(min(deadline_s, end_s))
         return b"" if stalls() else read(port, size, deadline_s)
 
-    def stalling_write(port: RecordingPort, data: bytes) -> None:
+    def stalling_write(port: BusTap[Any], data: bytes) -> None:
         held.append(data)
         while held and not (both_ways and stalls()):
             write(port, held.pop(0))
 
-    monkeypatch.setattr(RecordingPort, "read", stalling_read)
-    monkeypatch.setattr(RecordingPort, "write", stalling_write)
+    monkeypatch.setattr(BusTap, "read", stalling_read)
+    monkeypatch.setattr(BusTap, "write", stalling_write)
     behind: list[float] = []
     commanded: list[float] = []
 

@@ -79,12 +79,23 @@ class Rogue:
             raise RuntimeError("a controller's bug")
 
 
+class RogueStack(SimulatedStack):
+    """Stack whose controllers are rogue, if wanted."""
+
+    def __init__(self, chance: random.Random, rogue: bool) -> None:
+        self.chance, self.rogue = chance, rogue
+        super().__init__()
+
+    def wrapped(self, controller: Controller) -> Controller:
+        return Rogue(controller, self.chance) if self.rogue else controller
+
+
 class Scenario:
     """Random scenario on one rig."""
 
     def __init__(self, seed: int, rogue: bool) -> None:
         self.chance = random.Random(seed)
-        self.rig = SimulatedStack(wrap=lambda c: Rogue(c, self.chance) if rogue else c)
+        self.rig = RogueStack(self.chance, rogue)
         rig = self.rig
         self.monitor = WireMonitor(rig.files.robot.joints, rig.bus, rig.loop.period_s)
         rig.port.on_write = self.monitor.see

@@ -22,13 +22,15 @@ from hal.components.component_set import ComponentSet
 from hal.servos.servo_faults import ServoFaults
 from hal.servos.stall_watch import StallWatch
 from hal.servos.supply_watch import SupplyWatch
-from servoloop.simulation.recording import RecordingPort
+from servoloop.recording.bus_tap import BusTap
 from servoloop.simulation.stack import SimulatedStack
 from tests.stack.rig import ARM, BINS, PICK, READY
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("drivers", "hal", "controller", "nodes", "servoloop")
-"""Project folders that count. The simulation and the code that connects it do not count, as they replace hardware."""
+"""Project folders that count. The simulation and the code that connects it do not count, as they replace hardware. The
+recording does not count, as it only listens.
+"""
 
 Function = Callable[..., Any]
 
@@ -100,7 +102,7 @@ def _project_file(filename: str) -> str | None:
     if not path.is_relative_to(ROOT):
         return None
     relative = path.relative_to(ROOT)
-    if relative.is_relative_to("servoloop/simulation"):
+    if any(relative.is_relative_to(room) for room in ("servoloop/simulation", "servoloop/recording")):
         return None
     return str(relative) if relative.parts[0] in ROOMS else None
 
@@ -132,7 +134,7 @@ def goal_to_wire(rig: SimulatedStack, goal: TrajectoryGoal = ONE_POINT) -> list[
     hand, broadcaster = ForwardCommandController, JointStateBroadcaster
     others: list[Function] = [ComponentSet.read, hand.update, hand.settled, broadcaster.update]
     others.append(StallWatch.goal)  # changes the goal of a joint that presses, and of no other
-    trip = TripRecorder(until=RecordingPort.write, muted=others)
+    trip = TripRecorder(until=BusTap.write, muted=others)
     with trip.recording():
         assert rig.arm.check(goal) is None
         rig.arm.submit(goal)
@@ -146,7 +148,7 @@ def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
     others.append(ServoFaults.present)  # asks one servo in turn for its torque: no state comes of that
     others.append(SupplyWatch.check)  # only reports
-    trip = TripRecorder(since=RecordingPort.read, muted=others)
+    trip = TripRecorder(since=BusTap.read, muted=others)
     with trip.recording():
         broadcaster.sample(rig.loop.step())
     return trip.files

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from hal.types import FloatArray, JointState
+from hal.types import JointState
 from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
@@ -68,13 +68,7 @@ class Watch:
         self._invariants = [kind(stack, self._sayer(kind.name)) for kind in kinds]
         self.visits = Visits(stack)
         former_state, former_step = stack.on_state, stack.on_step
-        on_step, on_command = self._guarded("on_step"), self._guarded("on_command")
-        on_write, on_state = self._guarded("on_write"), self._guarded("on_state")
-        write = stack.loop.hardware.write
-
-        def commanded(values: FloatArray, period_s: float) -> None:
-            on_command(values)
-            write(values, period_s)
+        on_step, on_write, on_state = (self._guarded(hook) for hook in ("on_step", "on_write", "on_state"))
 
         def stepped(time_s: float) -> None:
             former_step(time_s)
@@ -85,7 +79,7 @@ class Watch:
             self.visits.update(state)
             on_state(state)
 
-        stack.loop.hardware.write = commanded  # type: ignore[method-assign]
+        stack.components.on_command = self._guarded("on_command")
         stack.on_state, stack.on_step = measured, stepped
         for name, port in stack.ports.items():
             port.on_write = partial(on_write, name)

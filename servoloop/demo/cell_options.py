@@ -1,0 +1,28 @@
+"""Options of a demo cell: its arm, how the virtual arm is built, and where its results are written."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from servoloop.recording.mcap import RecordOption
+from servoloop.stack.arm_folders import OWN, Arm, find_arm
+from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
+
+
+@dataclass(frozen=True, slots=True)
+class CellOptions:
+    """Options of a cell."""
+
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("out/demo")
+    arm: ArmOption = OWN
+    robot: RobotOption = None
+    backlash_deg: BacklashOption = BACKLASH_DEG
+    seed: SeedOption = None
+    record: RecordOption = None
+    view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
+
+    def found(self) -> Arm:
+        """Return the folder of the arm. Raises ArmFileError."""
+        return find_arm(self.arm)

@@ -1,0 +1,43 @@
+"""Options of ``servoloop up`` other than the arm and its hardware."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
+
+from servoloop.recording.mcap import RecordOption
+
+
+@dataclass(frozen=True, slots=True)
+class UpOptions:
+    """Options of ``servoloop up`` other than the arm and its hardware."""
+
+    keep_alive: Annotated[
+        bool,
+        typer.Option("--stay", help="Keep running if servos are missing or lost, until they are activated again."),
+    ] = False
+    publish_transforms: Annotated[
+        bool,
+        typer.Option(
+            "--robot-state-publisher/--no-robot-state-publisher",
+            help="Publish robot_description and the transforms of the links, unless a node of yours does.",
+        ),
+    ] = True
+    spawn: Annotated[
+        bool,
+        typer.Option(
+            "--spawn/--no-spawn",
+            help="Load and activate the controllers of the file, unless ros2_control's spawner does.",
+        ),
+    ] = True
+    rtf: Annotated[
+        str | None,
+        typer.Option(metavar="FACTOR", help="Run in simulated time, FACTOR times as fast as real time, or `max`."),
+    ] = None
+    step: Annotated[
+        bool, typer.Option("--step", help="Run in simulated time that only the service step_simulation advances.")
+    ] = False
+    record: RecordOption = None
+
+
+NO_OPTIONS = UpOptions()
