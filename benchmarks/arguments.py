@@ -21,7 +21,7 @@ def in_words() -> Iterator[None]:
 def positive(text: str) -> int:
     """Parse a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not {text!r}")
     return int(text)
 
 
@@ -39,4 +39,6 @@ def silence(text: str) -> tuple[int, float, float]:
         servo_id, from_s, to_s = text.split(",")
         return int(servo_id), float(from_s), float(to_s)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not an ID with two times in seconds, such as 3,1,2.5") from None
+        raise argparse.ArgumentTypeError(
+            f"must be an ID with two times in seconds, such as 3,1,2.5, not {text!r}"
+        ) from None

@@ -121,7 +121,11 @@ def test_half_speed_takes_twice_as_long_and_negative_speeds_are_ignored(at_zero:
     at_zero.scale(0.5)
     at_zero.until(lambda: at_zero.states[-1].speed_scaling_factor == 0.5)
     at_zero.scale(-1.0)
-    at_zero.until(lambda: "speed scaling factor -1.0 ignored" in at_zero.stack.words)
+    at_zero.until(
+        lambda: (
+            "the speed scaling factor must be 0 (pause) to 1 (the speed of the goal), not -1.0" in at_zero.stack.words
+        )
+    )
     before = at_zero.now()
     states = finish(at_zero, at_zero.send(goal_of(T(P(0.5, 0.5)))), before)
     at_zero.scale(1.0)

@@ -187,7 +187,7 @@ def test_user_hardware_that_cannot_be_created_is_refused(
     ("old", "new", "says"),
     [
         ('lower="0" upper="0.05"', 'lower="0" upper="-0.04"', "lower limit 0.0 is above upper limit -0.04 ({}): swap"),
-        ('velocity="0.09"', 'velocity="0"', "velocity limit 0.0 is not above zero ({}): write"),
+        ('velocity="0.09"', 'velocity="0"', "velocity limit must be above 0, not 0.0 ({}): write"),
     ],
 )
 def test_the_limits_are_checked_for_every_kind_of_hardware(
