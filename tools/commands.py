@@ -101,7 +101,7 @@ class Commands:
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
-                start_new_session=True,  # so that the compilers of a build end with it
+                start_new_session=True,  # The compilers of a build then end with it.
             )
             self._running.add(process)
             return process

@@ -107,7 +107,7 @@ def main() -> int:
     try:
         only_one_at_a_time()
         set_up()
-    except (SetUpError, OSError) as error:  # such as a full disk, or a folder of another user
+    except (SetUpError, OSError) as error:  # For example, the disk is full or the folder belongs to another user.
         print(f"\nmake setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -67,7 +67,7 @@ def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
     try:
         step.follow([pool.submit(run)], lambda: detail[0])
     except SetUpError:
-        (STAMPS / "installing").unlink()  # uv itself has stopped and cleaned up
+        (STAMPS / "installing").unlink()  # uv itself has failed and cleaned up
         raise
     (STAMPS / "installing").unlink()
     stamp("packages", digest(LOCK))
@@ -91,7 +91,8 @@ def uninstall_interfaces(package: str) -> None:
     manifest = STAMPS / f"{package}.files"
     for line in manifest.read_text().splitlines() if manifest.exists() else []:
         Path(line).unlink(missing_ok=True)
-    shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)  # with the files that Python has compiled there
+    # This includes the files that Python has compiled there.
+    shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)
     (STAMPS / f"interfaces-{package}").unlink(missing_ok=True)
     manifest.unlink(missing_ok=True)
 

@@ -39,7 +39,7 @@ PLANS = {name: JointPlan(positive="that way") for name in RANGES} | {
     "wrist_roll": JointPlan(positive="that way", zero="pose", pose="jaw level", at=0.0),
     "gripper": JointPlan(positive="opening", zero="lower_stop"),
 }
-# As such files are published: a wrist that was not swept, every zero at 2047.
+# Values as in published files: a wrist that was not swept, and every zero at 2047.
 PUBLISHED = {
     "shoulder_pan": (1, 0, -1386, 743, 3401),
     "shoulder_lift": (2, 0, 1071, 820, 3166),
@@ -114,7 +114,7 @@ def test_the_zero_is_found_in_the_travel_and_not_at_lerobots_pose() -> None:
     pan = made["shoulder_pan"]
     assert (pan.source, pan.made.zero_counts) == ("middle", 2072)
     assert pan.at_lerobot_zero == pytest.approx((2047 - 2072) * tau / 4096)
-    gripper = made["gripper"]  # closed at 2025, which is -0.175 rad
+    gripper = made["gripper"]  # the closed stop is at 2025 counts, which is -0.175 rad
     assert (gripper.source, gripper.made.zero_counts) == ("lower_stop", round(2025 + 0.175 * 4096 / tau))
 
 
@@ -138,7 +138,7 @@ def test_drive_mode_reverses_the_joint() -> None:
     mirrored = BUILT | {"elbow_flex": -1}
     made = {one.joint.name: one.made for one in from_lerobot(theirs(entries), JOINTS, mirrored, PLANS)}
     assert (made["shoulder_pan"].sign, made["elbow_flex"].sign, made["gripper"].sign) == (1, 1, -1)
-    # Its closed stop, the lower one, is where the counts are highest.
+    # The closed stop is the lower stop of the joint, and has the highest counts.
     assert made["gripper"].zero_counts == round(2080 - 0.175 * 4096 / tau)
 
 
@@ -210,7 +210,8 @@ def test_a_calibration_survives_export_and_import(robot: Path) -> None:
     import_text(robot, json.dumps(content()))
     stored = load_calibration(robot)
     assert stored is not None
-    roll = stored.joints["wrist_roll"].model_copy(update={"zero_counts": 2101})  # as calibrate finds it by its pose
+    # Calibrate measures this zero at the marked pose
+    roll = stored.joints["wrist_roll"].model_copy(update={"zero_counts": 2101})
     changed = CalibrationFile(joints=stored.joints | {"wrist_roll": roll})
     calibration_path(robot).write_text(json.dumps(changed.model_dump()))
     export_calibration(robot.with_name("out.json"), robot)
