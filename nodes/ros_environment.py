@@ -66,7 +66,7 @@ def _check_distribution() -> None:
 def _check_domain(environment: Mapping[str, str]) -> None:
     text = environment.get("ROS_DOMAIN_ID", "")
     if text and not (text.isascii() and text.isdigit() and int(text) <= LAST_DOMAIN):
-        raise RosError(f"ROS_DOMAIN_ID is '{text}': set it to an integer from 0 to {LAST_DOMAIN}, or unset it")
+        raise RosError(f"ROS_DOMAIN_ID must be 0 to {LAST_DOMAIN}, not '{text}': correct or unset it")
 
 
 def _check_middleware(environment: Mapping[str, str]) -> None:

@@ -120,7 +120,7 @@ class Jogging:
         if key in WAYS:
             now_s = monotonic()
             new = self._key.press(key, now_s)
-            if new or (self._key.held(now_s) and not self._way):  # a repeat after a short press moves on
+            if new or (self._key.held(now_s) and not self._way):  # key repeats after a short press continue the motion
                 self._way, self._began_s = WAYS[key], None
             return
         self._stop()

@@ -30,7 +30,7 @@ class PaddedArm:
         self._links = LinkModel(scene)
         self._unchecked = set(unchecked)
         spec, names = spec_with(scene, objects, padding_m)
-        links = {link.name for link in arm_links(spec)} - {"base_link"}  # no plan moves the base
+        links = {link.name for link in arm_links(spec)} - {"base_link"}  # plans do not move the base
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         self._places = [int(self._model.joint(name).qposadr[0]) for name in self._links.joints]

@@ -166,7 +166,7 @@ def test_each_mistake_is_found(tmp_path: Path, fault: str) -> None:
     edit, says = FAULTS[fault]
     problems = check_arm(folder_with(tmp_path, FILES, edit))
     assert any(says in problem for problem in problems), problems
-    assert all(str(tmp_path) in problem for problem in problems)  # it says in which file
+    assert all(str(tmp_path) in problem for problem in problems)  # each problem names its file
 
 
 MIMIC: dict[str, tuple[Edit, str]] = {

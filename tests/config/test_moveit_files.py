@@ -1,4 +1,4 @@
-"""`servoloop arms moveit` writes the files that MoveIt needs for any arm; MoveIt can plan from every pose of it."""
+"""Tests that `servoloop arms moveit` writes the files for any arm, and that MoveIt can plan from each of its poses."""
 
 import re
 import sys
@@ -21,7 +21,7 @@ from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
 
 SAMPLES: Final = 2000
-"""Number of random poses for the collision matrix: the pairs that matter touch in one pose of a hundred."""
+"""Number of random poses for the collision matrix. Relevant pairs touch in one of a hundred poses."""
 NAMES: Final = ("robot_arm", "so101", "so100", "koch")
 SERVOS_LEAVE_RAD: Final = 0.006
 
@@ -80,7 +80,7 @@ def test_moveit_can_plan_with_the_files_that_the_launch_takes() -> None:
 
 
 def test_the_project_s_own_arm_has_what_the_verb_writes(written: tuple[Arm, Path]) -> None:
-    """Except for the state `upright`, and for the collision matrix, which takes more samples."""
+    """The exceptions are the state `upright` and the collision matrix, which needs more samples."""
     arm, folder = written
     if arm.name != "robot_arm":
         pytest.skip("the files of other arms are not kept")
@@ -102,7 +102,7 @@ def plain(element: ElementTree.Element) -> str:
 
 
 def test_the_padding_is_more_than_the_hand_sinks(written: tuple[Arm, Path]) -> None:
-    """At what servos leave in each joint at once, with the arm stretched out as it is at zero or ready."""
+    """Each joint has the position error of a servo at rest, with the arm stretched out at zero or ready."""
     arm, folder = written
     world = World(arm.scene)
     for start in (np.zeros(len(world.joints)), world.ready):
@@ -178,7 +178,7 @@ def run(monkeypatch: pytest.MonkeyPatch, arm: str, folder: Path) -> int:
 
 
 def test_a_pose_in_which_moveit_could_not_plan_is_named(tmp_path: Path) -> None:
-    """The park pose puts the open jaw between the stand and bin C, 3 mm from the bin."""
+    """In this park pose, the open jaw is between the stand and bin C, 3 mm from the bin."""
     text = (ARMS / "so101" / "robot.yaml").read_text()
     (pose,) = re.findall(r"pose: \{.*\}", text)
     folded = "pose: {shoulder_pan: 0.0, shoulder_lift: -1.7, elbow_flex: 1.65, wrist_flex: 0.85, wrist_roll: -1.57}"

@@ -103,7 +103,7 @@ def test_slow_viewer_loses_whole_cycles_and_can_count_them(monkeypatch: pytest.M
     monkeypatch.setattr(feed, "MAX_QUEUE_BYTES", 20_000)
     rig = LiveRig()
     stream = open_live(find_stack())
-    cycles = rig.play(20.0)  # more than the socket takes
+    cycles = rig.play(20.0)  # more cycles than the socket can buffer
     viewer = LiveViewer(stream)
     rig.wait_until_read()
     cycles += rig.play(0.2)
