@@ -40,7 +40,7 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="Control a robot arm on serial bus servos with ROS 2. The servos can be real or virtual.",
+    help="Control a robot arm on serial bus servos, with or without ROS 2. The servos can be real or virtual.",
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
