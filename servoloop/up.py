@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
 from nodes.ros_environment import INSTALL, RosMissing, require_ros
+from servoloop.command_server.server import command_socket
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
 from servoloop.stack.background_worker import BackgroundWorker
@@ -172,7 +173,8 @@ class _Up:
             self._simulated.connect(loop, surface)
             thread.before_cycle = self._simulated.before_cycle
         offset_s = 0.0 if self._simulated else wall_offset_s(loop.clock, time)
-        with self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene):
+        recorded = self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene)
+        with recorded, command_socket(stack, self._recording):
             loop.activate(self._initial.inactive)
             self._serve_clients(thread, surface, ready)
 

@@ -38,6 +38,7 @@ def stack(folder: Path, *arguments: str) -> Iterator[Path]:
         assert process.wait(60.0) == 0, log.read_text()
 
 
+@pytest.mark.runs("servoloop up --no-ros")
 @pytest.mark.parametrize(
     ("arguments", "hidden", "reason"),
     [
