@@ -16,7 +16,7 @@ from controller.forward.forward_command_controller import (
 from controller.gripper.goal import GripperGoal, GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController, PositionGripperActionController
 from controller.loop import ControlLoop
-from controller.manager.switch import Loaded
+from controller.manager.switch import Loaded, SwitchRequest
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from hal.types import joints_of
@@ -130,7 +130,7 @@ class Motions:
             for goal in (*motions.goals.values(), *filter(None, motions.set_points.values())):
                 goal.controller.cancel(goal.handle)
             for name in (name for name, goal in motions.set_points.items() if goal is None):
-                _hold(self._loop.manager.registry.loaded.get(name))
+                self._hold(self._loop.manager.registry.loaded.get(name))
             motions.set_points.clear()
 
     def stop(self) -> None:
@@ -142,7 +142,7 @@ class Motions:
                 newest = getattr(entry.controller, "newest_goal", None)
                 if newest is not None and not newest.done:
                     cast(Any, entry.controller).cancel(newest)
-                _hold(entry)
+                self._hold(entry)
 
     def ended(self, client: object) -> Iterator[dict[str, Any]]:
         """Yield the result of each goal of a client that has ended since the last call, as an event."""
@@ -166,6 +166,17 @@ class Motions:
         motions = self._clients.get(client, _ClientMotions())
         own = (*motions.goals.values(), *filter(None, motions.set_points.values()))
         return all(goal.handle is not newest for goal in own) and not getattr(newest.goal, "from_topic", False)
+
+    def _hold(self, entry: Loaded | None) -> None:
+        """Bring the joints of an active forward controller to rest within their limits, and hold them."""
+        if entry is None or not entry.active or entry.spec.kind not in FORWARD:
+            return
+        controller, loop = cast(Any, entry.controller), self._loop
+        if getattr(controller.parameters, "interface_name", "position") != "position":
+            controller.submit([0.0] * len(controller.command))
+        elif not controller.settled():
+            restart = SwitchRequest(activate=(entry.name,), deactivate=(entry.name,))
+            loop.requests.ask(lambda: loop.manager.switch(restart, loop.within_limits))
 
     def _submit(self, entry: Loaded, goal: TrajectoryGoal) -> _RunningGoal:
         controller: JointTrajectoryController = cast(Any, entry.controller)
@@ -220,15 +231,6 @@ def _require_known(joints: Sequence[str], entry: Loaded) -> None:
 def _joints(entry: Loaded) -> tuple[str, ...]:
     """Return the joints of a controller, in the order of its commands."""
     return tuple(dict.fromkeys(joints_of(entry.commands)))
-
-
-def _hold(entry: Loaded | None) -> None:
-    """Hold the joints of an active forward controller at their command; velocities and efforts become 0."""
-    if entry is None or not entry.active or entry.spec.kind not in FORWARD:
-        return
-    controller = cast(Any, entry.controller)
-    positions = getattr(controller.parameters, "interface_name", "position") == "position"
-    controller.submit(controller.command.tolist() if positions else [0.0] * len(controller.command))
 
 
 def _result(number: int, handle: GoalHandle | GripperHandle) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from servoloop.command_socket.client import CommandClient
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.recording.stream import RunningStack, running_stacks
 from servoloop.simulation.stack import SimulatedStack
+from servoloop.stack.robot_files import Files
 from tests.live.rig import runtime_folder
 from tests.stack.rig import READY
 
@@ -58,11 +59,11 @@ class SocketRig:
 
 
 @contextmanager
-def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[SocketRig]:
+def served(monkeypatch: pytest.MonkeyPatch, files: Files | None = None) -> Iterator[SocketRig]:
     """Run a simulated stack with its message stream and its command socket."""
     with runtime_folder(monkeypatch) as folder:
         monkeypatch.chdir(folder)
-        stack = SimulatedStack(start=(*READY, 0.0), keep_alive=True)
+        stack = SimulatedStack(files=files, start=(*READY, 0.0), keep_alive=True)
         recording = StackRecording(None)
         rig = SocketRig(stack)
         with (

@@ -76,6 +76,20 @@ def test_a_stream_moves_the_arm_and_the_hand(client: CommandClient, rig: SocketR
     eventually(lambda: abs(rig.positions()[5] - TARGET[5]) < 0.01 and abs(rig.stack.hand.command[0] - 0.02) < 1e-6)
 
 
+def test_a_stream_that_is_released_brakes_within_the_limits_and_holds(client: CommandClient, rig: SocketRig) -> None:
+    client.request("take")
+    client.request("set_point", controller="hand_controller", values=[0.05])
+    hand: list[float] = []
+    rig.stack.on_state = lambda state: hand.append(float(rig.stack.loop.command[6]))
+    eventually(lambda: hand and hand[-1] > 0.005)
+    client.request("release")
+    eventually(lambda: len(hand) > 20 and len(set(hand[-5:])) == 1)
+    assert hand[-1] < 0.049
+    limit, period_s = rig.stack.files.limits["hand_right_joint"], rig.stack.loop.period_s
+    braking = np.diff(hand, 2) / period_s**2
+    assert braking.min() >= -1.1 * limit.acceleration
+
+
 def test_controllers_are_listed_and_switched(client: CommandClient) -> None:
     def states() -> dict[str, str]:
         return {one["name"]: one["state"] for one in client.request("controllers")["controllers"]}

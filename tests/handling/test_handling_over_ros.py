@@ -1,4 +1,4 @@
-"""Joints of a running stack move only while a program keeps commanding them."""
+"""Joints of a stack that also serves ROS clients move only while a program keeps commanding them."""
 
 import os
 import pty
@@ -23,12 +23,13 @@ pytest.importorskip("rclpy")
 from action_msgs.msg import GoalStatus
 from controller_manager_msgs.srv import SwitchController
 
+from controller.guided_motion import HORIZON_S
 from hal.types import JointLimits
 from nodes.client_node import client_node
-from nodes.handling.guided_motion import HORIZON_S
-from nodes.handling.robot import HandlingError, JointsNow, MovableRobot
-from nodes.handling.robot_client import SLOW, RobotClient
+from servoloop.command_socket.client import CommandClient
+from servoloop.manual.joints_now import HandlingError, JointsNow, MovableRobot
 from servoloop.manual.robot import LiveRobot
+from servoloop.manual.robot_client import SLOW, RobotClient
 from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import runtime_folder
 from tests.pages import commands
@@ -64,8 +65,8 @@ def robot(stack: None) -> Iterator[LiveRobot]:
 
 @contextmanager
 def client(robot: MovableRobot) -> Iterator[RobotClient]:
-    with client_node("test_handling") as (node, executor):
-        made = RobotClient(node, executor, robot)
+    with CommandClient.find(name="test") as commands:
+        made = RobotClient(commands, robot)
         made.connect()
         yield made
 
@@ -161,9 +162,7 @@ def test_deactivated_controller_is_named_and_others_still_move(robot: LiveRobot)
         time.sleep(0.04)
         return False
 
-    with client_node("test_handling") as (node, executor):
-        moving = RobotClient(node, executor, robot)
-        moving.connect()
+    with client_node("test_handling") as (node, executor), client(robot) as moving:
         service = node.create_client(SwitchController, "/controller_manager/switch_controller")
         assert service.wait_for_service(20.0)
         moving.jog(JOINT, 0.1)
