@@ -2,17 +2,17 @@
 
 ``ArmBackend`` lists all that ``servoloop.Arm`` needs. Two classes implement it:
 
-- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. It has no thread of its
-  own: ``LocalArm`` runs the loop of a script, and ``servoloop up`` runs its own loop and creates a ``StackBackend`` for
-  the clients of its socket. A server translates each message into one call of this class.
+- ``StackBackend`` (servoloop/api/stack_backend.py) moves a ``ControlStack`` of the same process. It has no thread: a
+  script runs the loop with ``OwnLoop``, and ``servoloop up`` runs its own loop and creates a ``StackBackend`` for the
+  clients of its socket. A server translates each message into one call of this class.
 - A client of the socket sends each call as a message and keeps the newest state that it has received.
 
 All goals and targets are plain data, so that a message can contain them. Every implementation raises the errors of
 ``servoloop.api.errors``. A server sends the class name, the text and the joint of an error, and its client raises the
 same error again.
 
-Checks happen twice on purpose: ``StackBackend`` checks every goal with ``servoloop.api.checks``, because a client of the
-socket may be written in another language. ``Arm`` only converts its arguments into goals.
+``StackBackend`` checks every goal, because a client of the socket may be written in another language. ``Arm`` only
+converts its arguments into goals.
 """
 
 from collections.abc import Callable, Mapping
@@ -87,8 +87,8 @@ class MotionProgress(Protocol):
 class ArmBackend(Protocol):
     """What ``Arm`` needs from the program that runs the control loop. Any thread may call each method.
 
-    No method except ``wait``, ``wait_async``, ``set_torque`` and ``close`` waits for a cycle. A call with an error moves
-    nothing.
+    Only ``begin_stream``, ``set_torque``, ``wait``, ``wait_async`` and ``close`` wait for cycles. A call with an error
+    moves nothing.
     """
 
     @property
