@@ -11,8 +11,10 @@ ArmError
 └── ArmEndedError      the control loop has ended
 """
 
+from drivers.errors import DriverError
 
-class ArmError(Exception):
+
+class ArmError(DriverError):
     """Base class of all errors of ``servoloop.Arm``. The message tells the user what to do."""
 
     def __init__(self, text: str, joint: str = "") -> None:
