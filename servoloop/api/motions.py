@@ -14,6 +14,7 @@ from controller.forward.forward_command_controller import ForwardCommandControll
 from controller.gripper.goal import GripperGoal, GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.interface import Controller
+from controller.trajectory.execution import RECALL_S
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.goal_result import PREEMPTED_BY_TOPIC
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
@@ -27,6 +28,8 @@ TRAJECTORY: Final = "/JointTrajectoryController"
 FORWARD: Final = ("/ForwardCommandController", "/JointGroupPositionController")
 GRIPPER: Final = "/GripperActionController"
 CANCELED: Final = "the motion was canceled; the arm holds its position"
+CYCLES_AFTER: Final = 3
+"""Number of cycles by which a hand begins after the arm of the same motion, at least."""
 REPLACED: Final = "another motion has replaced this one"
 
 
@@ -46,6 +49,10 @@ class MotionPart(Protocol):
     @property
     def failure(self) -> MotionFailedError | None:
         """Why the part has failed, if it has."""
+        ...
+
+    def begin_after_arm(self) -> None:
+        """Begin just after the trajectory of the same motion."""
         ...
 
     def update(self, state: JointState, now_s: float) -> None:
@@ -93,6 +100,9 @@ class TrajectoryPart:
     def failure(self) -> MotionFailedError | None:
         handle = self.handle
         return _failure(handle.status, handle.error_text, self.controller.joints)
+
+    def begin_after_arm(self) -> None:
+        pass
 
     def update(self, state: JointState, now_s: float) -> None:
         pass
@@ -144,6 +154,31 @@ class ControllerAccess:
 
 
 @dataclass(slots=True)
+class PartStart:
+    """Start of a part that moves a hand.
+
+    A trajectory controller may wait until other controllers have settled before it begins (``wait_for``). The hand of
+    the same motion therefore begins just after the arm, and catches up.
+    """
+
+    with_arm: bool = False
+    """Whether a trajectory controller moves other joints in the same motion."""
+    begun_s: float | None = None
+    """Time of the first cycle of the motion, in seconds."""
+    cycles: int = 0
+
+    def elapsed_s(self, now_s: float) -> float:
+        """Return the time since the first cycle of the motion, in seconds. Call this in each cycle."""
+        self.begun_s = now_s if self.begun_s is None else self.begun_s
+        self.cycles += 1
+        return now_s - self.begun_s
+
+    def due(self, now_s: float) -> bool:
+        """Return whether the hand may move."""
+        return not self.with_arm or (self.cycles > CYCLES_AFTER and now_s - (self.begun_s or 0.0) > RECALL_S)
+
+
+@dataclass(slots=True)
 class ForwardPart:
     """Path of a forward command controller for positions: its command follows the path in each cycle."""
 
@@ -157,8 +192,11 @@ class ForwardPart:
     """Whether the last point has been sent."""
     done: bool = False
     failure: MotionFailedError | None = None
-    begun_s: float | None = None
+    start: PartStart = field(default_factory=PartStart)
     faults: FaultTimeout = field(default_factory=lambda: FaultTimeout(()))
+
+    def begin_after_arm(self) -> None:
+        self.start.with_arm = True
 
     def update(self, state: JointState, now_s: float) -> None:
         if self.done:
@@ -169,9 +207,9 @@ class ForwardPart:
         if lasting := self.faults.lasting(state.faults, self.access.period_s):
             self._end(MotionFailedError(_failed(lasting), next(iter(self.faults.cycles))))
             return
-        if self.begun_s is None:
-            self.begun_s = now_s
-        elapsed_s = now_s - self.begun_s + self.access.period_s
+        elapsed_s = self.start.elapsed_s(now_s) + self.access.period_s
+        if not self.start.due(now_s):
+            return
         if not self.sent_last:
             self.sent_last = bool(elapsed_s >= self.times_s[-1])
             self.controller.submit(self._at(elapsed_s))
@@ -221,6 +259,7 @@ class GripperPart:
 
     controller: GripperActionController
     goals: list[GripperGoal]
+    start: PartStart = field(default_factory=PartStart)
     handle: GripperHandle | None = None
     canceled: MotionCanceledError | None = None
 
@@ -235,8 +274,12 @@ class GripperPart:
             return self.canceled
         return _failure(self.handle.status, self.handle.text, (self.controller.joint,))
 
+    def begin_after_arm(self) -> None:
+        self.start.with_arm = True
+
     def update(self, state: JointState, now_s: float) -> None:
-        if self.goals and not self.done and (self.handle is None or self.handle.done):
+        self.start.elapsed_s(now_s)
+        if self.start.due(now_s) and self.goals and not self.done and (self.handle is None or self.handle.done):
             self.handle = self.controller.submit(self.goals[0])
             del self.goals[0]  # Other threads read both: a finished goal with none after it is the end.
 

@@ -16,10 +16,10 @@ CLOSED: Final = "the arm has been shut down: create a new Arm to move it again"
 """Message of calls after ``close``."""
 
 
-def ended_by(error: Exception | None) -> ArmEndedError:
-    """Return the error for calls after the loop has ended because of ``error``."""
+def ended_by(error: Exception | None) -> str:
+    """Return the message of calls after the loop has ended because of ``error``."""
     why = f": {error}" if error else ""
-    return ArmEndedError(f"the control loop has ended{why}. {LEFT.capitalize()}; create a new Arm")
+    return f"the control loop has ended{why}. {LEFT.capitalize()}; create a new Arm"
 
 
 class OwnLoop:
@@ -29,13 +29,14 @@ class OwnLoop:
         self._files = files
         self._initial: InitialStates = initial_states(files)
         self._exit = ExitStack()
-        self._error: ArmEndedError | None = None
+        self._why_ended = ""
+        """Message of calls after the end of the loop; empty while it runs."""
         self._closed = False
         self.backend: StackBackend
 
     def ended(self) -> ArmEndedError | None:
         """Return why the loop has ended, or None while it runs."""
-        return self._error
+        return ArmEndedError(self._why_ended) if self._why_ended else None
 
     def close(self) -> None:
         """Shut the arm down by the rules of its robot file. Raises ArmError if a step fails."""

@@ -155,7 +155,8 @@ class SimulatedPace:
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
         end_s = self._loop.clock.now() + timeout_s
         while not until():
-            if self._loop.clock.now() >= end_s - 1e-9:
+            if self._due_s > end_s:
+                self._loop.clock.sleep_until(end_s)
                 return False
             self._run_cycle()
         return True
@@ -163,7 +164,8 @@ class SimulatedPace:
     async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
         end_s = self._loop.clock.now() + timeout_s
         while not until():
-            if self._loop.clock.now() >= end_s - 1e-9:
+            if self._due_s > end_s:
+                self._loop.clock.sleep_until(end_s)
                 return False
             self._run_cycle()
             await asyncio.sleep(0.0)  # Other tasks run between two cycles.

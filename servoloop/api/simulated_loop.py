@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from servoloop.api.describe import describe
-from servoloop.api.errors import ArmEndedError, ArmError
+from servoloop.api.errors import ArmError
 from servoloop.api.options import setup_errors
 from servoloop.api.own_loop import CLOSED, OwnLoop, ended_by
 from servoloop.api.pace import SimulatedPace
@@ -53,21 +53,22 @@ class SimulatedLoop(OwnLoop):
         pace = SimulatedPace(stack.loop, self.ended, self._fail)
         self.backend = StackBackend(stack, describe(stack), pace, self.ended, recording)
         self._activate(stack, recording.of(stack.loop, files, 0.0, lambda: self._failed, setup.scene, live=False))
-        self.world = lines.world
+        self.world, self.lines = lines.world, lines.lines
+        self.backend.state()  # Runs the first cycle, so that the arm has a state.
 
     def _fail(self, error: Exception) -> None:
         """Shut the arm down after an error in the loop, as the loop thread does."""
         LOG.error("the control loop ends: %s", error)
         self._failed = True
         self._stack.end()
-        self._error = ended_by(error)
+        self._why_ended = ended_by(error)
 
     def close(self) -> None:
         if self._closed:
             return
         self._closed = True
-        problems = [] if self._error else self._stack.end()
-        self._error = self._error or ArmEndedError(CLOSED)
+        problems = [] if self._why_ended else self._stack.end()
+        self._why_ended = self._why_ended or CLOSED
         self.backend.close()
         self._exit.close()
         if problems:

@@ -107,6 +107,9 @@ class StackBackend:
             self._require_free()
             movers = self._movers(goal.joints)
             parts = tuple(self._start(controller, goal) for controller in movers)
+            if any(controller.kind.endswith(TRAJECTORY) for controller in movers):
+                for part in parts:
+                    part.begin_after_arm()
             for part in self._parts:
                 if not part.done and any(part.controller.name == controller.name for controller in movers):
                     part.cancel(replaced=True)

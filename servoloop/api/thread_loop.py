@@ -45,12 +45,16 @@ class ThreadLoop(OwnLoop):
         """
         super().__init__(files)
         self._signals = Signals()
+        self._thread: threading.Thread | None = None
         recording = StackRecording(record)
         try:
             with setup_errors():
                 self._start(ports, recording)
         except BaseException:
-            self._exit.close()
+            if self._thread is None:
+                self._exit.close()
+            else:
+                self.close()
             raise
 
     def _start(self, ports: Sequence[str], recording: StackRecording) -> None:
@@ -67,11 +71,12 @@ class ThreadLoop(OwnLoop):
         sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
         gc.collect()
         gc.freeze()
-        self._thread = run.start()
         self._exit.callback(gc.unfreeze)
         self._exit.callback(atexit.unregister, self.close)
         atexit.register(self.close)
         self._exit.enter_context(exit_on_signals())
+        self._thread = run.start()
+        self.backend.state()
 
     def _devices(self, ports: Sequence[str]) -> Mapping[str, str]:
         """Return the devices to open: the given ones, or those of a new emulator."""
@@ -83,34 +88,37 @@ class ThreadLoop(OwnLoop):
         return self._exit.enter_context(virtual_servos(files))
 
     def ended(self) -> ArmEndedError | None:
-        if self._error is None and self._run.done:
-            self._error = ended_by(self._run.error)
-        return self._error
+        if not self._why_ended and self._run.done:
+            self._why_ended = ended_by(self._run.error)
+        return super().ended()
 
     def close(self) -> None:
-        if self._closed:
+        if self._closed or self._thread is None:
             return
         self._closed = True
         self.ended()
         self.backend.close()
         self._signals.ask()
-        try:
-            while self._thread.is_alive() and not self._run.hangs():
-                self._join()
-        finally:
-            self._error = self._error or ArmEndedError(CLOSED)
-            self._exit.close()
+        while not self._joined(self._thread):
+            pass
+        self._why_ended = self._why_ended or CLOSED
+        self._exit.close()
         if self._thread.is_alive():
             raise ArmError(f"the control loop hangs in its hardware and could not be stopped: {LEFT}")
         if self._run.failed:
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 
-    def _join(self) -> None:
-        """Wait for the shutdown. Ctrl-C skips the park pose, as a second Ctrl-C does in ``servoloop up``."""
+    def _joined(self, thread: threading.Thread) -> bool:
+        """Wait for the shutdown for a moment, and return whether it has ended or hangs.
+
+        Ctrl-C skips the park pose, as a second Ctrl-C does in ``servoloop up``.
+        """
         try:
-            self._thread.join(0.1)
-        except KeyboardInterrupt:
+            thread.join(0.1)
+            return not thread.is_alive() or self._run.hangs()
+        except (KeyboardInterrupt, SystemExit):
             self._signals.count = 2
+            return False
 
 
 @contextmanager
