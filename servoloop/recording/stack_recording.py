@@ -66,7 +66,13 @@ class StackRecording:
 
     @contextmanager
     def of(
-        self, loop: ControlLoop, files: Files, offset_s: float, failed: Callable[[], bool], scene: Scene = dict
+        self,
+        loop: ControlLoop,
+        files: Files,
+        offset_s: float,
+        failed: Callable[[], bool],
+        scene: Scene = dict,
+        live: bool = True,
     ) -> Iterator[None]:
         """Record the loop for the duration of the context. The previous ``on_cycle`` of the loop is called first.
 
@@ -76,6 +82,7 @@ class StackRecording:
             offset_s: ROS time minus the time of the loop's clock, in seconds.
             failed: Returns at the end whether the loop failed.
             scene: Returns the objects around the arm. Called in the recorder thread.
+            live: Whether other programs can find the stack and follow it.
 
         Raises:
             RecordingError: The recording cannot be created.
@@ -85,7 +92,7 @@ class StackRecording:
         sinks: list[Sink] = [FaultFiles(FOLDER, messages)]
         if self._path is not None:
             sinks.append(RecordingFile(self._path, messages))
-        sinks += _live_feed(files, messages)
+        sinks += _live_feed(files, messages) if live else []
         sampler = Sampler(loop, files.component.name, servo_ids(files), self._taps)
         recorder = self._recorder = Recorder(sampler, self._taps, sinks, scene)
         self._messages = messages
