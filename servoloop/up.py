@@ -174,7 +174,7 @@ class _Up:
             thread.before_cycle = self._simulated.before_cycle
         offset_s = 0.0 if self._simulated else wall_offset_s(loop.clock, time)
         recorded = self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene)
-        with recorded, command_socket(stack, self._recording):
+        with recorded, command_socket(stack, self._recording, lambda: thread.done):
             loop.activate(self._initial.inactive)
             self._serve_clients(thread, surface, ready)
 

@@ -70,6 +70,10 @@ class Ownership:
                 self._halt(owner)
                 owner.post({"event": "lost", "text": why})
 
+    def require(self, client: Owner) -> None:
+        """Raise CommandError if a client does not own the motion."""
+        self.moving(client, dict)
+
     def moving(self, client: Owner, move: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """Call ``move`` while a client owns the motion. Raises CommandError if it does not own the motion."""
         with self._lock:

@@ -1,7 +1,7 @@
 """Carry out the messages of the command socket. Each message returns the fields of its reply or raises an error."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -12,8 +12,10 @@ from controller.manager.switch import Loaded, ManagerError, Strictness, SwitchRe
 from controller.trajectory.goal import GoalPoint
 from drivers.errors import DriverError
 from hal.errors import HalError
-from hal.lifecycle import LifecycleState
-from hal.types import JointState, joints_of
+from servoloop.api.backend import ArmBackend
+from servoloop.api.errors import ArmError
+from servoloop.api.socket_errors import command_error
+from servoloop.command_server.arm_requests import ArmRequests
 from servoloop.command_server.motions import Motions
 from servoloop.command_server.ownership import Owner, Ownership
 from servoloop.command_socket import messages
@@ -58,16 +60,14 @@ class Client(Owner, Protocol):
 class StackRequests:
     """Messages to one stack. Any thread may call ``answer``."""
 
-    def __init__(self, stack: ControlStack, recordings: Recordings) -> None:
-        self.motions = Motions(stack.loop)
-        self.ownership = Ownership(self.motions.halt)
+    def __init__(self, stack: ControlStack, arm: ArmBackend, recordings: Recordings) -> None:
+        self.ownership = Ownership(self._halt)
+        self._motions, self._arm = Motions(stack.loop), ArmRequests(arm)
         self._stack, self._loop = stack, stack.loop
         self._recordings = recordings
         self._manager = ManagerClient(stack.loop, stack.factory)
-        self._newest: JointState | None = None
-        self._resting: tuple[str, ...] = ()
-        """Controllers that were active when the hardware was deactivated."""
         self._handlers: Mapping[type, Callable[[Client, Any], Reply]] = {
+            **self._arm.handlers,
             messages.Hello: self._hello,
             messages.GetState: lambda client, message: self.state(),
             messages.WatchStates: self._watch,
@@ -80,57 +80,47 @@ class StackRequests:
             messages.CancelGoal: self._cancel,
             messages.Stop: self._stop,
             messages.SwitchControllers: self._switch,
+            messages.OpenStream: self._open_stream,
             messages.Torque: self._torque,
             messages.Record: self._record,
             messages.EndRecord: self._record_end,
         }
 
-    def put(self, state: JointState) -> None:
-        """Keep the newest measurement. The loop thread calls this method."""
-        self._newest = state
-
     def answer(self, client: Client, message: messages.Message) -> Reply:
         """Carry out a message and return the fields of its reply. Raises CommandError."""
-        if isinstance(message, messages.MotionMessage):
-            _require_fresh(message.sent_s)
-            return self.ownership.moving(client, lambda: self._handlers[type(message)](client, message))
-        return self._handlers[type(message)](client, message)
+        handler = self._handlers[type(message)]
+        try:
+            if isinstance(message, messages.MotionMessage):
+                _require_fresh(message.sent_s)
+                return self.ownership.moving(client, lambda: handler(client, message))
+            return handler(client, message)
+        except ArmError as error:
+            raise command_error(error) from error
+
+    def ended(self, client: Client) -> Iterator[Reply]:
+        """Yield the results of a client since the last call, as events."""
+        yield from self._motions.ended(client)
+        yield from self._arm.ended(client)
 
     def state(self) -> Reply:
-        """Return the newest measurement and command, in the order of the hardware's joints."""
-        state, loop = self._newest, self._loop
-        if state is None:
-            return {"time_s": None, "joints": list(loop.hardware.joints)}
-        commands = dict(zip(joints_of(loop.hardware.command_interfaces), loop.command.tolist(), strict=True))
-        joints = loop.hardware.joints
-        return {
-            "time_s": state.stamp_s,
-            "age_s": loop.clock.now() - state.stamp_s,
-            "joints": list(joints),
-            "position": state.position.tolist(),
-            "velocity": state.velocity.tolist(),
-            "effort": state.effort.tolist(),
-            "command": [commands.get(joint) for joint in joints],
-            "temperature_c": {joint: health.temperature_c for joint, health in state.health.items()},
-            "faults": {joint: fault.text for joint, fault in state.faults.items()},
-            "owner": self.ownership.owner,
-        }
+        """Return the newest state of the arm. Raises ArmError if there is none."""
+        return {**self._arm.state(), "owner": self.ownership.owner}
+
+    def disconnect(self, client: Client) -> None:
+        """End the motions of a client that has disconnected, and forget it."""
+        self.ownership.release(client)
+        self._motions.forget(client)
+        self._arm.forget(client)
+
+    def _halt(self, client: Owner) -> None:
+        self._motions.halt(client)
+        self._arm.halt(client)
 
     def _hello(self, client: Client, message: messages.Hello) -> Reply:
         client.name = message.client or client.name
         files, loop = self._stack.files, self._loop
-        limits = {
-            joint: {"lower": limit.lower, "upper": limit.upper, "velocity": limit.velocity}
-            for joint, limit in files.limits.items()
-        }
-        return {
-            "arm": files.arm,
-            "folder": None if files.folder is None else str(files.folder.resolve()),
-            "joints": list(loop.hardware.joints),
-            "limits": limits,
-            "rate_hz": 1.0 / loop.period_s,
-            "releases": self._stack.releases,
-        }
+        folder = None if files.folder is None else str(files.folder.resolve())
+        return {"arm": files.arm, "folder": folder, "rate_hz": 1.0 / loop.period_s}
 
     def _watch(self, client: Client, message: messages.WatchStates) -> Reply:
         client.watch(message.rate_hz)
@@ -146,7 +136,7 @@ class StackRequests:
             "type": entry.spec.kind,
             "state": entry.state.name.lower(),
             "interfaces": list(entry.commands),
-            "busy": self.motions.busy(client, entry),
+            "busy": self._motions.busy(client, entry),
         }
 
     def _take(self, client: Client, message: messages.Take) -> Reply:
@@ -162,23 +152,24 @@ class StackRequests:
             GoalPoint(tuple(point.positions), point.time_s, tuple(point.velocities), tuple(point.accelerations))
             for point in message.points
         ]
-        return {"goal": self.motions.goal(client, message.controller, message.joints, points)}
+        return {"goal": self._motions.goal(client, message.controller, message.joints, points)}
 
     def _grip(self, client: Client, message: messages.SendGrip) -> Reply:
         goal = GripperGoal(message.position, message.velocity)
-        return {"goal": self.motions.grip(client, message.controller, goal)}
+        return {"goal": self._motions.grip(client, message.controller, goal)}
 
     def _set_point(self, client: Client, message: messages.SendSetPoint) -> Reply:
-        self.motions.set_point(client, message.controller, message.values, message.time_s)
+        self._motions.set_point(client, message.controller, message.values, message.time_s)
         return {}
 
     def _cancel(self, client: Client, message: messages.CancelGoal) -> Reply:
-        self.motions.cancel(client, message.goal)
+        self._motions.cancel(client, message.goal)
         return {}
 
     def _stop(self, client: Client, message: messages.Stop) -> Reply:
         self.ownership.end(f"{client.name} has stopped all motions: take the motion again")
-        self.motions.stop()
+        self._motions.stop()
+        self._arm.stop()
         return {}
 
     def _switch(self, client: Client, message: messages.SwitchControllers) -> Reply:
@@ -186,24 +177,24 @@ class StackRequests:
         request = self.ownership.moving(client, lambda: {"asked": self._manager.switch(switch)})["asked"]
         return {"text": self._wait(request)}
 
+    def _open_stream(self, client: Client, message: messages.OpenStream) -> Reply:
+        self.ownership.require(client)
+        self._arm.open_stream(client, message)  # waits for a cycle, so the motion is not locked
+        return self._still_owned(client)
+
     def _torque(self, client: Client, message: messages.Torque) -> Reply:
-        return self.ownership.moving(client, lambda: self._activate() if message.on else self._deactivate())
+        self.ownership.require(client)
+        self._arm.set_torque(message)  # waits, so the motion is not locked: other clients can stop the arm
+        return self._still_owned(client)
 
-    def _activate(self) -> Reply:
-        for component in self._loop.hardware.components:
-            self._wait(self._loop.component_transitions.ask(component.name, LifecycleState.ACTIVE))
-        resting, self._resting = self._resting, ()
-        if resting:
-            self._wait(self._manager.switch(SwitchRequest(activate=resting)))
-        return {"released": False}
-
-    def _deactivate(self) -> Reply:
-        releases = self._stack.releases
-        running = self._loop.manager.registry.running
-        self._resting = tuple(entry.spec.name for entry in running if entry.index) or self._resting
-        for component in self._loop.hardware.components:
-            self._wait(self._loop.component_transitions.ask(component.name, LifecycleState.INACTIVE, releases))
-        return {"released": releases}
+    def _still_owned(self, client: Client) -> Reply:
+        """Return an empty reply. Raises CommandError if the client has lost the motion meanwhile."""
+        try:
+            self.ownership.require(client)
+        except CommandError:
+            self._halt(client)
+            raise
+        return {}
 
     def _record(self, client: Client, message: messages.Record) -> Reply:
         path = Path(message.path)

@@ -5,18 +5,24 @@ import logging
 import os
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
 from hal.types import JointState
-from servoloop.command_server.requests import Recordings, StackRequests
+from servoloop.api.describe import describe
+from servoloop.api.errors import ArmEndedError
+from servoloop.api.pace import ThreadPace
+from servoloop.api.stack_backend import StackBackend
+from servoloop.command_server.requests import StackRequests
 from servoloop.command_server.session import Session, peer_user
 from servoloop.command_socket.errors import CommandError
 from servoloop.command_socket.messages import encode
+from servoloop.recording.stack_recording import StackRecording
 from servoloop.recording.stream import COMMANDS, LiveError, make_live_folder, socket_path
 from servoloop.stack.control_stack import ControlStack
+from servoloop.stack.loop_thread import LEFT
 
 LOG = logging.getLogger("servoloop")
 
@@ -64,7 +70,6 @@ class CommandServer:
 
     def post(self, state: JointState) -> None:
         """Take the measurement of a completed cycle, without blocking."""
-        self._requests.put(state)
         if self._sessions:
             self._news.set()
 
@@ -129,15 +134,25 @@ def _turn_away(connection: socket.socket, error: CommandError) -> None:
 
 
 @contextmanager
-def command_socket(stack: ControlStack, recordings: Recordings) -> Iterator[None]:
+def command_socket(stack: ControlStack, recording: StackRecording, ended: Callable[[], bool]) -> Iterator[None]:
     """Serve the command socket of a stack for the duration of the context.
 
     The previous ``on_cycle`` of the loop is called first. If the socket cannot be created, the stack runs without it.
+
+    Args:
+        stack: The stack. Its loop does not run yet.
+        recording: Recordings of the stack.
+        ended: Returns whether the loop has ended.
     """
+
+    def why_ended() -> ArmEndedError | None:
+        return ArmEndedError(f"the control loop of {stack.files.arm} has ended: {LEFT}") if ended() else None
+
+    arm = StackBackend(stack, describe(stack), ThreadPace(stack.loop.clock, why_ended), why_ended, recording)
     try:
         make_live_folder()
         path = socket_path(stack.files.arm, os.getpid()).with_suffix(COMMANDS)
-        server = CommandServer(path, StackRequests(stack, recordings))
+        server = CommandServer(path, StackRequests(stack, arm, recording))
     except LiveError as error:
         LOG.warning("%s", error)
         yield
@@ -153,3 +168,4 @@ def command_socket(stack: ControlStack, recordings: Recordings) -> Iterator[None
         yield
     finally:
         server.close()
+        arm.close()

@@ -67,7 +67,7 @@ class Session:
 
     def notify(self, state: Callable[[], dict[str, Any]]) -> None:
         """Send results and the state after a cycle. A client that has not read the last state skips this one."""
-        for result in self._requests.motions.ended(self):
+        for result in self._requests.ended(self):
             self.post(result)
         if self._unsent:
             with self._lock:
@@ -94,8 +94,7 @@ class Session:
         except Exception:  # a defect here must not keep the motions of the client running
             LOG.exception("command socket: internal error while %s was served", self.name)
         finally:
-            self._requests.ownership.release(self)
-            self._requests.motions.forget(self)
+            self._requests.disconnect(self)
             self.close()
             self._connection.close()
             self.gone = True

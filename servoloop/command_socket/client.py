@@ -9,7 +9,7 @@ from typing import Any, Final, Self
 
 from pydantic_core import from_json
 
-from servoloop.command_socket.errors import KINDS, CommandError, ErrorKind
+from servoloop.command_socket.errors import CommandError
 from servoloop.command_socket.messages import encode
 from servoloop.recording.stream import RunningStack, find_stack
 
@@ -19,7 +19,7 @@ CONNECT_S: Final = 2.0
 """Maximum time to wait for a connection, in seconds."""
 KEPT_EVENTS: Final = 1000
 """Maximum number of events that wait until the program takes them. Older events are dropped."""
-COMMANDS: Final = ("goal", "grip", "set_point")
+COMMANDS: Final = ("goal", "grip", "set_point", "move", "targets")
 """Messages that carry the time at which they were sent."""
 
 
@@ -104,7 +104,7 @@ class CommandClient:
             raise CommandError("timeout", f"the stack has read nothing for {timeout_s:g} s: check its log") from None
         except OSError as error:
             if (message := self._refusal()) is not None:
-                raise _error(message) from error
+                raise CommandError.of(message.get("error") or {}) from error
             raise self._ended() from error
 
     def _refusal(self) -> dict[str, Any] | None:
@@ -119,7 +119,7 @@ class CommandClient:
         while (message := self._next(deadline_s - monotonic())) is not None:
             refused = message.get("ok") is False
             if refused and message.get("id") in (number, None):
-                raise _error(message)
+                raise CommandError.of(message.get("error") or {})
             if message.get("id") == number:
                 return message
             self._keep(message)
@@ -150,10 +150,3 @@ class CommandClient:
 
     def _ended(self) -> CommandError:
         return CommandError("ended", f"the connection to the stack of {self.stack.arm} has ended: start it again")
-
-
-def _error(message: dict[str, Any]) -> CommandError:
-    """Return the error in a reply of the stack."""
-    error = message.get("error") or {}
-    kind: ErrorKind = next((kind for kind in KINDS if kind == error.get("type")), "internal")
-    return CommandError(kind, str(error.get("text", "")))

@@ -17,6 +17,11 @@ ErrorKind = Literal[
     "unknown",
     "rejected",
     "failed",
+    "input",
+    "busy",
+    "motion_failed",
+    "motion_canceled",
+    "stream_ended",
     "timeout",
     "ended",
     "internal",
@@ -33,6 +38,11 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
     "unknown": "A controller, joint or goal with this name does not exist. The text lists the names that do.",
     "rejected": "The controller rejects the goal or command.",
     "failed": "The hardware, the controller manager or a recording did not carry out the request.",
+    "input": "A target of the arm is invalid. Nothing has moved.",
+    "busy": "The arm cannot be moved now, for example because its torque is off.",
+    "motion_failed": "A motion ended before its target.",
+    "motion_canceled": "A motion was canceled, or another motion has replaced it.",
+    "stream_ended": "No stream is open, or no target has arrived for too long.",
     "timeout": "The control loop did not carry out the request in time. It may still do so.",
     "ended": "The stack has ended, or the connection is closed.",
     "internal": "The stack has a defect. Its log contains the details.",
@@ -43,10 +53,19 @@ KINDS: Final[Mapping[ErrorKind, str]] = {
 class CommandError(DriverError):
     """A stack has refused a message. ``kind`` is its type, the text names the cause and the remedy."""
 
-    def __init__(self, kind: ErrorKind, text: str) -> None:
+    def __init__(self, kind: ErrorKind, text: str, joint: str = "") -> None:
+        """``joint`` is the joint that is concerned, if it is a single one."""
         super().__init__(text)
         self.kind: ErrorKind = kind
+        self.joint = joint
 
     def as_dict(self) -> dict[str, Any]:
         """Return the error as part of a reply."""
-        return {"type": self.kind, "text": str(self)}
+        joint = {"joint": self.joint} if self.joint else {}
+        return {"type": self.kind, "text": str(self), **joint}
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any]) -> "CommandError":
+        """Return the error in a reply of a stack."""
+        kind: ErrorKind = next((kind for kind in KINDS if kind == fields.get("type")), "internal")
+        return cls(kind, str(fields.get("text", "")), str(fields.get("joint", "")))

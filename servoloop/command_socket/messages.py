@@ -143,11 +143,55 @@ class SwitchControllers(Message):
     deactivate: list[Text] = []
 
 
+class DescribeArm(Message):
+    """Request for the joints, limits and gripper of the arm."""
+
+    op: Literal["arm"]
+
+
+class Move(MotionMessage):
+    """Motion of some joints of the arm, whatever controllers move them. The result arrives as an event."""
+
+    op: Literal["move"]
+    joints: list[Text]
+    times_s: list[FiniteFloat]
+    positions: list[list[float]]
+    velocities: list[list[float]] = []
+
+
+class CancelMove(Message):
+    """Cancel a motion of this client."""
+
+    op: Literal["cancel_move"]
+    motion: int
+
+
+class OpenStream(Message):
+    """Accept targets from now on. The stream ends if no target arrives for ``max_age_s``."""
+
+    op: Literal["stream"]
+    max_age_s: Positive
+
+
+class SendTargets(MotionMessage):
+    """Next targets of the stream, by joint. Joints without a target hold their last one."""
+
+    op: Literal["targets"]
+    positions: dict[str, float]
+
+
+class CloseStream(Message):
+    """End the stream of this client."""
+
+    op: Literal["stream_end"]
+
+
 class Torque(Message):
-    """Deactivate the hardware by the rule ``on_exit`` of the robot file, or activate it."""
+    """Release the torque of all servos, after a motion to the park pose of the robot file, or enable it."""
 
     op: Literal["torque"]
     on: bool
+    park: bool = True
 
 
 class Record(Message):
@@ -166,7 +210,8 @@ class EndRecord(Message):
 
 AnyMessage = (
     *(Hello, GetState, WatchStates, ListControllers, Take, Release, SendGoal, SendGrip, SendSetPoint),
-    *(CancelGoal, Stop, SwitchControllers, Torque, Record, EndRecord),
+    *(DescribeArm, Move, CancelMove, OpenStream, SendTargets, CloseStream, Torque),
+    *(CancelGoal, Stop, SwitchControllers, Record, EndRecord),
 )
 """Classes of all messages to the stack."""
 OPS: Final = tuple(kind.model_fields["op"].annotation.__args__[0] for kind in AnyMessage)  # type: ignore[union-attr]

@@ -96,7 +96,7 @@ class RobotClient:
         velocity = np.zeros(len(controller.joints))
         velocity[controller.joints.index(joint)] = np.clip(share, -1.0, 1.0) * self.fastest(joint)
         motion.go(velocity, passed_s, at)
-        self._send(name, controller, motion)
+        self._send(name, controller, motion, [joint])
 
     def approach(self, pose: Mapping[str, float], share: float = 1.0) -> bool:
         """Move a short distance toward a pose.
@@ -115,15 +115,16 @@ class RobotClient:
         if missing := sorted(pose.keys() - set(self.joints)):
             raise HandlingError(self._no_controller(missing))
         reached = True
-        for name, controller in self._controllers.items():
-            if not any(joint in pose for joint in controller.joints):
+        for name, controller in tuple(self._controllers.items()):
+            moved = [joint for joint in controller.joints if joint in pose]
+            if not moved:
                 continue
             motion, passed_s, at = self._begin(name, controller)
             target = np.array(
                 [pose.get(joint, here) for joint, here in zip(controller.joints, motion.set_point, strict=True)]
             )
             reached &= motion.go_to(target, passed_s * min(1.0, max(0.0, share)), at)
-            self._send(name, controller, motion)
+            self._send(name, controller, motion, moved)
         return reached
 
     def stop(self) -> None:
@@ -199,12 +200,16 @@ class RobotClient:
             self._ask("take")
             self._owns = True
 
-    def _send(self, name: str, controller: _DrivenController, motion: GuidedMotion) -> None:
+    def _send(self, name: str, controller: _DrivenController, motion: GuidedMotion, joints: Sequence[str]) -> None:
+        """Send the set point of a motion. ``joints`` are those that the user wants to move."""
         self._commanded_s = self._now()
         try:
             self._ask("set_point", controller=name, values=motion.set_point.tolist(), time_s=HORIZON_S)
-        except HandlingError:
+        except HandlingError as error:
             controller.motion = None
+            self._refresh()
+            if name not in self._controllers:  # it was deactivated since the last list
+                raise HandlingError(self._no_controller(joints)) from error
             raise
 
     def _ask(self, op: str, **fields: Any) -> None:

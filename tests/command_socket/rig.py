@@ -68,7 +68,7 @@ def served(monkeypatch: pytest.MonkeyPatch, files: Files | None = None) -> Itera
         rig = SocketRig(stack)
         with (
             recording.of(stack.loop, stack.files, 0.0, lambda: False),
-            command_socket(stack.control_stack, recording),
+            command_socket(stack.control_stack, recording, rig.ended.is_set),
         ):
             stack.up()
             rig.start()

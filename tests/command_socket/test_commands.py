@@ -39,8 +39,9 @@ def refused(kind: str, words: str | None = None) -> "pytest.RaisesExc[CommandErr
 
 def test_hello_describes_the_arm(client: CommandClient, rig: SocketRig) -> None:
     assert client.arm["arm"] == "robot_arm" and client.arm["rate_hz"] == pytest.approx(20.0)
-    assert client.arm["joints"] == list(rig.stack.loop.hardware.joints)
-    assert set(client.arm["limits"]["joint1"]) == {"lower", "upper", "velocity"}
+    arm = client.request("arm")
+    assert arm["joints"] == [*ARM, "hand_right_joint"] and arm["hand"] == "hand_right_joint"
+    assert arm["limits"]["joint1"]["upper"] == rig.stack.files.limits["joint1"].upper
 
 
 def test_a_goal_is_reached_and_its_result_is_an_event(client: CommandClient, rig: SocketRig) -> None:
@@ -48,9 +49,45 @@ def test_a_goal_is_reached_and_its_result_is_an_event(client: CommandClient, rig
     result = settle(client, goal(client))
     assert result["status"] == "succeeded" and result["ok"] is True
     state = client.request("state")
-    at = dict(zip(state["joints"], state["position"], strict=True))
-    assert at["joint6"] == pytest.approx(TARGET[5], abs=0.05)
+    assert state["position"]["joint6"] == pytest.approx(TARGET[5], abs=0.05)
     assert state["faults"] == {} and state["owner"].startswith("test (process ")
+
+
+def moved(client: CommandClient, motion: int) -> dict[str, object]:
+    """Wait for the result of a motion."""
+    found: list[dict[str, object]] = []
+
+    def ended() -> bool:
+        events = client.events(0.1)
+        found.extend(event for event in events if event["event"] == "moved" and event["motion"] == motion)
+        return bool(found)
+
+    eventually(ended)
+    return found[0]
+
+
+def test_the_arm_moves_as_a_whole(client: CommandClient, rig: SocketRig) -> None:
+    client.request("take")
+    fields = {"joints": ["joint1", "hand_right_joint"], "times_s": [1.0], "positions": [[0.2, 0.02]]}
+    assert moved(client, client.request("move", **fields)["motion"])["error"] is None
+    state = client.request("state")
+    assert state["position"]["joint1"] == pytest.approx(0.2, abs=0.02)
+    with refused("input", "joint1"):
+        client.request("move", joints=["joint1"], times_s=[1.0], positions=[[9.0]])
+    motion = client.request("move", joints=["joint1"], times_s=[60.0], positions=[[0.9]])["motion"]
+    client.request("cancel_move", motion=motion)
+    assert moved(client, motion)["error"]["type"] == "motion_canceled"  # type: ignore[index]
+
+
+def test_targets_are_followed_until_they_stop(client: CommandClient, rig: SocketRig) -> None:
+    client.request("take")
+    client.request("stream", max_age_s=5.0)
+    client.request("targets", positions={"joint1": 0.05, "hand_right_joint": 0.01})
+    eventually(lambda: rig.positions()[0] == pytest.approx(0.05, abs=1e-6))
+    eventually(lambda: not rig.stack.loop.manager.registry.loaded["stream_controller"].active)
+    with refused("stream_ended", r"no target arrived for 5 s"):
+        client.request("targets", positions={"joint1": 0.05})
+    client.request("stream_end")
 
 
 def test_a_canceled_goal_brakes_and_holds(client: CommandClient, rig: SocketRig) -> None:
@@ -109,10 +146,13 @@ def test_controllers_are_listed_and_switched(client: CommandClient) -> None:
         client.request("switch", activate=["nope"])
 
 
-def test_torque_is_switched_by_the_rule_of_the_arm(client: CommandClient, rig: SocketRig) -> None:
+def test_torque_is_released_and_enabled(client: CommandClient, rig: SocketRig) -> None:
+    with refused("not_owner"):
+        client.request("torque", on=False)
     client.request("take")
-    assert client.request("torque", on=False, timeout_s=20.0)["released"] is client.arm["releases"]
-    assert client.request("controllers")["controllers"][1]["state"] == "inactive"
+    client.request("torque", on=False, timeout_s=20.0)
+    with refused("busy", "its torque is off"):
+        client.request("move", joints=["joint1"], times_s=[1.0], positions=[[0.1]])
     client.request("torque", on=True, timeout_s=20.0)
     settle(client, goal(client))
 

@@ -33,12 +33,12 @@ from servoloop.manual.robot_client import SLOW, RobotClient
 from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import runtime_folder
 from tests.pages import commands
-from tests.ros.stack_process import PICK, READY, ArmClient, arm_client, emulating, running, until
+from tests.ros.stack_process import PICK, READY, arm_client, emulating, running, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 
 JOINT = "joint1"
-UP, JOG, *POSES = commands("handling.md")
+UP, JOG, STOP, *POSES = commands("handling.md")
 
 
 @pytest.fixture(scope="module")
@@ -119,25 +119,21 @@ def speed(robot: LiveRobot, joint: str, since_s: float) -> float:
 
 
 def test_running_goal_is_not_replaced_and_stop_cancels_it(robot: LiveRobot) -> None:
-    with client(robot) as moving:
-        arm = ArmClient()
-        try:
-            future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
-            with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
-                for _ in range(40):
-                    time.sleep(0.05)
-                    moving.jog(JOINT, 0.01)
-            moving.stop()
-            assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
-            before = at(robot)
-            for _ in range(30):
-                with suppress(HandlingError):  # until the status reports the end of the goal
-                    moving.jog(JOINT, -1.0)
-                time.sleep(0.04)
-            standstill(robot)
-            assert at(robot) < before - 0.05, "after the goal the arm can be moved again"
-        finally:
-            arm.close()
+    with client(robot) as moving, arm_client() as arm:
+        future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
+        with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
+            for _ in range(40):
+                time.sleep(0.05)
+                moving.jog(JOINT, 0.01)
+        moving.stop()
+        assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
+        before = at(robot)
+        for _ in range(30):
+            with suppress(HandlingError):  # until the status reports the end of the goal
+                moving.jog(JOINT, -1.0)
+            time.sleep(0.04)
+        standstill(robot)
+        assert at(robot) < before - 0.05, "after the goal the arm can be moved again"
 
 
 def test_deactivated_controller_is_named_and_others_still_move(robot: LiveRobot) -> None:
@@ -270,6 +266,15 @@ class Screen:
         with suppress(OSError):  # The terminal is closed.
             while text := os.read(self._terminal, 65536):
                 self.shown += text
+
+
+@pytest.mark.runs(STOP)
+def test_stop_cancels_a_goal_of_a_ros_client(robot: LiveRobot) -> None:
+    with arm_client() as arm:
+        future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
+        done = servoloop(STOP)
+        assert (done.returncode, done.stdout) == (0, "all motions of my_arm were stopped\n"), done.stderr
+        assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
 
 
 @pytest.mark.runs(JOG)
