@@ -118,7 +118,7 @@ def speed(robot: LiveRobot, joint: str, since_s: float) -> float:
     return float((np.abs(command[5:] - command[:-5]) / (time_s[5:] - time_s[:-5])).max())
 
 
-def test_running_goal_is_not_replaced_and_stop_cancels_it(robot: LiveRobot) -> None:
+def test_running_goal_is_not_replaced_and_stop_ends_it(robot: LiveRobot) -> None:
     with client(robot) as moving, arm_client() as arm:
         future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
         with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
@@ -126,7 +126,7 @@ def test_running_goal_is_not_replaced_and_stop_cancels_it(robot: LiveRobot) -> N
                 time.sleep(0.05)
                 moving.jog(JOINT, 0.01)
         moving.stop()
-        assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
+        assert arm.wait(future).status == GoalStatus.STATUS_ABORTED  # type: ignore[attr-defined]
         before = at(robot)
         for _ in range(30):
             with suppress(HandlingError):  # until the status reports the end of the goal
@@ -226,7 +226,7 @@ def test_pose_commands_save_go_list_and_forget(robot: LiveRobot) -> None:
     assert at(robot) == pytest.approx(saved, abs=0.02)
     listed = re.match(r"over_the_box: joint1 (\S+), joint2 ", servoloop(list_, "--arm", "my_arm").stdout)
     assert listed and float(listed[1]) == pytest.approx(saved, abs=0.005)
-    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box is forgotten\n"
+    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box was removed\n"
     lost = servoloop(go)
     assert lost.returncode == 1 and "there is no pose over_the_box in" in lost.stderr
 
@@ -269,12 +269,12 @@ class Screen:
 
 
 @pytest.mark.runs(STOP)
-def test_stop_cancels_a_goal_of_a_ros_client(robot: LiveRobot) -> None:
+def test_stop_ends_a_goal_of_a_ros_client(robot: LiveRobot) -> None:
     with arm_client() as arm:
         future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
         done = servoloop(STOP)
         assert (done.returncode, done.stdout) == (0, "all motions of my_arm were stopped\n"), done.stderr
-        assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
+        assert arm.wait(future).status == GoalStatus.STATUS_ABORTED  # type: ignore[attr-defined]
 
 
 @pytest.mark.runs(JOG)
