@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.stack.arm_folders import ARMS, Arm, arms, read_arm
+from servoloop.stack.arm_folders import ARMS, ArmFolder, arms, read_arm
 from servoloop.stack.robot_check import check_arm, missing_parts
 
 FILES = {
@@ -43,7 +43,7 @@ def folder_with(folder: Path, files: dict[str, Path], *edits: Edit) -> Path:
 
 
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
-def test_included_arm_passes_the_check(arm: Arm) -> None:
+def test_included_arm_passes_the_check(arm: ArmFolder) -> None:
     assert check_arm(arm.folder) == []
 
 
