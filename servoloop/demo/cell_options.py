@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from servoloop.recording.mcap import RecordOption
-from servoloop.stack.arm_folders import OWN, find_arm
+from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import typer
 
-from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files, read_arm_servos
+from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm, read_arm_files, read_arm_servos
 from servoloop.stack.robot_files import Files, ServoFiles
 
 ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
