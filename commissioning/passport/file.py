@@ -46,9 +46,9 @@ class ServoPassport(_Strict):
         problems = [f"{self.model} has no persistent register {name}" for name in self.registers if name not in known]
         problems += [f"register {name} is missing" for name in known if name not in self.registers]
         problems += [
-            f"{name} must be {known[name].smallest} to {known[name].largest}, not {value}"
+            f"{name} must be {known[name].values_text}, not {value}"
             for name, value in self.registers.items()
-            if name in known and not known[name].smallest <= value <= known[name].largest
+            if name in known and not known[name].takes(value)
         ]
         number = self.registers.get("model_number", MODELS[self.model].number)
         if number != MODELS[self.model].number:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from drivers.servos import dynamixel, dynamixel1, feetech
-from drivers.servos.register import ServoModel
+from drivers.servos.register import Register, ServoModel, merged
 from drivers.servos.series import Series, WireProtocol
 
 Make = Literal["feetech", "dynamixel"]
@@ -20,6 +20,21 @@ def series_of(model: ServoModel) -> Series:
         if model in series.models:
             return series
     raise ValueError(f"{model.name} is not a supported servo model: choose one of {', '.join(sorted(MODELS))}")
+
+
+def registers_of(model: ServoModel) -> tuple[Register, ...]:
+    """Return the control table of a model, sorted by address.
+
+    Args:
+        model: A supported model.
+
+    Returns:
+        The registers of its series and its own.
+
+    Raises:
+        ValueError: The model is not in ``MODELS``.
+    """
+    return merged(series_of(model).registers, model.own)
 
 
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:

@@ -43,11 +43,18 @@ def alarmed(error: int) -> tuple[str, ...]:
 LARGEST_PROFILE: Final = 32767
 
 
-def x_state(
-    unit_a: float | None, alarms: tuple[str, ...],
-    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
-) -> ServoState:  # fmt: skip
-    """Convert the register values of an X series servo to a state. ``unit_a`` is the unit of its current."""
+def x_state(unit_a: float | None, alarms: tuple[str, ...], numbers: tuple[int, ...]) -> ServoState:
+    """Convert the register values of an X series servo to a state.
+
+    Args:
+        unit_a: Unit of the current, in A; None if the servo does not measure it.
+        alarms: Names of the alarms.
+        numbers: PWM, current or load, velocity, position, voltage and temperature.
+
+    Returns:
+        The state, in the units of ``ServoState``.
+    """
+    pwm, current, velocity, position, voltage, temperature = numbers
     fields = (
         position,
         round(velocity * x.VELOCITY_UNIT_COUNTS_S),
@@ -60,11 +67,8 @@ def x_state(
     return _new(ServoState, fields)
 
 
-def _x_direct(
-    unit_a: float | None, error: int,
-    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
-) -> ServoState:  # fmt: skip
-    return x_state(unit_a, alarmed(error), pwm, current, velocity, position, voltage, temperature)
+def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
+    return x_state(unit_a, alarmed(error), numbers)
 
 
 def profile_units(velocity_counts_s: int) -> int:
@@ -109,7 +113,7 @@ X: Final = Series(
     ),
     goal_fields="Ii",
     goal_of=lambda model: _x_goal,
-    scale_of=lambda model: x.CURRENT_UNIT_A.get(model.name),
+    scale_of=x.current_unit_a,
     servo_id=x.servo_id,
     model_number=x.model_number,
     status_level=x.status_return_level,
@@ -134,7 +138,7 @@ X: Final = Series(
 
 
 def _xl_state(_scale: None, error: int, *numbers: int) -> ServoState:
-    return bit_10_state(xl320.SPEED_UNIT_COUNTS_S, alarmed(error), *numbers)
+    return bit_10_state(xl320.SPEED_UNIT_COUNTS_S, alarmed(error), numbers)
 
 
 def _xl_config_error(model: ServoModel, read: Read) -> str | None:

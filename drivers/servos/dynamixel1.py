@@ -26,7 +26,7 @@ _ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))
 
 
 def _ax_mx_state(unit_counts_s: float, error: int, *numbers: int) -> ServoState:
-    return bit_10_state(unit_counts_s, _ALARMS[error], *numbers)
+    return bit_10_state(unit_counts_s, _ALARMS[error], numbers)
 
 
 def _ax_mx_config_error(model: ServoModel, read: Read) -> str | None:

@@ -48,10 +48,9 @@ _new: Final = tuple.__new__
 assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_position.sign_bit} == {15}
 
 
-def _state(
-    loads: tuple[float, ...], _: None, status: int, position: int, velocity: int, load: int, volts: int, celsius: int
-) -> ServoState:
-    """Convert register values to a state. A control cycle calls this function for each servo."""
+def _state(loads: tuple[float, ...], _scale: None, status: int, *numbers: int) -> ServoState:
+    """Convert position, velocity, load, voltage and temperature to a state. A control cycle does so for each servo."""
+    position, velocity, load, volts, celsius = numbers
     if position & _SIGN:
         position = _SIGN - position
     if velocity & _SIGN:

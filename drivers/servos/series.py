@@ -159,10 +159,18 @@ def blocks_to_end(
     return tuple(StateBlock(at, size, fields, size - fields.size, state, fast) for at, size in sizes.items())
 
 
-def bit_10_state(
-    unit_counts_s: float, alarms: tuple[str, ...], position: int, speed: int, load: int, voltage: int, temperature: int
-) -> ServoState:
-    """Convert register values to a state for servos whose speed and load have their direction in bit 10."""
+def bit_10_state(unit_counts_s: float, alarms: tuple[str, ...], numbers: tuple[int, ...]) -> ServoState:
+    """Convert register values to a state for servos whose speed and load have their direction in bit 10.
+
+    Args:
+        unit_counts_s: Unit of the speed, in counts/s.
+        alarms: Names of the alarms.
+        numbers: Position, speed, load, voltage and temperature.
+
+    Returns:
+        The state, in the units of ``ServoState``.
+    """
+    position, speed, load, voltage, temperature = numbers
     velocity_counts_s = round(signed(speed, 1 << 10) * unit_counts_s)
     return ServoState(
         position, velocity_counts_s, signed(load, 1 << 10) / 1023, voltage * 0.1, float(temperature), alarms

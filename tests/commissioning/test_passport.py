@@ -341,7 +341,7 @@ def test_a_dynamixel_has_a_passport() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("position_p: 17", "position_p: 300", "position_p must be 0 to 255, not 300"),
+        ("position_p: 17", "position_p: 300", "position_p must be 0 to 254, not 300"),
         ("position_p: 17", "position_q: 17", "sts3215 has no persistent register position_q; register position_p is"),
         ("model: sts3215", "model: sts9", "unknown model sts9"),
         ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),

@@ -212,7 +212,7 @@ class Truth:
         model = self.kind.models[servo_id]
         velocity = round(servo_id * table.counts_s(model))
         load = pytest.approx(5 / table.full_load)
-        unit_a = x.CURRENT_UNIT_A.get(model.name)
+        unit_a = x.current_unit_a(model)
         current = unit_a and pytest.approx(-servo_id * unit_a)
         return velocity, load, pytest.approx(12.0), 30.0, (), current
 

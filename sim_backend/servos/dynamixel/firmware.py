@@ -108,7 +108,7 @@ class XFirmware(Protocol2Firmware):
     def publish(self) -> None:
         put = self._memory.put
         put(x.present_pwm, round(self.duty * x.FULL_PWM))
-        unit_a = x.CURRENT_UNIT_A.get(self._model.name)
+        unit_a = x.current_unit_a(self._model)
         if unit_a is None:
             put(x.present_load, round(self.duty * 1000.0))
         else:

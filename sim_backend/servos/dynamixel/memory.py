@@ -1,20 +1,19 @@
 """Control table of one virtual X series servo. ``indirect`` describes its indirect addresses."""
 
-from collections.abc import Mapping
 from typing import Final
 
 from drivers.servos import x
 from drivers.servos.register import Register
 from sim_backend.servos.dynamixel.indirect import cells, pointers, resolved, windows_of
 from sim_backend.servos.dynamixel.models import FACTORY, factory_of
-from sim_backend.servos.dynamixel.protocol2_memory import DATA_LIMIT, DATA_RANGE, Protocol2Memory
+from sim_backend.servos.dynamixel.protocol2_memory import Protocol2Memory
 
-_HIGHEST: Final = {
-    x.pwm_limit: x.FULL_PWM,
-    x.status_return_level: 2,
-    x.profile_acceleration: 32767,
-    x.profile_velocity: 32767,
+_LIMITS: Final = {
+    x.goal_pwm: x.pwm_limit,
+    x.goal_current: x.current_limit,
+    x.goal_velocity: x.velocity_limit,
 }
+"""Registers that limit goals of either sign."""
 
 
 class XMemory(Protocol2Memory):
@@ -29,7 +28,6 @@ class XMemory(Protocol2Memory):
         version = FACTORY[x.firmware_version] if firmware is None else firmware
         self._windows = windows_of(model, version)
         self._pointers = dict(pointers(self._windows))
-        self._last_cell = max(self._pointers.values())
         registers = (*x.registers(model), *self._pointers, *cells(self._windows))
         factory = factory_of(model) | self._pointers | {x.firmware_version: version}
         super().__init__(model, servo_id, registers, factory)
@@ -42,21 +40,14 @@ class XMemory(Protocol2Memory):
     def resolved(self, address: int, size: int) -> list[int]:
         return resolved(self._windows, self._bytes, address, size)
 
-    def _bounds(self, register: Register) -> tuple[int, int, int]:
+    def _limits(self, register: Register) -> range:
         if register == x.goal_position and self.get(x.operating_mode) == x.POSITION_MODE:
-            return self.get(x.min_position_limit), self.get(x.max_position_limit), DATA_LIMIT
-        if register == x.goal_position:
-            return -x.LARGEST_EXTENDED_POSITION, x.LARGEST_EXTENDED_POSITION, DATA_RANGE
-        if register == x.homing_offset:
-            return -x.LARGEST_HOMING_OFFSET, x.LARGEST_HOMING_OFFSET, DATA_RANGE
-        if register == x.goal_pwm:
-            return -self.get(x.pwm_limit), self.get(x.pwm_limit), DATA_LIMIT
-        if register in self._pointers:
-            return self.EEPROM_END, self._last_cell, DATA_RANGE
-        return super()._bounds(register)
-
-    def _highest(self) -> Mapping[Register, int]:
-        return _HIGHEST
+            return range(self.get(x.min_position_limit), self.get(x.max_position_limit) + 1)
+        limit = _LIMITS.get(register)
+        if limit is None:
+            return super()._limits(register)
+        largest = self.get(limit)
+        return range(-largest, largest + 1)
 
     def power_up(self) -> None:
         super().power_up()
