@@ -6,6 +6,7 @@ from drivers.servos import x
 from drivers.servos.register import Register
 from sim_backend.servos.dynamixel.indirect import cells, pointers, resolved, windows_of
 from sim_backend.servos.dynamixel.models import FACTORY, factory_of
+from sim_backend.servos.dynamixel.modes import reset_gains, reset_goals
 from sim_backend.servos.dynamixel.protocol2_memory import Protocol2Memory
 
 _LIMITS: Final = {
@@ -51,5 +52,12 @@ class XMemory(Protocol2Memory):
 
     def power_up(self) -> None:
         super().power_up()
-        self.put(x.goal_pwm, self.get(x.pwm_limit))
-        self.put(x.goal_velocity, self.get(x.velocity_limit))
+        self._reset_goals()
+
+    def reset_mode(self) -> None:
+        """Write the values that a change of the operating mode resets."""
+        reset_gains(self, self._factory)
+        self._reset_goals()
+
+    def _reset_goals(self) -> None:
+        reset_goals(self, measures_current=x.goal_current in self._registers.values())

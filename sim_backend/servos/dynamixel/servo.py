@@ -31,8 +31,9 @@ class VirtualXServo(Protocol2Servo):
     def write(self, address: int, data: bytes) -> int:
         mode = self.memory.get(x.operating_mode)
         error = super().write(address, data)
-        if mode != self.memory.get(x.operating_mode) == x.POSITION_MODE:
-            self.firmware.forget_turns()
+        if mode != self.memory.get(x.operating_mode):
+            self.memory.reset_mode()
+            self.firmware.mode_changed()
         return error
 
     @property
