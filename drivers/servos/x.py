@@ -111,6 +111,8 @@ EXTENDED_POSITION_MODE: Final = 4
 """Mode in which goals and positions count several turns and position limits are ignored."""
 LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
 """Largest homing offset in position mode. A larger offset is ignored completely."""
+REVERSE: Final = 1 << 0
+"""Bit of drive_mode that inverts the direction of positions, velocities and drive."""
 TIME_BASED_PROFILE: Final = 1 << 2
 """Bit of drive_mode that makes profile_velocity a time in ms."""
 TORQUE_ON_BY_GOAL: Final = 1 << 3

@@ -81,6 +81,8 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
     ) -> list[DelayedReply]:
         parameters = instruction.parameters
+        for servo in servos:
+            servo.heard()
         match instruction.code:
             case Code.SYNC_WRITE:
                 return _write(sync_entries(parameters), servos)

@@ -1,7 +1,9 @@
 """Firmware of a virtual X series servo.
 
 From the e-manual:
-- The motion profile, the operating modes and the hardware error bits.
+- The motion profile (``x_profile``), the operating modes, the bus watchdog and the hardware error bits.
+- Reverse mode inverts positions, velocities and drive, but not the sign of the homing offset.
+- ``moving`` compares the velocity with the moving threshold, and is 1 while a profile is in progress.
 - A shutdown clears the torque switch until a reboot.
 - In PWM mode, the PWM of an XL330 or XC330 changes with the PWM slope.
 
@@ -26,14 +28,19 @@ from sim_backend.servos.dynamixel.controllers import (
     position_gains,
     velocity_gains,
 )
-from sim_backend.servos.dynamixel.modes import CURRENT, CURRENT_POSITION, PWM, VELOCITY
+from sim_backend.servos.dynamixel.models import follows_42
+from sim_backend.servos.dynamixel.modes import CURRENT, CURRENT_POSITION, POSITION_MODES, PWM, VELOCITY
 from sim_backend.servos.dynamixel.protocol2_firmware import ErrorBits, Protocol2Firmware
+from sim_backend.servos.dynamixel.watchdog import Watchdog, stop
+from sim_backend.servos.dynamixel.x_profile import XProfile
 from sim_backend.servos.generic.firmware import FirmwareMemory
 from sim_backend.servos.generic.motion_profile import UNLIMITED
 
 _MEASURED_P_DIVISORS: Final = {x.XL330_M077.name: 256.0, x.XL330_M288.name: 256.0}
 """Scale of the P gain as measured. BAM's oscilloscope saw half the drive of the e-manual on an XL330; the M077 has the
 same firmware."""
+TICKS: Final = 32768
+"""Number of values of ``realtime_tick``."""
 _SLOPE_UNIT_V_S: Final = 1.977
 """Unit of the PWM slope, in V/s."""
 
@@ -53,6 +60,7 @@ class XFirmware(Protocol2Firmware):
     )
 
     _model: x.XModel
+    profile: XProfile
 
     def __init__(self, memory: FirmwareMemory, model: x.XModel, motor: MotorConstants) -> None:
         self._p_divisor = _MEASURED_P_DIVISORS.get(model.name, P_DIVISOR)
@@ -62,11 +70,44 @@ class XFirmware(Protocol2Firmware):
         """Returns the drive that the present mode wants."""
         self._turned = 0.0
         """Whole turns that the servo has forgotten, in counts."""
+        self._direction = 1.0
+        """-1 in reverse mode. All other values are those of the direction that the servo reports."""
+        self._watchdog = Watchdog()
+        self._tick_s = 0.0
+        self._in_profile_mode = True
         super().__init__(memory, model, motor)
 
+    def new_profile(self) -> XProfile:
+        return XProfile()
+
+    def observe(self, angle_rad: float) -> None:
+        super().observe(angle_rad * self._direction)
+
     def restart(self) -> None:
+        self._tick_s = 0.0
+        self._load_direction()
         self._forget_turns()
         super().restart()
+
+    def heard(self) -> None:
+        """Record that the servo has heard an instruction."""
+        self._watchdog.heard()
+
+    def step(self, dt_s: float, angle_rad: float, velocity_rad_s: float) -> float:
+        self._tick_s += dt_s
+        if self._acting and self._watchdog.expired(dt_s):
+            stop(self._memory, self.position, measures_current=self._model.current_unit_a is not None)
+            self.load_goal()
+        direction = self._direction
+        return direction * super().step(dt_s, direction * angle_rad, direction * velocity_rad_s)
+
+    def _load_direction(self) -> None:
+        direction = -1.0 if self._memory.get(x.drive_mode) & x.REVERSE else 1.0
+        if direction != self._direction:
+            self._direction = direction
+            self._count = -1.0 - self._count
+            self._velocity, self._shown_velocity = -self._velocity, -self._shown_velocity
+            self._forget_turns()
 
     def mode_changed(self) -> None:
         """Start in a new mode, at the present position. Position mode restarts the count of turns."""
@@ -99,6 +140,7 @@ class XFirmware(Protocol2Firmware):
 
     def load_settings(self) -> None:
         self.protection.load(self._memory)
+        self._load_direction()
         self._place_seam()
         self._multi_turn = True
         self.load_goal()
@@ -118,6 +160,7 @@ class XFirmware(Protocol2Firmware):
         velocity_gains(self._velocity_loop, get(x.velocity_p_gain), get(x.velocity_i_gain))
         self._load_profile()
         self._load_mode()
+        self._watchdog.load(self._memory)
         acting = get(x.torque_enable) == 1
         if acting and not self._acting and self._in_position_mode:
             self._forget_turns()
@@ -125,13 +168,23 @@ class XFirmware(Protocol2Firmware):
         self._switch()
 
     def _load_profile(self) -> None:
-        """Decode the profile. Without a velocity, it is a step, whatever the acceleration."""
-        get, profile = self._memory.get, self.profile
-        acceleration = get(x.profile_acceleration) * x.ACCELERATION_UNIT_COUNTS_S2 or UNLIMITED
-        profile.goal = float(get(x.goal_position))
-        profile.speed = get(x.profile_velocity) * x.VELOCITY_UNIT_COUNTS_S or UNLIMITED
-        profile.acceleration = UNLIMITED if profile.speed == UNLIMITED else acceleration
-        self._velocity_loop.acceleration = acceleration
+        get, loop = self._memory.get, self._velocity_loop
+        velocity, acceleration = get(x.profile_velocity), get(x.profile_acceleration)
+        goal = get(x.goal_velocity) * x.VELOCITY_UNIT_COUNTS_S
+        self.profile.goal = float(get(x.goal_position))
+        if self._is_timed:
+            self.profile.take(velocity, acceleration)
+            if goal != loop.goal:
+                loop.acceleration = abs(goal - loop.trajectory) / acceleration * 1e3 if acceleration else UNLIMITED
+        else:
+            self.profile.limit(velocity, acceleration)
+            loop.acceleration = acceleration * x.ACCELERATION_UNIT_COUNTS_S2 or UNLIMITED
+        loop.goal = goal
+
+    @property
+    def _is_timed(self) -> bool:
+        drive, version = self._memory.get(x.drive_mode), self._memory.get(x.firmware_version)
+        return bool(drive & x.TIME_BASED_PROFILE) and follows_42(self._model, version)
 
     def _load_mode(self) -> None:
         get, mode = self._memory.get, self._memory.get(x.operating_mode)
@@ -142,7 +195,7 @@ class XFirmware(Protocol2Firmware):
         if mode != PWM:
             self._limit = min(abs(self._pwm), self._limit)
         self._slope_v_s = get(x.pwm_slope) * _SLOPE_UNIT_V_S if self._has_slope else UNLIMITED
-        self._velocity_loop.goal = get(x.goal_velocity) * x.VELOCITY_UNIT_COUNTS_S
+        self._in_profile_mode = mode in POSITION_MODES
         unit_a = self._model.current_unit_a
         self._goal_a = UNLIMITED if unit_a is None else get(x.goal_current) * unit_a
         self._largest_a = abs(self._goal_a) if mode == CURRENT_POSITION else UNLIMITED
@@ -153,6 +206,7 @@ class XFirmware(Protocol2Firmware):
         if self._driving and not was_driving:
             self._position_loop.restart()
             self._velocity_loop.restart(self._velocity)
+            self._load_profile()
 
     def _drive(self, dt_s: float, velocity_rad_s: float) -> float:
         duty = self._wanted(dt_s, velocity_rad_s)
@@ -207,3 +261,11 @@ class XFirmware(Protocol2Firmware):
         put(x.present_temperature, round(self.thermometer.temperature_c))
         put(x.hardware_error_status, self.protection.status)
         put(x.moving, int(self._moving))
+        put(x.moving_status, self.profile.status(self.position) if self._in_profile_mode else 0)
+        put(x.realtime_tick, int(self._tick_s * 1e3) % TICKS)
+
+    @property
+    def _moving(self) -> bool:
+        in_progress = self._driving and self._in_profile_mode and not self.profile.done
+        velocity = round(self._shown_velocity / x.VELOCITY_UNIT_COUNTS_S)
+        return in_progress or abs(velocity) > self._memory.get(x.moving_threshold)

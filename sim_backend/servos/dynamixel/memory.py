@@ -7,7 +7,8 @@ from drivers.servos.register import Register
 from sim_backend.servos.dynamixel.indirect import cells, pointers, resolved, windows_of
 from sim_backend.servos.dynamixel.models import FACTORY, factory_of
 from sim_backend.servos.dynamixel.modes import reset_gains, reset_goals
-from sim_backend.servos.dynamixel.protocol2_memory import Protocol2Memory
+from sim_backend.servos.dynamixel.protocol2_memory import DATA_RANGE, Protocol2Memory
+from sim_backend.servos.dynamixel.watchdog import LOCKED, TRIPPED
 
 _LIMITS: Final = {
     x.goal_pwm: x.pwm_limit,
@@ -40,6 +41,11 @@ class XMemory(Protocol2Memory):
 
     def resolved(self, address: int, size: int) -> list[int]:
         return resolved(self._windows, self._bytes, address, size)
+
+    def _refusal(self, register: Register, data: bytes) -> int:
+        if register in LOCKED and self.get(x.bus_watchdog) == TRIPPED:
+            return DATA_RANGE
+        return super()._refusal(register, data)
 
     def _limits(self, register: Register) -> range:
         if register == x.goal_position and self.get(x.operating_mode) == x.POSITION_MODE:

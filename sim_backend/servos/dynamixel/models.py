@@ -94,6 +94,18 @@ def factory_of(model: x.XModel) -> dict[Register, int]:
     return FACTORY | own | {x.current_limit: _CURRENT_LIMITS.get(model.name, stall)}
 
 
+_TIME_PROFILE_SINCE: Final = 42
+"""First firmware version with time-based profiles, clear, and without a broadcast factory reset. All X330 have them."""
+
+
+def follows_42(model: x.XModel, firmware: int) -> bool:
+    """Whether the firmware has what version 42 brought: time-based profiles, and the clear instruction."""
+    return model.short_map or firmware >= _TIME_PROFILE_SINCE
+
+
 def reads_fast(model: x.XModel, firmware: int) -> bool:
-    """Whether a servo with this firmware version supports fast reads. An unlisted model never does."""
+    """Whether a servo with this firmware version supports fast reads. An unlisted model never does.
+
+    The same versions brought torque on by goal, the startup configuration and the backup of the control table.
+    """
     return model.name in _FAST_READ_SINCE and firmware >= _FAST_READ_SINCE[model.name]

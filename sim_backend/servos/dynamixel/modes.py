@@ -19,6 +19,8 @@ VELOCITY: Final = 1
 CURRENT_POSITION: Final = 5
 PWM: Final = 16
 
+MODE_GOALS: Final = {CURRENT: x.goal_current, VELOCITY: x.goal_velocity, PWM: x.goal_pwm}
+"""Register of the goal by mode. In the other modes, it is the goal position."""
 POSITION_MODES: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE, CURRENT_POSITION)
 
 _RESET: Final = (

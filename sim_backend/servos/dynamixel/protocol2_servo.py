@@ -61,6 +61,9 @@ class Protocol2Servo(WiredServo):
         """Whether the status return level allows replies to more than pings."""
         return self._level > 0
 
+    def heard(self) -> None:
+        """Record that there was an instruction on the bus, for this servo or another."""
+
     def answer(self, instruction: Instruction) -> bytes | None:
         servo_id, level = self.servo_id, self._level
         parameters = instruction.parameters

@@ -1,5 +1,6 @@
 """One virtual X series servo with its control table and firmware."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from drivers.servos import x
@@ -7,6 +8,7 @@ from drivers.servos.register import ServoModel
 from sim_backend.servos.dynamixel.firmware import XFirmware
 from sim_backend.servos.dynamixel.memory import XMemory
 from sim_backend.servos.dynamixel.models import reads_fast
+from sim_backend.servos.dynamixel.modes import MODE_GOALS
 from sim_backend.servos.dynamixel.motors import motor_of
 from sim_backend.servos.dynamixel.protocol2_servo import Protocol2Servo, Registers
 
@@ -34,7 +36,20 @@ class VirtualXServo(Protocol2Servo):
         if mode != self.memory.get(x.operating_mode):
             self.memory.reset_mode()
             self.firmware.mode_changed()
+        if not error and self._enables_torque(self.memory.resolved(address, len(data))):
+            self.memory.put(x.torque_enable, 1)
+            self.firmware.load_goal()
         return error
+
+    def _enables_torque(self, written: Sequence[int]) -> bool:
+        """Whether a write to these addresses enables the torque, because it includes the goal of the mode."""
+        get = self.memory.get
+        goal = MODE_GOALS.get(get(x.operating_mode), x.goal_position)
+        by_goal = get(x.drive_mode) & x.TORQUE_ON_BY_GOAL and self.reads_fast
+        return bool(by_goal) and goal.address in written and not self.firmware.protection.released
+
+    def heard(self) -> None:
+        self.firmware.heard()
 
     @property
     def reads_fast(self) -> bool:
