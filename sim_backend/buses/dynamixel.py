@@ -8,6 +8,9 @@ From ROBOTIS (DynamixelSDK issues 331 and 364, seen with a logic analyzer): each
 reply of the servo named before it. A silent servo therefore silences all servos that are named after it. Assumed: a
 reply with a wrong checksum counts as heard.
 
+A servo also obeys writes to its secondary ID, without a reply. Assumed: it ignores other instructions to that ID, and
+a new protocol type applies at once.
+
 Assumed for a fast read:
 - A servo adds its block only after it has received the whole block before its own. After a silent servo, or one
   whose firmware does not support fast reads, only the beginning of the packet is on the wire.
@@ -81,6 +84,7 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
     ) -> list[DelayedReply]:
         parameters = instruction.parameters
+        servos = [servo for servo in servos if servo.speaks]
         for servo in servos:
             servo.heard()
         match instruction.code:
@@ -97,6 +101,8 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
             case Code.FAST_BULK_READ:
                 return self._fast(bulk_spans(parameters), servos, at_s, byte_s)
         broadcast = instruction.servo_id == BROADCAST
+        if instruction.code == Code.WRITE:
+            _write_by_secondary_id(instruction.servo_id, _number(parameters[:2]), parameters[2:], servos)
         turns = self._answers(instruction, servos if broadcast else named(instruction.servo_id, servos))
         if broadcast and instruction.code != Code.PING:
             return []
@@ -154,4 +160,16 @@ def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[D
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):
             servo.write(address, data)
+        _write_by_secondary_id(servo_id, address, data, servos)
     return []
+
+
+def _write_by_secondary_id(servo_id: int, address: int, data: bytes, servos: Sequence[Protocol2Servo]) -> None:
+    """Write to all servos that have this secondary ID, unless it is also their ID."""
+    for servo in servos:
+        if servo.secondary_id == servo_id != servo.servo_id:
+            servo.write_by_secondary_id(address, data)
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data, "little")

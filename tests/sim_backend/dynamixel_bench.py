@@ -54,4 +54,4 @@ class Bench:
     def turn_by_hand(self, counts: int) -> None:
         """Turn the shaft of a servo without torque by this number of counts."""
         self.plant.place([self.plant.angles()[0] + counts * 2.0 * pi / 4096])
-        self.run(0.05)
+        self.run(0.3)

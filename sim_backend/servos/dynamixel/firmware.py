@@ -117,6 +117,15 @@ class XFirmware(Protocol2Firmware):
         self._memory.put(x.goal_position, int(self.position))
         self.load_settings()
 
+    def clear_turns(self) -> bool:
+        """Restart the count of turns, as the clear instruction does. Return False if the servo is moving."""
+        if self._moving:
+            return False
+        self._hold_here()
+        self.profile.restart(self.position)
+        self.load_goal()
+        return True
+
     def _forget_turns(self) -> None:
         self._turned = self._count // self._turn * self._turn
         self._place_seam()

@@ -74,6 +74,8 @@ _FAST_READ_SINCE: Final = {
 }
 """First firmware version with fast reads, for the models in the e-manual's list of "Fast Sync Read"."""
 
+_OTHER_VALUES: Final = {x.XC430_W150.name: {x.moving_threshold: 20}}
+"""Values that differ from ``FACTORY``, by model name."""
 _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 """Registers that only some models have."""
 
@@ -87,6 +89,7 @@ def factory_of(model: x.XModel) -> dict[Register, int]:
     rated = model.rated_voltage_v / x.VOLTAGE_UNIT_V
     limits = {x.max_voltage_limit: round(rated * 4 / 3), x.min_voltage_limit: round(rated * 4 / 5)}
     own = _OWN.get(model.name, _OWN[x.XM430_W350.name] | limits)
+    own |= _OTHER_VALUES.get(model.name, {})
     own |= {register: _SLOPES[register] for register in model.own if register in _SLOPES}
     if model.current_unit_a is None:
         return FACTORY | own

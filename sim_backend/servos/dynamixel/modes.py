@@ -23,7 +23,7 @@ MODE_GOALS: Final = {CURRENT: x.goal_current, VELOCITY: x.goal_velocity, PWM: x.
 """Register of the goal by mode. In the other modes, it is the goal position."""
 POSITION_MODES: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE, CURRENT_POSITION)
 
-_RESET: Final = (
+GAINS: Final = (
     x.velocity_i_gain,
     x.velocity_p_gain,
     x.position_d_gain,
@@ -31,8 +31,6 @@ _RESET: Final = (
     x.position_p_gain,
     x.feedforward_2nd_gain,
     x.feedforward_1st_gain,
-    x.profile_acceleration,
-    x.profile_velocity,
 )
 
 
@@ -47,5 +45,5 @@ def reset_goals(memory: FirmwareMemory, *, measures_current: bool) -> None:
 
 def reset_gains(memory: FirmwareMemory, factory: Mapping[Register, int]) -> None:
     """Write the gains and the profile that a servo has after a change of its mode."""
-    for register in _RESET:
+    for register in (*GAINS, x.profile_acceleration, x.profile_velocity):
         memory.put(register, factory.get(register, 0))
