@@ -62,6 +62,11 @@ class XMemory(Protocol2Memory):
         largest = self.get(limit)
         return range(-largest, largest + 1)
 
+    def save(self, register: Register, value: int) -> None:
+        super().save(register, value)
+        if register == x.operating_mode:
+            self.reset_mode()
+
     def power_up(self) -> None:
         super().power_up()
         self._reset_goals()
