@@ -1,7 +1,8 @@
 """A virtual line on a pseudo-terminal, for a client that must not know that it is one: ``python served_line.py``.
 
-Arguments: LINK MODEL[,MODEL...] ID..., with one model for all servos or one for each. A process of its own, because a client may hold its interpreter for as long as it waits; at
-the priority of ``servoloop emulate``, because the makers' SDKs wait 34 ms for an answer.
+Arguments: LINK MODEL[,MODEL...] ID..., with one model for all servos or one for each. A process of its own, because a
+client may hold its interpreter for as long as it waits; at the priority of ``servoloop emulate``, because the makers'
+SDKs wait 34 ms for an answer.
 """
 
 import signal

@@ -1,7 +1,7 @@
 """The servos of a Koch with LeRobot's settings: its calibration, modes 4 and 5, and group reads and writes of the SDK.
 
-The steps are those of ``KochFollower.calibrate`` and ``configure`` in LeRobot 0.6.1. ``tests/peers/test_lerobot.py`` runs
-LeRobot itself.
+The steps are those of ``KochFollower.calibrate`` and ``configure`` in LeRobot 0.6.1. ``tests/peers/test_lerobot.py``
+runs LeRobot itself.
 """
 
 from typing import Any
