@@ -39,7 +39,7 @@ def rates_of(model: ServoModel) -> dict[int, int]:
     """Return the baud rates of a model, by the value of its register ``baud_rate``."""
     series = series_of(model)
     if series is AX_MX:
-        return AX_RATES | (MX_RATES if model in series.bulk_models else {})
+        return AX_RATES | (MX_RATES if series.bulk_read(model) else {})
     if series.make == "feetech":
         return dict(enumerate(sts.BAUD_RATES))
     rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if x.has_short_map(model) else None]

@@ -134,8 +134,22 @@ MX_28 = _mx("mx-28", 29, Datasheet(12.0, 2.5, 1.4, 55.0))  # protocol 1.0 firmwa
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, AxMxModel)}
 
-SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in MODELS.items()}
-"""Unit of speed of each model."""
+
+def speed_unit_counts_s(model: ServoModel) -> float:
+    """Return the unit of speed of a model, in counts/s.
+
+    Args:
+        model: A model of this module, or one that a user added to it.
+
+    Returns:
+        The unit of ``moving_speed`` and ``present_speed``.
+
+    Raises:
+        TypeError: The model belongs to another series.
+    """
+    if not isinstance(model, AxMxModel):
+        raise TypeError(f"{model.name} is not an AX or MX of protocol 1.0")
+    return model.speed_unit_counts_s
 
 
 def registers(model: AxMxModel) -> tuple[Register, ...]:

@@ -14,10 +14,45 @@ MODELS: Final[dict[str, ServoModel]] = {model.name: model for series in SERIES f
 """All supported servo models, by their name in robot files."""
 
 
+_ADDED: Final[dict[str, ServoModel]] = {}
+"""Models of a user, by name."""
+
+
+def add(model: ServoModel, like: ServoModel) -> None:
+    """Add a model of a user to the series of another model.
+
+    A model that was added before under this name is replaced, so that a file can be read again.
+
+    Args:
+        model: The new model.
+        like: A supported model with the same control table and protocol.
+
+    Raises:
+        ValueError: A model of the package has this name, or another model of the make has this number.
+    """
+    series = series_of(like)
+    if model.name in MODELS and model.name not in _ADDED:
+        raise ValueError(f"{model.name} is a model of servoloop: choose another name")
+    taken = [m for m in _numbered(model.number, series) if m.name != model.name and m.name not in _ADDED]
+    if taken and like not in taken:
+        raise ValueError(
+            f"number {model.number} is that of {taken[0].name}: write `like: {taken[0].name}` for a variant of it, or "
+            "correct the number"
+        )
+    if known := _ADDED.get(model.name):
+        series_of(known).by_name.pop(model.name)
+    series.by_name[model.name] = MODELS[model.name] = _ADDED[model.name] = model
+
+
+def is_added(model: ServoModel) -> bool:
+    """Return whether a model is one of a user."""
+    return model.name in _ADDED
+
+
 def series_of(model: ServoModel) -> Series:
     """Return the series of a model. Raise ValueError if the model is not in ``MODELS``."""
     for series in SERIES:
-        if model in series.models:
+        if series.by_name.get(model.name) == model:
             return series
     raise ValueError(f"{model.name} is not a supported servo model: choose one of {', '.join(sorted(MODELS))}")
 
@@ -50,7 +85,11 @@ def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
 
 def known_as(number: int, series: Series) -> str:
     """Return the names of the manufacturer's models with this number, in either byte order."""
+    return " or ".join(model.name for model in _numbered(number, series)) or "unknown"
+
+
+def _numbered(number: int, series: Series) -> list[ServoModel]:
+    """Return the manufacturer's models with this number, in either byte order."""
     number_bytes = number.to_bytes(2, series.protocol.byte_order)
     relatives = [model for each in SERIES if each.make == series.make for model in each.models]
-    names = [m.name for m in relatives if m.number == int.from_bytes(number_bytes, m.byte_order)]
-    return " or ".join(names) or "unknown"
+    return [m for m in relatives if m.number == int.from_bytes(number_bytes, m.byte_order)]

@@ -36,7 +36,7 @@ class VoltageFault(NamedTuple):
 def voltage_range(model: ServoModel) -> tuple[float, float]:
     """Return the lowest and the highest rated voltage of a model, in V."""
     rated = model.rated_voltage_v
-    return RANGES_V.get(model.name, (LOWEST_SHARE * rated, HIGHEST_SHARE * rated))
+    return model.supply_v or RANGES_V.get(model.name, (LOWEST_SHARE * rated, HIGHEST_SHARE * rated))
 
 
 def usual_range(model: ServoModel) -> tuple[float, float]:

@@ -41,9 +41,9 @@ def test_properties_of_ax_and_mx_models(model: dxl.AxMxModel) -> None:
     compliance, gains = dxl.cw_compliance_slope in model.own, dxl.p_gain in model.own
     assert compliance != gains == model.bulk_read == (dxl.goal_acceleration in model.own)
     assert model.positions == (dxl.AX_POSITIONS if compliance else None)
-    assert model.speed_unit_counts_s == dxl.SPEED_UNIT_COUNTS_S["ax-12a" if compliance else "mx-28"]
+    assert model.speed_unit_counts_s == dxl.speed_unit_counts_s(dxl.AX_12A if compliance else dxl.MX_28)
     assert model.byte_order == "little"
-    assert (model in AX_MX.bulk_models) == model.bulk_read
+    assert AX_MX.bulk_read(model) == model.bulk_read
 
 
 @every_model
@@ -66,8 +66,8 @@ def test_blocks_have_no_gaps() -> None:
 
 def test_units() -> None:
     """E-manual: 300 is 33.3 rpm for an AX-12A and 34.2 rpm for an MX-28. 1024 counts of an AX are 300 degrees."""
-    assert 300 * dxl.SPEED_UNIT_COUNTS_S["ax-12a"] * 60.0 / dxl.AX_12A.counts_per_turn == pytest.approx(33.3)
-    assert 300 * dxl.SPEED_UNIT_COUNTS_S["mx-28"] * 60.0 / 4096 == pytest.approx(34.2)
+    assert 300 * dxl.speed_unit_counts_s(dxl.AX_12A) * 60.0 / dxl.AX_12A.counts_per_turn == pytest.approx(33.3)
+    assert 300 * dxl.speed_unit_counts_s(dxl.MX_28) * 60.0 / 4096 == pytest.approx(34.2)
     assert 1024 / dxl.AX_12A.counts_per_turn * 360.0 == pytest.approx(300.0, abs=0.1)
 
 
