@@ -40,8 +40,10 @@ def test_addresses_and_sizes_agree_with_the_list_of_robotis(name: str) -> None:
 def test_properties_of_ax_and_mx_models(model: dxl.AxMxModel) -> None:
     compliance, gains = dxl.cw_compliance_slope in model.own, dxl.p_gain in model.own
     assert compliance != gains == model.bulk_read == (dxl.goal_acceleration in model.own)
-    assert model.positions == (dxl.AX_POSITIONS if compliance else None)
-    assert model.speed_unit_counts_s == dxl.speed_unit_counts_s(dxl.AX_12A if compliance else dxl.MX_28)
+    positions = dxl.EX_SPAN.positions if model is dxl.EX_106 else dxl.AX_POSITIONS
+    assert model.positions == (positions if compliance else None)
+    unit_rpm = 0.111 if compliance else 0.916 if model is dxl.MX_12W else 0.114
+    assert model.speed_unit_counts_s == pytest.approx(unit_rpm * model.counts_per_turn / 60.0)
     assert model.byte_order == "little"
     assert AX_MX.bulk_read(model) == model.bulk_read
 
@@ -50,7 +52,8 @@ def test_properties_of_ax_and_mx_models(model: dxl.AxMxModel) -> None:
 def test_a_register_fits_the_table(model: dxl.AxMxModel) -> None:
     for register in dxl.registers(model):
         assert register.persistent == (register.address < 24)
-        state = 36 <= register.address <= 46 or register in (dxl.realtime_tick, dxl.model_number, dxl.firmware_version)
+        measured = (dxl.realtime_tick, dxl.sensed_current, dxl.model_number, dxl.firmware_version)
+        state = 36 <= register.address <= 46 or register in measured
         assert (register.access is Access.READ) == state, register.name
 
 
