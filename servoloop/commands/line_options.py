@@ -69,17 +69,12 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def servo_at(port: str | None, servo_id: int, baud: int | None) -> Iterator["FoundServo"]:
-    """Open the port and find a servo for the duration of the block, which signals can interrupt.
-
-    The servo models of the present folder are known (``servo_models.yaml``).
-    """
+    """Open the port and find a servo for the duration of the block, which signals can interrupt."""
     from commissioning.ports.adapters import only_port
     from commissioning.scan.find import find_servo
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
-    from hal.robot_file.servo_models import load_servo_models
 
-    load_servo_models(Path())
     clock = MonotonicClock()
     line = SerialPort(port or only_port(), baud or 1_000_000, clock)
     try:

@@ -1,6 +1,5 @@
 """The command ``register tables``: list the known servo models, or the control table of one of them."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -21,9 +20,7 @@ def tables(
     from rich.table import Table
 
     from commissioning.registers.listing import listed_models, listed_registers
-    from hal.robot_file.servo_models import load_servo_models
 
-    load_servo_models(Path())
     if model is None:
         models = listed_models()
         if json:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -60,10 +59,8 @@ def scan(
     from commissioning.scan.scan import scan as search
     from drivers.clock import MonotonicClock
     from drivers.port.serial_port import SerialPort
-    from hal.robot_file.servo_models import load_servo_models
     from servoloop.bench.bus import parse_ids
 
-    load_servo_models(Path())
     servo_ids = parse_ids(ids) if ids else ()
     makes, models = [one.make for one in make or ()], _models(arm) if arm else None
     clock, device = MonotonicClock(), port or only_port()

@@ -61,3 +61,12 @@ def test_an_unknown_model_gets_similar_names(
 ) -> None:
     assert run(monkeypatch, "register", "tables", "sts3216") == 1
     assert "unknown servo model sts3216: use one of sts3215" in capsys.readouterr().err
+
+
+def test_a_mistake_in_the_file_of_the_present_folder_is_reported_with_its_line(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "servo_models.yaml").write_text("sts3046:\n  like: sts9999\n  number: 1545\n")
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, "register", "tables") == 1
+    assert "servo_models.yaml:2: unknown model sts9999: use one of" in " ".join(capsys.readouterr().err.split())
