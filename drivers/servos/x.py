@@ -106,6 +106,12 @@ goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True, values=between(1, 255))  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True, values=PROFILE)  # MX-28; 214.577 rev/min^2
 
+# An MX and firmware before version 45 (X330: 46) lack these two.
+startup_configuration = Register(
+    "startup_configuration", 60, 1, persistent=True, values=between(0, 3)
+)  # bits, see below
+backup_ready = Register("backup_ready", 147, 1, READ)  # 1: there is a backup of the control table
+
 STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
 """End of the state block, which is the same in all models. The load is present_pwm, because register 126 differs."""
 GOAL_BLOCK: Final = (profile_velocity, goal_position)
@@ -118,6 +124,12 @@ EXTENDED_POSITION_MODE: Final = 4
 """Mode in which goals and positions count several turns and position limits are ignored."""
 LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
 """Largest homing offset in position mode. A larger offset is ignored completely."""
+STARTUP_TORQUE_ON: Final = 1 << 0
+"""Bit of startup_configuration that enables torque at power-on."""
+STARTUP_RESTORE: Final = 1 << 1
+"""Bit of startup_configuration that restores gains from the backup at power-on."""
+REVERSE: Final = 1 << 0
+"""Bit of drive_mode that inverts the direction of positions, velocities and drive."""
 TIME_BASED_PROFILE: Final = 1 << 2
 """Bit of drive_mode that makes profile_velocity a time in ms."""
 TORQUE_ON_BY_GOAL: Final = 1 << 3
@@ -190,9 +202,10 @@ def _model(name: str, number: int, sheet: Datasheet, family: Family, largest_cur
     """Create a model. ``largest_current`` is the largest current limit, in the unit of the family."""
     voltages = between(*family.voltage_limits)
     limits = (replace(max_voltage_limit, values=voltages), replace(min_voltage_limit, values=voltages))
+    backup = () if acceleration_limit in family.own else (startup_configuration, backup_ready)  # an MX has none
     return XModel(
         name, number, "little", 4096, sheet.rated_voltage_v, sheet.stall_torque_nm, sheet.no_load_speed_rad_s,
-        own=(*_current_registers(family, largest_current), *limits, *family.own),
+        own=(*_current_registers(family, largest_current), *limits, *family.own, *backup),
         current_unit_a=family.current_unit_a,
         stall_current_a=sheet.stall_current_a,
         short_map=family.short_map,

@@ -51,6 +51,10 @@ class BusFile(_Strict):
     baud: Baud = 1_000_000
 
 
+FirmwareVersion = Annotated[int, NoTruth, Field(ge=1, le=254)]
+"""Firmware version, as a servo reports it."""
+
+
 class JointFile(_Strict):
     """Servo of one joint. Units are rad (m for a prismatic joint) and s."""
 
@@ -69,6 +73,8 @@ class JointFile(_Strict):
     torque_limit: TorqueLimit = 1.0
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
     """Position P gain of a Dynamixel servo, which it keeps in RAM; None leaves the gain unchanged."""
+    firmware: FirmwareVersion | None = None
+    """Firmware version of the virtual servo, a Dynamixel X; by default the usual one. Real servos ignore it."""
     settings: dict[str, RegisterValue] = {}
     """Values of EEPROM registers (gains, dead zones, protections) by register name. Values that differ are written."""
     acceleration: Acceleration
@@ -212,6 +218,8 @@ def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name}: {wrong}")
     if joint.extended and series_of(model) is not X:
         problems.append(f"{name}: a {joint.model} has no extended position mode: remove `extended`")
+    if joint.firmware is not None and series_of(model) is not X:
+        problems.append(f"{name} has firmware, but only a virtual Dynamixel X has a choice of versions: remove it")
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 

@@ -18,6 +18,7 @@ from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
 from sim_backend.faults.tables import any_value, register_of, require_value
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.power import restart
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
 
@@ -136,10 +137,19 @@ class EepromGone(Momentary, OfServo):
     @contextmanager
     def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
-        fresh = VirtualXl320Servo(FACTORY_ID) if servo.model == xl320.XL320 else type(servo)(servo.model, FACTORY_ID)
+        fresh = _factory_new(servo)
         servo.memory.flash = fresh.memory.flash
         restart(servo)
         yield
+
+
+def _factory_new(servo: Any) -> Any:
+    """Return a factory-new servo of the same model and firmware."""
+    if servo.model == xl320.XL320:
+        return VirtualXl320Servo(FACTORY_ID)
+    if isinstance(servo, VirtualXServo):
+        return VirtualXServo(servo.model, FACTORY_ID, servo.memory.get(x.firmware_version))
+    return type(servo)(servo.model, FACTORY_ID)
 
 
 def _settings(model: ServoModel) -> list[Register]:

@@ -15,6 +15,7 @@ from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from drivers.servos.register import Access, Register, ServoModel
 from drivers.servos.x import MODELS as X_MODELS
+from drivers.servos.x import startup_configuration
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus, servo_of
 from sim_backend.buses.port import VirtualPort
@@ -336,6 +337,17 @@ def test_a_dynamixel_has_a_passport() -> None:
     plans = plan_restore(bus, Passport.model_validate(wanted))
     assert [restore(bus, clock, plan)[0].new for plan in plans] == [-70]
     assert compare(bus, Passport.model_validate(wanted)).same
+
+
+def test_a_passport_keeps_the_startup_configuration_and_an_older_passport_lacks_it() -> None:
+    model = X_MODELS["xl430-w250"]
+    clock = SimulatedClock(10.0)
+    line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: model})
+    bus = Bus(VirtualPort(line, clock), clock, {1: model})
+    bus.write(1, startup_configuration, 2)
+    taken = take_passport(bus, {1: model}).model_dump()
+    assert taken["servos"][1]["registers"].pop("startup_configuration") == 2
+    assert compare(bus, Passport.model_validate(taken)).same
 
 
 @pytest.mark.parametrize(

@@ -454,7 +454,7 @@ def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: An
             with contextlib.suppress(ServoError):
                 line.bus.torque_on(chance.choice(line.ids))
     assert resets > CYCLES * len(line.ids) * 0.001
-    assert states > 0.97 * CYCLES * len(line.ids)
+    assert states > 0.96 * CYCLES * len(line.ids)  # a lost reply also silences the servos after it
     assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
     line.clock.sleep_until(line.clock.now() + OPEN_S)

@@ -57,12 +57,10 @@ _OWN_VALUES: Final = {
     x.TWO_XL430_W250.name: (72, 140, 60, 265, 52, 1000, 100, 4000, 0, 640),
 }
 _OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, values in _OWN_VALUES.items()}
-_FAST_READ_SINCE: Final = {
-    name: 46 if x.pwm_slope in model.own else 45 for name, model in x.MODELS.items() if not name.startswith("mx-")
-}
-"""First firmware version with fast reads, for the models in the e-manual's list of "Fast Sync Read"."""
 
 _VELOCITY_UNIT_RAD_S: Final = 0.229 * 2.0 * pi / 60.0
+_OTHER_VALUES: Final = {x.XC430_W150.name: {x.moving_threshold: 20}}
+"""Values that differ from ``FACTORY``, by model name."""
 _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 """Registers that only some models have."""
 
@@ -80,12 +78,27 @@ def factory_of(model: x.XModel) -> dict[Register, int]:
         x.velocity_limit: round(1.2 * model.no_load_speed_rad_s / _VELOCITY_UNIT_RAD_S),
     }
     own = _OWN.get(model.name, _OWN[x.XM430_W350.name] | unlisted)
-    own = own | {register: _SLOPES[register] for register in model.own if register in _SLOPES}
+    own = own | _OTHER_VALUES.get(model.name, {})
+    own |= {register: _SLOPES[register] for register in model.own if register in _SLOPES}
     if model.current_unit_a is not None:
         own[x.current_limit] = held["current_limit"].largest
     return FACTORY | own
 
 
+_TIME_PROFILE_SINCE: Final = 42
+"""First firmware version with time-based profiles, clear, and without a broadcast factory reset. All X330 have them."""
+
+
+def follows_42(model: x.XModel, firmware: int) -> bool:
+    """Whether the firmware has what version 42 brought: time-based profiles, and the clear instruction."""
+    return model.short_map or firmware >= _TIME_PROFILE_SINCE
+
+
 def reads_fast(model: x.XModel, firmware: int) -> bool:
-    """Whether a servo with this firmware version supports fast reads. An unlisted model never does."""
-    return model.name in _FAST_READ_SINCE and firmware >= _FAST_READ_SINCE[model.name]
+    """Whether a servo with this firmware version supports fast reads, according to the list of "Fast Sync Read".
+
+    The same versions brought torque on by goal, the startup configuration and the backup of the control table.
+    """
+    if x.acceleration_limit in model.own:  # an MX
+        return False
+    return firmware >= (46 if x.pwm_slope in model.own else 45)
