@@ -18,6 +18,7 @@ from benchmarks.dynamixel_facts import facts
 from benchmarks.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.servos import ax_mx, x, xl320
+from drivers.servos.ax_mx import MX_64, MX_106
 from drivers.servos.register import Register, ServoModel
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
@@ -27,7 +28,6 @@ from sim_backend.line.line import ServoLine
 from sim_backend.line.rig import Supply
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.dynamixel.motors import IDENTIFIED
-from sim_backend.servos.dynamixel.protocol1_models import MX_64, MX_106
 
 RPM = 2.0 * pi / 60.0
 X330, XL = x.XL330_M288, xl320.XL320

@@ -39,11 +39,11 @@ def rates_of(model: ServoModel) -> dict[int, int]:
     """Return the baud rates of a model, by the value of its register ``baud_rate``."""
     series = series_of(model)
     if series is AX_MX:
-        return AX_RATES | (MX_RATES if model in series.bulk_models else {})
+        return AX_RATES | (MX_RATES if series.bulk_read(model) else {})
     if series.make == "feetech":
         return dict(enumerate(sts.BAUD_RATES))
-    rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if x.has_short_map(model) else None]
-    return dict(enumerate(rates))
+    rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES
+    return dict(enumerate(rates[: register_named(model, "baud_rate").largest + 1]))
 
 
 def meaning(model: ServoModel, register: Register, raw: int) -> str:

@@ -1,12 +1,12 @@
-"""Control tables and models of Dynamixel servos with protocol 1.0: AX-12A and MX-28.
+"""Control tables and models of Dynamixel servos with protocol 1.0: AX, RX, EX and MX.
 
-Source: ROBOTIS e-manual, pages AX-12A and MX-28. An MX-28 with protocol 2.0 firmware has a different table and model
-number. docs/servos.md lists the sources against which each line was checked. Words are little endian. Bit 10 of a
-speed or load is its direction: 1 is clockwise, toward smaller positions.
+Source: ROBOTIS e-manual, pages of the models. An MX with protocol 2.0 firmware has a different table and model number.
+docs/servos.md lists the sources against which each line was checked. Words are little endian. Bit 10 of a speed or load
+is its direction: 1 is clockwise, toward smaller positions.
 """
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from drivers.servos.register import Access, Datasheet, Register, ServoModel, between, bit_names, by_address, merged
 
@@ -70,6 +70,14 @@ realtime_tick = Register("realtime_tick", 50, 2, READ)  # ms; firmware 40 or lat
 goal_acceleration = Register("goal_acceleration", 73, 1, values=BYTE)  # 8.583 deg/s^2; 0: no ramp
 _MX_ONLY: Final = (multi_turn_offset, resolution_divider, d_gain, i_gain, p_gain, realtime_tick, goal_acceleration)
 
+# Only some models have these.
+drive_mode = Register("drive_mode", 10, 1, persistent=True, values=between(0, 3))  # EX-106+, MX-106
+sensed_current = Register("sensed_current", 56, 2, READ)  # EX-106+: 10 mA, 512 is none
+present_current = Register("present_current", 68, 2)  # MX-64, MX-106: 4.5 mA, 2048 is none
+torque_control_mode = Register("torque_control_mode", 70, 1, values=SWITCH)
+goal_torque = Register("goal_torque", 71, 2, values=between(0, 2047))  # 4.5 mA, bit 10 is the direction
+_CURRENT: Final = (present_current, torque_control_mode, goal_torque)
+
 STATE_BLOCK: Final = (present_position, present_speed, present_load, present_voltage, present_temperature)
 GOAL_BLOCK: Final = (goal_position, moving_speed)
 
@@ -110,32 +118,67 @@ def _positions(last: int) -> tuple[Register, ...]:
     return tuple(replace(r, values=between(0, last)) for r in (cw_angle_limit, ccw_angle_limit))
 
 
-def _ax(name: str, number: int, sheet: Datasheet, *own: Register) -> AxMxModel:
+class Span(NamedTuple):
+    """Sensor of a potentiometer: its number of positions, and the angle that they cover."""
+
+    positions: int
+    degrees: float
+
+
+AX_SPAN: Final = Span(AX_POSITIONS, 300.0)
+EX_SPAN: Final = Span(4096, 250.92)
+
+
+def _ax(name: str, number: int, sheet: Datasheet, *own: Register, span: Span = AX_SPAN) -> AxMxModel:
     """Create a model with a potentiometer and compliance. ``own`` holds registers that an AX-12A does not have."""
-    turn = round(AX_POSITIONS * 360.0 / 300.0)
+    turn = round(span.positions * 360.0 / span.degrees)
     return AxMxModel(
         name, number, "little", turn, sheet.rated_voltage_v, sheet.stall_torque_nm, sheet.no_load_speed_rad_s,
-        AX_POSITIONS, _AX_ONLY + _positions(AX_POSITIONS - 1) + own,
+        span.positions, _AX_ONLY + _positions(span.positions - 1) + own,
         speed_unit_counts_s=0.111 * turn / 60.0, bulk_read=False, stall_current_a=sheet.stall_current_a,
     )  # fmt: skip
 
 
-def _mx(name: str, number: int, sheet: Datasheet, *own: Register) -> AxMxModel:
+def _mx(name: str, number: int, sheet: Datasheet, *own: Register, speed_unit_rpm: float = 0.114) -> AxMxModel:
     """Create a model with a magnetic encoder and gains. ``own`` holds registers that an MX-28 does not have."""
     return AxMxModel(
         name, number, "little", 4096, sheet.rated_voltage_v, sheet.stall_torque_nm, sheet.no_load_speed_rad_s,
         None, _MX_ONLY + _positions(4095) + own,
-        speed_unit_counts_s=0.114 * 4096 / 60.0, bulk_read=True, stall_current_a=sheet.stall_current_a,
+        speed_unit_counts_s=speed_unit_rpm * 4096 / 60.0, bulk_read=True, stall_current_a=sheet.stall_current_a,
     )  # fmt: skip
 
 
 AX_12A = _ax("ax-12a", 12, Datasheet(12.0, 1.5, 1.5, 59.0))
+AX_12W = _ax("ax-12w", 300, Datasheet(12.0, 0.19, 1.5, 470.0))  # torque: that of the AX-12A, by the gear ratio
+AX_18A = _ax("ax-18a", 18, Datasheet(12.0, 1.8, 2.2, 97.0))
+RX_24F = _ax("rx-24f", 24, Datasheet(12.0, 2.6, 2.4, 126.0))
+# The data sheets of these three are for 18.5 V. The figures are converted to 14.8 V, the recommended voltage.
+RX_28 = _ax("rx-28", 28, Datasheet(14.8, 2.96, 1.52, 68.0))
+RX_64 = _ax("rx-64", 64, Datasheet(14.8, 4.24, 2.08, 51.2))
+EX_106 = _ax("ex-106+", 107, Datasheet(14.8, 8.72, 5.6, 72.8), drive_mode, sensed_current, span=EX_SPAN)
+MX_12W = _mx("mx-12w", 360, Datasheet(12.0, 0.19, 1.5, 470.0), speed_unit_rpm=0.916)  # torque: as the AX-12W
 MX_28 = _mx("mx-28", 29, Datasheet(12.0, 2.5, 1.4, 55.0))  # protocol 1.0 firmware
+MX_64 = _mx("mx-64", 310, Datasheet(12.0, 6.0, 4.1, 63.0), *_CURRENT)
+MX_106 = _mx("mx-106", 320, Datasheet(12.0, 8.4, 5.2, 45.0), drive_mode, *_CURRENT)
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, AxMxModel)}
 
-SPEED_UNIT_COUNTS_S: Final = {name: model.speed_unit_counts_s for name, model in MODELS.items()}
-"""Unit of speed of each model."""
+
+def speed_unit_counts_s(model: ServoModel) -> float:
+    """Return the unit of speed of a model, in counts/s.
+
+    Args:
+        model: A model of this module, or one that a user added to it.
+
+    Returns:
+        The unit of ``moving_speed`` and ``present_speed``.
+
+    Raises:
+        TypeError: The model belongs to another series.
+    """
+    if not isinstance(model, AxMxModel):
+        raise TypeError(f"{model.name} is not an AX or MX of protocol 1.0")
+    return model.speed_unit_counts_s
 
 
 def registers(model: AxMxModel) -> tuple[Register, ...]:

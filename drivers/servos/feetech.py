@@ -97,7 +97,7 @@ STS: Final = Series(
     name="sts",
     make="feetech",
     protocol=STS_PROTOCOL,
-    models=tuple(sts.MODELS.values()),
+    by_name=sts.MODELS,
     registers=sts.REGISTERS,
     goal_block=sts.GOAL_BLOCK,
     # All blocks end within the table. Their length bytes differ in at least two bits, so that a single flipped bit
@@ -140,7 +140,7 @@ SCS: Final = Series(
     name="scs",
     make="feetech",
     protocol=SCS_PROTOCOL,
-    models=tuple(scs.MODELS.values()),
+    by_name=scs.MODELS,
     registers=scs.REGISTERS,
     goal_block=scs.GOAL_BLOCK,
     # The memory table ends at address 66, and Feetech's header file for the series at 70.

@@ -185,6 +185,7 @@ class ServoModel:
         no_load_speed_rad_s: Speed without load, in rad/s.
         positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
         own: Registers that not all models of the series have, or that have other values than in the series.
+        supply_v: Lowest and highest rated voltage, in V; None for the usual shares of the rated voltage.
     """
 
     name: str
@@ -196,6 +197,7 @@ class ServoModel:
     no_load_speed_rad_s: float
     positions: int | None = None
     own: tuple[Register, ...] = ()
+    supply_v: tuple[float, float] | None = None
 
     @property
     def last_count(self) -> int:

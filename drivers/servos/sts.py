@@ -119,6 +119,11 @@ STS3215_C001 = ServoModel("sts3215_c001", 777, "little", 4096, 7.4, 19.5 * KG_CM
 STS3215_C044 = ServoModel("sts3215_c044", 777, "little", 4096, 7.4, 19.5 * KG_CM * 191 / 345, 52.0 * RPM * 345 / 191)
 STS3215_C046 = ServoModel("sts3215_c046", 777, "little", 4096, 7.4, 19.5 * KG_CM * 147 / 345, 52.0 * RPM * 345 / 147)
 STS3250 = ServoModel("sts3250", 2825, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)  # C001
+# Some tools report 2313 for this servo; Feetech's own debug tool has this number for the STS3095.
+STS3250_2313 = ServoModel("sts3250_2313", 2313, "little", 4096, 12.0, 50.0 * KG_CM, 60.0 * DEG / 0.133)
+STS3235 = ServoModel("sts3235", 2057, "little", 4096, 12.0, 30.0 * KG_CM, 45.0 * RPM)
+# The SM series has this table, too. The speed is assumed.
+SM8512BL = ServoModel("sm8512bl", 11272, "little", 4096, 12.0, 85.0 * KG_CM, 50.0 * RPM)
 STS3032 = ServoModel("sts3032", 521, "little", 4096, 12.0, 10.0 * KG_CM, 148.0 * RPM)  # C062
 
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, ServoModel)}

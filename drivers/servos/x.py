@@ -2,8 +2,8 @@
 
 Source: ROBOTIS e-manual, pages of the models. Numbers, addresses and sizes agree with the model files in the official
 SDK (dynamixel_easy_sdk 4.1, control_table). docs/servos.md lists the sources against which each line was checked. The
-tables of the models differ only at 38, 40, 62, 102 and 126 (see below), in the values that some registers accept, and
-in the addresses of the indirect registers. Numbers are little endian, and negative numbers are two's complement.
+tables of the models differ only in the registers after ``REGISTERS``, in the values that some registers accept, and in
+the addresses of the indirect registers. Numbers are little endian, and negative numbers are two's complement.
 
 A servo refuses other values with error 4. Goals also have limits that depend on other registers, such as the position
 limits; a goal beyond them is refused with error 6.
@@ -58,7 +58,6 @@ shutdown = Register("shutdown", 63, 1, persistent=True)  # hardware error bits
 
 # RAM: switches, gains and goals.
 torque_enable = Register("torque_enable", 64, 1, values=SWITCH)  # 0 off, 1 on
-led = Register("led", 65, 1, values=SWITCH)
 status_return_level = Register("status_return_level", 68, 1, values=LEVELS)  # 0: ping, 1: ping and read, 2: all
 registered_instruction = Register("registered_instruction", 69, 1, READ)
 hardware_error_status = Register("hardware_error_status", 70, 1, READ)  # hardware error bits
@@ -91,7 +90,15 @@ present_temperature = Register("present_temperature", 146, 1, READ)  # deg C
 REGISTERS: Final = by_address(globals().values())
 """Registers of all models."""
 
-# These registers are not in all models. Some models estimate their load, and the others measure their current.
+# These registers are not in all models.
+led = Register("led", 65, 1, values=SWITCH)  # not in XW540 and XW430
+external_port_mode_1 = Register("external_port_mode_1", 56, 1, persistent=True, values=between(0, 3))  # X540
+external_port_mode_2 = Register("external_port_mode_2", 57, 1, persistent=True, values=between(0, 3))
+external_port_mode_3 = Register("external_port_mode_3", 58, 1, persistent=True, values=between(0, 3))
+external_port_data_1 = Register("external_port_data_1", 152, 2)
+external_port_data_2 = Register("external_port_data_2", 154, 2)
+external_port_data_3 = Register("external_port_data_3", 156, 2)
+# Some models estimate their load, and the others measure their current.
 present_load = Register("present_load", 126, 2, READ, signed=True)  # 0.1 %
 present_current = Register("present_current", 126, 2, READ, signed=True)  # the model's unit
 current_limit = Register("current_limit", 38, 2, persistent=True)  # the model's unit
@@ -158,7 +165,18 @@ class Family(NamedTuple):
     short_map: bool = False
 
 
+_PORTS: Final = (
+    external_port_mode_1,
+    external_port_mode_2,
+    external_port_mode_3,
+    external_port_data_1,
+    external_port_data_2,
+    external_port_data_3,
+)
+_DUAL: Final = replace(drive_mode, values=between(0, 15))
+"""Drive mode of models of which two can be coupled by a cable. Bit 1 makes a servo the follower."""
 _X330_OWN: Final = (
+    led,
     pwm_slope,
     replace(baud_rate, values=between(0, 6)),
     replace(protocol_type, values=one_of(2, 20, 21, 22)),
@@ -166,10 +184,18 @@ _X330_OWN: Final = (
 )
 X330_5V: Final = Family((31, 70), 0.001, _X330_OWN, short_map=True)
 X330_12V: Final = Family((55, 140), 0.001, _X330_OWN, short_map=True)
-XL430: Final = Family((60, 140))
-XC430: Final = Family((60, 160))
-X430: Final = Family((95, 160), 0.00269)
-MX: Final = Family((95, 160), own=(acceleration_limit,))
+X335: Final = Family((55, 140), 0.001, _X330_OWN)
+XL430: Final = Family((60, 140), own=(led,))
+XC430: Final = Family((60, 160), own=(led,))
+X430: Final = Family((95, 160), 0.00269, (led,))
+X430_24V: Final = Family((110, 300), 0.00134, (led,))
+X540: Final = Family((95, 160), 0.00269, (led, *_PORTS, _DUAL))
+X540_24V: Final = Family((110, 300), 0.00269, (led, *_PORTS, _DUAL))
+XW: Final = Family((95, 160), 0.00269)
+XW_24V: Final = Family((110, 300), 0.00269)
+MX_28: Final = Family((95, 160), own=(led, acceleration_limit))
+MX: Final = Family((95, 160), 0.00336, (led, acceleration_limit))
+MX_DUAL: Final = Family((95, 160), 0.00336, (led, acceleration_limit, _DUAL))
 
 
 def _model(name: str, number: int, sheet: Datasheet, family: Family, largest_current: int = 0) -> XModel:
@@ -205,10 +231,38 @@ XC430_W150 = _model("xc430-w150", 1070, Datasheet(12.0, 1.6, 1.4, 106.0), XC430)
 XC430_W240 = _model("xc430-w240", 1080, Datasheet(12.0, 1.9, 1.4, 70.0), XC430)
 XM430_W210 = _model("xm430-w210", 1030, Datasheet(12.0, 3.0, 2.3, 77.0), X430, 1193)
 XM430_W350 = _model("xm430-w350", 1020, Datasheet(12.0, 4.1, 2.3, 46.0), X430, 1193)
-MX_28_2 = _model("mx-28-2.0", 30, Datasheet(12.0, 2.5, 1.4, 55.0), MX)
+XH430_W210 = _model("xh430-w210", 1010, Datasheet(12.0, 2.5, 1.3, 50.0), X430, 648)
+XH430_W350 = _model("xh430-w350", 1000, Datasheet(12.0, 3.4, 1.3, 30.0), X430, 648)
+XH430_V210 = _model("xh430-v210", 1050, Datasheet(24.0, 2.6, 0.7, 52.0), X430_24V, 689)
+XH430_V350 = _model("xh430-v350", 1040, Datasheet(24.0, 3.3, 0.7, 31.0), X430_24V, 689)
+XD430_T210 = _model("xd430-t210", 1011, Datasheet(12.0, 2.5, 1.3, 50.0), X430, 648)
+XD430_T350 = _model("xd430-t350", 1001, Datasheet(12.0, 3.4, 1.3, 30.0), X430, 648)
+XM540_W150 = _model("xm540-w150", 1130, Datasheet(12.0, 7.3, 4.4, 53.0), X540, 2047)
+XM540_W270 = _model("xm540-w270", 1120, Datasheet(12.0, 10.6, 4.4, 30.0), X540, 2047)
+XH540_W150 = _model("xh540-w150", 1110, Datasheet(12.0, 7.1, 4.9, 70.0), X540, 2047)
+XH540_W270 = _model("xh540-w270", 1100, Datasheet(12.0, 9.9, 4.9, 39.0), X540, 2047)
+XH540_V150 = _model("xh540-v150", 1150, Datasheet(24.0, 6.4, 2.4, 60.0), X540_24V, 1188)
+XH540_V270 = _model("xh540-v270", 1140, Datasheet(24.0, 9.2, 2.4, 34.0), X540_24V, 1188)
+XD540_T150 = _model("xd540-t150", 1111, Datasheet(12.0, 7.1, 4.9, 70.0), X540, 2047)
+XD540_T270 = _model("xd540-t270", 1101, Datasheet(12.0, 9.9, 4.9, 39.0), X540, 2047)
+XW540_T140 = _model("xw540-t140", 1180, Datasheet(12.0, 6.9, 4.9, 72.0), XW, 2047)
+XW540_T260 = _model("xw540-t260", 1170, Datasheet(12.0, 9.5, 4.9, 40.0), XW, 2047)
+# The figures of these two are those of the XH540-V270 and the XH430-W350, converted by the gear ratio (assumed).
+XW540_H260 = _model("xw540-h260", 1310, Datasheet(24.0, 8.8, 2.4, 35.6), XW_24V, 1188)
+XW430_T333 = _model("xw430-t333", 1270, Datasheet(12.0, 3.2, 1.3, 31.8), XW, 2047)
+TWO_XL430_W250 = _model("2xl430-w250", 1090, Datasheet(12.0, 1.5, 1.4, 61.0), XL430)
+TWO_XC430_W250 = _model("2xc430-w250", 1160, Datasheet(12.0, 1.8, 1.4, 64.0), XC430)
+# The figures are those of the XC330-T288, because the data sheet is not published.
+XC335_T332 = _model("xc335-t332", 1700, Datasheet(12.0, 1.0, 0.88, 71.0), X335, 910)
+MX_28_2 = _model("mx-28-2.0", 30, Datasheet(12.0, 2.5, 1.4, 55.0), MX_28)
 """MX-28 with protocol 2.0 firmware. With protocol 1.0 firmware, its model number is 29 (``ax_mx``)."""
 
+MX_64_2 = _model("mx-64-2.0", 311, Datasheet(12.0, 6.0, 4.1, 63.0), MX, 1941)
+MX_106_2 = _model("mx-106-2.0", 321, Datasheet(12.0, 8.4, 5.2, 45.0), MX_DUAL, 2047)
+
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, XModel)}
+PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
+"""Models with two servos in one case. Each servo has its own ID."""
 
 
 def current_unit_a(model: ServoModel) -> float | None:

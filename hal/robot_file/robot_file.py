@@ -27,6 +27,7 @@ from hal.plausible import (
 )
 from hal.robot_file.calibration_file import CalibrationFile, calibration_path, load_calibration
 from hal.robot_file.protection import protection_problems
+from hal.robot_file.servo_models import load_servo_models
 from hal.servos.servo_settings import homing_mistake, mistakes
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
@@ -238,7 +239,9 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read a robot file and its calibration file. Servo protections that cannot act are logged as warnings.
+    """Read a robot file with the servo models and the calibration beside it.
+
+    Servo protections that cannot act are logged as warnings.
 
     Args:
         path: The robot file.
@@ -246,6 +249,7 @@ def load_robot_file(path: Path) -> RobotFile:
     Raises:
         RobotFileError: The files have mistakes. The message lists all of them with file and line.
     """
+    load_servo_models(path.parent)
     file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)
     for problem in unprotected(file):
         LOG.warning("%s: %s", path, problem)

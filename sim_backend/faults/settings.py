@@ -176,5 +176,6 @@ def _rates(model: ServoModel) -> Mapping[int, int]:
         return {2_000_000 // (value + 1): value for value in (207, 103, 34, 16, 9, 7, 4, 3, 1)}
     rates: Sequence[int] = sts.BAUD_RATES
     if series.make != "feetech":
-        rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if x.has_short_map(model) else None]
+        rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES
+        rates = rates[: register_of(model, "baud_rate").largest + 1]
     return {rate: value for value, rate in enumerate(rates)}

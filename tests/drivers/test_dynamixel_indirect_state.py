@@ -103,13 +103,19 @@ def test_the_state_of_every_model_matches_its_registers(model: Any, firmware: in
     assert shown == {name: line.bus.read(1, getattr(x, name)) for name in shown}
 
 
-AMPERES = {"xl330": 0.001, "xc330": 0.001, "xm430": 0.00269}
+AMPERES = {
+    **dict.fromkeys(("xl330", "xc330", "xc335"), 0.001),
+    **dict.fromkeys(("xm430", "xd430", "xm540", "xh540", "xd540", "xw540", "xw430", "xh430-w"), 0.00269),
+    **dict.fromkeys(("mx-64", "mx-106"), 0.00336),
+    "xh430-v": 0.00134,
+}
+"""Unit of the current by the beginning of the model's name, in A."""
 
 
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
 def test_the_current_is_in_amperes_if_the_model_measures_it(model: Any, mapped: bool) -> None:
-    unit_a = AMPERES.get(model.name[:5])
+    unit_a = next((unit for name, unit in AMPERES.items() if model.name.startswith(name)), None)
     line = TrueLine({1: model}).identified() if mapped else TrueLine({1: model})
     for number in (7, 49):
         line.number = number

@@ -11,6 +11,7 @@ FREE = {
     *("homing_offset", "min_position", "max_position", "goal_position"),
     *("cw_compliance_margin", "ccw_compliance_margin", "moving_threshold", "dts", "velocity_unit", "hts"),
     *("max_velocity", "max_acceleration", "acceleration_multiplier"),
+    *("external_port_data_1", "external_port_data_2", "external_port_data_3", "present_current"),
 }
 """Writable registers that accept every value that fits, or whose limits are the values of other registers."""
 

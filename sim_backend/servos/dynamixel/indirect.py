@@ -48,9 +48,9 @@ _LAST_SHORT: Final = 52
 
 def windows_of(model: ServoModel, firmware: int) -> tuple[Window, ...]:
     """Return the blocks of indirect registers in this model with this firmware version."""
-    if not x.has_short_map(model):
-        return LONG
-    return SHORT if firmware <= _LAST_SHORT else MIDDLE
+    if x.has_short_map(model) and firmware <= _LAST_SHORT:
+        return SHORT
+    return MIDDLE if x.pwm_slope in model.own else LONG
 
 
 def pointers(windows: Sequence[Window]) -> Iterator[tuple[Register, int]]:
