@@ -6,11 +6,10 @@ from typing import Final
 
 from calibration.eeprom import Change, add_notes, update
 from commissioning.errors import CommissioningError
-from commissioning.registers.tables import registers_of
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Register, ServoModel
 
 RESTART_S: Final = 1.5

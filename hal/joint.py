@@ -34,6 +34,8 @@ class Joint:
     """Name of the servo's bus; empty if there is only one bus."""
     position_p: int | None = None
     """Position P gain of the servo, if the robot file sets one."""
+    firmware: int | None = None
+    """Firmware version of the virtual servo, a Dynamixel X; None for the usual one."""
     settings: tuple[tuple[str, int], ...] = ()
     """Names and values of the EEPROM registers that the robot file sets."""
     gravity_compensation: bool = True

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Final
 
 import typer
 
@@ -75,6 +76,10 @@ for group, name in (
 app.add_typer(teach.app, name="teach", rich_help_panel="Move an arm manually")
 
 
+SERVO_MODELS: Final = Path("servo_models.yaml")
+"""File of servo models in the present folder. Its loader is imported only if it exists, so that commands start fast."""
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"servoloop {version('servoloop')}")
@@ -87,7 +92,11 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Handle the options of the program itself."""
+    """Handle the options of the program itself, and add the servo models of the present folder."""
+    if SERVO_MODELS.exists():
+        from hal.robot_file.servo_models import load_servo_models
+
+        load_servo_models(SERVO_MODELS.parent)
 
 
 def main() -> None:

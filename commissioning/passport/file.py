@@ -27,6 +27,10 @@ class PassportError(CommissioningError):
     """A passport cannot be read or cannot be written to a servo; the message says what to do."""
 
 
+OPTIONAL: Final = {"startup_configuration"}
+"""Registers that older passports do not contain."""
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -44,11 +48,12 @@ class ServoPassport(_Strict):
             raise ValueError(f"unknown model {self.model}: use one of {', '.join(MODELS)}")
         known = persistent_registers(MODELS[self.model])
         problems = [f"{self.model} has no persistent register {name}" for name in self.registers if name not in known]
-        problems += [f"register {name} is missing" for name in known if name not in self.registers]
+        missing = known.keys() - self.registers.keys() - OPTIONAL
+        problems += [f"register {name} is missing" for name in known if name in missing]
         problems += [
-            f"{name} must be {known[name].smallest} to {known[name].largest}, not {value}"
+            f"{name} must be {known[name].values_text}, not {value}"
             for name, value in self.registers.items()
-            if name in known and not known[name].smallest <= value <= known[name].largest
+            if name in known and not known[name].takes(value)
         ]
         number = self.registers.get("model_number", MODELS[self.model].number)
         if number != MODELS[self.model].number:

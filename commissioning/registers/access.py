@@ -11,13 +11,14 @@ from typing import Final
 
 from calibration.eeprom import update
 from commissioning.errors import CommissioningError
-from commissioning.registers.tables import register_named, registers_of
+from commissioning.registers.tables import register_named
 from commissioning.registers.values import RegisterValue, parse, value_of
 from commissioning.scan.find import FoundServo
 from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
 from drivers.errors import ServoRefused
+from drivers.servos.catalog import registers_of
 from drivers.servos.register import Access, Register
 
 

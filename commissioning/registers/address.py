@@ -10,12 +10,13 @@ from typing import Final
 
 from calibration.eeprom import Change, Eeprom, EepromError, eeprom, update
 from commissioning.errors import CommissioningError
-from commissioning.registers.tables import rates_of, register_named, registers_of
+from commissioning.registers.tables import rates_of, register_named
 from commissioning.registers.values import RegisterValue, value_of
 from commissioning.scan.find import FoundServo, answers, locate
 from commissioning.scan.identify import retry_often
 from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.protocol import v2
+from drivers.servos.catalog import registers_of
 from drivers.servos.dynamixel1 import PROTOCOL_1
 from drivers.servos.register import Register
 

@@ -5,8 +5,8 @@ from typing import Final
 
 from commissioning.errors import CommissioningError
 from commissioning.scan.examine import MODES
-from drivers.servos import ax_mx, sts, x, xl320
-from drivers.servos.catalog import known_as, series_of
+from drivers.servos import sts, x, xl320
+from drivers.servos.catalog import known_as, registers_of, series_of
 from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Register, ServoModel
 
@@ -21,15 +21,6 @@ AX_RATES: Final = {value: rate for value, rate in enumerate((0, 1_000_000, 0, 50
 """Nominal baud rates of Dynamixel protocol 1.0 by register value: 2 Mbit/s divided by the value plus one."""
 MX_RATES: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
 """Further baud rates of MX servos, by register value."""
-
-
-def registers_of(model: ServoModel) -> tuple[Register, ...]:
-    """Return all registers of a model, sorted by address."""
-    if isinstance(model, x.XModel):
-        return x.registers(model)
-    if isinstance(model, ax_mx.AxMxModel):
-        return ax_mx.registers(model)
-    return series_of(model).registers
 
 
 def register_named(model: ServoModel, name: str) -> Register:
@@ -48,11 +39,11 @@ def rates_of(model: ServoModel) -> dict[int, int]:
     """Return the baud rates of a model, by the value of its register ``baud_rate``."""
     series = series_of(model)
     if series is AX_MX:
-        return AX_RATES | (MX_RATES if model in series.bulk_models else {})
+        return AX_RATES | (MX_RATES if series.bulk_read(model) else {})
     if series.make == "feetech":
         return dict(enumerate(sts.BAUD_RATES))
-    rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if model in x.X330 else None]
-    return dict(enumerate(rates))
+    rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES
+    return dict(enumerate(rates[: register_named(model, "baud_rate").largest + 1]))
 
 
 def meaning(model: ServoModel, register: Register, raw: int) -> str:

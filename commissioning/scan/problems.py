@@ -8,6 +8,7 @@ from commissioning.scan.identify import Identity
 from drivers.bus.types import FaultKind, ServoState
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
+from drivers.servos.catalog import unsupported
 from drivers.servos.series import Read, Series
 
 Kind = Literal[
@@ -83,6 +84,8 @@ def own_troubles(identity: Identity, state: ServoState, read: Read) -> list[Prob
 
 
 def _unknown_text(identity: Identity) -> str:
+    if name := unsupported(identity.number, identity.series):
+        return f"{name}: read only; its table is not supported. Read its registers by address, not by name"
     known = ", ".join(f"{model.name} {model.number}" for model in identity.series.models)
     return (
         f"it reports model number {identity.number}, which is unknown in the series {identity.series.name} ({known}). "

@@ -8,10 +8,9 @@ from typing import Final
 
 from calibration.eeprom import HOLDS, EepromError, update
 from commissioning.errors import CommissioningError
-from commissioning.registers.tables import registers_of
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings
 from hal.joint import Joint

@@ -41,6 +41,12 @@ def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan
     )
 
 
+def replies_in(plan: ReadPlan, data: bytes) -> int:
+    """Return the number of servos whose blocks a broken reply contains. The next servo is probably silent."""
+    size = next(iter(plan.sizes.values())) + v2.FAST_OVERHEAD
+    return max(0, len(data) - v2.FAST_HEAD_SIZE) // size
+
+
 def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
     """Return a decoder for the whole reply. Only the last checksum is checked, because it covers the whole packet."""
     head = v2.fast_head(len(scales), block.size)

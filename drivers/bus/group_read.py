@@ -1,15 +1,15 @@
 """Read several servos with one request packet, and find the fault of each servo without a valid reply."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final
 
 from drivers.bus.adaptive_timeout import FIRST_REPLY_S, AdaptiveTimeout
 from drivers.bus.counters import BusCounters, ServoCounters
-from drivers.bus.fast_read import FastReads
+from drivers.bus.fast_read import FastReads, replies_in
 from drivers.bus.late_replies import LateReplyFilter, Missed
 from drivers.bus.read_plan import ReadPlan, ReadResult
 from drivers.bus.reply_assembler import ReplyAssembler
-from drivers.bus.types import ServoFault, ServoState
+from drivers.bus.types import FaultKind, ServoFault, ServoState
 from drivers.port.line import GAP_S, Line
 from drivers.protocol.decoder import Reply
 from drivers.servos.series import WireProtocol
@@ -43,6 +43,10 @@ class GroupRead:
         self.fast = FastReads(line)
         self.complete = False
         """Whether the last read returned a state of every servo."""
+        self.fast_replies = 0
+        """Number of servos that replied to the last fast read before it failed."""
+        self.hidden: tuple[int, ...] = ()
+        """Servos that may not have replied to the last read only because a servo before them is silent."""
 
     def send(self, plan: ReadPlan) -> None:
         if not self._line.clean:
@@ -80,7 +84,7 @@ class GroupRead:
         The first ``responsive`` servos of the plan are expected to answer. The others get a short timeout. If a fast
         read fails, the result is empty and no fault is counted for a servo.
         """
-        line, expected, self.complete = self._line, plan.reply_size, False
+        line, expected, self.complete, self.hidden = self._line, plan.reply_size, False, ()
         if 0 < responsive < len(plan.servo_ids):
             expected = sum(plan.sizes[i] + plan.overhead for i in plan.servo_ids[:responsive])
         due_s = self._sent_s + expected * line.byte_s
@@ -97,6 +101,7 @@ class GroupRead:
                 return self._count_all(plan, states, due_s)
         if plan.fast:
             self._counters.noise += bool(data)
+            self.fast_replies = replies_in(plan, data)
             self.fast.failed()
             return {}
         if not data and responsive and not self._adaptive:
@@ -168,7 +173,9 @@ class GroupRead:
         end_s = min(line.now() + FIRST_REPLY_S + GAP_S * len(servo_ids), deadline_s)
         while missing := assembler.bytes_missing(servo_ids):
             gap_s = min(wait_s, GAP_S) if assembler.replies else wait_s
-            until_s = line.now() + missing * line.byte_s + gap_s
+            # If servos wait for each other, a pause means that no more replies come. Otherwise it may be an empty slot.
+            slots_s = 0.0 if self._protocol.waits_for_silent else missing * line.byte_s
+            until_s = line.now() + slots_s + gap_s
             only_late = assembler.replies and not assembler.answered
             if only_late and wait_s > GAP_S and not self._adaptive:  # the adapter may be slow
                 until_s = max(until_s, self._sent_s + FIRST_REPLY_S)
@@ -193,10 +200,19 @@ class GroupRead:
                 if not isinstance(result, ServoFault):  # a refusal may belong to an earlier request
                     self._late.answered(reply.servo_id, self._line.now())
         corrupt, noise = assembler.corrupted()
+        self.hidden = self._after_silent(plan, results.keys() | corrupt)
         for servo_id in plan.servo_ids:
             if servo_id not in results:
-                results[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else nothing
+                missed: FaultKind = "no_time" if servo_id in self.hidden else nothing
+                results[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else missed
         return results, noise
+
+    def _after_silent(self, plan: ReadPlan, heard: Collection[int]) -> tuple[int, ...]:
+        """Return the servos after the first one that ended a group read, if servos wait for the reply before theirs."""
+        if not self._protocol.waits_for_silent:
+            return ()
+        last = max((n for n, servo_id in enumerate(plan.servo_ids) if servo_id in heard), default=-1)
+        return plan.servo_ids[last + 2 :]
 
     def _count(self, plan: ReadPlan, results: dict[int, ReadResult], noise: int = 0) -> Mapping[int, ReadResult]:
         """Count the result of each request. Requests without a value stay open for late replies."""

@@ -38,7 +38,7 @@ class IndirectMaps:
         try:
             # Only in these models does the address of the cells depend on the firmware.
             read_version = partial(self._single.read, servo_id, x.firmware_version)
-            block = block_for(model, retry(read_version) if model in x.X330 else 0)
+            block = block_for(model, retry(read_version) if x.has_short_map(model) else 0)
             why = self._map(servo_id, block) if block else ""
         except ServoError as error:
             why = error.text

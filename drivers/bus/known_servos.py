@@ -44,7 +44,7 @@ class KnownServos:
     def read_together(self) -> bool:
         if self.protocol.group_read == "bulk":
             models = self.models.values()
-            return bool(models) and all(model in series_of(model).bulk_models for model in models)
+            return bool(models) and all(series_of(model).bulk_read(model) for model in models)
         return self.protocol.group_read == "sync"
 
     def identified(self, servo_id: int, model: ServoModel) -> None:

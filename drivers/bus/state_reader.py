@@ -15,7 +15,7 @@ from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import LateReplyFilter
 from drivers.bus.read_plan import ReadPlan, ReadResult, register_plan
 from drivers.bus.retry import CYCLE_RETRIES
-from drivers.bus.types import Reading, fault
+from drivers.bus.types import Reading, ServoState, fault
 from drivers.port.line import GAP_S, Line
 from drivers.servos.register import Register
 
@@ -45,6 +45,10 @@ class StateReader:
         self._responsive = 0
         self._no_time: frozenset[int] = frozenset()
         """Servos for which the last cycle had no time. The next cycle asks them first."""
+        self._hidden: frozenset[int] = frozenset()
+        """Servos that a silent servo may have silenced in their last group read. They are asked separately next."""
+        self._split = False
+        """Whether the last cycle asked hidden servos separately."""
         self.deadline_s = math.inf
         self._reported = servos.read_together
 
@@ -60,7 +64,8 @@ class StateReader:
         now_s = self._line.now()
         if now_s >= deadline_s or not asked:
             return
-        if self._sync and not self._backoff.misses:
+        self._split = False
+        if self._sync and not self._backoff.misses and not self._hidden:
             self._send(asked, len(asked), deadline_s)
             return
         self._group.timeout.begin()
@@ -71,13 +76,22 @@ class StateReader:
     def _batches_of(self, asked: tuple[int, ...], now_s: float) -> list[Batch]:
         responsive, probed = self._backoff.split(asked, now_s)
         if self._sync:
-            # If all servos are silent, the adapter may be slow, so they get the long timeout of responsive servos.
-            both = responsive + probed
-            return [(both, len(responsive) or len(both))] if both else []
+            return self._sync_batches(responsive, probed)
         if self._servos.read_together and responsive:
             return [(responsive, len(responsive)), *(((i,), 0) for i in probed)]
         responsive = tuple(sorted(responsive, key=lambda i: i not in self._no_time))
         return [*(((i,), 1) for i in responsive), *(((i,), 0) for i in probed)]
+
+    def _sync_batches(self, responsive: tuple[int, ...], probed: tuple[int, ...]) -> list[Batch]:
+        hidden = [i for i in responsive if i in self._hidden]
+        if not hidden:
+            # If all servos are silent, the adapter may be slow, so they get the long timeout of responsive servos.
+            both = responsive + probed
+            return [(both, len(responsive) or len(both))] if both else []
+        self._split = True
+        answering = tuple(i for i in responsive if i not in self._hidden)
+        batches: list[Batch] = [(answering, len(answering)), *(((i,), 0) for i in hidden), (probed, 0)]
+        return [batch for batch in batches if batch[0]]
 
     def _send(self, servo_ids: tuple[int, ...], responsive: int, deadline_s: float) -> None:
         fast = self._group.fast
@@ -118,14 +132,22 @@ class StateReader:
         except BaseException:
             self._group.abandon(plan)
             raise
+        self._hidden = self._hidden - results.keys() | frozenset(self._group.hidden)
         return results if results or not plan.fast else self._read_separately(plan.servo_ids, deadline_s)
 
     def _read_separately(self, servo_ids: tuple[int, ...], deadline_s: float) -> Mapping[int, ReadResult]:
-        """Read servos again with separate replies after a failed fast read, to find which of them failed."""
+        """Read servos again with separate replies after a failed fast read, to find which of them failed.
+
+        The servo that ended the fast read is asked last, because it would silence the servos after it again.
+        """
         if not self._has_time(servo_ids, deadline_s):
             return {}
-        self._send(servo_ids, len(servo_ids), deadline_s)
-        return self._collect(deadline_s)
+        replied = self._group.fast_replies
+        ended = servo_ids[replied : replied + 1]
+        order = (*servo_ids[:replied], *servo_ids[replied + 1 :], *ended)
+        self._send(order, len(order), deadline_s)
+        results = self._collect(deadline_s)
+        return {i: results[i] for i in servo_ids if i in results}
 
     def _complete(self, results: dict[int, ReadResult]) -> Mapping[int, Reading]:
         """Count servos that were not asked, and repeat the requests to servos that were expected to answer."""
@@ -133,6 +155,8 @@ class StateReader:
         self._count_unasked(results)
         missing = self._backoff.note(results, self._line.now())
         self._repeat_requests([i for i in missing if i in expected], results)
+        if self._split and not any(isinstance(result, ServoState) for result in results.values()):
+            self._hidden = frozenset()  # the adapter may be slow, so the next cycle waits longer for a group read
         return self._readings(results)
 
     def _count_unasked(self, results: Mapping[int, ReadResult]) -> None:
@@ -148,6 +172,8 @@ class StateReader:
         readings: dict[int, Reading] = {}
         for servo_id in self._asked:
             result = results.get(servo_id, "no_time" if servo_id in self._no_time else "silent")
+            if result == "no_time" and servo_id in self._backoff.misses:
+                result = "silent"
             readings[servo_id] = fault(servo_id, result) if isinstance(result, str) else cast(Reading, result)
         return readings
 
@@ -164,7 +190,7 @@ class StateReader:
                     again |= self._collect(self._until_s(servo_ids))
             if not again:
                 return
-            results |= again
+            results |= {i: result for i, result in again.items() if i not in self._hidden}
             missing = self._backoff.note(again, self._line.now())
 
     def groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
@@ -175,21 +201,29 @@ class StateReader:
 
     def read_without_deadline(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
         """Read the states of all servos without a deadline."""
-        # Silent servos are asked last. Servos that may have waited for a silent servo are asked once more.
+        # Silent servos are asked last. Servos that may have waited for a silent servo are asked again.
         self._asked, self._no_time = asked, frozenset()
         self._group.timeout.begin()
         responsive, probed = self._backoff.split(asked, math.inf)
         results = self._read_all(responsive + probed)
-        missing = self._backoff.note(results, self._line.now())
-        behind = [i for i in missing[:-1] if results[i] != "reset" and i in responsive]
-        if behind and self._servos.protocol.waits_for_silent:
-            for servo_id in behind:
-                self._counters.of(servo_id).retries += 1
-            again = self._read_all(tuple(behind))
+        self._backoff.note(results, self._line.now())
+        if hidden := [i for i in responsive if i in self._hidden]:
+            again = self._read_hidden(hidden)
             self._backoff.note(again, self._line.now())
             results |= again
         self._try_fast_once(asked)
         return self._readings(results)
+
+    def _read_hidden(self, hidden: list[int]) -> dict[int, ReadResult]:
+        """Read servos together that a silent servo may have silenced, and separately if that happens again."""
+        for servo_id in hidden:
+            self._counters.of(servo_id).retries += 1
+        results = self._read_all(tuple(hidden))
+        for servo_id in hidden:
+            if servo_id in self._hidden:
+                self._send((servo_id,), 0, math.inf)
+                results |= self._collect(math.inf)
+        return results
 
     def _read_all(self, servo_ids: tuple[int, ...]) -> dict[int, ReadResult]:
         results: dict[int, ReadResult] = {}
@@ -203,6 +237,7 @@ class StateReader:
         # Servos are left out if a late reply, even to a single request, may have the size of this reply.
         now_s, late = self._line.now(), self._late
         asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
+        asked.sort(key=lambda servo_id: servo_id in self._backoff.misses)  # a silent servo may hide those after it
         found: dict[int, int] = {}
         for together in self.groups(asked):
             plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Final, Literal
 
 from drivers.servos import dynamixel, dynamixel1, feetech
-from drivers.servos.register import ServoModel
+from drivers.servos.register import Register, ServoModel, merged
 from drivers.servos.series import Series, WireProtocol
 
 Make = Literal["feetech", "dynamixel"]
@@ -14,12 +14,77 @@ MODELS: Final[dict[str, ServoModel]] = {model.name: model for series in SERIES f
 """All supported servo models, by their name in robot files."""
 
 
+UNSUPPORTED: Final[Mapping[int, str]] = {
+    2000: "PH42-020-S300", 2010: "PH54-100-S500", 2020: "PH54-200-S500",
+    2100: "PM42-010-S260", 2110: "PM54-040-S250", 2120: "PM54-060-S250",
+    4000: "YM070-210-M001", 4010: "YM070-210-B001", 4020: "YM070-210-R051",
+    4030: "YM070-210-R099", 4040: "YM070-210-A051", 4050: "YM070-210-A099",
+    4120: "YM080-230-M001", 4130: "YM080-230-B001", 4140: "YM080-230-R051",
+    4150: "YM080-230-R099", 4160: "YM080-230-A051", 4170: "YM080-230-A099",
+    35074: "RH-P12-RN", 43289: "M42-10-S260-RA", 46097: "M54-40-S250-RA", 46353: "M54-60-S250-RA",
+    51201: "H42-20-S300-RA", 53769: "H54-100-S500-RA", 54025: "H54-200-S500-RA",
+}  # fmt: skip
+"""Dynamixel models of protocol 2.0 whose control tables differ from all supported ones, by model number.
+
+Source: ``dynamixel.model`` of ROBOTIS' SDK (dynamixel_easy_sdk 4.1).
+"""
+
+_ADDED: Final[dict[str, ServoModel]] = {}
+"""Models of a user, by name."""
+
+
+def add(model: ServoModel, like: ServoModel) -> None:
+    """Add a model of a user to the series of another model.
+
+    A model that was added before under this name is replaced, so that a file can be read again.
+
+    Args:
+        model: The new model.
+        like: A supported model with the same control table and protocol.
+
+    Raises:
+        ValueError: A model of the package has this name, or another model of the make has this number.
+    """
+    series = series_of(like)
+    if model.name in MODELS and model.name not in _ADDED:
+        raise ValueError(f"{model.name} is a model of servoloop: choose another name")
+    taken = [m for m in _numbered(model.number, series) if m.name != model.name and m.name not in _ADDED]
+    if taken and like not in taken:
+        raise ValueError(
+            f"number {model.number} is that of {taken[0].name}: write `like: {taken[0].name}` for a variant of it, or "
+            "correct the number"
+        )
+    if known := _ADDED.get(model.name):
+        series_of(known).by_name.pop(model.name)
+    series.by_name[model.name] = MODELS[model.name] = _ADDED[model.name] = model
+
+
+def is_added(model: ServoModel) -> bool:
+    """Return whether a model is one of a user."""
+    return model.name in _ADDED
+
+
 def series_of(model: ServoModel) -> Series:
     """Return the series of a model. Raise ValueError if the model is not in ``MODELS``."""
     for series in SERIES:
-        if model in series.models:
+        if series.by_name.get(model.name) == model:
             return series
     raise ValueError(f"{model.name} is not a supported servo model: choose one of {', '.join(sorted(MODELS))}")
+
+
+def registers_of(model: ServoModel) -> tuple[Register, ...]:
+    """Return the control table of a model, sorted by address.
+
+    Args:
+        model: A supported model.
+
+    Returns:
+        The registers of its series and its own.
+
+    Raises:
+        ValueError: The model is not in ``MODELS``.
+    """
+    return merged(series_of(model).registers, model.own)
 
 
 def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
@@ -35,7 +100,25 @@ def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
 
 def known_as(number: int, series: Series) -> str:
     """Return the names of the manufacturer's models with this number, in either byte order."""
+    names = [model.name for model in _numbered(number, series)]
+    return " or ".join(names) or unsupported(number, series) or "unknown"
+
+
+def unsupported(number: int, series: Series) -> str:
+    """Return the name of a model whose control table is not supported.
+
+    Args:
+        number: Model number that the servo reports.
+        series: Series as which the servo was read.
+
+    Returns:
+        The name; an empty string if the number is unknown or the model is supported.
+    """
+    return UNSUPPORTED.get(number, "") if series.protocol is dynamixel.PROTOCOL_2 else ""
+
+
+def _numbered(number: int, series: Series) -> list[ServoModel]:
+    """Return the manufacturer's models with this number, in either byte order."""
     number_bytes = number.to_bytes(2, series.protocol.byte_order)
     relatives = [model for each in SERIES if each.make == series.make for model in each.models]
-    names = [m.name for m in relatives if m.number == int.from_bytes(number_bytes, m.byte_order)]
-    return " or ".join(names) or "unknown"
+    return [m for m in relatives if m.number == int.from_bytes(number_bytes, m.byte_order)]

@@ -22,7 +22,7 @@ PROTOCOL_2: Final = WireProtocol(
     byte_order="little",
     sdk=Protocol2PacketHandler,
     group_read="sync",
-    waits_for_silent=True,  # the manual does not document it
+    waits_for_silent=True,  # DynamixelSDK issues 331 and 364
     refusals=0xFF & ~v2.ALERT,
     refusal=v2.error_text,
     arrived_corrupt=lambda number: number == v2.CORRUPT_PACKET,
@@ -43,11 +43,18 @@ def alarmed(error: int) -> tuple[str, ...]:
 LARGEST_PROFILE: Final = 32767
 
 
-def x_state(
-    unit_a: float | None, alarms: tuple[str, ...],
-    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
-) -> ServoState:  # fmt: skip
-    """Convert the register values of an X series servo to a state. ``unit_a`` is the unit of its current."""
+def x_state(unit_a: float | None, alarms: tuple[str, ...], numbers: tuple[int, ...]) -> ServoState:
+    """Convert the register values of an X series servo to a state.
+
+    Args:
+        unit_a: Unit of the current, in A; None if the servo does not measure it.
+        alarms: Names of the alarms.
+        numbers: PWM, current or load, velocity, position, voltage and temperature.
+
+    Returns:
+        The state, in the units of ``ServoState``.
+    """
+    pwm, current, velocity, position, voltage, temperature = numbers
     fields = (
         position,
         round(velocity * x.VELOCITY_UNIT_COUNTS_S),
@@ -60,11 +67,8 @@ def x_state(
     return _new(ServoState, fields)
 
 
-def _x_direct(
-    unit_a: float | None, error: int,
-    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int,
-) -> ServoState:  # fmt: skip
-    return x_state(unit_a, alarmed(error), pwm, current, velocity, position, voltage, temperature)
+def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
+    return x_state(unit_a, alarmed(error), numbers)
 
 
 def profile_units(velocity_counts_s: int) -> int:
@@ -95,7 +99,7 @@ X: Final = Series(
     name="Dynamixel X",
     make="dynamixel",
     protocol=PROTOCOL_2,
-    models=tuple(x.MODELS.values()),
+    by_name=x.MODELS,
     registers=x.REGISTERS,
     goal_block=x.GOAL_BLOCK,
     blocks=blocks_to_end(
@@ -109,7 +113,7 @@ X: Final = Series(
     ),
     goal_fields="Ii",
     goal_of=lambda model: _x_goal,
-    scale_of=lambda model: x.CURRENT_UNIT_A.get(model.name),
+    scale_of=x.current_unit_a,
     servo_id=x.servo_id,
     model_number=x.model_number,
     status_level=x.status_return_level,
@@ -134,7 +138,7 @@ X: Final = Series(
 
 
 def _xl_state(_scale: None, error: int, *numbers: int) -> ServoState:
-    return bit_10_state(xl320.SPEED_UNIT_COUNTS_S, alarmed(error), *numbers)
+    return bit_10_state(xl320.SPEED_UNIT_COUNTS_S, alarmed(error), numbers)
 
 
 def _xl_config_error(model: ServoModel, read: Read) -> str | None:
@@ -148,7 +152,7 @@ XL: Final = Series(
     name="Dynamixel XL-320",
     make="dynamixel",
     protocol=PROTOCOL_2,
-    models=tuple(xl320.MODELS.values()),
+    by_name=xl320.MODELS,
     registers=xl320.REGISTERS,
     goal_block=xl320.GOAL_BLOCK,
     blocks=blocks_to_end(

@@ -26,7 +26,7 @@ _ALARMS: Final = tuple(ax_mx.alarms(error) for error in range(256))
 
 
 def _ax_mx_state(unit_counts_s: float, error: int, *numbers: int) -> ServoState:
-    return bit_10_state(unit_counts_s, _ALARMS[error], *numbers)
+    return bit_10_state(unit_counts_s, _ALARMS[error], numbers)
 
 
 def _ax_mx_config_error(model: ServoModel, read: Read) -> str | None:
@@ -42,14 +42,14 @@ AX_MX: Final = Series(
     name="Dynamixel protocol 1.0",
     make="dynamixel",
     protocol=PROTOCOL_1,
-    models=tuple(ax_mx.MODELS.values()),
+    by_name=ax_mx.MODELS,
     registers=ax_mx.COMMON,
     goal_block=ax_mx.GOAL_BLOCK,
     # The table of an AX ends at address 49.
     blocks=blocks_from_start(ax_mx.STATE_BLOCK, (8, 10, 13, 14), Struct("<HHHBB"), _ax_mx_state),
     goal_fields="HH",
-    goal_of=lambda model: bit_10_goal_of(model.last_count, ax_mx.SPEED_UNIT_COUNTS_S[model.name]),
-    scale_of=lambda model: ax_mx.SPEED_UNIT_COUNTS_S[model.name],
+    goal_of=lambda model: bit_10_goal_of(model.last_count, ax_mx.speed_unit_counts_s(model)),
+    scale_of=ax_mx.speed_unit_counts_s,
     servo_id=ax_mx.servo_id,
     model_number=ax_mx.model_number,
     status_level=ax_mx.status_return_level,
@@ -61,7 +61,7 @@ AX_MX: Final = Series(
     torque_limit=ax_mx.torque_limit,
     full_torque=ax_mx.FULL_TORQUE,
     config_error=_ax_mx_config_error,
-    bulk_models=tuple(model for model in ax_mx.MODELS.values() if model.bulk_read),
+    bulk_read=lambda model: isinstance(model, ax_mx.AxMxModel) and model.bulk_read,
 )
 
 

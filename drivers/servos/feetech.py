@@ -48,10 +48,9 @@ _new: Final = tuple.__new__
 assert {sts.present_position.sign_bit, sts.present_velocity.sign_bit, sts.goal_position.sign_bit} == {15}
 
 
-def _state(
-    loads: tuple[float, ...], _: None, status: int, position: int, velocity: int, load: int, volts: int, celsius: int
-) -> ServoState:
-    """Convert register values to a state. A control cycle calls this function for each servo."""
+def _state(loads: tuple[float, ...], _scale: None, status: int, *numbers: int) -> ServoState:
+    """Convert position, velocity, load, voltage and temperature to a state. A control cycle does so for each servo."""
+    position, velocity, load, volts, celsius = numbers
     if position & _SIGN:
         position = _SIGN - position
     if velocity & _SIGN:
@@ -98,7 +97,7 @@ STS: Final = Series(
     name="sts",
     make="feetech",
     protocol=STS_PROTOCOL,
-    models=tuple(sts.MODELS.values()),
+    by_name=sts.MODELS,
     registers=sts.REGISTERS,
     goal_block=sts.GOAL_BLOCK,
     # All blocks end within the table. Their length bytes differ in at least two bits, so that a single flipped bit
@@ -141,7 +140,7 @@ SCS: Final = Series(
     name="scs",
     make="feetech",
     protocol=SCS_PROTOCOL,
-    models=tuple(scs.MODELS.values()),
+    by_name=scs.MODELS,
     registers=scs.REGISTERS,
     goal_block=scs.GOAL_BLOCK,
     # The memory table ends at address 66, and Feetech's header file for the series at 70.

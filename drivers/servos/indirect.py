@@ -51,12 +51,10 @@ MAP_REGISTER: Final = Register("indirect addresses", POINTERS, len(MAP))
 _ALARMS: Final = tuple(map(x.alarms, range(256)))
 
 
-def _state(
-    unit_a: float | None, error: int, _first: int, hardware_error: int,
-    pwm: int, current: int, velocity: int, position: int, voltage: int, temperature: int, _last: int,
-) -> ServoState:  # fmt: skip
+def _state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
+    hardware_error = numbers[1]
     alarms = _ALARMS[hardware_error] if hardware_error else alarmed(error)
-    return x_state(unit_a, alarms, pwm, current, velocity, position, voltage, temperature)
+    return x_state(unit_a, alarms, numbers[2:-1])
 
 
 def _block(address: int) -> StateBlock:
@@ -70,6 +68,6 @@ AT_224: Final = _block(224)
 
 def block_for(model: ServoModel, firmware: int) -> StateBlock | None:
     """Return the block of cells for a model and firmware version, or None without indirect registers."""
-    if model not in x.MODELS.values():
+    if not isinstance(model, x.XModel):
         return None
-    return AT_208 if model in x.X330 and firmware <= LAST_OLD_X330 else AT_224
+    return AT_208 if model.short_map and firmware <= LAST_OLD_X330 else AT_224

@@ -1,9 +1,10 @@
 """Registers and servo models."""
 
+import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal
+from typing import Literal, NamedTuple
 
 ByteOrder = Literal["little", "big"]
 
@@ -15,9 +16,21 @@ class Access(Enum):
     READ_WRITE = "read_write"
 
 
+def between(lowest: int, highest: int) -> tuple[range, ...]:
+    """Return the values of a register from ``lowest`` to ``highest``, which is included."""
+    return (range(lowest, highest + 1),)
+
+
+def one_of(*values: int) -> tuple[range, ...]:
+    """Return the values of a register that takes only these."""
+    return tuple(range(value, value + 1) for value in values)
+
+
 @dataclass(frozen=True, slots=True)
 class Register:
     """One register of a control table.
+
+    Two registers are equal if they are read and written in the same way. Their values may differ between models.
 
     Attributes:
         name: Name of the register.
@@ -27,6 +40,7 @@ class Register:
         persistent: Whether it is in EEPROM, which keeps its value without power and wears out when written.
         sign_bit: Sign bit of a sign-magnitude number (Feetech); None if there is none.
         signed: Whether it holds a two's complement number (Dynamixel).
+        values: Values that the servo accepts, in ascending order. Empty if all values that fit are accepted.
     """
 
     name: str
@@ -36,34 +50,61 @@ class Register:
     persistent: bool = False
     sign_bit: int | None = None
     signed: bool = False
+    values: tuple[range, ...] = field(default=(), compare=False)
+
+    @property
+    def fitting(self) -> range:
+        """Values that fit into the bytes of the register, whether or not the servo accepts them."""
+        bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
+        largest = (1 << bits) - 1
+        if self.signed:
+            return range(-largest - 1, largest + 1)
+        return range(0 if self.sign_bit is None else -largest, largest + 1)
 
     @property
     def largest(self) -> int:
-        """Largest value of the register."""
-        bits = self.size * 8 - self.signed if self.sign_bit is None else self.sign_bit
-        return (1 << bits) - 1
+        """Largest value that the servo accepts."""
+        return (self.values[-1] if self.values else self.fitting).stop - 1
 
     @property
     def smallest(self) -> int:
-        """Smallest value of the register."""
-        if self.signed:
-            return -self.largest - 1
-        return 0 if self.sign_bit is None else -self.largest
+        """Smallest value that the servo accepts."""
+        return (self.values[0] if self.values else self.fitting).start
+
+    @property
+    def values_text(self) -> str:
+        """The accepted values for a message, such as "1, 3 to 4 or 16"."""
+        spans = [
+            f"{span.start}" if len(span) == 1 else f"{span.start} to {span.stop - 1}"
+            for span in self.values or (self.fitting,)
+        ]
+        return " or ".join(filter(None, (", ".join(spans[:-1]), spans[-1])))
+
+    def takes(self, value: int) -> bool:
+        """Whether the servo accepts a value.
+
+        Args:
+            value: Raw value.
+
+        Returns:
+            True if the value is one of ``values`` and fits.
+        """
+        return any(value in span for span in self.values) if self.values else value in self.fitting
 
     def check(self, value: int) -> None:
-        """Check that a value fits into the register.
+        """Check that the servo accepts a value.
 
         Args:
             value: Raw value.
 
         Raises:
-            ValueError: The value is out of range.
+            ValueError: The servo would refuse the value.
         """
-        if not self.smallest <= value <= self.largest:
-            raise ValueError(f"{self.name} must be {self.smallest} to {self.largest}, not {value}: nothing was written")
+        if not self.takes(value):
+            raise ValueError(f"{self.name} must be {self.values_text}, not {value}: nothing was written")
 
     def encode(self, value: int, order: ByteOrder) -> bytes:
-        """Convert a value to the bytes that are sent.
+        """Convert a value to the bytes that are sent. Use ``check`` to know whether the servo accepts the value.
 
         Args:
             value: Raw value.
@@ -73,9 +114,10 @@ class Register:
             ``size`` bytes.
 
         Raises:
-            ValueError: The value is out of range.
+            ValueError: The value does not fit into the register.
         """
-        self.check(value)
+        if value not in self.fitting:
+            raise ValueError(f"{self.name} must be {self.values_text}, not {value}: nothing was written")
         raw = value
         if self.sign_bit is not None and value < 0:
             raw = -value | 1 << self.sign_bit
@@ -105,9 +147,28 @@ def by_address(values: Iterable[object]) -> tuple[Register, ...]:
     return tuple(sorted((v for v in values if isinstance(v, Register)), key=lambda register: register.address))
 
 
+def merged(common: Iterable[Register], own: Iterable[Register]) -> tuple[Register, ...]:
+    """Return a table of common registers, in which ``own`` registers replace those of the same name."""
+    return by_address({register.name: register for register in (*common, *own)}.values())
+
+
 def bit_names(bits: int, names: Mapping[int, str]) -> tuple[str, ...]:
     """Return the names of the bits that are set in a byte. A bit without a name is described by its number."""
     return tuple(names.get(bit, f"unknown (bit {bit})") for bit in range(8) if bits >> bit & 1)
+
+
+class Datasheet(NamedTuple):
+    """Figures of a motor in its data sheet, all at the rated voltage."""
+
+    rated_voltage_v: float
+    stall_torque_nm: float
+    stall_current_a: float
+    no_load_rpm: float
+
+    @property
+    def no_load_speed_rad_s(self) -> float:
+        """Speed without load, in rad/s."""
+        return self.no_load_rpm * 2.0 * math.pi / 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +184,8 @@ class ServoModel:
         stall_torque_nm: Stall torque, in N m.
         no_load_speed_rad_s: Speed without load, in rad/s.
         positions: Number of positions of a sensor that covers less than a turn; None for a full turn.
+        own: Registers that not all models of the series have, or that have other values than in the series.
+        supply_v: Lowest and highest rated voltage, in V; None for the usual shares of the rated voltage.
     """
 
     name: str
@@ -133,6 +196,8 @@ class ServoModel:
     stall_torque_nm: float
     no_load_speed_rad_s: float
     positions: int | None = None
+    own: tuple[Register, ...] = ()
+    supply_v: tuple[float, float] | None = None
 
     @property
     def last_count(self) -> int:

@@ -8,45 +8,49 @@ operating mode, no current and no torque limit in RAM.
 
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, by_address
+from drivers.servos.register import Access, Register, ServoModel, between, by_address
 from drivers.servos.sts import KG_CM, RPM
 
 READ: Final = Access.READ
+BYTE: Final = between(0, 254)
+TEN_BITS: Final = between(0, 1023)
+SWITCH: Final = between(0, 1)
+PER_MILLE: Final = between(0, 1000)
 
 # EEPROM: values written while the lock is closed are lost at power-off.
 firmware_major = Register("firmware_major", 0, 1, READ, persistent=True)
 firmware_minor = Register("firmware_minor", 1, 1, READ, persistent=True)
 model_number = Register("model_number", 3, 2, READ, persistent=True)
-servo_id = Register("id", 5, 1, persistent=True)
-baud_rate = Register("baud_rate", 6, 1, persistent=True)  # index into sts.BAUD_RATES
-return_delay = Register("return_delay", 7, 1, persistent=True)  # 2 us
-status_level = Register("status_level", 8, 1, persistent=True)
-min_position = Register("min_position", 9, 2, persistent=True)  # counts; 0 and 0: motor mode
-max_position = Register("max_position", 11, 2, persistent=True)  # counts
-max_temperature = Register("max_temperature", 13, 1, persistent=True)  # deg C
-max_voltage = Register("max_voltage", 14, 1, persistent=True)  # 0.1 V
-min_voltage = Register("min_voltage", 15, 1, persistent=True)  # 0.1 V
-max_torque = Register("max_torque", 16, 2, persistent=True)  # 0.1 %
-phase = Register("phase", 18, 1, persistent=True)
-unloading_condition = Register("unloading_condition", 19, 1, persistent=True)  # status bits
-led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True)  # status bits
-position_p = Register("position_p", 21, 1, persistent=True)
-position_d = Register("position_d", 22, 1, persistent=True)
-position_i = Register("position_i", 23, 1, persistent=True)
-minimum_startup_force = Register("minimum_startup_force", 24, 2, persistent=True)  # 0.1 %
-cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True)  # counts
-ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True)  # counts
-protective_torque = Register("protective_torque", 37, 1, persistent=True)  # %
-protection_time = Register("protection_time", 38, 1, persistent=True)  # 40 ms
-overload_torque = Register("overload_torque", 39, 1, persistent=True)  # %
+servo_id = Register("id", 5, 1, persistent=True, values=between(0, 253))
+baud_rate = Register("baud_rate", 6, 1, persistent=True, values=between(0, 7))  # index into sts.BAUD_RATES
+return_delay = Register("return_delay", 7, 1, persistent=True, values=BYTE)  # 2 us
+status_level = Register("status_level", 8, 1, persistent=True, values=SWITCH)
+min_position = Register("min_position", 9, 2, persistent=True, values=TEN_BITS)  # counts; 0 and 0: motor mode
+max_position = Register("max_position", 11, 2, persistent=True, values=TEN_BITS)  # counts
+max_temperature = Register("max_temperature", 13, 1, persistent=True, values=between(0, 100))  # deg C
+max_voltage = Register("max_voltage", 14, 1, persistent=True, values=BYTE)  # 0.1 V
+min_voltage = Register("min_voltage", 15, 1, persistent=True, values=BYTE)  # 0.1 V
+max_torque = Register("max_torque", 16, 2, persistent=True, values=PER_MILLE)  # 0.1 %
+phase = Register("phase", 18, 1, persistent=True, values=BYTE)
+unloading_condition = Register("unloading_condition", 19, 1, persistent=True, values=BYTE)  # status bits
+led_alarm_condition = Register("led_alarm_condition", 20, 1, persistent=True, values=BYTE)  # status bits
+position_p = Register("position_p", 21, 1, persistent=True, values=BYTE)
+position_d = Register("position_d", 22, 1, persistent=True, values=BYTE)
+position_i = Register("position_i", 23, 1, persistent=True, values=BYTE)
+minimum_startup_force = Register("minimum_startup_force", 24, 2, persistent=True, values=PER_MILLE)  # 0.1 %
+cw_dead_zone = Register("cw_dead_zone", 26, 1, persistent=True, values=between(0, 32))  # counts
+ccw_dead_zone = Register("ccw_dead_zone", 27, 1, persistent=True, values=between(0, 32))  # counts
+protective_torque = Register("protective_torque", 37, 1, persistent=True, values=BYTE)  # %
+protection_time = Register("protection_time", 38, 1, persistent=True, values=BYTE)  # 40 ms
+overload_torque = Register("overload_torque", 39, 1, persistent=True, values=BYTE)  # %
 
 # RAM: goals.
-torque_enable = Register("torque_enable", 40, 1)  # 0 off, 1 on, 2 damping
-acceleration = Register("acceleration", 41, 1)  # not in Feetech's SDK, because not every servo has it
-goal_position = Register("goal_position", 42, 2)  # counts
+torque_enable = Register("torque_enable", 40, 1, values=between(0, 2))  # 0 off, 1 on, 2 damping
+acceleration = Register("acceleration", 41, 1, values=between(0, 254))  # not in Feetech's SDK: not every servo has it
+goal_position = Register("goal_position", 42, 2, values=TEN_BITS)  # counts
 goal_time = Register("goal_time", 44, 2, sign_bit=15)  # ms; in motor mode the drive, with the sign in bit 10
 goal_velocity = Register("goal_velocity", 46, 2)  # counts/s; 0: maximum speed
-lock = Register("lock", 48, 1)  # 1: EEPROM locked
+lock = Register("lock", 48, 1, values=SWITCH)  # 1: EEPROM locked
 
 # RAM: state. The first five registers are one block of eight bytes.
 present_position = Register("present_position", 56, 2, READ)  # counts

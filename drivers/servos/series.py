@@ -1,7 +1,7 @@
 """Descriptions of servo series and wire protocols."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from struct import Struct
 from types import ModuleType
@@ -80,7 +80,8 @@ class Series:
     name: str
     make: Literal["feetech", "dynamixel"]
     protocol: WireProtocol
-    models: tuple[ServoModel, ...]
+    by_name: MutableMapping[str, Any]
+    """Models of the series by name. ``catalog.add`` adds the models of a user."""
     registers: tuple[Register, ...]
     """Registers of all models, sorted by address."""
     goal_block: tuple[Register, ...]
@@ -119,10 +120,15 @@ class Series:
     """Position P gain, if it is in RAM."""
     hardware_error: tuple[Register, Callable[[int], tuple[str, ...]]] | None = None
     """Register that names the alarms, and its decoder, if replies only report that there are alarms."""
-    bulk_models: tuple[ServoModel, ...] = ()
-    """Models that support bulk reads, for protocols in which not all models do."""
+    bulk_read: Callable[[ServoModel], bool] = lambda model: False
+    """Whether a model supports bulk reads, for protocols in which not all models do."""
     lock: Register | None = None
     """EEPROM lock: 1 locks, 0 unlocks. None for Dynamixel servos, whose EEPROM is unlocked while torque is disabled."""
+
+    @property
+    def models(self) -> tuple[ServoModel, ...]:
+        """Models of the series, those of a user last."""
+        return tuple(self.by_name.values())
 
     @property
     def torque_state(self) -> Register:
@@ -159,10 +165,18 @@ def blocks_to_end(
     return tuple(StateBlock(at, size, fields, size - fields.size, state, fast) for at, size in sizes.items())
 
 
-def bit_10_state(
-    unit_counts_s: float, alarms: tuple[str, ...], position: int, speed: int, load: int, voltage: int, temperature: int
-) -> ServoState:
-    """Convert register values to a state for servos whose speed and load have their direction in bit 10."""
+def bit_10_state(unit_counts_s: float, alarms: tuple[str, ...], numbers: tuple[int, ...]) -> ServoState:
+    """Convert register values to a state for servos whose speed and load have their direction in bit 10.
+
+    Args:
+        unit_counts_s: Unit of the speed, in counts/s.
+        alarms: Names of the alarms.
+        numbers: Position, speed, load, voltage and temperature.
+
+    Returns:
+        The state, in the units of ``ServoState``.
+    """
+    position, speed, load, voltage, temperature = numbers
     velocity_counts_s = round(signed(speed, 1 << 10) * unit_counts_s)
     return ServoState(
         position, velocity_counts_s, signed(load, 1 << 10) / 1023, voltage * 0.1, float(temperature), alarms

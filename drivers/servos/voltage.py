@@ -16,6 +16,8 @@ RANGES_V: Final = {
     **dict.fromkeys(("scs15", "xl320"), (5.5, 8.9)),
     **dict.fromkeys(("xl330-m077", "xl330-m288", "xc330-m181", "xc330-m288"), (3.7, 6.0)),
     **dict.fromkeys(("xl430-w250", "xc430-w150", "xc430-w240", "xc330-t181", "xc330-t288"), (6.5, 15.0)),
+    **dict.fromkeys(("2xl430-w250", "2xc430-w250", "xc335-t332"), (6.5, 15.0)),
+    **dict.fromkeys(("rx-28", "rx-64", "ex-106+"), (12.0, 19.0)),
 }
 """Lowest and highest voltage by model, in V, for models whose datasheet differs from the shares."""
 
@@ -36,7 +38,7 @@ class VoltageFault(NamedTuple):
 def voltage_range(model: ServoModel) -> tuple[float, float]:
     """Return the lowest and the highest rated voltage of a model, in V."""
     rated = model.rated_voltage_v
-    return RANGES_V.get(model.name, (LOWEST_SHARE * rated, HIGHEST_SHARE * rated))
+    return model.supply_v or RANGES_V.get(model.name, (LOWEST_SHARE * rated, HIGHEST_SHARE * rated))
 
 
 def usual_range(model: ServoModel) -> tuple[float, float]:

@@ -8,35 +8,38 @@ toward smaller positions.
 import math
 from typing import Final
 
-from drivers.servos.register import Access, Register, ServoModel, by_address
+from drivers.servos.register import Access, Register, ServoModel, between, by_address, one_of
 
 READ: Final = Access.READ
+LEVELS: Final = between(0, 2)
+BYTE: Final = between(0, 254)
+TEN_BITS: Final = between(0, 1023)
 
 # EEPROM.
 model_number = Register("model_number", 0, 2, READ, persistent=True)
 firmware_version = Register("firmware_version", 2, 1, READ, persistent=True)
-servo_id = Register("id", 3, 1, persistent=True)
-baud_rate = Register("baud_rate", 4, 1, persistent=True)  # index into BAUD_RATES
-return_delay = Register("return_delay", 5, 1, persistent=True)  # 2 us
-cw_angle_limit = Register("cw_angle_limit", 6, 2, persistent=True)  # counts
-ccw_angle_limit = Register("ccw_angle_limit", 8, 2, persistent=True)  # counts
-control_mode = Register("control_mode", 11, 1, persistent=True)  # 1: wheel, 2: joint
-temperature_limit = Register("temperature_limit", 12, 1, persistent=True)  # deg C
-min_voltage_limit = Register("min_voltage_limit", 13, 1, persistent=True)  # 0.1 V
-max_voltage_limit = Register("max_voltage_limit", 14, 1, persistent=True)  # 0.1 V
-max_torque = Register("max_torque", 15, 2, persistent=True)  # 1/1023
-status_return_level = Register("status_return_level", 17, 1, persistent=True)  # 0: ping, 1: ping and read, 2: all
-shutdown = Register("shutdown", 18, 1, persistent=True)  # hardware error bits
+servo_id = Register("id", 3, 1, persistent=True, values=between(0, 252))
+baud_rate = Register("baud_rate", 4, 1, persistent=True, values=between(0, 3))  # index into BAUD_RATES
+return_delay = Register("return_delay", 5, 1, persistent=True, values=BYTE)  # 2 us
+cw_angle_limit = Register("cw_angle_limit", 6, 2, persistent=True, values=TEN_BITS)  # counts
+ccw_angle_limit = Register("ccw_angle_limit", 8, 2, persistent=True, values=TEN_BITS)  # counts
+control_mode = Register("control_mode", 11, 1, persistent=True, values=one_of(1, 2))  # 1: wheel, 2: joint
+temperature_limit = Register("temperature_limit", 12, 1, persistent=True, values=between(0, 150))  # deg C
+min_voltage_limit = Register("min_voltage_limit", 13, 1, persistent=True, values=between(50, 250))  # 0.1 V
+max_voltage_limit = Register("max_voltage_limit", 14, 1, persistent=True, values=between(50, 250))  # 0.1 V
+max_torque = Register("max_torque", 15, 2, persistent=True, values=TEN_BITS)  # 1/1023
+status_return_level = Register("status_return_level", 17, 1, persistent=True, values=LEVELS)  # 1: ping and read, 2: all
+shutdown = Register("shutdown", 18, 1, persistent=True, values=between(0, 7))  # hardware error bits
 
 # RAM: switches, gains and goals.
-torque_enable = Register("torque_enable", 24, 1)  # 0 off, 1 on
-led = Register("led", 25, 1)
-d_gain = Register("d_gain", 27, 1)
-i_gain = Register("i_gain", 28, 1)
-p_gain = Register("p_gain", 29, 1)
+torque_enable = Register("torque_enable", 24, 1, values=between(0, 1))  # 0 off, 1 on
+led = Register("led", 25, 1, values=between(0, 7))
+d_gain = Register("d_gain", 27, 1, values=BYTE)
+i_gain = Register("i_gain", 28, 1, values=BYTE)
+p_gain = Register("p_gain", 29, 1, values=BYTE)
 goal_position = Register("goal_position", 30, 2)  # counts
-moving_speed = Register("moving_speed", 32, 2)  # 0.111 rpm; 0: maximum speed
-torque_limit = Register("torque_limit", 35, 2)  # 1/1023; 0 after a shutdown
+moving_speed = Register("moving_speed", 32, 2, values=between(0, 2047))  # 0.111 rpm; 0: maximum speed
+torque_limit = Register("torque_limit", 35, 2, values=TEN_BITS)  # 1/1023; 0 after a shutdown
 
 # RAM: state.
 present_position = Register("present_position", 37, 2, READ)  # counts
@@ -47,7 +50,7 @@ present_temperature = Register("present_temperature", 46, 1, READ)  # deg C
 registered_instruction = Register("registered_instruction", 47, 1, READ)
 moving = Register("moving", 49, 1, READ)
 hardware_error_status = Register("hardware_error_status", 50, 1, READ)  # hardware error bits
-punch = Register("punch", 51, 2)
+punch = Register("punch", 51, 2, values=TEN_BITS)
 
 REGISTERS: Final = by_address(globals().values())
 

@@ -110,6 +110,7 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         position_p=file.position_p,
         homing_offset=file.homing_offset,
         extended=file.extended,
+        firmware=file.firmware,
         settings=tuple(file.settings.items()),
         gravity_compensation=robot.gravity_compensation,
     )

@@ -27,6 +27,7 @@ from hal.plausible import (
 )
 from hal.robot_file.calibration_file import CalibrationFile, calibration_path, load_calibration
 from hal.robot_file.protection import protection_problems
+from hal.robot_file.servo_models import load_servo_models
 from hal.servos.servo_settings import homing_mistake, mistakes
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
@@ -50,6 +51,10 @@ class BusFile(_Strict):
     baud: Baud = 1_000_000
 
 
+FirmwareVersion = Annotated[int, NoTruth, Field(ge=1, le=254)]
+"""Firmware version, as a servo reports it."""
+
+
 class JointFile(_Strict):
     """Servo of one joint. Units are rad (m for a prismatic joint) and s."""
 
@@ -68,6 +73,8 @@ class JointFile(_Strict):
     torque_limit: TorqueLimit = 1.0
     position_p: Annotated[int, NoTruth] | None = Field(None, ge=0, le=16383)
     """Position P gain of a Dynamixel servo, which it keeps in RAM; None leaves the gain unchanged."""
+    firmware: FirmwareVersion | None = None
+    """Firmware version of the virtual servo, a Dynamixel X; by default the usual one. Real servos ignore it."""
     settings: dict[str, RegisterValue] = {}
     """Values of EEPROM registers (gains, dead zones, protections) by register name. Values that differ are written."""
     acceleration: Acceleration
@@ -211,6 +218,8 @@ def _joint_problems(name: str, joint: JointFile, protocol: Make) -> list[str]:
         problems.append(f"{name}: {wrong}")
     if joint.extended and series_of(model) is not X:
         problems.append(f"{name}: a {joint.model} has no extended position mode: remove `extended`")
+    if joint.firmware is not None and series_of(model) is not X:
+        problems.append(f"{name} has firmware, but only a virtual Dynamixel X has a choice of versions: remove it")
     problems += [f"{name}.settings: {mistake}" for mistake in mistakes(model, joint.settings)]
     return problems
 
@@ -230,7 +239,9 @@ def _mixed_protocols(joints: Mapping[str, JointFile]) -> list[str]:
 
 
 def load_robot_file(path: Path) -> RobotFile:
-    """Read a robot file and its calibration file. Servo protections that cannot act are logged as warnings.
+    """Read a robot file with the servo models and the calibration beside it.
+
+    Servo protections that cannot act are logged as warnings.
 
     Args:
         path: The robot file.
@@ -238,6 +249,7 @@ def load_robot_file(path: Path) -> RobotFile:
     Raises:
         RobotFileError: The files have mistakes. The message lists all of them with file and line.
     """
+    load_servo_models(path.parent)
     file, calibration = load(path, RobotFile, RobotFileError), load_calibration(path)
     for problem in unprotected(file):
         LOG.warning("%s: %s", path, problem)

@@ -14,7 +14,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.errors import ServoRefused
 from drivers.servos import x
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
@@ -38,7 +38,7 @@ def settings_of(model: ServoModel) -> dict[str, Register]:
     """Return the registers of a servo that a robot file may set, by name."""
     return {
         register.name: register
-        for register in series_of(model).registers
+        for register in registers_of(model)
         if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_SETTINGS
     }
 
@@ -50,23 +50,23 @@ def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
     for name, value in settings.items():
         if name not in known:
             problems.append(f"{model.name} has no setting {name}: it has {', '.join(sorted(known))}")
-        elif not known[name].smallest <= value <= known[name].largest:
-            problems.append(f"{name} must be {known[name].smallest} to {known[name].largest}, not {value}")
+        elif not known[name].takes(value):
+            problems.append(f"{name} must be {known[name].values_text}, not {value}")
     return problems
 
 
 def _homing_register(model: ServoModel) -> Register | None:
-    return next((one for one in series_of(model).registers if one.name == "homing_offset"), None)
+    return next((one for one in registers_of(model) if one.name == "homing_offset"), None)
 
 
 def homing_mistake(model: ServoModel, offset: int | None) -> str | None:
     """Return the error message for a homing offset that the servo cannot have; otherwise None."""
     register = _homing_register(model)
-    if offset is None or (register and register.smallest <= offset <= register.largest):
+    if offset is None or (register and register.takes(offset)):
         return None
     if register is None:
         return f"{model.name} has no homing_offset: remove it"
-    return f"homing_offset must be {register.smallest} to {register.largest}, not {offset}"
+    return f"homing_offset must be {register.values_text}, not {offset}"
 
 
 def check_homing_offset(joint: Joint, bus: Bus) -> None:

@@ -30,9 +30,10 @@ def _swapped(number: int) -> int:
     return int.from_bytes(number.to_bytes(2, "little"), "big")
 
 
-_NUMBERS: Final = frozenset(model.number for model in MODELS.values())
-_KNOWN: Final = _NUMBERS | frozenset(map(_swapped, _NUMBERS))
-"""Model numbers in both byte orders, because servos of another series store them in the other order."""
+def _known() -> frozenset[int]:
+    """Return all model numbers in both byte orders, because servos of another series may store them in the other."""
+    numbers = frozenset(model.number for model in MODELS.values())
+    return numbers | frozenset(map(_swapped, numbers))
 
 
 class OnlyGroupReadsError(ServoError):
@@ -161,8 +162,8 @@ def _has_table(bus: Bus, servo_id: int, model: ServoModel, number: int) -> bool:
     if any(number == other.number and series_of(other) is series_of(model) for other in MODELS.values()):
         return True
     elsewhere = X if series_of(model).make == "feetech" else STS
-    of_the_other_make = retry(partial(bus.read, servo_id, elsewhere.model_number)) in _KNOWN
-    if of_the_other_make or (number in _KNOWN and _swapped(number) != model.number):
+    of_the_other_make = retry(partial(bus.read, servo_id, elsewhere.model_number)) in _known()
+    if of_the_other_make or (number in _known() and _swapped(number) != model.number):
         return False
     if number == 0:
         return True

@@ -9,6 +9,7 @@ import typer
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
 from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.register_tables import tables
 
 if TYPE_CHECKING:
     from commissioning.registers.values import RegisterValue
@@ -133,6 +134,7 @@ class ServoAddress:
 
 NameArgument = Annotated[str, typer.Argument(help="Name of the register, such as present_voltage.")]
 app = typer.Typer(no_args_is_help=True, help="Read and write the registers of one servo, by name and with units.")
+app.command()(tables)
 
 
 @app.command("list")

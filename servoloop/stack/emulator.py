@@ -98,7 +98,8 @@ def _line(robot: Robot, plant: Plant, bus: str, spread: Spread) -> ServoLine[Any
     joints = [joint for joint in robot.joints if joint.bus == bus]
     models = {joint.servo_id: joint.model for joint in joints}
     if any(series_of(model).protocol is PROTOCOL_2 for model in models.values()):
-        line: ServoLine[Any] = VirtualDynamixelBus.of(plant, models)
+        versions = {joint.servo_id: joint.firmware for joint in joints if joint.firmware is not None}
+        line: ServoLine[Any] = VirtualDynamixelBus.of(plant, models, firmware=versions)
     else:
         line = VirtualBus.of(plant, models, spread=spread)
     for joint in joints:

@@ -1,17 +1,24 @@
 """Virtual Dynamixel servos on one wire. They convert timed instructions to timed replies.
 
 From the e-manual: the only broadcast with a reply is a ping, to which all servos reply in turn. A sync read and a bulk
-read are answered in the order in which they name the servos. The e-manual does not define what a servo does if the
-servo before it is silent: here it replies after a time slot or, with ``chained``, not at all. A fast read is answered
-by one packet to which each servo adds its block; its checksums confirm "integrity between Dynamixels". Assumed for a
-fast read:
+read are answered in the order in which they name the servos. A fast read is answered by one packet to which each servo
+adds its block; its checksums confirm "integrity between Dynamixels".
+
+From ROBOTIS (DynamixelSDK issues 331 and 364, seen with a logic analyzer): each servo waits until it has heard the
+reply of the servo named before it. A silent servo therefore silences all servos that are named after it. Assumed: a
+reply with a wrong checksum counts as heard.
+
+A servo also obeys writes to its secondary ID, without a reply. Assumed: it ignores other instructions to that ID, and
+a new protocol type applies at once.
+
+Assumed for a fast read:
 - A servo adds its block only after it has received the whole block before its own. After a silent servo, or one
   whose firmware does not support fast reads, only the beginning of the packet is on the wire.
 - The first servo waits for its return delay, and the others add their blocks at once.
 - No servo replies if the length of the packet does not fit into two bytes.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from operator import and_
 from typing import Final
@@ -24,7 +31,6 @@ from sim_backend.mechanics.plant import Plant
 from sim_backend.packets.dynamixel import (
     BROADCAST,
     LONGEST_REPLY,
-    STATUS_OVERHEAD,
     Code,
     InstructionParser,
     ends_whole,
@@ -49,7 +55,6 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
     def __init__(self, rig: Rig[Protocol2Servo], *, paced: bool = True) -> None:
         """Create the line. ``paced`` bytes take time on the wire; without it they take none, to measure software."""
         super().__init__(rig, InstructionParser(), _ID_AT, paced=paced)
-        self.chained = False
 
     @classmethod
     def of(
@@ -79,40 +84,29 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
         self, instruction: Instruction, at_s: float, byte_s: float, servos: Sequence[Protocol2Servo]
     ) -> list[DelayedReply]:
         parameters = instruction.parameters
+        servos = [servo for servo in servos if servo.speaks]
+        for servo in servos:
+            servo.heard()
         match instruction.code:
             case Code.SYNC_WRITE:
                 return _write(sync_entries(parameters), servos)
             case Code.BULK_WRITE:
                 return _write(bulk_entries(parameters), servos)
             case Code.SYNC_READ:
-                return self._in_turn(self._reads(sync_spans(parameters), servos, byte_s), at_s, byte_s, 0.0)
+                return self._chained(_reads(sync_spans(parameters), servos), at_s, byte_s)
             case Code.BULK_READ:
-                return self._in_turn(self._reads(bulk_spans(parameters), servos, byte_s), at_s, byte_s, 0.0)
+                return self._chained(_reads(bulk_spans(parameters), servos), at_s, byte_s)
             case Code.FAST_SYNC_READ:
                 return self._fast(sync_spans(parameters), servos, at_s, byte_s)
             case Code.FAST_BULK_READ:
                 return self._fast(bulk_spans(parameters), servos, at_s, byte_s)
         broadcast = instruction.servo_id == BROADCAST
+        if instruction.code == Code.WRITE:
+            _write_by_secondary_id(instruction.servo_id, _number(parameters[:2]), parameters[2:], servos)
         turns = self._answers(instruction, servos if broadcast else named(instruction.servo_id, servos))
         if broadcast and instruction.code != Code.PING:
             return []
         return self._in_turn(turns, at_s, byte_s, 0.0)
-
-    def _reads(self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], byte_s: float) -> list[Turn]:
-        """Return one turn for each servo that is present. A missing servo leaves a gap as long as its reply."""
-        turns: list[Turn] = []
-        gap_s = 0.0
-        for servo_id, address, size in spans:
-            asked = [servo for servo in named(servo_id, servos) if servo.answers_reads]
-            if asked:
-                delay_s = gap_s + max(servo.return_delay_s for servo in asked)
-                turns.append((delay_s, [servo.read_status(address, size) for servo in asked]))
-                gap_s = 0.0
-            elif self.chained:
-                break
-            else:
-                gap_s += (STATUS_OVERHEAD + size) * byte_s
-        return turns
 
     def _fast(
         self, spans: Sequence[Span], servos: Sequence[Protocol2Servo], at_s: float, byte_s: float
@@ -133,12 +127,21 @@ class VirtualDynamixelBus(ServoLine[Protocol2Servo]):
             at_s += len(sent) * byte_s
             if not wire and self.paced:
                 at_s += max(servo.return_delay_s for servo in asked)
-            heard = self.faults.pass_reply(servo_id, sent)
-            replies.append(DelayedReply(at_s, heard, self.faults.held_s(servo_id)))
+            heard = self.faults.on_wire(servo_id, sent)
+            arrived = self.faults.through_adapter(servo_id, heard)
+            replies.append(DelayedReply(at_s, arrived, self.faults.held_s(servo_id)))
             wire += heard
             if not heard or not ends_whole(wire):
                 break
         return replies
+
+
+def _reads(spans: Iterable[Span], servos: Sequence[Protocol2Servo]) -> Iterator[Turn]:
+    """Yield the turns of a sync read or a bulk read. A turn without a reply belongs to a silent servo."""
+    for servo_id, address, size in spans:
+        asked = [servo for servo in named(servo_id, servos) if servo.answers_reads]
+        delay_s = max((servo.return_delay_s for servo in asked), default=0.0)
+        yield delay_s, [servo.read_status(address, size) for servo in asked]
 
 
 def _servo_of(model: ServoModel, servo_id: int, firmware: int | None) -> Protocol2Servo:
@@ -157,4 +160,16 @@ def _write(entries: Iterable[Entry], servos: Sequence[Protocol2Servo]) -> list[D
     for servo_id, address, data in entries:
         for servo in named(servo_id, servos):
             servo.write(address, data)
+        _write_by_secondary_id(servo_id, address, data, servos)
     return []
+
+
+def _write_by_secondary_id(servo_id: int, address: int, data: bytes, servos: Sequence[Protocol2Servo]) -> None:
+    """Write to all servos that have this secondary ID, unless it is also their ID."""
+    for servo in servos:
+        if servo.secondary_id == servo_id != servo.servo_id:
+            servo.write_by_secondary_id(address, data)
+
+
+def _number(data: bytes) -> int:
+    return int.from_bytes(data, "little")

@@ -13,7 +13,7 @@ From the manuals of the other servos:
 Assumed for the other servos: they answer a broadcast ping one after the other, in order of ID.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import ceil
 
 from drivers.servos import ax_mx as dynamixel1
@@ -91,7 +91,7 @@ class VirtualBus(ServoLine[PacketServo]):
         if instruction.code == Code.BULK_READ:
             knowing = [servo for servo in meant if servo.GROUP_READ == Code.BULK_READ]
             if knowing:
-                return self._in_turn(_bulk_read(parameters, knowing), at_s, byte_s, 0.0)
+                return self._chained(_bulk_read(parameters, knowing), at_s, byte_s)
         if instruction.code == Code.SYNC_WRITE:
             _sync_write(parameters, meant)
         if broadcast:
@@ -177,20 +177,18 @@ def _timed_byte_s(byte_s: float) -> float:
     return ceil(byte_s * 1e6 - 1e-6) * 1e-6
 
 
-def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> list[Turn]:
-    """Return the replies to a bulk read: a zero, then size, ID and address of each servo.
+def _bulk_read(parameters: bytes, servos: Sequence[PacketServo]) -> Iterator[Turn]:
+    """Yield the replies to a bulk read: a zero, then size, ID and address of each servo.
 
     A servo after a silent one does not reply. A servo that is asked for more bytes than a reply can hold is silent
     (assumed).
     """
-    turns: list[Turn] = []
     for at in range(1, len(parameters) - 2, 3):
         size, servo_id, address = parameters[at : at + 3]
         asked = named(servo_id, servos)
         if not asked or size > LONGEST_DATA:
             break
-        turns.append((asked[0].return_delay_s, [servo.read_status(address, size) for servo in asked]))
-    return turns
+        yield asked[0].return_delay_s, [servo.read_status(address, size) for servo in asked]
 
 
 def _sync_write(parameters: bytes, servos: Sequence[PacketServo]) -> None:

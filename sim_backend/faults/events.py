@@ -17,7 +17,16 @@ from sim_backend.faults.replies import (
     Noise,
     TruncatedReplies,
 )
-from sim_backend.faults.servos import BrownOut, DeadEncoder, Hot, LoosePlug, Overcurrent, Silent, StuckEncoder
+from sim_backend.faults.servos import (
+    BrownOut,
+    DeadEncoder,
+    HardwareError,
+    Hot,
+    LoosePlug,
+    Overcurrent,
+    Silent,
+    StuckEncoder,
+)
 from sim_backend.faults.settings import EepromGone, WrongId, WrongMode, WrongRate, WrongSetting
 from sim_backend.faults.stack import (
     ClientCancels,
@@ -32,7 +41,8 @@ from sim_backend.faults.stack import (
 FaultEvent = Annotated[
     Silent | BrownOut | LoosePlug | CableCut | WeakSupply
     | LostReplies | LateReplies | TruncatedReplies | FlippedReplies | Noise | Echo | Collision | MissedInstructions
-    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | FalsePosition | FalseValue | Hot | Overcurrent
+    | Jammed | Overload | SlippedHorn | StuckEncoder | DeadEncoder | HardwareError
+    | FalsePosition | FalseValue | Hot | Overcurrent
     | WrongId | WrongRate | WrongMode | WrongSetting | EepromGone
     | AdapterUnplugged | ForeignPackets
     | LoopStall | ControllerRaises | ControllerNan | ControllerJumps | ClientNonsense | ClientCancels | ClientDies,

@@ -8,10 +8,11 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field
 
 from drivers.servos import sts
+from drivers.servos.catalog import registers_of
 from drivers.servos.register import Register, ServoModel
 from hal.plausible import Counts, Number, RegisterValue
 from sim_backend.faults.event import Lasting, OfServo, model_of
-from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
+from sim_backend.faults.tables import any_value, register_of, require_value
 from sim_backend.faults.tails import either_way, log_uniform
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.servos.generic.packet_servo import PacketServo
@@ -73,7 +74,7 @@ class FalsePosition(_FalseReplies):
         def falsify(address: int, size: int, data: bytes) -> bytes:
             true = servo.memory.get(register)
             further = true + self.counts
-            value = further if register.smallest <= further <= register.largest else true - self.counts
+            value = further if further in register.fitting else true - self.counts
             false = _with(servo, register, value, (address, size))
             return false if false != data and due() else data  # Equal data means that the reply has no position.
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
-from drivers.servos import sts
+from drivers.servos import sts, x
 from drivers.servos.register import ServoModel
 from hal.plausible import Celsius, Chance, Duration
 from sim_backend.faults.event import Lasting, Momentary, OfServo
@@ -136,6 +136,27 @@ class DeadEncoder(OfServo, Lasting):
 
         with targets.holds.hold(("encoder_fails", servo), fail, True, False):
             yield
+
+
+class HardwareError(Momentary, OfServo):
+    """A Dynamixel X detects a failure of its motor encoder or its circuit, and reports it until it is restarted."""
+
+    kind: Literal["hardware_error"] = "hardware_error"
+    error: Literal["motor_encoder", "electrical_shock"] = "electrical_shock"
+
+    def refuse_model(self, model: ServoModel, there: Inventory) -> None:
+        if model not in x.MODELS.values():
+            raise self.cannot(model, "does not report such errors")
+
+    @contextmanager
+    def acting(self, targets: FaultTargets) -> Iterator[None]:
+        bit = next(bit for bit, name in x.HARDWARE_ERROR_BITS.items() if name == self.error.replace("_", " "))
+        self.place(targets).servo.firmware.protection.status |= 1 << bit
+        yield
+
+    @classmethod
+    def draw_parameters(cls, random: Random, there: Inventory) -> dict[str, Any]:
+        return {**super().draw_parameters(random, there), "error": random.choice(["motor_encoder", "electrical_shock"])}
 
 
 class StuckEncoder(OfServo, Lasting):

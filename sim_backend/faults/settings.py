@@ -8,16 +8,17 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field
 
 from drivers.servos import sts, x, xl320
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.register import Access, Register, ServoModel
 from hal.plausible import Baud, Number, RegisterValue, ServoId
 from sim_backend.box import FACTORY_ID
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Lasting, Momentary, OfServo, model_of
-from sim_backend.faults.tables import any_value, register_of, registers_of, require_value
+from sim_backend.faults.tables import any_value, register_of, require_value
 from sim_backend.faults.targets import FaultTargets, Inventory
 from sim_backend.line.power import restart
+from sim_backend.servos.dynamixel.servo import VirtualXServo
 from sim_backend.servos.dynamixel.xl320_servo import VirtualXl320Servo
 from sim_backend.servos.sts.servo import VirtualServo
 
@@ -136,10 +137,19 @@ class EepromGone(Momentary, OfServo):
     @contextmanager
     def acting(self, targets: FaultTargets) -> Iterator[None]:
         servo = self.place(targets).servo
-        fresh = VirtualXl320Servo(FACTORY_ID) if servo.model == xl320.XL320 else type(servo)(servo.model, FACTORY_ID)
+        fresh = _factory_new(servo)
         servo.memory.flash = fresh.memory.flash
         restart(servo)
         yield
+
+
+def _factory_new(servo: Any) -> Any:
+    """Return a factory-new servo of the same model and firmware."""
+    if servo.model == xl320.XL320:
+        return VirtualXl320Servo(FACTORY_ID)
+    if isinstance(servo, VirtualXServo):
+        return VirtualXServo(servo.model, FACTORY_ID, servo.memory.get(x.firmware_version))
+    return type(servo)(servo.model, FACTORY_ID)
 
 
 def _settings(model: ServoModel) -> list[Register]:
@@ -166,5 +176,6 @@ def _rates(model: ServoModel) -> Mapping[int, int]:
         return {2_000_000 // (value + 1): value for value in (207, 103, 34, 16, 9, 7, 4, 3, 1)}
     rates: Sequence[int] = sts.BAUD_RATES
     if series.make != "feetech":
-        rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES[: -1 if model in x.X330 else None]
+        rates = xl320.BAUD_RATES if model is xl320.XL320 else x.BAUD_RATES
+        rates = rates[: register_of(model, "baud_rate").largest + 1]
     return {rate: value for value, rate in enumerate(rates)}

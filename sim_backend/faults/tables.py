@@ -1,22 +1,15 @@
 """Control tables of all models, by register name."""
 
-from collections.abc import Sequence
 from random import Random
 from typing import Final
 
-from drivers.servos import x
-from drivers.servos.catalog import series_of
+from drivers.servos.catalog import registers_of
 from drivers.servos.register import Register, ServoModel
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.tails import either_way, log_uniform
 
 ZERO: Final = 0.15
 """Share of the drawn values that are 0."""
-
-
-def registers_of(model: ServoModel) -> Sequence[Register]:
-    """Return all registers of a model, in order of address."""
-    return x.registers(model) if isinstance(model, x.XModel) else series_of(model).registers
 
 
 def register_of(model: ServoModel, name: str) -> Register:
@@ -29,8 +22,9 @@ def register_of(model: ServoModel, name: str) -> Register:
 
 def require_value(register: Register, value: int) -> None:
     """Raise FaultError if the register cannot have this value."""
-    if not register.smallest <= value <= register.largest:
-        raise FaultError(f"{register.name} must be {register.smallest} to {register.largest}, not {value}")
+    fitting = register.fitting
+    if value not in fitting:
+        raise FaultError(f"{register.name} must be {fitting.start} to {fitting.stop - 1}, not {value}")
 
 
 def any_value(random: Random, register: Register) -> int:

@@ -206,6 +206,24 @@ class ServoLine(ABC, Generic[AnyServo]):
             at_s = reply.due_s
         return replies
 
+    def _chained(self, turns: Iterable[Turn], at_s: float, byte_s: float) -> list[DelayedReply]:
+        """Return replies of servos of which each waits until it has heard the reply before its own.
+
+        The chain ends at a turn without a reply, and after a reply that is lost on the wire.
+        """
+        replies = []
+        for delay_s, packets in turns:
+            if not packets:
+                break
+            servo_id = packets[0][self._id_at]
+            heard = self.faults.on_wire(servo_id, overlaid(packets))
+            at_s += (delay_s if self.paced else 0.0) + max(map(len, packets)) * byte_s
+            arrived = self.faults.through_adapter(servo_id, heard)
+            replies.append(DelayedReply(at_s, arrived, self.faults.held_s(servo_id)))
+            if not heard:
+                break
+        return replies
+
     def _reply(self, packets: Sequence[bytes], begin_s: float, byte_s: float) -> DelayedReply:
         """Return the bytes on the wire if these packets are sent at the same time."""
         servo_id = packets[0][self._id_at]

@@ -113,17 +113,25 @@ class WireFaults:
         return sum(held(servo_id) for held in self.on_arrival)
 
     def pass_reply(self, servo_id: int, packet: bytes) -> bytes:
-        """Return a reply as it leaves the wire."""
+        """Return a reply as it leaves the adapter now."""
+        return self.through_adapter(servo_id, self.on_wire(servo_id, packet))
+
+    def on_wire(self, servo_id: int, packet: bytes) -> bytes:
+        """Return a reply as the other servos on the wire hear it."""
         if self.disturbance is not None:
             packet = self.disturbance.pass_reply(servo_id, packet)
         for become in self.on_reply:
             packet = become(servo_id, packet)
-        if servo_id in self._late:
-            self._late.remove(servo_id)
-            self._held.append(packet)
-            return b""
         left = self._corrupt.get(servo_id, 0)
-        if not left or not packet:
+        if not left or not packet or servo_id in self._late:
             return packet
         self._corrupt[servo_id] = left - 1
         return packet[:-1] + bytes((packet[-1] ^ 0xFF,))
+
+    def through_adapter(self, servo_id: int, packet: bytes) -> bytes:
+        """Return a reply from the wire, or nothing if ``delay_next`` holds it back."""
+        if servo_id not in self._late:
+            return packet
+        self._late.remove(servo_id)
+        self._held.append(packet)
+        return b""

@@ -15,6 +15,7 @@ from drivers.errors import DriverError, PortLost
 from drivers.servos import sts
 from drivers.servos.register import Access, Register, ServoModel
 from drivers.servos.x import MODELS as X_MODELS
+from drivers.servos.x import startup_configuration
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus, servo_of
 from sim_backend.buses.port import VirtualPort
@@ -338,10 +339,21 @@ def test_a_dynamixel_has_a_passport() -> None:
     assert compare(bus, Passport.model_validate(wanted)).same
 
 
+def test_a_passport_keeps_the_startup_configuration_and_an_older_passport_lacks_it() -> None:
+    model = X_MODELS["xl430-w250"]
+    clock = SimulatedClock(10.0)
+    line = VirtualDynamixelBus.of(BenchPlant((1,)), {1: model})
+    bus = Bus(VirtualPort(line, clock), clock, {1: model})
+    bus.write(1, startup_configuration, 2)
+    taken = take_passport(bus, {1: model}).model_dump()
+    assert taken["servos"][1]["registers"].pop("startup_configuration") == 2
+    assert compare(bus, Passport.model_validate(taken)).same
+
+
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("position_p: 17", "position_p: 300", "position_p must be 0 to 255, not 300"),
+        ("position_p: 17", "position_p: 300", "position_p must be 0 to 254, not 300"),
         ("position_p: 17", "position_q: 17", "sts3215 has no persistent register position_q; register position_p is"),
         ("model: sts3215", "model: sts9", "unknown model sts9"),
         ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),

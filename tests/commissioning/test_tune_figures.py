@@ -130,8 +130,8 @@ def test_gains_have_their_usual_names() -> None:
 @pytest.mark.parametrize(
     ("model", "words", "says"),
     [
-        (sts.STS3215, ["P=0"], "P must be 1 to 255, not 0"),
-        (sts.STS3215, ["P=256", "D=300"], "P must be 1 to 255, not 256; D must be 0 to 255, not 300"),
+        (sts.STS3215, ["P=0"], "P must be 1 to 254, not 0"),
+        (sts.STS3215, ["P=256", "D=300"], "P must be 1 to 254, not 256; D must be 0 to 254, not 300"),
         (sts.STS3215, ["Q=1"], "'Q=1' is not a gain: write one of P, I, D, cw_dead_zone, ccw_dead_zone"),
         (sts.STS3215, ["P"], "'P' is not a gain: write one of"),
         (sts.STS3215, [""], "'' is not a gain: write one of"),

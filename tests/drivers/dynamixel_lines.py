@@ -75,7 +75,7 @@ class TrueLine:
     def holds(self, servo_id: int, reading: ServoState) -> bool:
         """Whether a state is that of the servo in this cycle, with the names of its alarms or with an unnamed alarm."""
         names = x.alarms(self.errors[servo_id])
-        unit_a = x.CURRENT_UNIT_A.get(self.models[servo_id].name)
+        unit_a = x.current_unit_a(self.models[servo_id])
         wanted = (
             self.number * 7 - servo_id * 1000,
             round(self.number % 50 * x.VELOCITY_UNIT_COUNTS_S),

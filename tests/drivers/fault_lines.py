@@ -50,7 +50,7 @@ TABLES: dict[str, Table] = {
     "Feetech SCS": Table(0.02, 0.016, 512, scs.present_position, scs.max_voltage, lambda model: 1.0, 1000, "big"),
     "Dynamixel protocol 1.0": Table(
         0.02, 0.016, 512, dxl.present_position, dxl.max_voltage_limit,
-        lambda model: dxl.SPEED_UNIT_COUNTS_S[model.name], dxl.FULL_TORQUE,
+        dxl.speed_unit_counts_s, dxl.FULL_TORQUE,
     ),
     "Dynamixel protocol 2.0": Table(
         0.015, 0.012, 2048, x.present_position, x.max_voltage_limit, lambda model: x.VELOCITY_UNIT_COUNTS_S, x.FULL_PWM
@@ -212,7 +212,7 @@ class Truth:
         model = self.kind.models[servo_id]
         velocity = round(servo_id * table.counts_s(model))
         load = pytest.approx(5 / table.full_load)
-        unit_a = x.CURRENT_UNIT_A.get(model.name)
+        unit_a = x.current_unit_a(model)
         current = unit_a and pytest.approx(-servo_id * unit_a)
         return velocity, load, pytest.approx(12.0), 30.0, (), current
 

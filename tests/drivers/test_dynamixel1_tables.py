@@ -40,17 +40,20 @@ def test_addresses_and_sizes_agree_with_the_list_of_robotis(name: str) -> None:
 def test_properties_of_ax_and_mx_models(model: dxl.AxMxModel) -> None:
     compliance, gains = dxl.cw_compliance_slope in model.own, dxl.p_gain in model.own
     assert compliance != gains == model.bulk_read == (dxl.goal_acceleration in model.own)
-    assert model.positions == (dxl.AX_POSITIONS if compliance else None)
-    assert model.speed_unit_counts_s == dxl.SPEED_UNIT_COUNTS_S["ax-12a" if compliance else "mx-28"]
+    positions = dxl.EX_SPAN.positions if model is dxl.EX_106 else dxl.AX_POSITIONS
+    assert model.positions == (positions if compliance else None)
+    unit_rpm = 0.111 if compliance else 0.916 if model is dxl.MX_12W else 0.114
+    assert model.speed_unit_counts_s == pytest.approx(unit_rpm * model.counts_per_turn / 60.0)
     assert model.byte_order == "little"
-    assert (model in AX_MX.bulk_models) == model.bulk_read
+    assert AX_MX.bulk_read(model) == model.bulk_read
 
 
 @every_model
 def test_a_register_fits_the_table(model: dxl.AxMxModel) -> None:
     for register in dxl.registers(model):
         assert register.persistent == (register.address < 24)
-        state = 36 <= register.address <= 46 or register in (dxl.realtime_tick, dxl.model_number, dxl.firmware_version)
+        measured = (dxl.realtime_tick, dxl.sensed_current, dxl.model_number, dxl.firmware_version)
+        state = 36 <= register.address <= 46 or register in measured
         assert (register.access is Access.READ) == state, register.name
 
 
@@ -66,8 +69,8 @@ def test_blocks_have_no_gaps() -> None:
 
 def test_units() -> None:
     """E-manual: 300 is 33.3 rpm for an AX-12A and 34.2 rpm for an MX-28. 1024 counts of an AX are 300 degrees."""
-    assert 300 * dxl.SPEED_UNIT_COUNTS_S["ax-12a"] * 60.0 / dxl.AX_12A.counts_per_turn == pytest.approx(33.3)
-    assert 300 * dxl.SPEED_UNIT_COUNTS_S["mx-28"] * 60.0 / 4096 == pytest.approx(34.2)
+    assert 300 * dxl.speed_unit_counts_s(dxl.AX_12A) * 60.0 / dxl.AX_12A.counts_per_turn == pytest.approx(33.3)
+    assert 300 * dxl.speed_unit_counts_s(dxl.MX_28) * 60.0 / 4096 == pytest.approx(34.2)
     assert 1024 / dxl.AX_12A.counts_per_turn * 360.0 == pytest.approx(300.0, abs=0.1)
 
 

@@ -103,13 +103,19 @@ def test_the_state_of_every_model_matches_its_registers(model: Any, firmware: in
     assert shown == {name: line.bus.read(1, getattr(x, name)) for name in shown}
 
 
-AMPERES = {"xl330": 0.001, "xc330": 0.001, "xm430": 0.00269}
+AMPERES = {
+    **dict.fromkeys(("xl330", "xc330", "xc335"), 0.001),
+    **dict.fromkeys(("xm430", "xd430", "xm540", "xh540", "xd540", "xw540", "xw430", "xh430-w"), 0.00269),
+    **dict.fromkeys(("mx-64", "mx-106"), 0.00336),
+    "xh430-v": 0.00134,
+}
+"""Unit of the current by the beginning of the model's name, in A."""
 
 
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)
 def test_the_current_is_in_amperes_if_the_model_measures_it(model: Any, mapped: bool) -> None:
-    unit_a = AMPERES.get(model.name[:5])
+    unit_a = next((unit for name, unit in AMPERES.items() if model.name.startswith(name)), None)
     line = TrueLine({1: model}).identified() if mapped else TrueLine({1: model})
     for number in (7, 49):
         line.number = number
@@ -448,7 +454,7 @@ def test_thousands_of_cycles_with_line_errors_and_resets(make: Any, firmware: An
             with contextlib.suppress(ServoError):
                 line.bus.torque_on(chance.choice(line.ids))
     assert resets > CYCLES * len(line.ids) * 0.001
-    assert states > 0.97 * CYCLES * len(line.ids)
+    assert states > 0.96 * CYCLES * len(line.ids)  # a lost reply also silences the servos after it
     assert 0 < line.bus.counters.faults()["reset"] <= resets
     line.servos.faults.disturbance = None
     line.clock.sleep_until(line.clock.now() + OPEN_S)

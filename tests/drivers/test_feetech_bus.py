@@ -143,7 +143,7 @@ def test_a_negative_value_is_written_and_read_back() -> None:
 
 def test_a_value_that_does_not_fit_is_not_sent() -> None:
     bus, port, _ = scripted()
-    with pytest.raises(ValueError, match="torque_limit must be 0 to 65535"):
+    with pytest.raises(ValueError, match="torque_limit must be 0 to 1000"):
         bus.write(1, sts.torque_limit, -1)
     with pytest.raises(ValueError, match="goal_position"):
         bus.write_goals({1: ServoGoal(40_000)})

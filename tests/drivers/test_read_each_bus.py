@@ -175,7 +175,7 @@ def test_states_have_units_and_signs(kind: Kind) -> None:
     speed = 0x8064 if order == "big" else 0x0464
     raw = (700).to_bytes(2, order) + speed.to_bytes(2, order) + (0x05F4).to_bytes(2, order) + bytes((118, 41))
     bus, _, _ = scripted(Kind(kind.name, {1: kind.model}), wire.packet(1, 0x24, raw))
-    unit = 1.0 if order == "big" else dxl.SPEED_UNIT_COUNTS_S[kind.model.name]
+    unit = 1.0 if order == "big" else dxl.speed_unit_counts_s(kind.model)
     full = 1000.0 if order == "big" else 1023.0
     assert bus.read_states([1])[1] == ServoState(
         700, round(-100 * unit), pytest.approx(-500 / full), pytest.approx(11.8), 41.0, ("temperature", "overload")
@@ -244,7 +244,7 @@ def test_goals_arrive_with_their_velocity(kind: Kind) -> None:
     assert (line.bus.goal(1), line.bus.goal(2)) == (600, 700)
     assert line.held(2, sts.goal_velocity) == 0
     # Never slower than requested, and less than one unit faster.
-    unit = 1.0 if kind.order == "big" else dxl.SPEED_UNIT_COUNTS_S[kind.models[1].name]
+    unit = 1.0 if kind.order == "big" else dxl.speed_unit_counts_s(kind.models[1])
     assert 300 <= line.held(1, sts.goal_velocity) + 0.5 < 301 + unit
     line.bus.write_goals({1: ServoGoal(600, 10**6)})
     assert line.held(1, sts.goal_velocity) > 1000

@@ -237,6 +237,11 @@ def test_a_dynamixel_arm(tmp_path: Path) -> None:
     assert {joint.model for joint in joined(tmp_path, ELBOW, FINGER, text=DYNAMIXEL).joints} == {XL430_W250}
 
 
+def test_a_virtual_dynamixel_has_the_firmware_that_the_file_names(tmp_path: Path) -> None:
+    text = DYNAMIXEL.replace("servo_id: 1,", "servo_id: 1, firmware: 44,")
+    assert [joint.firmware for joint in joined(tmp_path, ELBOW, FINGER, text=text).joints] == [44, None]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -247,6 +252,10 @@ def test_a_dynamixel_arm(tmp_path: Path) -> None:
             "elbow has servo_id 253, but the highest dynamixel ID is 252",
         ),
         (GOOD.replace("servo_id: 1,", "servo_id: 1, position_p: 32,"), "elbow has position_p, but only Dynamixel"),
+        (
+            GOOD.replace("servo_id: 1,", "servo_id: 1, firmware: 44,"),
+            "elbow has firmware, but only a virtual Dynamixel",
+        ),
     ],
 )
 def test_servos_that_do_not_fit_their_bus(tmp_path: Path, text: str, message: str) -> None:

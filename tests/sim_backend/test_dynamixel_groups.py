@@ -141,15 +141,40 @@ def test_the_sdk_uses_bulk_reads_and_fast_bulk_reads() -> None:
         assert reader.getData(3, x.present_temperature.address, 1) == temperature > 0
 
 
-@pytest.mark.parametrize("chained", [False, True])
-def test_bulk_read_replies_come_in_turn_like_sync_read_replies(chained: bool) -> None:
-    group = Group()
-    group.bus.chained = chained
-    group.bus.faults.silence(2)
+READS = {
+    "sync": (SYNC_READ, span(ADDRESS, 4) + bytes(MODELS)),
+    "bulk": (Code.BULK_READ, b"".join(bytes((i,)) + span(ADDRESS, 4) for i in MODELS)),
+}
+
+
+def test_the_replies_to_a_bulk_read_come_one_after_the_other() -> None:
     wanted = b"".join(bytes((i,)) + span(ADDRESS, size) for i, size in ((1, 4), (2, 2), (3, 1)))
-    late = [] if chained else [(150 + 130 + 120 + 4, 12)]  # the gap is as long as the missing reply
-    assert [(us, len(data)) for us, data in group.sent(Code.BULK_READ, wanted)] == [(152, 15), *late]
-    assert [len(data) for _, data in group.sent(SYNC_READ, span(ADDRESS, 4) + bytes(MODELS))] == [15] * (2 - chained)
+    sent = Group().sent(Code.BULK_READ, wanted)
+    assert [(us, len(data)) for us, data in sent] == [(152, 15), (284, 13), (406, 12)]
+
+
+@pytest.mark.parametrize("read", READS.values(), ids=READS)
+@pytest.mark.parametrize("silent", MODELS)
+def test_a_silent_servo_silences_the_servos_that_are_named_after_it(silent: int, read: tuple[int, bytes]) -> None:
+    group = Group()
+    group.bus.faults.silence(silent)
+    assert [data[4] for _, data in group.sent(*read)] == [i for i in MODELS if i < silent]
+    group.bus.faults.restore(silent)
+    assert [data[4] for _, data in group.sent(*read)] == list(MODELS)
+
+
+@pytest.mark.parametrize("read", READS.values(), ids=READS)
+def test_a_reply_that_is_lost_on_the_wire_ends_a_group_read(read: tuple[int, bytes]) -> None:
+    group = Group()
+    group.bus.faults.on_reply.append(lambda servo_id, packet: b"" if servo_id == 2 else packet)
+    assert [data[4] for _, data in group.sent(*read) if data] == [1]
+
+
+@pytest.mark.parametrize("read", READS.values(), ids=READS)
+def test_a_reply_that_the_adapter_holds_back_does_not_end_a_group_read(read: tuple[int, bytes]) -> None:
+    group = Group()
+    group.bus.faults.delay_next(2)
+    assert [data[4] for _, data in group.sent(*read) if data] == [1, 3]
 
 
 def test_a_servo_that_answers_only_pings_has_no_turn() -> None:

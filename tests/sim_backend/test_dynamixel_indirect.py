@@ -46,7 +46,8 @@ def test_addresses_of_indirect_registers() -> None:
     ]
     for name, model in x.MODELS.items():
         old, new = windows_of(model, 52), windows_of(model, 53)
-        assert (old, new) == ((SHORT, MIDDLE) if "330" in name else (LONG, LONG))
+        middle = (MIDDLE, MIDDLE) if "335" in name else (LONG, LONG)
+        assert (old, new) == ((SHORT, MIDDLE) if "330" in name else middle)
 
 
 def test_newer_firmware_has_indirect_registers_at_other_addresses() -> None:
@@ -81,10 +82,10 @@ def test_at_first_each_cell_stands_for_itself(model: Any) -> None:
 def test_reads_and_writes_reach_the_target(model: Any) -> None:
     servo = a_servo(model)
     for window in range(len(windows(model))):
-        at = point(servo, 2, x.led, x.goal_position, window=window)
+        at = point(servo, 2, x.torque_enable, x.goal_position, window=window)
         assert servo.write(at, b"\x01" + (1234).to_bytes(4, "little")) == 0
-        assert (servo.memory.get(x.led), servo.memory.get(x.goal_position)) == (1, 1234)
-        servo.memory.put(x.led, 0)
+        assert (servo.memory.get(x.torque_enable), servo.memory.get(x.goal_position)) == (1, 1234)
+        servo.memory.put(x.torque_enable, 0)
         assert read(servo, at, 1) == 0
         assert read(servo, at + 1, 4) == 1234
 

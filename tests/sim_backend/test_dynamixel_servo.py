@@ -1,6 +1,5 @@
 """One virtual X series servo with the single-servo instructions of the official SDK over our port."""
 
-import importlib
 from typing import Any
 
 import pytest
@@ -11,41 +10,10 @@ from drivers.servos import x
 from drivers.servos.register import Access, Register
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort
-from sim_backend.clock import SimulatedClock
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.dynamixel.protocol2_servo import REBOOT_S
 from sim_backend.servos.dynamixel.servo import VirtualXServo
-
-# Imported by name, because the SDK has no type hints.
-sdk: Any = importlib.import_module("dynamixel_sdk")
-handler = sdk.Protocol2PacketHandler()
-
-
-class Bench:
-    """A servo on a shaft. ``run`` advances the time."""
-
-    def __init__(self, *, load_nm: float = 0.0) -> None:
-        self.clock = SimulatedClock()
-        self.plant = BenchPlant((1,))
-        self.plant.load_nm[:] = [load_nm]
-        self.bus = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
-        self.port = SdkAdapter(Line(VirtualPort(self.bus, self.clock), self.clock))
-        self.servo = self.bus.servo(1)
-
-    def run(self, seconds: float) -> None:
-        self.clock.sleep_until(self.clock.now() + seconds)
-        self.bus.advance(self.clock.now())
-
-    def write(self, register: Register, value: int) -> int:
-        data = list(register.encode(value, "little"))
-        result, error = handler.writeTxRx(self.port, 1, register.address, register.size, data)
-        assert result == sdk.COMM_SUCCESS
-        return int(error)
-
-    def read(self, register: Register) -> int:
-        data, result, _ = handler.readTxRx(self.port, 1, register.address, register.size)
-        assert result == sdk.COMM_SUCCESS
-        return register.decode(bytes(data), "little")
+from tests.sim_backend.dynamixel_bench import Bench, handler, sdk
 
 
 @pytest.mark.parametrize("model", x.MODELS.values(), ids=lambda model: model.name)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.servos import x
-from drivers.servos.ax_mx import AxMxModel
+from drivers.servos.ax_mx import MX_64, MX_106, AxMxModel
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus, servo_of
 from sim_backend.line.common_plant import CommonPlant
@@ -12,7 +12,6 @@ from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.plant import BenchPlant, Coupling, WorldPlant
 from sim_backend.scene.world import World
 from sim_backend.servos.dynamixel.motors import IDENTIFIED
-from sim_backend.servos.dynamixel.protocol1_models import MX_64, MX_106
 from tests.sim_backend.robot_arm import JOINTS, READY
 
 GEARS = Gears(0.01, 0.02, 0.05, 0.1, sticking_nm=0.03, sticking_share=0.2, sticking_rad_s=0.5, sticking_exponent=1.0)

@@ -6,7 +6,7 @@ from typing import Final
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot
-from drivers.servos.catalog import known_as, series_of
+from drivers.servos.catalog import known_as, series_of, unsupported
 
 VERSIONS: Final = (("firmware_major", "firmware_minor"), ("firmware_version",))
 
@@ -23,8 +23,10 @@ def _model(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
     number, model = servo.registers.get("model_number"), servo.joint.model
     if number is None or number == model.number:
         return
+    series = series_of(model)
+    reads = "; its table is not supported, so it is read only" if unsupported(number, series) else ""
     cause = (
-        f"The servo reports model number {number} ({known_as(number, series_of(model))}), but the robot file has "
+        f"The servo reports model number {number} ({known_as(number, series)}{reads}), but the robot file has "
         f"{model.name} ({model.number}). Correct the robot file, or replace the servo"
     )
     yield finding("wrong_model", place_of(bus, servo), "the arm does not start: the servo is another model", cause)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from commissioning.doctor.findings import Finding, FindingPlace, finding
 from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger, on
+from drivers.servos.x import PAIRS
 
 FACTORY_ID = 1
 
@@ -73,6 +74,11 @@ def _silent(bus: BusSnapshot, servo: ServoSnapshot) -> Finding:
         f"No servo with ID {servo_id} answers at any baud rate. Check its cable, plugs and supply. If they are good, "
         "the servo may have another ID: connect it alone and scan the port"
     )
+    if servo.joint.model in PAIRS:
+        cause += (
+            f". A {servo.joint.model.name} is two servos in one case with one cable, and each has its own ID: if the "
+            "other servo of the case answers, only this ID is wrong"
+        )
     return finding("servo_absent", place_of(bus, servo), symptom, cause, f"servoloop scan {bus.port}")
 
 

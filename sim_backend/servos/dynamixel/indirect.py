@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from drivers.servos import x
-from drivers.servos.register import Register, ServoModel
+from drivers.servos.register import Register, ServoModel, between
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,18 +48,18 @@ _LAST_SHORT: Final = 52
 
 def windows_of(model: ServoModel, firmware: int) -> tuple[Window, ...]:
     """Return the blocks of indirect registers in this model with this firmware version."""
-    if model not in x.X330:
-        return LONG
-    return SHORT if firmware <= _LAST_SHORT else MIDDLE
+    if x.has_short_map(model) and firmware <= _LAST_SHORT:
+        return SHORT
+    return MIDDLE if x.pwm_slope in model.own else LONG
 
 
 def pointers(windows: Sequence[Window]) -> Iterator[tuple[Register, int]]:
     """Yield all indirect addresses with their values after power-on."""
-    number = 0
+    number, shown = 0, between(x.torque_enable.address, max(window.data + window.count for window in windows) - 1)
     for window in windows:
         for i in range(window.count):
             number += 1
-            yield Register(f"indirect_address_{number}", window.addresses + 2 * i, 2), window.data + i
+            yield Register(f"indirect_address_{number}", window.addresses + 2 * i, 2, values=shown), window.data + i
 
 
 def cells(windows: Sequence[Window]) -> Iterator[Register]:

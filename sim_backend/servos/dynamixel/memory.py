@@ -1,20 +1,24 @@
 """Control table of one virtual X series servo. ``indirect`` describes its indirect addresses."""
 
-from collections.abc import Mapping
 from typing import Final
 
 from drivers.servos import x
 from drivers.servos.register import Register
+from sim_backend.flash import Flash
 from sim_backend.servos.dynamixel.indirect import cells, pointers, resolved, windows_of
-from sim_backend.servos.dynamixel.models import FACTORY, factory_of
-from sim_backend.servos.dynamixel.protocol2_memory import DATA_LIMIT, DATA_RANGE, Protocol2Memory
+from sim_backend.servos.dynamixel.models import FACTORY, factory_of, reads_fast
+from sim_backend.servos.dynamixel.modes import GAINS, reset_gains, reset_goals
+from sim_backend.servos.dynamixel.protocol2_memory import DATA_RANGE, Protocol2Memory
+from sim_backend.servos.dynamixel.watchdog import LOCKED, TRIPPED
 
-_HIGHEST: Final = {
-    x.pwm_limit: x.FULL_PWM,
-    x.status_return_level: 2,
-    x.profile_acceleration: 32767,
-    x.profile_velocity: 32767,
+_NEWER: Final = (x.startup_configuration, x.backup_ready)
+"""Registers that old firmware lacks."""
+_LIMITS: Final = {
+    x.goal_pwm: x.pwm_limit,
+    x.goal_current: x.current_limit,
+    x.goal_velocity: x.velocity_limit,
 }
+"""Registers that limit goals of either sign."""
 
 
 class XMemory(Protocol2Memory):
@@ -29,8 +33,10 @@ class XMemory(Protocol2Memory):
         version = FACTORY[x.firmware_version] if firmware is None else firmware
         self._windows = windows_of(model, version)
         self._pointers = dict(pointers(self._windows))
-        self._last_cell = max(self._pointers.values())
-        registers = (*x.registers(model), *self._pointers, *cells(self._windows))
+        self._backup: tuple[bytes, dict[Register, int]] | None = None
+        """EEPROM and gains of the backup."""
+        known = [r for r in x.registers(model) if reads_fast(model, version) or r not in _NEWER]
+        registers = (*known, *self._pointers, *cells(self._windows))
         factory = factory_of(model) | self._pointers | {x.firmware_version: version}
         super().__init__(model, servo_id, registers, factory)
 
@@ -42,23 +48,53 @@ class XMemory(Protocol2Memory):
     def resolved(self, address: int, size: int) -> list[int]:
         return resolved(self._windows, self._bytes, address, size)
 
-    def _bounds(self, register: Register) -> tuple[int, int, int]:
-        if register == x.goal_position and self.get(x.operating_mode) == x.POSITION_MODE:
-            return self.get(x.min_position_limit), self.get(x.max_position_limit), DATA_LIMIT
-        if register == x.goal_position:
-            return -x.LARGEST_EXTENDED_POSITION, x.LARGEST_EXTENDED_POSITION, DATA_RANGE
-        if register == x.homing_offset:
-            return -x.LARGEST_HOMING_OFFSET, x.LARGEST_HOMING_OFFSET, DATA_RANGE
-        if register == x.goal_pwm:
-            return -self.get(x.pwm_limit), self.get(x.pwm_limit), DATA_LIMIT
-        if register in self._pointers:
-            return self.EEPROM_END, self._last_cell, DATA_RANGE
-        return super()._bounds(register)
+    def _refusal(self, register: Register, data: bytes) -> int:
+        if register in LOCKED and self.get(x.bus_watchdog) == TRIPPED:
+            return DATA_RANGE
+        return super()._refusal(register, data)
 
-    def _highest(self) -> Mapping[Register, int]:
-        return _HIGHEST
+    def _limits(self, register: Register) -> range:
+        if register == x.goal_position and self.get(x.operating_mode) == x.POSITION_MODE:
+            return range(self.get(x.min_position_limit), self.get(x.max_position_limit) + 1)
+        limit = _LIMITS.get(register)
+        if limit is None:
+            return super()._limits(register)
+        largest = self.get(limit)
+        return range(-largest, largest + 1)
+
+    def save(self, register: Register, value: int) -> None:
+        super().save(register, value)
+        if register == x.operating_mode:
+            self.reset_mode()
 
     def power_up(self) -> None:
         super().power_up()
-        self.put(x.goal_pwm, self.get(x.pwm_limit))
-        self.put(x.goal_velocity, self.get(x.velocity_limit))
+        self._reset_goals()
+        if self._backup is not None:
+            self.put(x.backup_ready, 1)
+            if self.get(x.startup_configuration) & x.STARTUP_RESTORE:
+                for register, value in self._backup[1].items():
+                    self.put(register, value)
+
+    def store_backup(self) -> bool:
+        """Store EEPROM and gains. Return False if the torque is on, which is assumed to prevent it."""
+        if self.get(x.torque_enable):
+            return False
+        self._backup = self.flash.settings, {register: self.get(register) for register in GAINS}
+        self.put(x.backup_ready, 1)
+        return True
+
+    def restore_backup(self) -> bool:
+        """Restore the EEPROM. Return False if there is no backup, or if the torque is on."""
+        if self._backup is None or self.get(x.torque_enable):
+            return False
+        self.flash = Flash(self._backup[0])
+        return True
+
+    def reset_mode(self) -> None:
+        """Write the values that a change of the operating mode resets."""
+        reset_gains(self, self._factory)
+        self._reset_goals()
+
+    def _reset_goals(self) -> None:
+        reset_goals(self, measures_current=x.goal_current in self._registers.values())

@@ -1,5 +1,6 @@
 """Differences between the virtual X series models: factory values and firmware. Source: e-manual."""
 
+from math import pi
 from typing import Final
 
 from drivers.servos import x
@@ -45,51 +46,59 @@ _OWN_VALUES: Final = {
     x.XM430_W210.name: (80, 160, 95, 330, 52, 1920, 100, 0, 0, 800),
     x.XM430_W350.name: (80, 160, 95, 350, 52, 1920, 100, 0, 0, 800),
     x.MX_28_2.name: (80, 160, 95, 380, 52, 1920, 100, 0, 0, 850),
+    x.MX_64_2.name: (80, 160, 95, 435, 52, 1920, 100, 0, 0, 850),
+    x.XH430_W210.name: (80, 160, 95, 360, 52, 1920, 100, 0, 0, 900),
+    x.XH430_V350.name: (80, 300, 110, 285, 52, 1920, 100, 0, 0, 800),
+    x.XM540_W270.name: (80, 160, 95, 128, 52, 1920, 100, 0, 0, 800),
+    x.XD540_T270.name: (80, 160, 95, 167, 52, 1920, 100, 0, 0, 800),
+    x.XH540_V150.name: (80, 300, 110, 230, 52, 1920, 100, 0, 0, 800),
+    x.XW540_H260.name: (80, 300, 110, 145, 52, 1920, 100, 0, 0, 800),
+    x.XW430_T333.name: (80, 160, 95, 139, 52, 1920, 100, 0, 0, 900),
+    x.TWO_XL430_W250.name: (72, 140, 60, 265, 52, 1000, 100, 4000, 0, 640),
 }
 _OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, values in _OWN_VALUES.items()}
-_CURRENT_LIMITS: Final = {
-    x.XL330_M077.name: 1750,
-    x.XL330_M288.name: 1750,
-    x.XC330_M181.name: 2352,
-    x.XC330_M288.name: 2352,
-    x.XC330_T181.name: 910,
-    x.XC330_T288.name: 910,
-    x.XM430_W210.name: 1193,
-    x.XM430_W350.name: 1193,
-}
-"""Current limit by model name, in the model's unit."""
 
-_FAST_READ_SINCE: Final = {
-    x.XL330_M077.name: 46,
-    x.XL330_M288.name: 46,
-    x.XC330_M181.name: 46,
-    x.XC330_M288.name: 46,
-    x.XC330_T181.name: 46,
-    x.XC330_T288.name: 46,
-    x.XL430_W250.name: 45,
-    x.XC430_W150.name: 45,
-    x.XC430_W240.name: 45,
-    x.XM430_W210.name: 45,
-    x.XM430_W350.name: 45,
-}
-"""First firmware version with fast reads, for the models in the e-manual's list of "Fast Sync Read"."""
+_VELOCITY_UNIT_RAD_S: Final = 0.229 * 2.0 * pi / 60.0
+_OTHER_VALUES: Final = {x.XC430_W150.name: {x.moving_threshold: 20}}
+"""Values that differ from ``FACTORY``, by model name."""
+_SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
+"""Registers that only some models have."""
 
 
 def factory_of(model: x.XModel) -> dict[Register, int]:
     """Return all factory values of a model that are not 0.
 
-    An unlisted model gets the values of the XM430-W350 (assumed). Its voltage limits are a third above and a fifth
-    below the rated voltage, and its current limit is the stall current.
+    An unlisted model gets the gains of the XM430-W350 (assumed), and a velocity limit 20 % above its speed without
+    load. Its voltage and current limits are the widest that its table permits.
     """
-    rated = model.rated_voltage_v / x.VOLTAGE_UNIT_V
-    limits = {x.max_voltage_limit: round(rated * 4 / 3), x.min_voltage_limit: round(rated * 4 / 5)}
-    own = _OWN.get(model.name, _OWN[x.XM430_W350.name] | limits)
-    if model.current_unit_a is None:
-        return FACTORY | own
-    stall = min(round(model.stall_current_a / model.current_unit_a), x.current_limit.largest)
-    return FACTORY | own | {x.current_limit: _CURRENT_LIMITS.get(model.name, stall)}
+    held = {register.name: register for register in model.own}
+    unlisted = {
+        x.max_voltage_limit: held["max_voltage_limit"].largest,
+        x.min_voltage_limit: held["min_voltage_limit"].smallest,
+        x.velocity_limit: round(1.2 * model.no_load_speed_rad_s / _VELOCITY_UNIT_RAD_S),
+    }
+    own = _OWN.get(model.name, _OWN[x.XM430_W350.name] | unlisted)
+    own = own | _OTHER_VALUES.get(model.name, {})
+    own |= {register: _SLOPES[register] for register in model.own if register in _SLOPES}
+    if model.current_unit_a is not None:
+        own[x.current_limit] = held["current_limit"].largest
+    return FACTORY | own
+
+
+_TIME_PROFILE_SINCE: Final = 42
+"""First firmware version with time-based profiles, clear, and without a broadcast factory reset. All X330 have them."""
+
+
+def follows_42(model: x.XModel, firmware: int) -> bool:
+    """Whether the firmware has what version 42 brought: time-based profiles, and the clear instruction."""
+    return model.short_map or firmware >= _TIME_PROFILE_SINCE
 
 
 def reads_fast(model: x.XModel, firmware: int) -> bool:
-    """Whether a servo with this firmware version supports fast reads. An unlisted model never does."""
-    return model.name in _FAST_READ_SINCE and firmware >= _FAST_READ_SINCE[model.name]
+    """Whether a servo with this firmware version supports fast reads, according to the list of "Fast Sync Read".
+
+    The same versions brought torque on by goal, the startup configuration and the backup of the control table.
+    """
+    if x.acceleration_limit in model.own:  # an MX
+        return False
+    return firmware >= (46 if x.pwm_slope in model.own else 45)

@@ -10,10 +10,9 @@ the data sheets.
 from typing import Final
 
 from drivers.servos import x, xl320
-from drivers.servos.ax_mx import AxMxModel
+from drivers.servos.ax_mx import MX_64, MX_106, AxMxModel
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.motor import MotorConstants
-from sim_backend.servos.dynamixel.protocol1_models import MX_64, MX_106
 
 
 def _identified(kt: float, ohm: float, gears: Gears) -> MotorConstants:
@@ -37,5 +36,8 @@ The XL-320's motor is half as strong as its data sheet says. BAM's laws without 
 
 
 def motor_of(model: x.XModel | AxMxModel) -> MotorConstants:
-    """Return the motor of a Dynamixel servo. Its thermal constants are those of the STS3215 (assumed)."""
+    """Return the motor of a Dynamixel servo. Its thermal constants are those of the STS3215 (assumed).
+
+    A motor that is not in ``IDENTIFIED`` has the torque, speed and current of its data sheet.
+    """
     return IDENTIFIED.get(model.name) or MotorConstants.of(model, model.stall_current_a)

@@ -73,6 +73,20 @@ _COMMON_FACTORY: Final[dict[Register, int]] = {
     dxl.alarm_led: 36,
     dxl.shutdown: 36,
 }
+_OWN_FACTORY: Final[dict[str, dict[Register, int]]] = {
+    dxl.AX_12W.name: {
+        dxl.cw_compliance_margin: 4, dxl.ccw_compliance_margin: 4,
+        dxl.cw_compliance_slope: 64, dxl.ccw_compliance_slope: 64,
+    },
+    dxl.AX_18A.name: {dxl.temperature_limit: 75, dxl.max_torque: 983},
+    dxl.RX_24F.name: {dxl.temperature_limit: 80, dxl.max_voltage_limit: 190},
+    dxl.RX_28.name: {dxl.temperature_limit: 80, dxl.max_voltage_limit: 190},
+    dxl.RX_64.name: {dxl.temperature_limit: 80, dxl.max_voltage_limit: 190},
+    dxl.EX_106.name: {dxl.temperature_limit: 80, dxl.max_voltage_limit: 240, dxl.punch: 0},
+    dxl.MX_12W.name: {dxl.d_gain: 8, dxl.p_gain: 8, dxl.punch: 32},
+    dxl.MX_64.name: {dxl.max_voltage_limit: 240},
+}  # fmt: skip
+"""Factory values by model name, for models that differ from the AX-12A or the MX-28."""
 
 
 class Dynamixel1Memory(Memory):
@@ -94,7 +108,8 @@ class Dynamixel1Memory(Memory):
             sts.torque_limit.name: load_unit,
             sts.present_load.name: load_unit,
         }
-        factory = {**_COMMON_FACTORY, **self.FACTORY, dxl.ccw_angle_limit: model.last_count}
+        own = _OWN_FACTORY.get(model.name, {})
+        factory = {**_COMMON_FACTORY, **self.FACTORY, **own, dxl.ccw_angle_limit: model.last_count}
         super().__init__(model, servo_id, registers, factory)
 
     def _decode_baud(self) -> int:
@@ -125,7 +140,10 @@ class Dynamixel1Memory(Memory):
             return int(self.limits == (0, 0))
         if register == sts.phase:
             return MULTI_TURN_PHASE if self._unwrapped() else 0
-        return _ABSENT.get(register.name, 0)
+        absent = _ABSENT.get(register.name, 0)
+        if register == sts.overload_torque:
+            return int(absent * super().get(dxl.max_torque) / dxl.FULL_TORQUE)
+        return absent
 
     @property
     def limits(self) -> tuple[int, int]:

@@ -1,7 +1,7 @@
 """Common firmware of all virtual servos of protocol 2.0: latched errors and a smoothed speed register.
 
 Assumed:
-- Overload means full drive for two seconds.
+- Overload means full drive for two seconds at less than half of the speed without load.
 - All errors last until a reboot.
 - The reported speed has a filter of 15 ms in addition to that of the control loop. A shaft that is held between two
   counts therefore does not seem to move.
@@ -18,6 +18,8 @@ from sim_backend.servos.generic.protection import Limits, Protection
 SHOWN_FILTER_S: Final = 0.015
 OVERLOAD_DUTY: Final = 0.98
 OVERLOAD_S: Final = 2.0
+OVERLOAD_SHARE: Final = 0.5
+"""Share of the stall current from which full drive counts as overload."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +39,10 @@ class ErrorBits:
 class LatchedProtection(Protection):
     """Hardware errors, which last until a reboot. Those in ``shutdown`` release the motor."""
 
-    def __init__(self, bits: ErrorBits) -> None:
+    def __init__(self, bits: ErrorBits, resistance_ohm: float) -> None:
         super().__init__()
         self._bits = bits
+        self._resistance_ohm = resistance_ohm
 
     def load(self, memory: Limits) -> None:
         """Load the limits from the registers."""
@@ -52,7 +55,8 @@ class LatchedProtection(Protection):
     def watch(self, dt_s: float, duty: float, current_a: float, voltage_v: float, temperature_c: float) -> None:
         """Check the motor, ``dt_s`` after the last check."""
         bits = self._bits
-        self._overload_s = self._overload_s + dt_s if abs(duty) >= OVERLOAD_DUTY else 0.0
+        loaded = abs(current_a) * self._resistance_ohm >= OVERLOAD_SHARE * voltage_v
+        self._overload_s = self._overload_s + dt_s if loaded and abs(duty) >= OVERLOAD_DUTY else 0.0
         if self._overload_s >= OVERLOAD_S:
             self.status |= bits.overload
         if not self._lowest_v <= voltage_v <= self._highest_v:
@@ -68,7 +72,7 @@ class Protocol2Firmware(GenericFirmware):
     BITS: ErrorBits
 
     def new_protection(self) -> Protection:
-        return LatchedProtection(self.BITS)
+        return LatchedProtection(self.BITS, self._motor.resistance_ohm)
 
     def observe(self, angle_rad: float) -> None:
         super().observe(angle_rad)

@@ -3,9 +3,9 @@
 Assumed: a write that breaks a rule is refused as a whole, and addresses that the table does not list read 0.
 """
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
-from typing import ClassVar, Final
+from typing import ClassVar
 
 from drivers.servos.register import Access, Register, ServoModel
 from sim_backend.flash import Flash, Kept
@@ -13,7 +13,6 @@ from sim_backend.servos.generic.memory import saturated
 
 DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 """Error numbers of a reply."""
-_LARGEST_ID: Final = 252
 
 
 class Protocol2Memory(ABC):
@@ -107,17 +106,13 @@ class Protocol2Memory(ABC):
         if len(data) < register.size:
             return DATA_LENGTH
         value = register.decode(data[: register.size], "little")
-        lowest, highest, error = self._bounds(register)
-        return 0 if lowest <= value <= highest else error
+        if not register.takes(value):
+            return DATA_RANGE
+        return 0 if value in self._limits(register) else DATA_LIMIT
 
-    def _bounds(self, register: Register) -> tuple[int, int, int]:
-        """Return the smallest value, the largest value, and the error for values beyond them."""
-        highest = {self._id: _LARGEST_ID, self._baud: len(self.BAUD_RATES) - 1, self._torque: 1, **self._highest()}
-        return register.smallest, highest.get(register, register.largest), DATA_RANGE
-
-    @abstractmethod
-    def _highest(self) -> Mapping[Register, int]:
-        """Return the maximum of each register whose range is smaller than its size allows."""
+    def _limits(self, register: Register) -> range:
+        """Return the values that other registers permit at present. The values of the table are checked before."""
+        return register.fitting
 
     def power_up(self) -> None:
         """Set the values after power-on: EEPROM does not change, and RAM gets its initial values."""

@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 from drivers.protocol.v2 import ALERT
 from drivers.servos.register import Register
-from sim_backend.packets.dynamixel import Code, fast_block, status_packet
+from sim_backend.packets.dynamixel import BROADCAST, Code, fast_block, status_packet
 from sim_backend.packets.instructions import Instruction
 from sim_backend.servos.dynamixel.protocol2_firmware import Protocol2Firmware
 from sim_backend.servos.dynamixel.protocol2_memory import ACCESS, Protocol2Memory
@@ -16,6 +16,8 @@ from sim_backend.servos.generic.packet_servo import WiredServo
 
 REBOOT_S: Final = 0.3
 RESULT_FAIL, UNKNOWN_INSTRUCTION = 1, 2
+RESET_ALL: Final = 0xFF
+"""Option of a factory reset that keeps nothing."""
 
 
 class Registers:
@@ -48,6 +50,21 @@ class Protocol2Servo(WiredServo):
         return False
 
     @property
+    def ignores_broadcast_reset(self) -> bool:
+        """Whether the firmware ignores a broadcast factory reset of everything."""
+        return False
+
+    @property
+    def secondary_id(self) -> int | None:
+        """ID to which the servo also listens, without a reply; None if there is none."""
+        return None
+
+    @property
+    def speaks(self) -> bool:
+        """Whether the servo uses this protocol."""
+        return True
+
+    @property
     def return_delay_s(self) -> float:
         """Delay from an instruction to its reply, in seconds: 2 us per unit, at least 2 us (assumed)."""
         return 2e-6 * max(1, self.memory.get(self.REGISTERS.return_delay))
@@ -60,6 +77,9 @@ class Protocol2Servo(WiredServo):
     def answers_reads(self) -> bool:
         """Whether the status return level allows replies to more than pings."""
         return self._level > 0
+
+    def heard(self) -> None:
+        """Record that there was an instruction on the bus, for this servo or another."""
 
     def answer(self, instruction: Instruction) -> bytes | None:
         servo_id, level = self.servo_id, self._level
@@ -77,7 +97,7 @@ class Protocol2Servo(WiredServo):
                 error = 0
             case Code.ACTION:
                 error = self._act()
-            case Code.FACTORY_RESET if len(parameters) == 1 and parameters[0] in self._kept():
+            case Code.FACTORY_RESET if self._resets(instruction):
                 self.memory.restore_factory(*self._kept()[parameters[0]])
                 self._reboot()
                 error = 0
@@ -85,13 +105,28 @@ class Protocol2Servo(WiredServo):
                 self._reboot()
                 error = 0
             case _:
-                error = UNKNOWN_INSTRUCTION
+                error = self._answer_rare(instruction)
         return self._status(servo_id, error) if level == 2 else None
+
+    def _resets(self, instruction: Instruction) -> bool:
+        """Whether the servo executes this factory reset. Newer firmware ignores a broadcast that resets everything."""
+        parameters, broadcast = instruction.parameters, instruction.servo_id == BROADCAST
+        ignored = broadcast and parameters == bytes((RESET_ALL,)) and self.ignores_broadcast_reset
+        return len(parameters) == 1 and parameters[0] in self._kept() and not ignored
+
+    def _answer_rare(self, instruction: Instruction) -> int:
+        """Execute an instruction that only some series have, and return its error number."""
+        return UNKNOWN_INSTRUCTION
+
+    def write_by_secondary_id(self, address: int, data: bytes) -> None:
+        """Write bytes that were sent to the secondary ID. They cannot change the EEPROM."""
+        if min(self.memory.resolved(address, len(data)), default=0) >= self.memory.EEPROM_END:
+            self.write(address, data)
 
     def _kept(self) -> dict[int, tuple[Register, ...]]:
         """Return the registers that a factory reset keeps, by its option."""
         servo_id, baud_rate = self.REGISTERS.servo_id, self.REGISTERS.baud_rate
-        return {0xFF: (), 0x01: (servo_id,), 0x02: (servo_id, baud_rate)}
+        return {RESET_ALL: (), 0x01: (servo_id,), 0x02: (servo_id, baud_rate)}
 
     def _introduction(self) -> bytes:
         """Return the data of the reply to a ping."""

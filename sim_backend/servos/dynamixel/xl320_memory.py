@@ -1,11 +1,10 @@
 """Control table of a virtual XL-320, with factory values from the e-manual."""
 
-from collections.abc import Mapping
 from typing import Final
 
 from drivers.servos import xl320
 from drivers.servos.register import Register
-from sim_backend.servos.dynamixel.protocol2_memory import DATA_LIMIT, Protocol2Memory
+from sim_backend.servos.dynamixel.protocol2_memory import Protocol2Memory
 
 FACTORY: Final[dict[Register, int]] = {
     xl320.firmware_version: 29,  # assumed
@@ -24,17 +23,6 @@ FACTORY: Final[dict[Register, int]] = {
     xl320.punch: 32,
 }
 """Factory values. All other registers are 0."""
-_HIGHEST: Final = {
-    xl320.cw_angle_limit: xl320.POSITIONS - 1,
-    xl320.ccw_angle_limit: xl320.POSITIONS - 1,
-    xl320.control_mode: xl320.JOINT_MODE,
-    xl320.max_torque: xl320.FULL_TORQUE,
-    xl320.status_return_level: 2,
-    xl320.led: 7,
-    xl320.moving_speed: 2047,
-    xl320.torque_limit: xl320.FULL_TORQUE,
-    xl320.punch: 1023,
-}
 
 
 class Xl320Memory(Protocol2Memory):
@@ -47,13 +35,10 @@ class Xl320Memory(Protocol2Memory):
     def __init__(self, servo_id: int) -> None:
         super().__init__(xl320.XL320, servo_id, xl320.REGISTERS, FACTORY)
 
-    def _bounds(self, register: Register) -> tuple[int, int, int]:
+    def _limits(self, register: Register) -> range:
         if register == xl320.goal_position and self.get(xl320.control_mode) == xl320.JOINT_MODE:
-            return self.get(xl320.cw_angle_limit), self.get(xl320.ccw_angle_limit), DATA_LIMIT
-        return super()._bounds(register)
-
-    def _highest(self) -> Mapping[Register, int]:
-        return _HIGHEST
+            return range(self.get(xl320.cw_angle_limit), self.get(xl320.ccw_angle_limit) + 1)
+        return super()._limits(register)
 
     def power_up(self) -> None:
         super().power_up()

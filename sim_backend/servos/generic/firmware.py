@@ -76,12 +76,16 @@ class GenericFirmware:
 
     def restart(self) -> None:
         """Restart as after power-on: load the state from the registers, with the torque off."""
-        self.profile = MotionProfile()
+        self.profile = self.new_profile()
         self.protection = self.new_protection()
         self.duty = self.current_a = self._integral = self._housekeeping_s = 0.0
         self._acting = self._driving = False
         self.load_settings()
         self.load_goal()
+
+    def new_profile(self) -> MotionProfile:
+        """Return the motion profile as it is after power-on."""
+        return MotionProfile()
 
     def new_protection(self) -> Protection:
         """Return the motor protection as it is after power-on."""

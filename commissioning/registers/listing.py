@@ -1,0 +1,83 @@
+"""Lists of the known servo models and of their control tables, which need no servo."""
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from commissioning.errors import CommissioningError
+from commissioning.registers.values import unit_of
+from drivers.servos.catalog import MODELS, is_added, registers_of, series_of
+from drivers.servos.register import Access
+
+
+@dataclass(frozen=True, slots=True)
+class ListedModel:
+    """A servo model. ``registers`` is the number of its registers."""
+
+    name: str
+    number: int
+    series: str
+    registers: int
+    source: str
+    """``servoloop``, or the file of the user."""
+
+
+@dataclass(frozen=True, slots=True)
+class ListedRegister:
+    """A register of a control table."""
+
+    name: str
+    address: int
+    size: int
+    writable: bool
+    persistent: bool
+    values: str
+    """Raw values that the servo accepts; empty if the register is read-only."""
+    unit: str
+
+
+def listed_models() -> tuple[ListedModel, ...]:
+    """List all models that servoloop knows.
+
+    Returns:
+        The models in the order of their series; those of a user follow the others of their series.
+    """
+    return tuple(
+        ListedModel(
+            model.name,
+            model.number,
+            series_of(model).name,
+            len(registers_of(model)),
+            "servo_models.yaml" if is_added(model) else "servoloop",
+        )
+        for model in sorted(MODELS.values(), key=lambda model: series_of(model).name)
+    )
+
+
+def listed_registers(name: str) -> tuple[ListedRegister, ...]:
+    """List the control table of a model.
+
+    Args:
+        name: Name of the model in robot files.
+
+    Returns:
+        Its registers, sorted by address.
+
+    Raises:
+        CommissioningError: The model is unknown. The message has similar names.
+    """
+    if name not in MODELS:
+        near = get_close_matches(name, MODELS) or sorted(MODELS)
+        raise CommissioningError(f"unknown servo model {name}: use one of {', '.join(near)}")
+    model = MODELS[name]
+    return tuple(
+        ListedRegister(
+            register.name,
+            register.address,
+            register.size,
+            register.access is Access.READ_WRITE,
+            register.persistent,
+            register.values_text if register.access is Access.READ_WRITE else "",
+            unit_of(model, register).symbol,
+        )
+        for register in registers_of(model)
+    )

@@ -1,0 +1,49 @@
+"""Operating modes of the X series, and the values that a change of the mode resets.
+
+From the e-manual: a change of the mode resets gains, feedforward and profile, sets ``goal_pwm`` to the PWM limit and
+``goal_current`` to the current limit. Assumed:
+- The reset gains are the factory values in every mode.
+- Where a goal is no limit but drives the motor (PWM, current and velocity mode), it is 0 until one is written.
+- The goal position is the present position.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from drivers.servos import x
+from drivers.servos.register import Register
+from sim_backend.servos.generic.firmware import FirmwareMemory
+
+CURRENT: Final = 0
+VELOCITY: Final = 1
+CURRENT_POSITION: Final = 5
+PWM: Final = 16
+
+MODE_GOALS: Final = {CURRENT: x.goal_current, VELOCITY: x.goal_velocity, PWM: x.goal_pwm}
+"""Register of the goal by mode. In the other modes, it is the goal position."""
+POSITION_MODES: Final = (x.POSITION_MODE, x.EXTENDED_POSITION_MODE, CURRENT_POSITION)
+
+GAINS: Final = (
+    x.velocity_i_gain,
+    x.velocity_p_gain,
+    x.position_d_gain,
+    x.position_i_gain,
+    x.position_p_gain,
+    x.feedforward_2nd_gain,
+    x.feedforward_1st_gain,
+)
+
+
+def reset_goals(memory: FirmwareMemory, *, measures_current: bool) -> None:
+    """Write the goals that a servo has after power-on and after a change of its mode, except for the position."""
+    mode, get = memory.get(x.operating_mode), memory.get
+    memory.put(x.goal_pwm, 0 if mode == PWM else get(x.pwm_limit))
+    memory.put(x.goal_velocity, 0 if mode == VELOCITY else get(x.velocity_limit))
+    if measures_current:
+        memory.put(x.goal_current, 0 if mode == CURRENT else get(x.current_limit))
+
+
+def reset_gains(memory: FirmwareMemory, factory: Mapping[Register, int]) -> None:
+    """Write the gains and the profile that a servo has after a change of its mode."""
+    for register in (*GAINS, x.profile_acceleration, x.profile_velocity):
+        memory.put(register, factory.get(register, 0))
