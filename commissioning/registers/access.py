@@ -166,8 +166,16 @@ def _write(servo: FoundServo, register: Register, raw: int) -> None:
         except ValueError as error:
             raise CommissioningError(f"servo {servo_id}: {error}") from error
         return
-    bus = servo.bus
-    retry_often(partial(bus.write, servo_id, register, raw))
+    write_ram(servo, register, raw)
+
+
+def write_ram(servo: FoundServo, register: Register, raw: int) -> None:
+    """Write a register without unlocking EEPROM, and read it back.
+
+    Raises CommissioningError if the servo does not keep the value.
+    """
+    servo_id = servo.servo_id
+    retry_often(partial(servo.bus.write, servo_id, register, raw))
     servo.clock.sleep_until(servo.clock.now() + CORRECTS_S)
     if (held := servo.read(register)) != raw:
         raise CommissioningError(
