@@ -18,6 +18,8 @@ from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
 from drivers.errors import ServoRefused
+from drivers.servos import x
+from drivers.servos.dynamixel import X
 from drivers.servos.register import Access, Register
 
 
@@ -32,6 +34,11 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if not isinstance(state, ServoState):
         raise CommissioningError(f"{state.text}: its torque stays off")
+    if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
+        raise CommissioningError(
+            f"servo {servo_id}: its position {state.position_counts} includes whole turns, which it drops when its "
+            f"torque is enabled. Restart it first with 'servoloop reboot {servo_id}'"
+        )
     limits = bus.position_limits(servo_id)
     if limits and not limits[0] <= state.position_counts <= limits[1]:
         raise CommissioningError(

@@ -101,8 +101,9 @@ TORQUE_ON_BY_GOAL: Final = 1 << 3
 HARDWARE_ERROR_BITS: Final = {0: "voltage", 2: "temperature", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
 FULL_PWM: Final = 885
-VELOCITY_UNIT_COUNTS_S: Final = 0.229 * 4096 / 60.0
-ACCELERATION_UNIT_COUNTS_S2: Final = 214.577 * 4096 / 3600.0
+COUNTS_PER_TURN: Final = 4096
+VELOCITY_UNIT_COUNTS_S: Final = 0.229 * COUNTS_PER_TURN / 60.0
+ACCELERATION_UNIT_COUNTS_S2: Final = 214.577 * COUNTS_PER_TURN / 3600.0
 VOLTAGE_UNIT_V: Final = 0.1
 
 
@@ -123,7 +124,7 @@ def _model(
     """Create a model. ``own`` holds registers that not all models have, except those at 38, 102 and 126."""
     own += (present_load,) if unit_a is None else (current_limit, goal_current, present_current)
     return XModel(
-        name, number, "little", 4096, volts, stall_nm, rpm * 2.0 * math.pi / 60.0,
+        name, number, "little", COUNTS_PER_TURN, volts, stall_nm, rpm * 2.0 * math.pi / 60.0,
         own=own, current_unit_a=unit_a, stall_current_a=stall_a,
     )  # fmt: skip
 
@@ -148,6 +149,17 @@ X330: Final = tuple(model for model in MODELS.values() if pwm_slope in model.own
 """Models with fewer indirect registers, whose addresses differ in old firmware."""
 CURRENT_UNIT_A: Final = {name: unit_a for name, model in MODELS.items() if (unit_a := model.current_unit_a) is not None}
 """Unit of ``present_current`` of each model that measures its current, in A."""
+
+
+def needs_extended_position(homing_offset: int) -> bool:
+    """Whether only the modes that count turns apply this homing offset. Position mode ignores it."""
+    return abs(homing_offset) > LARGEST_OFFSET_OF_POSITION_MODE
+
+
+def within_turn(counts: int, homing_offset: int) -> int:
+    """Return the position that a servo in position mode reports instead of ``counts`` once its torque is enabled."""
+    added = 0 if needs_extended_position(homing_offset) else homing_offset
+    return (counts - added) % COUNTS_PER_TURN + added
 
 
 def registers(model: XModel) -> tuple[Register, ...]:

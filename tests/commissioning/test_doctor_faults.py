@@ -94,6 +94,22 @@ def test_a_dynamixel_arm_is_examined_with_its_own_control_table() -> None:
     ]
 
 
+def test_turns_that_a_limp_dynamixel_drops_at_activation_are_no_finding() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    firmware = patient.line.servo(3).firmware
+    firmware._turned -= 2 * 4096
+    firmware._place_seam()
+    assert patient.examine().findings == ()
+
+
+def test_a_dynamixel_from_another_program_is_examined_in_extended_position_mode() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    patient.put(3, x.operating_mode, x.EXTENDED_POSITION_MODE)
+    patient.line.servo(3).firmware._turned -= 3 * 4096
+    patient.line.servo(3).firmware._place_seam()
+    assert patient.examine().findings == ()
+
+
 def test_a_wrong_dynamixel_voltage_limit_is_found() -> None:
     patient = Patient("robot_arm_dynamixel")
     patient.put(2, x.max_voltage_limit, 110)

@@ -89,7 +89,7 @@ def test_a_long_return_delay_is_not_reported_as_a_slow_adapter() -> None:
 
 @pytest.mark.parametrize(("extended", "mode"), [(True, 4), (False, 3), (True, 3), (False, 4)])
 def test_a_dynamixel_in_another_mode_than_calibrated_is_found(extended: bool, mode: int) -> None:
-    joint = replace(DYNAMIXEL, extended=extended)
+    joint = replace(DYNAMIXEL, extended=extended, homing_offset=0)
     registers = {"model_number": joint.model.number, "operating_mode": mode, "drive_mode": 0}
     if extended:  # in that mode it does not look at them
         registers |= {"min_position_limit": 1000, "max_position_limit": 1100}

@@ -5,7 +5,7 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, on, write
+from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, counts_turns, on, write
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
@@ -52,12 +52,12 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     try:
         wrong, odd = series.config_error(joint.model, read), series.config_warning(read)
         if not wrong and series is X:
-            wrong = mode_mistake(joint, registers["operating_mode"])
+            wrong = mode_mistake(joint, registers["operating_mode"], registers.get("homing_offset", 0))
     except KeyError:  # A register could not be read.
         return
     if wrong:
         mode = "operating_mode" if "operating_mode" in registers else "control_mode"
-        operating = wanted_mode(joint) if series is X else 0
+        operating = wanted_mode(joint, registers.get("homing_offset", 0)) if series is X else 0
         value = {"operating_mode": operating, "control_mode": 2}[mode]
         command = write(servo, mode, value) if mode in registers and registers[mode] != value else None
         yield finding("wrong_mode", place, "the servo answers without an alarm, but does not move to its goals",
@@ -67,8 +67,10 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 
 def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
+    if servo.joint.extended or counts_turns(servo.registers):
+        return  # Its servo ignores its position limits, or will ignore them in the right mode.
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
-    if low is None or high is None or (low, high) == (0, 0) or servo.joint.extended:
+    if low is None or high is None or (low, high) == (0, 0):
         return
     try:
         check_reach(servo.joint, (low, high))
