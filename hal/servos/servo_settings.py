@@ -16,6 +16,7 @@ from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
+from drivers.servos.ram_gains import ram_gains
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
@@ -35,12 +36,17 @@ They define the servo's address, direction and operating mode."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:
-    """Return the registers of a servo that a robot file may set, by name."""
-    return {
-        register.name: register
+    """Return the registers of a servo that a robot file may set, by name: settings in EEPROM and gains in RAM.
+
+    A P gain in RAM is no setting, because the robot file has ``position_p`` for it.
+    """
+    saved = (
+        register
         for register in series_of(model).registers
         if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_SETTINGS
-    }
+    )
+    gains = (register for register in ram_gains(model) if register != series_of(model).position_p)
+    return {register.name: register for register in (*saved, *gains)}
 
 
 def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
@@ -130,13 +136,13 @@ def mode_mistake(joint: Joint, held: int, offset: int) -> str | None:
 
 
 def apply_settings(joint: Joint, bus: Bus) -> None:
-    """Write the settings of the robot file that differ from those of the servo, and log each change.
+    """Write the settings of the robot file that differ from those in the servo's EEPROM, and log each change.
 
     Raises:
         ServoError: A setting could not be written. The EEPROM is not written while torque is enabled.
     """
     known = settings_of(joint.model)
-    wanted = {known[name]: value for name, value in joint.settings}
+    wanted = {known[name]: value for name, value in joint.settings if known[name].persistent}
     lock = series_of(joint.model).lock
     for change in update(bus, joint.servo_id, lock, wanted) if wanted else ():
         LOG.info("%s (servo %d): %s set to %d (was %d)", joint.name, joint.servo_id, change.register.name,

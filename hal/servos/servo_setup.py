@@ -21,6 +21,7 @@ from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
 from hal.servos.restart_turned import has_turned, restart
 from hal.servos.servo_faults import REBOOT
+from hal.servos.servo_gains import write_gains_in_ram
 from hal.servos.servo_settings import (
     apply_settings,
     check_homing_offset,
@@ -223,7 +224,8 @@ def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:
-    """Enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
+    """Write the gains and enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
+    write_gains_in_ram(joint, bus)
     try:
         bus.torque_on(joint.servo_id)
     except ServoRefused as error:

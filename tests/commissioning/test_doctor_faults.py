@@ -110,6 +110,20 @@ def test_a_dynamixel_from_another_program_is_examined_in_extended_position_mode(
     assert patient.examine().findings == ()
 
 
+def test_gains_that_another_program_left_in_ram_are_found() -> None:
+    patient = Patient("koch")
+    for servo_id, register, value in ((6, x.position_p_gain, 20), (2, x.position_i_gain, 3000)):
+        patient.put(servo_id, register, value)
+        patient.line.servo(servo_id).firmware.load_goal()
+    found = [one for one in patient.examine().findings if one.id == "gains_left"]
+    assert [(one.place.servo_id, one.command) for one in found] == [
+        (2, "servoloop reboot 2 --port /dev/ttyACM0"),
+        (6, "servoloop reboot 6 --port /dev/ttyACM0"),
+    ]
+    assert "position_i_gain is 3000, not 0" in found[0].cause
+    assert "position_p_gain is 20, not 400" in found[1].cause
+
+
 def test_a_wrong_dynamixel_voltage_limit_is_found() -> None:
     patient = Patient("robot_arm_dynamixel")
     patient.put(2, x.max_voltage_limit, 110)
