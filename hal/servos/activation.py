@@ -197,7 +197,17 @@ class Activation:
                 return
             if self._old():
                 self._take_goals([joint for joint in wrong if not self._setup.torque_is_on(joint)])
-        self._confirm_goal(wrong[0])
+        self._write_alone(wrong)
+
+    def _write_alone(self, joints: Sequence[Joint]) -> None:
+        """Write goals with single requests, because these servos may not support group writes."""
+        self._setup.write_goals_alone(joints)
+        self._buses.write_goals({joint.name: ServoGoal(self._goals[joint.name]) for joint in joints})
+        wrong = [joint for joint in joints if self._setup.goal(joint) != self._goals[joint.name]]
+        if wrong:
+            self._setup.write_goals_alone(wrong, alone=False)
+            self._confirm_goal(wrong[0])
+        self._measure_all()  # reports the rate that single writes leave
 
     def _confirm_goal(self, joint: Joint) -> None:
         held, wanted = self._setup.goal(joint), self._goals[joint.name]

@@ -149,6 +149,11 @@ class ServoSetup:
         """Write the torque limit of a joint to its servo."""
         self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
 
+    def write_goals_alone(self, joints: Sequence[Joint], alone: bool = True) -> None:
+        """Write the goals of joints one by one from now on, or in groups again."""
+        for joint in joints:
+            self._ask(joint, lambda bus, i=joint.servo_id: bus.write_goals_alone([i], alone))  # type: ignore[misc]
+
     def torque_on(self, joint: Joint) -> None:
         """Enable the torque of a servo."""
         self._ask(joint, lambda bus: _torque_on(joint, bus))
