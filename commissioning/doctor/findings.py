@@ -123,6 +123,7 @@ KINDS: Final[dict[str, Kind]] = {
     "wide_dead_zone": _kind("warning", 28, "gives_way"),
     "slow_acceleration": _kind("warning", 27),
     "return_delay": _kind("note", 15),
+    "gains_left": _kind("warning", 23, "gives_way"),
     "gains_differ": _kind("note", 10),
     "firmware_differs": _kind("note", 5),
     # Supply voltage, temperature, alarms, torque.

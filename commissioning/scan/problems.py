@@ -8,7 +8,8 @@ from commissioning.scan.identify import Identity
 from drivers.bus.types import FaultKind, ServoState
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
-from drivers.servos.catalog import unsupported
+from drivers.servos.catalog import series_of, unsupported
+from drivers.servos.register import ServoModel
 from drivers.servos.series import Read, Series
 
 Kind = Literal[
@@ -71,25 +72,32 @@ def collision(servo_id: int, port: str) -> Problem:
 VOLTAGE_LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 
 
-def own_troubles(identity: Identity, state: ServoState, read: Read) -> list[Problem]:
-    """Return the problems of the servo itself: its model, mode and alarms. ``read`` reads one of its registers."""
-    problems: list[Problem] = []
-    if identity.model is None:
-        problems.append(Problem("unknown_model", _unknown_text(identity)))
-    elif wrong := identity.series.config_error(identity.model, read):
+def own_troubles(model: ServoModel, state: ServoState, read: Read) -> list[Problem]:
+    """Return the problems of the servo itself: its mode and alarms. ``read`` reads one of its registers."""
+    series, problems = series_of(model), list[Problem]()
+    if wrong := series.config_error(model, read):
         problems.append(Problem("wrong_mode", f"it {wrong}"))
     if state.alarms:
-        problems.append(Problem("alarmed", _alarm_text(identity.series, state, read)))
+        problems.append(Problem("alarmed", _alarm_text(series, state, read)))
     return problems
+
+
+def unknown_model(identity: Identity) -> Problem:
+    """Return the problem of a servo whose model number is in no control table."""
+    return Problem("unknown_model", _unknown_text(identity))
 
 
 def _unknown_text(identity: Identity) -> str:
     if name := unsupported(identity.number, identity.series):
-        return f"{name}: read only; its table is not supported. Read its registers by address, not by name"
+        return (
+            f"{name}: read only; its table is not supported (model number {identity.number}). Read its registers by "
+            "address, not by name"
+        )
     known = ", ".join(f"{model.name} {model.number}" for model in identity.series.models)
     return (
         f"it reports model number {identity.number}, which is unknown in the series {identity.series.name} ({known}). "
-        "It was read with the control table of this series, so its values may be wrong"
+        "Its control table is therefore unknown, and none of its values is shown. To add the model, see "
+        "docs/add-a-servo.md"
     )
 
 

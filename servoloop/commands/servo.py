@@ -6,6 +6,16 @@ import typer
 
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
+from servoloop.commands.register_address import (
+    AddressOption,
+    SizeOption,
+    name_and_value,
+    name_to_read,
+    print_address,
+    span_of,
+    whole_number,
+    write_at,
+)
 from servoloop.commands.register_tables import tables
 
 if TYPE_CHECKING:
@@ -115,7 +125,7 @@ def reboot(
         typer.echo(f"servo {servo_id} answers again after {report.took_s:.1f} s; its torque is off")
 
 
-NameArgument = Annotated[str, typer.Argument(help="Name of the register, such as present_voltage.")]
+NameArgument = Annotated[str | None, typer.Argument(help="Name of the register, such as present_voltage.")]
 app = typer.Typer(no_args_is_help=True, help="Read and write the registers of one servo, by name and with units.")
 app.command()(tables)
 
@@ -147,19 +157,27 @@ def list_registers(
 
 @app.command()
 def read(
-    name: NameArgument,
     servo_id: IdOption,
+    name: NameArgument = None,
+    address: AddressOption = None,
+    size: SizeOption = None,
     port: PortOption = None,
     baud: BaudOption = None,
     json: JsonOption = False,
 ) -> None:
     """Print the value of one register, in its unit and as the raw number.
 
+    A register of a model without a table has no name; it is read with --address and --size.
     Example: `servoloop register read --port /dev/ttyACM0 --id 3 present_voltage`
     """
     from commissioning.registers.access import read_register
 
+    span = span_of(address, size)
+    name = name_to_read(name, span)
     with servo_at(port, servo_id, baud) as servo:
+        if span:
+            print_address(servo, span, json)
+            return
         value = read_register(servo, name)
     if json:
         print_json(value)
@@ -169,9 +187,17 @@ def read(
 
 @app.command(context_settings={"ignore_unknown_options": True})  # such as the value -300
 def write(
-    name: NameArgument,
-    value: Annotated[str, typer.Argument(help="New value: a raw number (120), or a quantity with its unit (12.0V).")],
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[NAME] VALUE",
+            help="Name of the register, and its new value: a raw number (120), or a quantity with its unit (12.0V). "
+            "Without a name if --address is given.",
+        ),
+    ],
     servo_id: IdOption,
+    address: AddressOption = None,
+    size: SizeOption = None,
     port: PortOption = None,
     baud: BaudOption = None,
     yes: YesOption = False,
@@ -181,13 +207,20 @@ def write(
 
     EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
     torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation: switched on, the
-    servo holds its present position; switched off, whatever it was holding falls.
+    servo holds its present position; switched off, whatever it was holding falls. With --address and --size, a register
+    without a name is written after a confirmation and without these checks.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register
 
+    span = span_of(address, size)
+    name, value = name_and_value(words, span)
+    number = whole_number(value) if span else 0
     switch = name == "torque_enable"
     with servo_at(port, servo_id, baud) as servo:
+        if span:
+            write_at(servo, span, number, yes, json)
+            return
         if switch:
             on = value_to_write(servo, name, value)
             effect = "holds its position, with torque enabled" if on else "loses its torque, and what it holds falls"

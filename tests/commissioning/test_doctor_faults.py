@@ -94,6 +94,36 @@ def test_a_dynamixel_arm_is_examined_with_its_own_control_table() -> None:
     ]
 
 
+def test_turns_that_a_limp_dynamixel_drops_at_activation_are_no_finding() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    firmware = patient.line.servo(3).firmware
+    firmware._turned -= 2 * 4096
+    firmware._place_seam()
+    assert patient.examine().findings == ()
+
+
+def test_a_dynamixel_from_another_program_is_examined_in_extended_position_mode() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    patient.put(3, x.operating_mode, x.EXTENDED_POSITION_MODE)
+    patient.line.servo(3).firmware._turned -= 3 * 4096
+    patient.line.servo(3).firmware._place_seam()
+    assert patient.examine().findings == ()
+
+
+def test_gains_that_another_program_left_in_ram_are_found() -> None:
+    patient = Patient("koch")
+    for servo_id, register, value in ((6, x.position_p_gain, 20), (2, x.position_i_gain, 3000)):
+        patient.put(servo_id, register, value)
+        patient.line.servo(servo_id).firmware.load_goal()
+    found = [one for one in patient.examine().findings if one.id == "gains_left"]
+    assert [(one.place.servo_id, one.command) for one in found] == [
+        (2, "servoloop reboot 2 --port /dev/ttyACM0"),
+        (6, "servoloop reboot 6 --port /dev/ttyACM0"),
+    ]
+    assert "position_i_gain is 3000, not 0" in found[0].cause
+    assert "position_p_gain is 20, not 400" in found[1].cause
+
+
 def test_a_wrong_dynamixel_voltage_limit_is_found() -> None:
     patient = Patient("robot_arm_dynamixel")
     patient.put(2, x.max_voltage_limit, 110)
