@@ -1,13 +1,20 @@
-"""How true the virtual Dynamixels are whose motors were identified: rows of ``python -m benchmarks.fidelity``.
+"""Compare the virtual Dynamixels with facts and figures: ``python -m benchmarks.dynamixel_fidelity``.
 
-The figures beside: data sheets of ROBOTIS ("data sheet"), and what BAM's oscilloscope, motors and friction make of an
-error or a load by arithmetic alone ("law").
+The program prints how many facts about ranges, errors, modes, profiles and the bus agree (``dynamixel_facts``), and
+names those that do not.
+
+The figures of servos whose motors were identified are rows of ``python -m benchmarks.fidelity``. The expected figures
+come from data sheets of ROBOTIS ("data sheet"), or follow from BAM's oscilloscope, motors and friction ("law").
 """
 
 from collections.abc import Iterator
 from math import pi
 from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.dynamixel_facts import facts
 from benchmarks.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.servos import ax_mx, x, xl320
@@ -163,3 +170,24 @@ def dynamixels() -> Iterator[Figure]:
     """All of them."""
     for part in (drives, speeds, stalls, sags):
         yield from part()
+
+
+def main() -> None:
+    """Print how many facts agree, and the facts that do not. The exit status is 1 if there are any."""
+    found = facts()
+    table = Table("", "agree", title="virtual Dynamixels beside the facts")
+    for group in dict.fromkeys(fact.group for fact in found):
+        own = [fact.agrees for fact in found if fact.group == group]
+        table.add_row(group, f"{sum(own)} of {len(own)}")
+    table.add_row("all", f"{sum(fact.agrees for fact in found)} of {len(found)}")
+    console = Console(width=100)
+    console.print(table)
+    wrong = [fact for fact in found if not fact.agrees]
+    for fact in wrong:
+        line = f"{fact.group}: {fact.name}: {fact.measured} instead of {fact.expected} ({fact.source})"
+        console.print(line, soft_wrap=True)
+    raise SystemExit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,8 @@
 """A virtual line on a pseudo-terminal, for a client that must not know that it is one: ``python served_line.py``.
 
-Arguments: LINK MODEL ID... A process of its own, because a client may hold its interpreter for as long as it waits; at
-the priority of ``servoloop emulate``, because the makers' SDKs wait 34 ms for an answer.
+Arguments: LINK MODEL[,MODEL...] ID..., with one model for all servos or one for each. A process of its own, because a
+client may hold its interpreter for as long as it waits; at the priority of ``servoloop emulate``, because the makers'
+SDKs wait 34 ms for an answer.
 """
 
 import signal
@@ -17,9 +18,10 @@ from sim_backend.mechanics.plant import BenchPlant
 
 
 def main() -> None:
-    link, model, *ids = sys.argv[1:]
-    models = dict.fromkeys(map(int, ids), MODELS[model])
-    protocol2 = series_of(MODELS[model]).protocol.name == "Dynamixel protocol 2.0"
+    link, names, *ids = sys.argv[1:]
+    each = names.split(",") if "," in names else [names] * len(ids)
+    models = {int(i): MODELS[name] for i, name in zip(ids, each, strict=True)}
+    protocol2 = series_of(MODELS[each[0]]).protocol.name == "Dynamixel protocol 2.0"
     line = (VirtualDynamixelBus if protocol2 else VirtualBus).of(BenchPlant(list(models)), models)
     ended: list[int] = []
     signal.signal(signal.SIGTERM, lambda *_: ended.append(1))
