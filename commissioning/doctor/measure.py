@@ -165,4 +165,4 @@ def _servo(bus: Bus, joint: Joint, hearing: Hearing) -> ServoSnapshot:
         one._replace(position_counts=counts_at_activation(joint.model, registers, one.position_counts))
         for one in hearing.states
     ]
-    return ServoSnapshot(joint, hearing.heard, registers, tuple(states), bus.name)
+    return ServoSnapshot(joint, hearing.heard, registers, tuple(states), bus.name, alone=hearing.alone)

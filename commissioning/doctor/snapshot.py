@@ -40,6 +40,8 @@ class ServoSnapshot:
     """Port of the servo's bus."""
     elsewhere_baud: int | None = None
     """Baud rate at which a silent servo answers, if it differs from the baud rate of the bus."""
+    alone: bool = False
+    """Whether it answers single reads but no group reads."""
 
     @property
     def answers(self) -> bool:

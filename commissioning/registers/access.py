@@ -33,6 +33,8 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     if wrong := series.config_error(servo.model, servo.read):
         raise CommissioningError(f"servo {servo_id}: {wrong}")
     state = confirmed_states(bus.read_states, [servo_id])[servo_id]
+    if not isinstance(state, ServoState) and bus.needs_single_reads(servo_id):
+        state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if not isinstance(state, ServoState):
         raise CommissioningError(f"{state.text}: its torque stays off")
     if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 from commissioning.scan.identify import Identity, identify, retry_often
-from commissioning.scan.problems import Problem, line_trouble, own_troubles, unknown_model
+from commissioning.scan.problems import Problem, line_trouble, no_group_reads, own_troubles, unknown_model
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
@@ -98,10 +98,15 @@ def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> Scanne
     unknown = (SCS if step.packets is v1 else X).models[0]
     bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)
-    trouble = line_trouble(bus.name, servo_id, kinds, corrupt)
+    alone = state is None and identity is not None and bus.needs_single_reads(servo_id)
+    if alone:
+        state, kinds = _states(bus, servo_id)
+    trouble = line_trouble(bus.name, servo_id, kinds, identity, corrupt)
     if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
         return None
     problems = [trouble] if trouble else []
+    if alone and identity:
+        problems.append(_single_reads(bus, servo_id, identity.series.status_level))
     if identity is None or (state is None and identity.model):
         return ScannedServo(servo_id, step.baud, step.servos, problems=tuple(problems))
     series, name = identity.series, identity.model.name if identity.model else None
@@ -112,6 +117,15 @@ def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> Scanne
     if identity.model is None:
         return replace(found, problems=(*problems, unknown_model(identity)))
     return found if state is None else _with_values(found, bus, identity.model, state)
+
+
+def _single_reads(bus: Bus, servo_id: int, status_level: Register) -> Problem:
+    try:
+        return no_group_reads(retry_often(partial(bus.read, servo_id, status_level)), status_level)
+    except PortLost:
+        raise
+    except ServoError:
+        return no_group_reads(None, status_level)
 
 
 def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKind | None]]:

@@ -8,12 +8,14 @@ import logging
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from drivers.bus.adaptive_timeout import AdaptiveTimeout
 from drivers.bus.counters import BusCounters
 from drivers.bus.group_read import GroupRead
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.state_reader import StateReader
 from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
 from drivers.port.line import Line
+from drivers.printable import counted
 from drivers.protocol import v2
 
 LOG = logging.getLogger("servoloop.drivers")
@@ -64,7 +66,15 @@ class SeparateServos:
         self._servos.set_separate(servo_id, True)
         self._doubtful.discard(servo_id)
         self._group.adaptive = True
+        self._measure(servo_id)
         return True
+
+    def _measure(self, servo_id: int) -> None:
+        """Measure how long replies take, after replies that may be late replies to the group reads."""
+        for _ in self._servos.blocks(servo_id):
+            self._reader.ask(servo_id)
+        self._group.timeout = AdaptiveTimeout()
+        self._reader.ask(servo_id)
 
     def _answers_alone(self, servo_id: int) -> bool:
         self._servos.set_separate(servo_id, True)
@@ -112,10 +122,10 @@ class SeparateServos:
         names = ", ".join(map(str, sorted(alone)))
         reads = alone & self._servos.separate
         LOG.warning(
-            "%s: servo %s supports no %s, so each cycle sends it single requests. A cycle of %d servos takes %.1f ms "
-            "and leaves at most %d Hz: set a lower update_rate, or use a servo that supports them",
+            "%s: servo %s supports no %s, so each cycle sends it single requests. A cycle of %s takes %.1f ms and "
+            "leaves at most %d Hz: set a lower update_rate, or use a servo that supports them",
             self._line.port.name, names, "group reads and writes" if reads else "group writes",
-            len(asked), 1e3 * cycle_s, int(1.0 / cycle_s),
+            counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
         )  # fmt: skip
 
     def _cycle_s(self, servo_ids: tuple[int, ...]) -> float:

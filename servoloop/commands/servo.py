@@ -16,6 +16,7 @@ from servoloop.commands.register_address import (
     whole_number,
     write_at,
 )
+from servoloop.commands.register_mute import ModelOption, write_status_level
 from servoloop.commands.register_tables import tables
 
 if TYPE_CHECKING:
@@ -198,6 +199,7 @@ def write(
     servo_id: IdOption,
     address: AddressOption = None,
     size: SizeOption = None,
+    model: ModelOption = None,
     port: PortOption = None,
     baud: BaudOption = None,
     yes: YesOption = False,
@@ -208,11 +210,15 @@ def write(
     EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
     torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation: switched on, the
     servo holds its present position; switched off, whatever it was holding falls. With --address and --size, a register
-    without a name is written after a confirmation and without these checks.
+    without a name is written after a confirmation and without these checks. With --model, the status level of a servo
+    that answers only pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register
 
+    if model is not None:
+        write_status_level(port, servo_id, baud, model, words)
+        return
     span = span_of(address, size)
     name, value = name_and_value(words, span)
     number = whole_number(value) if span else 0

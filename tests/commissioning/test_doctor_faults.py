@@ -22,7 +22,7 @@ FIRST: list[Case] = [
     (ailments.factory_id, "id_not_set", "set-id 11 7"),
     (ailments.stranger, "extra_servo", ""),
     (ailments.other_model, "wrong_model", ""),
-    (ailments.mute, "servo_mute", "factory-reset 3"),
+    (ailments.mute, "servo_mute", ""),
     (ailments.loose_plug, "servo_unsteady", ""),
     (ailments.wheel_mode, "wrong_mode", "--id 3 operating_mode 0"),
     (ailments.odd_phase, "speed_unit", ""),

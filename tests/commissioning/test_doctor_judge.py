@@ -108,3 +108,10 @@ def test_gains_that_another_program_left_are_found() -> None:
     assert "position_i_gain is 3000, not 0" in found.cause and "feedforward" not in found.cause
     wanted = replace(DYNAMIXEL, settings=(("position_i_gain", 3000),))
     assert judge(Snapshot((replace(BUS, servos=(replace(servo, joint=wanted),)),), perfect((wanted,)))) == ()
+
+
+def test_a_servo_that_answers_only_single_reads_is_found() -> None:
+    servo = ServoSnapshot(DYNAMIXEL, "well", {"status_return_level": 2}, (STATE,), "/dev/ttyUSB0", alone=True)
+    (found,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((DYNAMIXEL,))))
+    assert (found.id, found.severity, found.command) == ("no_group_reads", "warning", None)
+    assert "status_return_level (register 68) is 2, so this is not a setting" in found.cause
