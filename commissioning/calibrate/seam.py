@@ -38,7 +38,7 @@ class Counting:
             return None
         if series_of(model) is not X:
             return self.homing_offset
-        obeyed = self.extended or abs(self.homing_offset) <= x.LARGEST_OFFSET_OF_POSITION_MODE
+        obeyed = self.extended or not x.needs_extended_position(self.homing_offset)
         return -self.homing_offset if obeyed else 0
 
 

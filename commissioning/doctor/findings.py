@@ -102,6 +102,7 @@ KINDS: Final[dict[str, Kind]] = {
     "servo_late": _kind("warning", 71, "slow_round_trip"),
     "servo_unsteady": _kind("warning", 70),
     "extra_servo": _kind("warning", 45),
+    "no_group_reads": _kind("warning", 44),
     # The bus.
     "line_loses": _kind("warning", 69),
     "line_noisy": _kind("warning", 68),
@@ -123,6 +124,7 @@ KINDS: Final[dict[str, Kind]] = {
     "wide_dead_zone": _kind("warning", 28, "gives_way"),
     "slow_acceleration": _kind("warning", 27),
     "return_delay": _kind("note", 15),
+    "gains_left": _kind("warning", 29, "gives_way"),
     "gains_differ": _kind("note", 10),
     "firmware_differs": _kind("note", 5),
     # Supply voltage, temperature, alarms, torque.

@@ -111,6 +111,8 @@ class Hearing:
     kinds: list[FaultKind | None] = field(default_factory=list)
     late: int = 0
     pings: bool = False
+    alone: bool = False
+    """Whether it answers single reads but no group reads."""
 
     def add(self, reading: Reading) -> None:
         """Add the outcome of one read."""
@@ -148,6 +150,13 @@ def hear(bus: Bus, servo_ids: Sequence[int], clock: Clock) -> Mapping[int, Heari
     unclear = [i for i, hearing in found.items() if set(hearing.kinds) <= {"silent", "late"}]
     for _ in range(MORE_TRIES if unclear else 0):
         _sample(bus, unclear, found)
+    alone = [i for i in unclear if not found[i].states and bus.needs_single_reads(i)]
+    for i in alone:
+        found[i] = Hearing(alone=True)
+    for _ in range(SAMPLES if alone else 0):
+        _sample(bus, alone, found)
+        clock.sleep_until(clock.now() + SAMPLE_S)
+    unclear = [i for i in unclear if i not in alone]
     for i, hearing in found.items():
         hearing.late = bus.counters.of(i).late - late_before[i]
         hearing.pings = i in unclear and _pings(bus, i)

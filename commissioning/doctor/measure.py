@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final
 
 from commissioning.doctor.line_quality import Hearing, hear, hears_itself, line_figures
-from commissioning.doctor.snapshot import BusSnapshot, PortProblem, ServoSnapshot, Stranger
+from commissioning.doctor.snapshot import BusSnapshot, PortProblem, ServoSnapshot, Stranger, counts_at_activation
 from commissioning.scan.scan import ScanScope, scan
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
@@ -156,8 +156,8 @@ def _servo(bus: Bus, joint: Joint, hearing: Hearing) -> ServoSnapshot:
     registers: Mapping[str, int] = {}
     if hearing.states:
         registers = read_table(bus, joint.servo_id, series_of(joint.model))
-    turn = joint.model.counts_per_turn
     states = [
-        one._replace(position_counts=one.position_counts % turn) if joint.extended else one for one in hearing.states
+        one._replace(position_counts=counts_at_activation(joint.model, registers, one.position_counts))
+        for one in hearing.states
     ]
-    return ServoSnapshot(joint, hearing.heard, registers, tuple(states), bus.name)
+    return ServoSnapshot(joint, hearing.heard, registers, tuple(states), bus.name, alone=hearing.alone)

@@ -6,6 +6,10 @@ from typing import Literal
 
 from commissioning.drive_trial import TrialMotion
 from drivers.bus.types import ServoState
+from drivers.servos import x
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
+from drivers.servos.register import ServoModel
 from hal.joint import Joint
 from hal.robot_file.calibration_file import CalibrationFile
 
@@ -36,6 +40,8 @@ class ServoSnapshot:
     """Port of the servo's bus."""
     elsewhere_baud: int | None = None
     """Baud rate at which a silent servo answers, if it differs from the baud rate of the bus."""
+    alone: bool = False
+    """Whether it answers single reads but no group reads."""
 
     @property
     def answers(self) -> bool:
@@ -107,6 +113,20 @@ class Snapshot:
     motions: tuple[TrialMotion, ...] = ()
     not_moved: str = ""
     """Reason why the joints were not moved although the user requested it."""
+
+
+def counts_turns(registers: Mapping[str, int]) -> bool:
+    """Whether these registers are those of a Dynamixel X in extended position mode, which ignores position limits."""
+    return "drive_mode" in registers and registers.get("operating_mode") == x.EXTENDED_POSITION_MODE
+
+
+def counts_at_activation(model: ServoModel, registers: Mapping[str, int], counts: int) -> int:
+    """Return the counts from which an activation starts. A limp Dynamixel X then drops the turns it has counted."""
+    if series_of(model) is not X or "homing_offset" not in registers:
+        return counts
+    if counts_turns(registers):
+        return counts % model.counts_per_turn
+    return counts if registers.get("torque_enable") else x.within_turn(counts, registers["homing_offset"])
 
 
 def write(servo: ServoSnapshot, name: str, value: int) -> str:

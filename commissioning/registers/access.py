@@ -18,7 +18,9 @@ from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
 from drivers.errors import ServoRefused
+from drivers.servos import x
 from drivers.servos.catalog import registers_of
+from drivers.servos.dynamixel import X
 from drivers.servos.register import Access, Register
 
 
@@ -31,8 +33,15 @@ def enable_torque_in_place(servo: FoundServo) -> None:
     if wrong := series.config_error(servo.model, servo.read):
         raise CommissioningError(f"servo {servo_id}: {wrong}")
     state = confirmed_states(bus.read_states, [servo_id])[servo_id]
+    if not isinstance(state, ServoState) and bus.needs_single_reads(servo_id):
+        state = confirmed_states(bus.read_states, [servo_id])[servo_id]
     if not isinstance(state, ServoState):
         raise CommissioningError(f"{state.text}: its torque stays off")
+    if series is X and x.within_turn(state.position_counts, servo.read(x.homing_offset)) != state.position_counts:
+        raise CommissioningError(
+            f"servo {servo_id}: its position {state.position_counts} includes whole turns, which it drops when its "
+            f"torque is enabled. Restart it first with 'servoloop reboot {servo_id}'"
+        )
     limits = bus.position_limits(servo_id)
     if limits and not limits[0] <= state.position_counts <= limits[1]:
         raise CommissioningError(
@@ -167,8 +176,16 @@ def _write(servo: FoundServo, register: Register, raw: int) -> None:
         except ValueError as error:
             raise CommissioningError(f"servo {servo_id}: {error}") from error
         return
-    bus = servo.bus
-    retry_often(partial(bus.write, servo_id, register, raw))
+    write_ram(servo, register, raw)
+
+
+def write_ram(servo: FoundServo, register: Register, raw: int) -> None:
+    """Write a register without unlocking EEPROM, and read it back.
+
+    Raises CommissioningError if the servo does not keep the value.
+    """
+    servo_id = servo.servo_id
+    retry_often(partial(servo.bus.write, servo_id, register, raw))
     servo.clock.sleep_until(servo.clock.now() + CORRECTS_S)
     if (held := servo.read(register)) != raw:
         raise CommissioningError(

@@ -2,12 +2,12 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 from commissioning.scan.identify import Identity, identify, retry_often
-from commissioning.scan.problems import Problem, line_trouble, own_troubles
+from commissioning.scan.problems import Problem, line_trouble, no_group_reads, own_troubles, unknown_model
 from commissioning.scan.steps import Step
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
@@ -17,10 +17,11 @@ from drivers.errors import PortLost, ServoCorrupt, ServoError
 from drivers.port import Port
 from drivers.protocol import v1
 from drivers.servos import ax_mx, sts, x, xl320
+from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import XL, X
 from drivers.servos.dynamixel1 import AX_MX
 from drivers.servos.feetech import SCS, STS
-from drivers.servos.register import Register
+from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
 
 MODES: Final[dict[str, tuple[Register, dict[int, str]]]] = {
@@ -97,12 +98,34 @@ def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> Scanne
     unknown = (SCS if step.packets is v1 else X).models[0]
     bus = Bus(port, clock, {servo_id: identity.stand_in if identity else unknown})
     state, kinds = _states(bus, servo_id)
-    trouble = line_trouble(bus.name, servo_id, kinds, corrupt)
+    alone = state is None and identity is not None and bus.needs_single_reads(servo_id)
+    if alone:
+        state, kinds = _states(bus, servo_id)
+    trouble = line_trouble(bus.name, servo_id, kinds, identity, corrupt)
     if trouble and trouble.kind == "no_reads" and not _pings(bus, servo_id):
         return None
-    if identity is None or state is None:
-        return ScannedServo(servo_id, step.baud, step.servos, problems=(trouble,) if trouble else ())
-    return _looked(bus, servo_id, step, identity, state, trouble)
+    problems = [trouble] if trouble else []
+    if alone and identity:
+        problems.append(_single_reads(bus, servo_id, identity.series.status_level))
+    if identity is None or (state is None and identity.model):
+        return ScannedServo(servo_id, step.baud, step.servos, problems=tuple(problems))
+    series, name = identity.series, identity.model.name if identity.model else None
+    found = ScannedServo(
+        servo_id, step.baud, series.protocol.name, series.make, name, identity.number, identity.firmware,
+        problems=tuple(problems),
+    )  # fmt: skip
+    if identity.model is None:
+        return replace(found, problems=(*problems, unknown_model(identity)))
+    return found if state is None else _with_values(found, bus, identity.model, state)
+
+
+def _single_reads(bus: Bus, servo_id: int, status_level: Register) -> Problem:
+    try:
+        return no_group_reads(retry_often(partial(bus.read, servo_id, status_level)), status_level)
+    except PortLost:
+        raise
+    except ServoError:
+        return no_group_reads(None, status_level)
 
 
 def _states(bus: Bus, servo_id: int) -> tuple[ServoState | None, Counter[FaultKind | None]]:
@@ -126,10 +149,9 @@ def _pings(bus: Bus, servo_id: int) -> bool:
     return True
 
 
-def _looked(
-    bus: Bus, servo_id: int, step: Step, identity: Identity, state: ServoState, trouble: Problem | None
-) -> ScannedServo:
-    series, problems = identity.series, [trouble] if trouble else []
+def _with_values(found: ScannedServo, bus: Bus, model: ServoModel, state: ServoState) -> ScannedServo:
+    """Return the servo with its state, torque, mode and problems, which are read with the table of its model."""
+    servo_id, series, problems = found.servo_id, series_of(model), list(found.problems)
     torque: int | None = None
     mode: str | None = None
 
@@ -138,14 +160,18 @@ def _looked(
 
     try:
         torque, mode = read(series.torque_enable), mode_text(series, read)
-        problems += own_troubles(identity, state, read)
+        problems += own_troubles(model, state, read)
     except PortLost:
         raise
     except ServoError as error:  # The bus is so bad that many attempts have failed.
         problems.append(Problem("bad_line", error.text))
-    return ScannedServo(
-        servo_id, step.baud, series.protocol.name, series.make,
-        identity.model.name if identity.model else None, identity.number, identity.firmware,
-        round(state.voltage_v, 1), state.temperature_c, state.position_counts,
-        None if torque is None else torque == 1, mode, state.alarms, tuple(problems),
-    )  # fmt: skip
+    return replace(
+        found,
+        voltage_v=round(state.voltage_v, 1),
+        temperature_c=state.temperature_c,
+        position_counts=state.position_counts,
+        torque=None if torque is None else torque == 1,
+        operating_mode=mode,
+        alarms=state.alarms,
+        problems=tuple(problems),
+    )

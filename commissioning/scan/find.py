@@ -20,6 +20,7 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import PortError, PortLost, ServoError, ServoRefused
 from drivers.port import Port
+from drivers.servos.catalog import series_of
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Series
 
@@ -38,13 +39,19 @@ class FoundServo:
 
     @property
     def series(self) -> Series:
-        """Series of the servo."""
-        return self.identity.series
+        """Series of the servo. Raises CommissioningError if the model is unknown, because so is its control table."""
+        return series_of(self.model)
 
     @property
     def model(self) -> ServoModel:
-        """Model of the servo, or the first model of its series if the model number is unknown."""
-        return self.identity.stand_in
+        """Model of the servo. Raises CommissioningError if the model number is unknown."""
+        if self.identity.model is not None:
+            return self.identity.model
+        raise CommissioningError(
+            f"servo {self.servo_id}: the control table of its model (number {self.identity.number}) is unknown, so "
+            "nothing was read or written by name. Pass --address and --size from the manual of the servo to "
+            "'servoloop register', or add the model: docs/add-a-servo.md"
+        )
 
     @property
     def name(self) -> str:
@@ -54,7 +61,7 @@ class FoundServo:
     @property
     def bus(self) -> Bus:
         """A new bus to the servo at the current baud rate of the port."""
-        return Bus(self.port, self.clock, {self.servo_id: self.model})
+        return Bus(self.port, self.clock, {self.servo_id: self.identity.stand_in})
 
     def read(self, register: Register) -> int:
         """Read a register, with many attempts."""

@@ -39,7 +39,7 @@ class Identity:
 
     @property
     def stand_in(self) -> ServoModel:
-        """Model whose control table is used for the servo: its own, or the first one of its series."""
+        """Model with the packets of the servo: its own, or the first one of its series, whose table may differ."""
         return self.model or self.series.models[0]
 
 

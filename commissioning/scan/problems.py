@@ -8,7 +8,8 @@ from commissioning.scan.identify import Identity
 from drivers.bus.types import FaultKind, ServoState
 from drivers.port.latency import HELD_BACK, latency_advice
 from drivers.port.owners import line_advice
-from drivers.servos.catalog import unsupported
+from drivers.servos.catalog import series_of, unsupported
+from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import Read, Series
 
 Kind = Literal[
@@ -19,6 +20,8 @@ Kind = Literal[
     "bad_line",
     "late",
     "no_reads",
+    "no_group_reads",
+    "no_state",
     "other_rate",
     "wrong_model",
     "absent",
@@ -35,8 +38,18 @@ class Problem:
     text: str
 
 
-def line_trouble(port: str, servo_id: int, kinds: Counter[FaultKind | None], corrupt: bool) -> Problem | None:
-    """Return the problem of the bus that explains the outcomes of the reads; None if there is none."""
+def line_trouble(
+    port: str, servo_id: int, kinds: Counter[FaultKind | None], identity: Identity | None, corrupt: bool
+) -> Problem | None:
+    """Return the problem that explains the outcomes of the reads of a servo's state; None if there is none.
+
+    Args:
+        port: Name of the port.
+        servo_id: ID of the servo.
+        kinds: Number of outcomes of each kind.
+        identity: Identity of the servo; None if it could not be read.
+        corrupt: Whether the reply with the identity was corrupt.
+    """
     failed = kinds.total() - kinds[None]
     if kinds[None] == 0 and kinds["corrupt"] == failed and failed:
         return collision(servo_id, port)
@@ -45,18 +58,44 @@ def line_trouble(port: str, servo_id: int, kinds: Counter[FaultKind | None], cor
     if never_in_time or kinds["late"] > 1 + kinds[None]:
         return Problem("late", f"its replies arrive too late: {latency_advice(port) or HELD_BACK}")
     if kinds[None] == 0 and kinds["corrupt"] == 0:
-        return (
-            collision(servo_id, port)
-            if corrupt
-            else Problem(
-                "no_reads",
-                "it answers pings but not reads: change its status return level so that it answers reads",
-            )
-        )
+        if corrupt:
+            return collision(servo_id, port)
+        return Problem("no_reads", NO_READS) if identity is None else Problem("no_state", _no_state_text(identity))
     if failed >= BAD_SHARE * kinds.total():
         advice = line_advice(port, "the plugs of the cables and the supply")
         return Problem("bad_line", f"many of its replies are lost or corrupted: check {advice}")
     return None
+
+
+NO_READS: Final = (
+    "it answers pings but not reads. If it is a Dynamixel, its status return level may be 0: set it with 'servoloop "
+    "register write --model MODEL status_return_level 2'. A Dynamixel X also answers again after its supply was off"
+)
+"""Description of a servo that answers only pings."""
+
+
+def _no_state_text(identity: Identity) -> str:
+    block = identity.series.blocks[0]
+    return (
+        f"it answers reads of its model number ({identity.number}), but not of its state (registers {block.address} to "
+        f"{block.address + block.size - 1}): its control table differs from that of the series {identity.series.name}"
+    )
+
+
+def no_group_reads(level: int | None, register: Register) -> Problem:
+    """Return the problem of a servo that answers single reads only.
+
+    Args:
+        level: Value of its status return level; None if it could not be read.
+        register: Register of the status return level.
+    """
+    held = f" ({register.name}, register {register.address}, is {level})" if level is not None else ""
+    return Problem(
+        "no_group_reads",
+        f"it answers single reads, but no group reads (sync read). This is not a setting{held}: its firmware lacks the "
+        "instruction, as that of many self-made servos. servoloop reads and writes it with single requests, which "
+        "takes longer in each cycle",
+    )
 
 
 def collision(servo_id: int, port: str) -> Problem:
@@ -71,25 +110,32 @@ def collision(servo_id: int, port: str) -> Problem:
 VOLTAGE_LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 
 
-def own_troubles(identity: Identity, state: ServoState, read: Read) -> list[Problem]:
-    """Return the problems of the servo itself: its model, mode and alarms. ``read`` reads one of its registers."""
-    problems: list[Problem] = []
-    if identity.model is None:
-        problems.append(Problem("unknown_model", _unknown_text(identity)))
-    elif wrong := identity.series.config_error(identity.model, read):
+def own_troubles(model: ServoModel, state: ServoState, read: Read) -> list[Problem]:
+    """Return the problems of the servo itself: its mode and alarms. ``read`` reads one of its registers."""
+    series, problems = series_of(model), list[Problem]()
+    if wrong := series.config_error(model, read):
         problems.append(Problem("wrong_mode", f"it {wrong}"))
     if state.alarms:
-        problems.append(Problem("alarmed", _alarm_text(identity.series, state, read)))
+        problems.append(Problem("alarmed", _alarm_text(series, state, read)))
     return problems
+
+
+def unknown_model(identity: Identity) -> Problem:
+    """Return the problem of a servo whose model number is in no control table."""
+    return Problem("unknown_model", _unknown_text(identity))
 
 
 def _unknown_text(identity: Identity) -> str:
     if name := unsupported(identity.number, identity.series):
-        return f"{name}: read only; its table is not supported. Read its registers by address, not by name"
+        return (
+            f"{name}: read only; its table is not supported (model number {identity.number}). Read its registers by "
+            "address, not by name"
+        )
     known = ", ".join(f"{model.name} {model.number}" for model in identity.series.models)
     return (
         f"it reports model number {identity.number}, which is unknown in the series {identity.series.name} ({known}). "
-        "It was read with the control table of this series, so its values may be wrong"
+        "Its control table is therefore unknown, and none of its values is shown. To add the model, see "
+        "docs/add-a-servo.md"
     )
 
 

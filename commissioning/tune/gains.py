@@ -14,6 +14,7 @@ from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings
 from hal.joint import Joint
+from hal.servos.servo_settings import settings_of
 
 
 class TuneError(CommissioningError):
@@ -80,7 +81,8 @@ def read_gains(bus: Bus, joint: Joint) -> dict[str, int]:
 def as_held(bus: Bus, joint: Joint) -> Joint:
     """Return the joint with the settings of its servo, so that activation does not write any. Raises ServoError."""
     known = {register.name: register for register in registers_of(joint.model)}
-    names = [*assumed_settings(joint.model), *(one.name for one in gains_of(joint.model).values() if one.persistent)]
+    stored = settings_of(joint.model)
+    names = [*assumed_settings(joint.model), *(r.name for r in gains_of(joint.model).values() if r.name in stored)]
     settings = {name: retry(partial(bus.read, joint.servo_id, known[name])) for name in dict.fromkeys(names)}
     held = replace(joint, settings=tuple(settings.items()))
     register = series_of(joint.model).position_p
@@ -91,8 +93,8 @@ def as_held(bus: Bus, joint: Joint) -> Joint:
 
 def with_gains(joint: Joint, values: Mapping[str, int]) -> Joint:
     """Return the joint with these gains."""
-    known = gains_of(joint.model)
-    saved = {known[name].name: value for name, value in values.items() if known[name].persistent}
+    known, stored = gains_of(joint.model), settings_of(joint.model)
+    saved = {known[name].name: value for name, value in values.items() if known[name].name in stored}
     in_ram = series_of(joint.model).position_p is not None and "P" in values
     return replace(
         joint,

@@ -11,6 +11,7 @@ from commissioning.tune.tuner import Measurement, Tuner
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
 from hal.joint import Joint
+from hal.servos.servo_settings import settings_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +84,9 @@ def _plain(found: Measurement) -> dict[str, Any]:
 
 
 def kept(model: ServoModel, values: Mapping[str, int], named: Mapping[str, int]) -> dict[str, Any]:
-    """Return the entries for a joint in the robot file that set these gains, in addition to the settings ``named``.
-
-    I and D of a Dynamixel are in RAM and cannot be set in a robot file.
-    """
-    known = gains_of(model)
-    settings = {known[name].name: value for name, value in values.items() if known[name].persistent}
+    """Return the entries for a joint in the robot file that set these gains, in addition to the settings ``named``."""
+    known, stored = gains_of(model), settings_of(model)
+    settings = {known[name].name: value for name, value in values.items() if known[name].name in stored}
     found: dict[str, Any] = {"settings": {**named, **settings}} if settings else {}
     if "P" in values and series_of(model).position_p is not None:
         found["position_p"] = values["P"]

@@ -39,6 +39,11 @@ class AdaptiveTimeout:
     def no_reply(self) -> None:
         self._missed = True
 
+    @property
+    def slowest_s(self) -> float:
+        """Slowest recent reply, in seconds beyond the transmission time; 0 before the first reply."""
+        return self._slowest_s or 0.0
+
     def wait_s(self, responsive: bool) -> float:
         """Return the timeout of the next reply. ``responsive`` is whether the servo answered its last request."""
         if self._slowest_s is None:

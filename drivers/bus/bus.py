@@ -14,6 +14,7 @@ from drivers.bus.indirect import IndirectMaps
 from drivers.bus.known_servos import KnownServos
 from drivers.bus.late_replies import HELD_S, LateReplyFilter
 from drivers.bus.retry import ATTEMPTS, retry
+from drivers.bus.separate import SeparateServos
 from drivers.bus.single_servo import SingleServo
 from drivers.bus.state_reader import StateReader
 from drivers.bus.turns import Turns
@@ -76,7 +77,9 @@ class Bus:
         """Replies and faults since the bus was opened, by servo and kind."""
         late, protocol = LateReplyFilter(), servos.protocol
         self._line = line = Line(port, clock)
-        self._reader = StateReader(line, GroupRead(line, protocol, self.counters, late), servos, self.counters, late)
+        group = GroupRead(line, protocol, self.counters, late)
+        self._reader = StateReader(line, group, servos, self.counters, late)
+        self._separate = SeparateServos(line, servos, self._reader, group, self.counters)
         self._single = single = SingleServo(line, protocol, self.counters, late)
         self._maps = IndirectMaps(servos, single, port.name) if protocol.packets is v2 else None
         # These requests to single servos are passed to the SDK without retries.
@@ -126,6 +129,8 @@ class Bus:
     def write_goals(self, goals: Mapping[int, ServoGoal]) -> None:
         """Send a goal to each servo, in one packet that is not acknowledged.
 
+        Each servo that does not support group writes gets a packet of its own, which it acknowledges.
+
         Args:
             goals: Goal by ID, in counts.
 
@@ -133,7 +138,12 @@ class Bus:
             ValueError: A goal does not fit into its register.
         """
         if goals:
-            self._line.send(self._servos.goals(self._turns.goals(goals) if self._turns else goals))
+            counted = self._turns.goals(goals) if self._turns else goals
+            if packet := self._servos.goals(counted):
+                self._line.send(packet)
+            if self._servos.written_alone:
+                for servo_id in self._servos.written_alone.intersection(counted):
+                    self._separate.write_goal(servo_id, counted[servo_id])
 
     def read_states(self, servo_ids: Sequence[int], deadline_s: float | None = None) -> Mapping[int, Reading]:
         """Request and receive the states of servos.
@@ -148,6 +158,9 @@ class Bus:
         """
         if deadline_s is None:
             readings = self._reader.read_without_deadline(tuple(servo_ids))
+            if self._separate.found(readings):
+                readings = self._reader.read_without_deadline(tuple(servo_ids))
+            self._separate.report(servo_ids)
             return readings if self._maps is None else self._name_alarms(readings, math.inf)
         self.request(servo_ids, deadline_s)
         return self.receive()
@@ -162,7 +175,29 @@ class Bus:
         Returns:
             Number of bytes on the wire, of requests and replies.
         """
-        return len(self._servos.goals(goals)) + self._reader.exchange_size(tuple(servo_ids))
+        written = len(self._servos.goals(goals)) + self._separate.size(goals)
+        return written + self._reader.exchange_size(tuple(servo_ids))
+
+    def needs_single_reads(self, servo_id: int) -> bool:
+        """Find out whether a servo answers reads but no group reads. It is then read and written one by one.
+
+        Args:
+            servo_id: ID of the servo.
+
+        Returns:
+            Whether this servo supports no group reads.
+        """
+        return self._separate.examine(servo_id)
+
+    def write_goals_alone(self, servo_ids: Sequence[int], alone: bool = True) -> None:
+        """Write the goals of servos one by one from now on, with an acknowledgment, or in groups again.
+
+        Args:
+            servo_ids: IDs of the servos.
+            alone: Whether each of them gets a packet of its own.
+        """
+        for servo_id in servo_ids:
+            self._servos.set_written_alone(servo_id, alone)
 
     def _name_alarms(self, readings: Mapping[int, Reading], deadline_s: float) -> Mapping[int, Reading]:
         """Read which hardware errors the servos have, if there is time, and record servos that were reset."""
@@ -194,6 +229,7 @@ class Bus:
         """
         check_model_number(self._single, servo_id, model)
         self._servos.identified(servo_id, model)
+        self._separate.identified(servo_id)
         extended = self._is_extended(servo_id, model)
         if extended or self._turns:
             self._turns = self._turns or Turns()

@@ -33,7 +33,7 @@ class GroupRead:
         self._protocol = protocol
         self._counters = counters
         self._late = late
-        self._adaptive = protocol.group_read != "sync"
+        self.adaptive = protocol.group_read != "sync"
         """Whether servos may be asked separately, with an adaptive timeout for each."""
         self._counters_of: dict[tuple[int, ...], list[ServoCounters]] = {}
         self._sent_s = 0.0
@@ -88,7 +88,7 @@ class GroupRead:
         if 0 < responsive < len(plan.servo_ids):
             expected = sum(plan.sizes[i] + plan.overhead for i in plan.servo_ids[:responsive])
         due_s = self._sent_s + expected * line.byte_s
-        if self._adaptive:  # the time until now may have been spent on another bus
+        if self.adaptive:  # the time until now may have been spent on another bus
             due_s = max(due_s, line.now())
             wait_s = self.timeout.wait_s(responsive > 0)
         else:
@@ -104,7 +104,7 @@ class GroupRead:
             self.fast_replies = replies_in(plan, data)
             self.fast.failed()
             return {}
-        if not data and responsive and not self._adaptive:
+        if not data and responsive and not self.adaptive:
             data = self._wait_for_slow_adapter(expected, deadline_s)
         return self._decode_separately(plan, responsive, data, wait_s, due_s, deadline_s)
 
@@ -130,7 +130,7 @@ class GroupRead:
         if self._late.open:
             for servo_id in plan.servo_ids:
                 self._late.answered(servo_id, line.now())
-        if self._adaptive:
+        if self.adaptive:
             self.timeout.reply_received(line.now() - due_s)
         if plan.fast:
             self.fast.succeeded()
@@ -157,9 +157,9 @@ class GroupRead:
         if data or responsive:
             self._wait_for(assembler, plan.servo_ids[responsive:], GAP_S, deadline_s)
         assembler.finish()
-        if self._adaptive and assembler.answered:
+        if self.adaptive and assembler.answered:
             self.timeout.reply_received(self._line.now() - due_s)
-        elif self._adaptive:
+        elif self.adaptive:
             self.timeout.no_reply()
         results, noise = self._judge(plan, assembler, "silent" if deadline_s >= due_s + TURNAROUND_S else "no_time")
         self._line.clean = len(assembler.answered) == len(plan.servo_ids) and not noise
@@ -177,7 +177,7 @@ class GroupRead:
             slots_s = 0.0 if self._protocol.waits_for_silent else missing * line.byte_s
             until_s = line.now() + slots_s + gap_s
             only_late = assembler.replies and not assembler.answered
-            if only_late and wait_s > GAP_S and not self._adaptive:  # the adapter may be slow
+            if only_late and wait_s > GAP_S and not self.adaptive:  # the adapter may be slow
                 until_s = max(until_s, self._sent_s + FIRST_REPLY_S)
             data = line.port.read(missing, min(until_s, end_s))
             assembler.feed(data)

@@ -28,6 +28,10 @@ class KnownServos:
         self._usual = next(iter(map(series_of, models.values())), STS if self.protocol is STS_PROTOCOL else X)
         self.mapped: dict[int, tuple[StateBlock, ...]] = {}
         """State blocks of the servos whose states are read through indirect registers, by ID."""
+        self.separate: set[int] = set()
+        """Servos that do not support group reads, so each gets a read of its own."""
+        self.written_alone: set[int] = set()
+        """Servos that do not support group writes, so each gets a write of its own. They include ``separate``."""
         self._plans: dict[tuple[tuple[int, ...], int], ReadPlan] = {}
         self._fast: dict[tuple[int, ...], ReadPlan | None] = {}
         self._writes: dict[tuple[int, ...], list[GoalWrite]] = {}
@@ -45,7 +49,28 @@ class KnownServos:
         if self.protocol.group_read == "bulk":
             models = self.models.values()
             return bool(models) and all(series_of(model).bulk_read(model) for model in models)
-        return self.protocol.group_read == "sync"
+        return self.in_sync
+
+    @property
+    def in_sync(self) -> bool:
+        """Whether one sync read requests the states of any servos of this bus."""
+        return self.protocol.group_read == "sync" and not self.separate
+
+    def together(self, servo_ids: tuple[int, ...]) -> tuple[int, ...]:
+        """Return those of these servos that one packet can request."""
+        if self.protocol.group_read == "sync":
+            return tuple(i for i in servo_ids if i not in self.separate)
+        return servo_ids if self.read_together else ()
+
+    def set_separate(self, servo_id: int, separate: bool) -> None:
+        """Read and write a servo separately, or in groups."""
+        for servos in (self.separate, self.written_alone):
+            (servos.add if separate else servos.discard)(servo_id)
+        self._forget_plans()
+
+    def set_written_alone(self, servo_id: int, alone: bool) -> None:
+        """Write the goals of a servo separately, or in groups."""
+        (self.written_alone.add if alone else self.written_alone.discard)(servo_id)
 
     def identified(self, servo_id: int, model: ServoModel) -> None:
         if self.models.get(servo_id) != model:
@@ -71,14 +96,16 @@ class KnownServos:
         plan = self._plans.get((servo_ids, place))
         if plan is None:
             blocks = {i: self.blocks(i)[place] for i in servo_ids}
-            plan = self._plans[servo_ids, place] = state_plan(self.protocol, blocks, self._scales(servo_ids))
+            plan = self._plans[servo_ids, place] = state_plan(
+                self.protocol, blocks, self._scales(servo_ids), separate=not self.separate.isdisjoint(servo_ids)
+            )
         return plan
 
     def fast_plan(self, servo_ids: tuple[int, ...]) -> ReadPlan | None:
         """Return the plan of a fast sync read, or None if the servos have different blocks or do not support it."""
         if servo_ids not in self._fast:
             block, *others = {self.blocks(i)[0] for i in servo_ids}
-            alike = block.fast and not others
+            alike = block.fast and not others and self.separate.isdisjoint(servo_ids)
             self._fast[servo_ids] = fast_plan(block, self._scales(servo_ids)) if alike else None
         return self._fast[servo_ids]
 
@@ -92,8 +119,13 @@ class KnownServos:
             kept.clear()
 
     def goals(self, goals: Mapping[int, ServoGoal]) -> bytes:
-        """Encode one sync write of goals for each series. Raise ValueError if a goal does not fit."""
+        """Encode one sync write of goals for each series, without servos that need a write of their own.
+
+        Raise ValueError if a goal does not fit.
+        """
         servo_ids = tuple(goals)
+        if self.written_alone:
+            servo_ids = tuple(i for i in servo_ids if i not in self.written_alone)
         writes = self._writes.get(servo_ids)
         if writes is None:
             writes = self._writes[servo_ids] = [self._goal_write(*run) for run in self._by_series(servo_ids)]
@@ -114,6 +146,14 @@ class KnownServos:
             return packet
 
         return write
+
+    def goal_packet(self, servo_id: int, goal: ServoGoal) -> bytes:
+        """Encode a write of the goal of one servo. Raise ValueError if the goal does not fit."""
+        series, packets = self.series(servo_id), self.protocol.packets
+        order = "<" if self.protocol.byte_order == "little" else ">"
+        data = Struct(order + series.goal_fields).pack(*series.goal_of(self.model(servo_id))(goal))
+        packet: bytes = packets.packet(servo_id, packets.WRITE, packets.place(series.goal_address) + data)
+        return packet
 
     def torque_off(self, servo_ids: Sequence[int]) -> bytes:
         """Encode one sync write for each series that disables the torque of these servos."""

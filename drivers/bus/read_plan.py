@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from struct import Struct
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import adler32
 
 from fastcrc.crc16 import umts as crc16
@@ -49,8 +49,13 @@ class ReadPlan:
 
 
 def state_plan(
-    protocol: WireProtocol, blocks: Mapping[int, StateBlock], scales: Mapping[int, float | None]
+    protocol: WireProtocol,
+    blocks: Mapping[int, StateBlock],
+    scales: Mapping[int, float | None],
+    *,
+    separate: bool = False,
 ) -> ReadPlan:
+    """Plan a read of states. ``separate`` is whether the only servo gets a plain read instead of a group read."""
     is_v1 = protocol.packets is v1
     decode_all = _decoder_v1(protocol, blocks, scales) if is_v1 else _decoder_v2(blocks, scales)
 
@@ -58,10 +63,11 @@ def state_plan(
         return _state_result(protocol, blocks[reply.servo_id], scales[reply.servo_id], reply)
 
     spans = {i: (block.address, block.size) for i, block in blocks.items()}
-    return _plan(protocol, spans, decode_all, result, blocks)
+    return _plan(_Request(protocol, spans, separate), decode_all, result, blocks)
 
 
-def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> ReadPlan:
+def register_plan(protocol: WireProtocol, registers: Mapping[int, Register], *, separate: bool = False) -> ReadPlan:
+    """Plan a read of one register of each servo, with a plain read of the only servo if ``separate``."""
 
     def result(reply: Reply) -> ReadResult:
         if refused := _refusal(protocol, reply):
@@ -69,32 +75,40 @@ def register_plan(protocol: WireProtocol, registers: Mapping[int, Register]) -> 
         return registers[reply.servo_id].decode(reply.data, protocol.byte_order)
 
     spans = {i: (register.address, register.size) for i, register in registers.items()}
-    return _plan(protocol, spans, lambda data: None, result, {})
+    return _plan(_Request(protocol, spans, separate), lambda data: None, result, {})
+
+
+class _Request(NamedTuple):
+    """A request for data of some servos."""
+
+    protocol: WireProtocol
+    spans: Mapping[int, tuple[int, int]]
+    """Address and size by ID."""
+    separate: bool
+
+    def encode(self) -> bytes:
+        """Encode a sync read if the protocol has it and all spans are equal, or else a bulk read."""
+        packets, spans, places = self.protocol.packets, self.spans, set(self.spans.values())
+        in_groups = self.protocol.group_read == "sync" and not self.separate
+        if in_groups and len(places) == 1:
+            request: bytes = packets.sync_read(tuple(spans), *places.pop())
+        elif len(spans) == 1 and not in_groups:
+            request = packets.packet(*spans, packets.READ, packets.span(*places.pop()))
+        else:
+            request = packets.bulk_read(spans)
+        return request
 
 
 def _plan(
-    protocol: WireProtocol,
-    spans: Mapping[int, tuple[int, int]],
+    request: _Request,
     decode_all: Decode,
     result: Callable[[Reply], ReadResult],
     blocks: Mapping[int, StateBlock],
 ) -> ReadPlan:
-    overhead: int = protocol.packets.OVERHEAD
-    sizes = {i: size for i, (_, size) in spans.items()}
+    overhead: int = request.protocol.packets.OVERHEAD
+    sizes = {i: size for i, (_, size) in request.spans.items()}
     reply_size = sum(sizes.values()) + overhead * len(sizes)
-    return ReadPlan(tuple(spans), sizes, _request(protocol, spans), reply_size, overhead, decode_all, result, blocks)
-
-
-def _request(protocol: WireProtocol, spans: Mapping[int, tuple[int, int]]) -> bytes:
-    """Encode a sync read if the protocol has it and all spans are equal, or else a bulk read."""
-    packets, places = protocol.packets, set(spans.values())
-    if protocol.group_read == "sync" and len(places) == 1:
-        request: bytes = packets.sync_read(tuple(spans), *places.pop())
-    elif len(spans) == 1 and protocol.group_read != "sync":
-        request = packets.packet(*spans, packets.READ, packets.span(*places.pop()))
-    else:
-        request = packets.bulk_read(spans)
-    return request
+    return ReadPlan(tuple(sizes), sizes, request.encode(), reply_size, overhead, decode_all, result, blocks)
 
 
 def _refusal(protocol: WireProtocol, reply: Reply) -> ServoFault | None:

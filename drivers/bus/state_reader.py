@@ -36,7 +36,6 @@ class StateReader:
         self._servos = servos
         self._counters = counters
         self._late = late
-        self._sync = servos.protocol.group_read == "sync"
         self._backoff = Backoff()
         self._asked: tuple[int, ...] = ()
         self._batches: list[Batch] = []
@@ -51,6 +50,10 @@ class StateReader:
         """Whether the last cycle asked hidden servos separately."""
         self.deadline_s = math.inf
         self._reported = servos.read_together
+
+    @property
+    def _sync(self) -> bool:
+        return self._servos.in_sync
 
     def request(self, asked: tuple[int, ...], deadline_s: float) -> None:
         """Send the first request of a cycle."""
@@ -77,10 +80,10 @@ class StateReader:
         responsive, probed = self._backoff.split(asked, now_s)
         if self._sync:
             return self._sync_batches(responsive, probed)
-        if self._servos.read_together and responsive:
-            return [(responsive, len(responsive)), *(((i,), 0) for i in probed)]
-        responsive = tuple(sorted(responsive, key=lambda i: i not in self._no_time))
-        return [*(((i,), 1) for i in responsive), *(((i,), 0) for i in probed)]
+        together = self._servos.together(responsive)
+        alone = sorted((i for i in responsive if i not in together), key=lambda i: i not in self._no_time)
+        first = [(together, len(together))] if together else []
+        return [*first, *(((i,), 1) for i in alone), *(((i,), 0) for i in probed)]
 
     def _sync_batches(self, responsive: tuple[int, ...], probed: tuple[int, ...]) -> list[Batch]:
         hidden = [i for i in responsive if i in self._hidden]
@@ -195,9 +198,12 @@ class StateReader:
 
     def groups(self, servo_ids: Sequence[int]) -> list[tuple[int, ...]]:
         """Group servos of which some may be silent. In a bulk read, a silent servo would hide the servos after it."""
-        if self._sync:
-            return [tuple(servo_ids)] if servo_ids else []
-        return [(servo_id,) for servo_id in servo_ids]
+        together = self._servos.together(tuple(servo_ids)) if self._servos.protocol.group_read == "sync" else ()
+        return ([together] if together else []) + [(i,) for i in servo_ids if i not in together]
+
+    def ask(self, servo_id: int) -> ReadResult:
+        """Read the state of one servo once, outside a control cycle."""
+        return self._read_all((servo_id,))[servo_id]
 
     def read_without_deadline(self, asked: tuple[int, ...]) -> Mapping[int, Reading]:
         """Read the states of all servos without a deadline."""
@@ -240,7 +246,8 @@ class StateReader:
         asked.sort(key=lambda servo_id: servo_id in self._backoff.misses)  # a silent servo may hide those after it
         found: dict[int, int] = {}
         for together in self.groups(asked):
-            plan = register_plan(self._servos.protocol, {i: registers[i] for i in together})
+            separate = not self._servos.separate.isdisjoint(together)
+            plan = register_plan(self._servos.protocol, {i: registers[i] for i in together}, separate=separate)
             if self._fits(plan.exchange_size, deadline_s, GAP_S):
                 self._group.send(plan)
                 results = self._group.collect(plan, len(together), deadline_s)

@@ -86,13 +86,22 @@ def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
 def _x_config_error(model: ServoModel, read: Read) -> str | None:
     mode = read(x.operating_mode)
     if mode not in (x.POSITION_MODE, x.EXTENDED_POSITION_MODE):
-        return f"is in operating mode {mode}: set it to {x.POSITION_MODE} (position)"
+        return f"is in operating mode {mode}: {_mode_advice(read(x.homing_offset))}"
     drive = read(x.drive_mode)
     if drive & x.TIME_BASED_PROFILE:
         return "has a time-based profile: clear bit 2 of its drive_mode"
     if drive & x.TORQUE_ON_BY_GOAL:
         return "enables its torque at every goal: clear bit 3 of its drive_mode"
     return None
+
+
+def _mode_advice(homing_offset: int) -> str:
+    if not x.needs_extended_position(homing_offset):
+        return f"set it to {x.POSITION_MODE} (position)"
+    return (
+        f"set it to {x.EXTENDED_POSITION_MODE} (extended position), because position mode would ignore its "
+        f"homing_offset of {homing_offset}"
+    )
 
 
 X: Final = Series(

@@ -138,8 +138,9 @@ TORQUE_ON_BY_GOAL: Final = 1 << 3
 HARDWARE_ERROR_BITS: Final = {0: "voltage", 2: "temperature", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 
 FULL_PWM: Final = 885
-VELOCITY_UNIT_COUNTS_S: Final = 0.229 * 4096 / 60.0
-ACCELERATION_UNIT_COUNTS_S2: Final = 214.577 * 4096 / 3600.0
+COUNTS_PER_TURN: Final = 4096
+VELOCITY_UNIT_COUNTS_S: Final = 0.229 * COUNTS_PER_TURN / 60.0
+ACCELERATION_UNIT_COUNTS_S2: Final = 214.577 * COUNTS_PER_TURN / 3600.0
 VOLTAGE_UNIT_V: Final = 0.1
 
 
@@ -204,7 +205,8 @@ def _model(name: str, number: int, sheet: Datasheet, family: Family, largest_cur
     limits = (replace(max_voltage_limit, values=voltages), replace(min_voltage_limit, values=voltages))
     backup = () if acceleration_limit in family.own else (startup_configuration, backup_ready)  # an MX has none
     return XModel(
-        name, number, "little", 4096, sheet.rated_voltage_v, sheet.stall_torque_nm, sheet.no_load_speed_rad_s,
+        name, number, "little", COUNTS_PER_TURN,
+        sheet.rated_voltage_v, sheet.stall_torque_nm, sheet.no_load_speed_rad_s,
         own=(*_current_registers(family, largest_current), *limits, *family.own, *backup),
         current_unit_a=family.current_unit_a,
         stall_current_a=sheet.stall_current_a,
@@ -263,6 +265,17 @@ MX_106_2 = _model("mx-106-2.0", 321, Datasheet(12.0, 8.4, 5.2, 45.0), MX_DUAL, 2
 MODELS: Final = {model.name: model for model in list(globals().values()) if isinstance(model, XModel)}
 PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
 """Models with two servos in one case. Each servo has its own ID."""
+
+
+def needs_extended_position(homing_offset: int) -> bool:
+    """Whether only the modes that count turns apply this homing offset. Position mode ignores it."""
+    return abs(homing_offset) > LARGEST_OFFSET_OF_POSITION_MODE
+
+
+def within_turn(counts: int, homing_offset: int) -> int:
+    """Return the position that a servo in position mode reports instead of ``counts`` once its torque is enabled."""
+    added = 0 if needs_extended_position(homing_offset) else homing_offset
+    return (counts - added) % COUNTS_PER_TURN + added
 
 
 def current_unit_a(model: ServoModel) -> float | None:

@@ -65,9 +65,10 @@ class Activation:
             ActivationError: A servo must not have torque now.
             DriverError: A servo could not be reached.
         """
-        self._measure_all()  # reports a silent servo at once; the check below would search it at all baud rates
+        states = self._measure_all()  # reports a silent servo at once; the check below would search it at all rates
         if problems := self._setup.problems():
             raise ActivationError("not activated: " + "; ".join(problems))
+        self._restart_turned(states)
         self._take_goals(self._joints)
         self._limp = [joint for joint in self._joints if not self._setup.torque_is_on(joint)]
         for joint in self._joints:
@@ -94,6 +95,17 @@ class Activation:
     def undo(self) -> list[str]:
         """Disable torque of the servos that were limp before the activation. Return the errors."""
         return self._setup.torque_off(self._limp)
+
+    def _restart_turned(self, states: Mapping[str, ServoState]) -> None:
+        """Restart limp servos that have counted whole turns, and repeat this if an instruction was lost."""
+        for _ in range(ATTEMPTS):
+            restarted = [
+                self._setup.restart_turned(joint, states[joint.name].position_counts, self._clock)
+                for joint in self._joints
+            ]
+            if not any(restarted):
+                return
+            states = self._measure_all()
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:
         """Use the measured positions of joints as goals. Raises ActivationError if a position must not be held."""
@@ -185,7 +197,17 @@ class Activation:
                 return
             if self._old():
                 self._take_goals([joint for joint in wrong if not self._setup.torque_is_on(joint)])
-        self._confirm_goal(wrong[0])
+        self._write_alone(wrong)
+
+    def _write_alone(self, joints: Sequence[Joint]) -> None:
+        """Write goals with single requests, because these servos may not support group writes."""
+        self._setup.write_goals_alone(joints)
+        self._buses.write_goals({joint.name: ServoGoal(self._goals[joint.name]) for joint in joints})
+        wrong = [joint for joint in joints if self._setup.goal(joint) != self._goals[joint.name]]
+        if wrong:
+            self._setup.write_goals_alone(wrong, alone=False)
+            self._confirm_goal(wrong[0])
+        self._measure_all()  # reports the rate that single writes leave
 
     def _confirm_goal(self, joint: Joint) -> None:
         held, wanted = self._setup.goal(joint), self._goals[joint.name]

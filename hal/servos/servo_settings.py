@@ -16,6 +16,7 @@ from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.dynamixel import X
+from drivers.servos.ram_gains import ram_gains
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
@@ -35,12 +36,17 @@ They define the servo's address, direction and operating mode."""
 
 
 def settings_of(model: ServoModel) -> dict[str, Register]:
-    """Return the registers of a servo that a robot file may set, by name."""
-    return {
-        register.name: register
+    """Return the registers of a servo that a robot file may set, by name: settings in EEPROM and gains in RAM.
+
+    A P gain in RAM is no setting, because the robot file has ``position_p`` for it.
+    """
+    saved = (
+        register
         for register in registers_of(model)
         if register.persistent and register.access is Access.READ_WRITE and register.name not in NOT_SETTINGS
-    }
+    )
+    gains = (register for register in ram_gains(model) if register != series_of(model).position_p)
+    return {register.name: register for register in (*saved, *gains)}
 
 
 def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
@@ -84,39 +90,59 @@ def check_homing_offset(joint: Joint, bus: Bus) -> None:
 
 
 def check_mode(joint: Joint, bus: Bus) -> None:
-    """Raise ServoRefused if a Dynamixel X is not in the operating mode of its calibration.
+    """Raise ServoRefused if a Dynamixel X is in an operating mode in which its zero is not valid.
 
-    In position mode some homing offsets are ignored, so positions differ between the modes.
+    In position mode some homing offsets are ignored, so positions differ between the modes. A servo that was calibrated
+    by another program, such as LeRobot, is used in the mode in which that program left it.
     """
     if series_of(joint.model) is not X:
         return
     held = retry(partial(bus.read, joint.servo_id, x.operating_mode))
-    if wrong := mode_mistake(joint, held):
+    offset = retry(partial(bus.read, joint.servo_id, x.homing_offset))
+    if wrong := mode_mistake(joint, held, offset):
         raise ServoRefused(joint.servo_id, wrong)
 
 
-def wanted_mode(joint: Joint) -> int:
-    """Return the operating mode in which the joint's Dynamixel X is used."""
-    return x.EXTENDED_POSITION_MODE if joint.extended else x.POSITION_MODE
+def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
+    """Log a warning if only the mode in which another program left the servo applies its homing offset."""
+    if series_of(joint.model) is not X or joint.extended:
+        return
+    held = retry(partial(bus.read, joint.servo_id, x.operating_mode))
+    offset = retry(partial(bus.read, joint.servo_id, x.homing_offset))
+    if held == x.EXTENDED_POSITION_MODE and x.needs_extended_position(offset):
+        LOG.warning(
+            "%s (servo %d) is in extended position mode with a homing_offset of %d, which only this mode applies: it "
+            "is used in this mode. Calibrate the arm with servoloop calibrate, because its zero is not known",
+            *(joint.name, joint.servo_id, offset),
+        )
 
 
-def mode_mistake(joint: Joint, held: int) -> str | None:
+def wanted_mode(joint: Joint, offset: int) -> int:
+    """Return the operating mode in which the joint's Dynamixel X is used with this homing offset."""
+    if joint.extended or (joint.homing_offset is None and x.needs_extended_position(offset)):
+        return x.EXTENDED_POSITION_MODE
+    return x.POSITION_MODE
+
+
+def mode_mistake(joint: Joint, held: int, offset: int) -> str | None:
     """Return the error message if ``held`` is the wrong operating mode for the joint's Dynamixel X; otherwise None."""
-    wanted = wanted_mode(joint)
-    if held == wanted:
+    wanted = wanted_mode(joint, offset)
+    if held == wanted or (held == x.EXTENDED_POSITION_MODE and joint.homing_offset is None):
         return None
+    if held == x.POSITION_MODE and not joint.extended:
+        return None  # It ignores the offset in this mode, as it did when its zero was entered in the robot file.
     name = "extended position, as it was calibrated" if joint.extended else "position"
     return f"is in operating mode {held}: set it to {wanted} ({name})"
 
 
 def apply_settings(joint: Joint, bus: Bus) -> None:
-    """Write the settings of the robot file that differ from those of the servo, and log each change.
+    """Write the settings of the robot file that differ from those in the servo's EEPROM, and log each change.
 
     Raises:
         ServoError: A setting could not be written. The EEPROM is not written while torque is enabled.
     """
     known = settings_of(joint.model)
-    wanted = {known[name]: value for name, value in joint.settings}
+    wanted = {known[name]: value for name, value in joint.settings if known[name].persistent}
     lock = series_of(joint.model).lock
     for change in update(bus, joint.servo_id, lock, wanted) if wanted else ():
         LOG.info("%s (servo %d): %s set to %d (was %d)", joint.name, joint.servo_id, change.register.name,

@@ -10,6 +10,7 @@ from calibration.eeprom import EepromError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.types import Reading, ServoFault, ServoState
+from drivers.clock import Clock
 from drivers.errors import DriverError, PortError, ServoError, ServoRefused, ServoSilent
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
@@ -18,8 +19,16 @@ from hal.joint import Joint
 from hal.servos.diagnose import NO_BAUD_RATE, diagnose, diagnose_known, intermittent_text
 from hal.servos.fault_log import FaultLog
 from hal.servos.joint_buses import JointBuses
+from hal.servos.restart_turned import has_turned, restart
 from hal.servos.servo_faults import REBOOT
-from hal.servos.servo_settings import apply_settings, check_homing_offset, check_mode, warn_of_other_gains
+from hal.servos.servo_gains import write_gains_in_ram
+from hal.servos.servo_settings import (
+    apply_settings,
+    check_homing_offset,
+    check_mode,
+    warn_of_extended_position,
+    warn_of_other_gains,
+)
 
 Result = TypeVar("Result")
 
@@ -46,7 +55,8 @@ class ServoSetup:
             raise DriverError("\n".join(problems))
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
-                _failed(self._buses.joints_on[name], bus, warn_of_other_gains)  # errors are ignored for this warning
+                for warn in (warn_of_extended_position, warn_of_other_gains):
+                    _failed(self._buses.joints_on[name], bus, warn)  # errors are ignored for these warnings
 
     def problems(self) -> list[str]:
         """Check every servo and write the settings of the robot file. Return the errors."""
@@ -124,9 +134,25 @@ class ServoSetup:
         finally:
             log.flush()
 
+    def restart_turned(self, joint: Joint, counts: int, clock: Clock) -> bool:
+        """Restart a limp servo that has counted whole turns. Return whether it was restarted."""
+
+        def restarted(bus: Bus) -> bool:
+            if not has_turned(joint, counts, bus) or bus.torque_is_on(joint.servo_id):
+                return False
+            restart(joint, clock, bus)
+            return True
+
+        return self._ask(joint, restarted)
+
     def limit_torque(self, joint: Joint) -> None:
         """Write the torque limit of a joint to its servo."""
         self._ask(joint, lambda bus: bus.limit_torque(joint.servo_id, joint.torque_limit))
+
+    def write_goals_alone(self, joints: Sequence[Joint], alone: bool = True) -> None:
+        """Write the goals of joints one by one from now on, or in groups again."""
+        for joint in joints:
+            self._ask(joint, lambda bus, i=joint.servo_id: bus.write_goals_alone([i], alone))  # type: ignore[misc]
 
     def torque_on(self, joint: Joint) -> None:
         """Enable the torque of a servo."""
@@ -203,7 +229,8 @@ def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
 
 
 def _torque_on(joint: Joint, bus: Bus) -> None:
-    """Enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
+    """Write the gains and enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
+    write_gains_in_ram(joint, bus)
     try:
         bus.torque_on(joint.servo_id)
     except ServoRefused as error:

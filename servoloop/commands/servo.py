@@ -9,6 +9,15 @@ import typer
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
 from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.register_address import (
+    RegisterAddress,
+    name_and_value,
+    name_to_read,
+    print_address,
+    whole_number,
+    write_at,
+)
+from servoloop.commands.register_mute import ModelOption, write_status_level
 from servoloop.commands.register_tables import tables
 
 if TYPE_CHECKING:
@@ -132,7 +141,7 @@ class ServoAddress:
         return servo_at(self.port, self.servo_id, self.baud)
 
 
-NameArgument = Annotated[str, typer.Argument(help="Name of the register, such as present_voltage.")]
+NameArgument = Annotated[str | None, typer.Argument(help="Name of the register, such as present_voltage.")]
 app = typer.Typer(no_args_is_help=True, help="Read and write the registers of one servo, by name and with units.")
 app.command()(tables)
 
@@ -166,17 +175,25 @@ def list_registers(address: ServoAddress, json: JsonOption = False) -> None:
 @app.command()
 @grouped_options
 def read(
-    name: NameArgument,
-    address: ServoAddress,
+    *,
+    name: NameArgument = None,
+    at: ServoAddress,
+    register: RegisterAddress,
     json: JsonOption = False,
 ) -> None:
     """Print the value of one register, in its unit and as the raw number.
 
+    A register of a model without a table has no name; it is read with --address and --size.
     Example: `servoloop register read --port /dev/ttyACM0 --id 3 present_voltage`
     """
     from commissioning.registers.access import read_register
 
-    with address.opened() as servo:
+    span = register.span()
+    name = name_to_read(name, span)
+    with at.opened() as servo:
+        if span:
+            print_address(servo, span, json)
+            return
         value = read_register(servo, name)
     if json:
         print_json(value)
@@ -187,9 +204,18 @@ def read(
 @app.command(context_settings={"ignore_unknown_options": True})  # such as the value -300
 @grouped_options
 def write(
-    name: NameArgument,
-    value: Annotated[str, typer.Argument(help="New value: a raw number (120), or a quantity with its unit (12.0V).")],
-    address: ServoAddress,
+    *,
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[NAME] VALUE",
+            help="Name of the register, and its new value: a raw number (120), or a quantity with its unit (12.0V). "
+            "Without a name if --address is given.",
+        ),
+    ],
+    at: ServoAddress,
+    register: RegisterAddress,
+    model: ModelOption = None,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
@@ -197,26 +223,35 @@ def write(
 
     EEPROM registers are written only if the value differs, and are locked again. Goal registers are refused. While
     torque is enabled, only torque_enable can be written. Writing torque_enable asks for confirmation: switched on, the
-    servo holds its present position; switched off, whatever it was holding falls.
+    servo holds its present position; switched off, whatever it was holding falls. With --address and --size, a register
+    without a name is written after a confirmation and without these checks. With --model, the status level of a servo
+    that answers only pings is written.
     Example: `servoloop register write --port /dev/ttyACM0 --id 3 max_temperature 65C`
     """
     from commissioning.registers.access import value_to_write, write_register
 
+    if model is not None:
+        write_status_level(at.port, at.servo_id, at.baud, model, words)
+        return
+    span = register.span()
+    name, value = name_and_value(words, span)
+    number = whole_number(value) if span else 0
     switch = name == "torque_enable"
-    with address.opened() as servo:
+    with at.opened() as servo:
+        if span:
+            write_at(servo, span, number, yes, json)
+            return
         if switch:
             on = value_to_write(servo, name, value)
             effect = "holds its position, with torque enabled" if on else "loses its torque, and what it holds falls"
-            confirm(f"servo {address.servo_id} {effect}: continue?", yes)
+            confirm(f"servo {at.servo_id} {effect}: continue?", yes)
         written = write_register(servo, name, value, torque=switch)
     if json:
         print_json(written)
     elif written.changed:
-        typer.echo(f"servo {address.servo_id}: {_text(written.after)}, previously {written.before.text}")
+        typer.echo(f"servo {at.servo_id}: {_text(written.after)}, previously {written.before.text}")
     else:
-        typer.echo(
-            f"servo {address.servo_id}: {_text(written.after)}; nothing was written because the value is the same"
-        )
+        typer.echo(f"servo {at.servo_id}: {_text(written.after)}; nothing was written because the value is the same")
 
 
 def _text(value: "RegisterValue") -> str:

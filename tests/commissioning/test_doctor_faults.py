@@ -22,7 +22,7 @@ FIRST: list[Case] = [
     (ailments.factory_id, "id_not_set", "set-id 11 7"),
     (ailments.stranger, "extra_servo", ""),
     (ailments.other_model, "wrong_model", ""),
-    (ailments.mute, "servo_mute", "factory-reset 3"),
+    (ailments.mute, "servo_mute", ""),
     (ailments.loose_plug, "servo_unsteady", ""),
     (ailments.wheel_mode, "wrong_mode", "--id 3 operating_mode 0"),
     (ailments.odd_phase, "speed_unit", ""),
@@ -92,6 +92,36 @@ def test_a_dynamixel_arm_is_examined_with_its_own_control_table() -> None:
         ("wrong_mode", 3, "servoloop register write --port /dev/ttyACM0 --id 3 operating_mode 3"),
         ("return_delay", 4, "servoloop register write --port /dev/ttyACM0 --id 4 return_delay 0"),
     ]
+
+
+def test_turns_that_a_limp_dynamixel_drops_at_activation_are_no_finding() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    firmware = patient.line.servo(3).firmware
+    firmware._turned -= 2 * 4096
+    firmware._place_seam()
+    assert patient.examine().findings == ()
+
+
+def test_a_dynamixel_from_another_program_is_examined_in_extended_position_mode() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    patient.put(3, x.operating_mode, x.EXTENDED_POSITION_MODE)
+    patient.line.servo(3).firmware._turned -= 3 * 4096
+    patient.line.servo(3).firmware._place_seam()
+    assert patient.examine().findings == ()
+
+
+def test_gains_that_another_program_left_in_ram_are_found() -> None:
+    patient = Patient("koch")
+    for servo_id, register, value in ((6, x.position_p_gain, 20), (2, x.position_i_gain, 3000)):
+        patient.put(servo_id, register, value)
+        patient.line.servo(servo_id).firmware.load_goal()
+    found = [one for one in patient.examine().findings if one.id == "gains_left"]
+    assert [(one.place.servo_id, one.command) for one in found] == [
+        (2, "servoloop reboot 2 --port /dev/ttyACM0"),
+        (6, "servoloop reboot 6 --port /dev/ttyACM0"),
+    ]
+    assert "position_i_gain is 3000, not 0" in found[0].cause
+    assert "position_p_gain is 20, not 400" in found[1].cause
 
 
 def test_a_wrong_dynamixel_voltage_limit_is_found() -> None:

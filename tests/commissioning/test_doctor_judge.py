@@ -89,7 +89,7 @@ def test_a_long_return_delay_is_not_reported_as_a_slow_adapter() -> None:
 
 @pytest.mark.parametrize(("extended", "mode"), [(True, 4), (False, 3), (True, 3), (False, 4)])
 def test_a_dynamixel_in_another_mode_than_calibrated_is_found(extended: bool, mode: int) -> None:
-    joint = replace(DYNAMIXEL, extended=extended)
+    joint = replace(DYNAMIXEL, extended=extended, homing_offset=0)
     registers = {"model_number": joint.model.number, "operating_mode": mode, "drive_mode": 0}
     if extended:  # the servo ignores these limits in extended position mode
         registers |= {"min_position_limit": 1000, "max_position_limit": 1100}
@@ -98,3 +98,20 @@ def test_a_dynamixel_in_another_mode_than_calibrated_is_found(extended: bool, mo
     right = 4 if extended else 3
     command = f"servoloop register write --port /dev/ttyUSB0 --id {joint.servo_id} operating_mode {right}"
     assert [(one.id, one.command) for one in found] == ([] if mode == right else [("wrong_mode", command)])
+
+
+def test_gains_that_another_program_left_are_found() -> None:
+    registers = {"model_number": DYNAMIXEL.model.number, "position_i_gain": 3000, "feedforward_1st_gain": 0}
+    servo = ServoSnapshot(DYNAMIXEL, "well", registers, (STATE,), "/dev/ttyUSB0")
+    (found,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((DYNAMIXEL,))))
+    assert (found.id, found.severity) == ("gains_left", "warning")
+    assert "position_i_gain is 3000, not 0" in found.cause and "feedforward" not in found.cause
+    wanted = replace(DYNAMIXEL, settings=(("position_i_gain", 3000),))
+    assert judge(Snapshot((replace(BUS, servos=(replace(servo, joint=wanted),)),), perfect((wanted,)))) == ()
+
+
+def test_a_servo_that_answers_only_single_reads_is_found() -> None:
+    servo = ServoSnapshot(DYNAMIXEL, "well", {"status_return_level": 2}, (STATE,), "/dev/ttyUSB0", alone=True)
+    (found,) = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((DYNAMIXEL,))))
+    assert (found.id, found.severity, found.command) == ("no_group_reads", "warning", None)
+    assert "status_return_level (register 68) is 2, so this is not a setting" in found.cause

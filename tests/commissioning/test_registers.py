@@ -142,6 +142,15 @@ def test_torque_is_refused_outside_the_limits_or_in_another_mode() -> None:
     assert line.held(3, sts.torque_enable) == 0
 
 
+def test_torque_is_refused_while_a_servo_counts_turns_that_it_would_drop() -> None:
+    line = line_of(x.XL430_W250)
+    line.servos.servo(3).firmware._turned = -2 * 4096
+    line.servos.servo(3).firmware._place_seam()
+    with pytest.raises(CommissioningError, match=r"includes whole turns.*'servoloop reboot 3'"):
+        write(line, "torque_enable", 1, torque=True)
+    assert line.held(3, x.torque_enable) == 0
+
+
 def test_the_value_that_moves_the_zero_is_refused() -> None:
     line = line_of(sts.STS3215)
     with pytest.raises(CommissioningError, match=r"must be 0 .off. or 1 .on., not 128"):

@@ -144,5 +144,5 @@ def test_the_robot_file_entries_keep_the_gains() -> None:
     assert kept(sts.STS3215, {"P": 24, "D": 16}, {"max_torque": 800, "position_p": 32}) == {
         "settings": {"max_torque": 800, "position_p": 24, "position_d": 16}
     }
-    assert kept(x.XL430_W250, {"P": 700, "D": 5}, {}) == {"position_p": 700}
-    assert kept(x.XL430_W250, {"D": 5}, {}) == {}
+    assert kept(x.XL430_W250, {"P": 700, "D": 5}, {}) == {"position_p": 700, "settings": {"position_d_gain": 5}}
+    assert kept(x.XL430_W250, {"P": 700}, {}) == {"position_p": 700}

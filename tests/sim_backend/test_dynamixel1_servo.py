@@ -4,8 +4,10 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal, ServoState
+from drivers.errors import ServoRefused
 from drivers.protocol import v1 as wire
 from drivers.servos import ax_mx as dxl
+from drivers.servos.register import Register
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
@@ -154,3 +156,24 @@ def test_an_overload_removes_the_drive_until_the_torque_switch_is_written(model:
         reading = bench.run(0.1)
     assert reading.alarms == ("overload",)
     assert reading.load == 0.0
+
+
+@pytest.mark.parametrize(
+    ("model", "register", "value"),
+    [
+        ("ax-12a", dxl.return_delay, 255),
+        ("ax-12a", dxl.led, 2),
+        ("ax-12a", dxl.max_torque, 1024),
+        ("mx-28", dxl.resolution_divider, 5),
+        ("mx-28", dxl.p_gain, 255),
+    ],
+    ids=lambda v: getattr(v, "name", None),
+)
+def test_a_value_outside_its_range_is_a_range_error(model: str, register: Register, value: int) -> None:
+    bench = Bench(model)
+    before = bench.bus.read(1, register)
+    with pytest.raises(ServoRefused, match=r"refused the instruction \(range error\)"):
+        bench.bus.write(1, register, value)
+    assert bench.bus.read(1, register) == before
+    bench.bus.write(1, register, register.largest)
+    assert bench.bus.read(1, register) == register.largest

@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger, on
+from commissioning.doctor.snapshot import BusSnapshot, ServoSnapshot, Snapshot, Stranger, on, write
+from drivers.servos.catalog import series_of
 from drivers.servos.x import PAIRS
 
 FACTORY_ID = 1
@@ -21,6 +22,7 @@ def check_presence(snapshot: Snapshot) -> Iterator[Finding]:
         yield from _together(bus, silent)
         yield from (_silent(bus, servo) for servo in silent)
         yield from _doubtful(bus)
+        yield from _group_reads(bus)
         yield from _strangers(bus, silent)
 
 
@@ -95,12 +97,8 @@ def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
             command = on(bus.port, "set-id", servo_id, "NEW")
             yield finding("same_id", place, f"'incorrect status packet' from ID {servo_id}", cause, command)
         elif servo.heard == "mute":
-            cause = (
-                "The servo answers pings but not reads, because its status level forbids it. Reset the servo to its "
-                "factory settings"
-            )
-            yield finding("servo_mute", place, f"missing motor ID {servo_id}, although a scan finds it", cause,
-                          on(bus.port, "factory-reset", servo_id))  # fmt: skip
+            symptom = f"missing motor ID {servo_id}, although a scan finds it"
+            yield finding("servo_mute", place, symptom, *_mute(servo))
         elif servo.heard == "late":
             cause = (
                 "Its replies arrive after the next request, because the adapter or a USB hub delays them. Check the "
@@ -113,6 +111,38 @@ def _doubtful(bus: BusSnapshot) -> Iterator[Finding]:
                 "fails under load"
             )
             yield finding("servo_unsteady", place, f"ID {servo_id} is missing from time to time", cause)
+
+
+def _mute(servo: ServoSnapshot) -> tuple[str, str | None]:
+    """Return the cause and the command for a servo that answers pings but not reads."""
+    model = servo.joint.model
+    series = series_of(model)
+    level = series.status_level
+    if series.make == "feetech":
+        return (
+            "The servo answers pings but not reads of its state. Switch its supply off and on. If this does not help, "
+            f"check that it is an {model.name} as in the robot file, and replace it if it is"
+        ), None
+    named = f"The servo answers pings but not reads, as with a {level.name} (register {level.address}) of 0"
+    also = "" if level.persistent else ", or switch its supply off and on, because this register is in RAM"
+    command = f"{write(servo, level.name, series.answers_all)} --model {model.name}"
+    return f"{named}. Write {series.answers_all} to this register{also}", command
+
+
+def _group_reads(bus: BusSnapshot) -> Iterator[Finding]:
+    """Find servos that answer single reads only."""
+    for servo in bus.servos:
+        if servo.alone:
+            level = series_of(servo.joint.model).status_level
+            cause = (
+                f"The servo answers single reads, but no group reads (sync read). Its {level.name} (register "
+                f"{level.address}) is {servo.registers.get(level.name, 'unknown')}, so this is not a setting: its "
+                "firmware lacks the instruction, as that of many self-made servos. servoloop reads and writes it with "
+                "single requests; the log of servoloop up states the rate that is left"
+            )
+            yield finding(
+                "no_group_reads", place_of(bus, servo), "each cycle takes longer than with other servos", cause
+            )
 
 
 def _strangers(bus: BusSnapshot, silent: Sequence[ServoSnapshot]) -> Iterator[Finding]:

@@ -5,14 +5,15 @@ from typing import Final
 
 from commissioning.doctor.checks.presence import place_of
 from commissioning.doctor.findings import Finding, FindingPlace, finding
-from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, on, write
+from commissioning.doctor.snapshot import ServoSnapshot, Snapshot, counts_turns, on, write
 from drivers.errors import ServoRefused
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.register import Register
 from hal.compensation.servo_compliance import assumed_settings, compliance_of
 from hal.joint import Joint
-from hal.servos.servo_settings import mode_mistake, wanted_mode
+from hal.servos.servo_gains import foreign_gains, wanted_gains
+from hal.servos.servo_settings import mode_mistake, settings_of, wanted_mode
 from hal.servos.servo_setup import check_reach
 
 WIDE_COUNTS: Final = 8
@@ -34,6 +35,7 @@ def check_settings(snapshot: Snapshot) -> Iterator[Finding]:
                 yield from _mode(place, servo)
                 yield from _limits(place, servo)
                 yield from _named(place, servo)
+                yield from _foreign_gains(place, servo)
                 yield from _gains(place, servo)
                 yield from _speech(place, servo)
                 yield from _lock(place, servo)
@@ -52,12 +54,12 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     try:
         wrong, odd = series.config_error(joint.model, read), series.config_warning(read)
         if not wrong and series is X:
-            wrong = mode_mistake(joint, registers["operating_mode"])
+            wrong = mode_mistake(joint, registers["operating_mode"], registers.get("homing_offset", 0))
     except KeyError:  # A register could not be read.
         return
     if wrong:
         mode = "operating_mode" if "operating_mode" in registers else "control_mode"
-        operating = wanted_mode(joint) if series is X else 0
+        operating = wanted_mode(joint, registers.get("homing_offset", 0)) if series is X else 0
         value = {"operating_mode": operating, "control_mode": 2}[mode]
         command = write(servo, mode, value) if mode in registers and registers[mode] != value else None
         yield finding("wrong_mode", place, "the servo answers without an alarm, but does not move to its goals",
@@ -67,8 +69,10 @@ def _mode(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
 
 
 def _limits(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
+    if servo.joint.extended or counts_turns(servo.registers):
+        return  # Its servo ignores its position limits, or will ignore them in the right mode.
     low, high = (servo.registers.get(one.name) for one in series_of(servo.joint.model).position_limits)
-    if low is None or high is None or (low, high) == (0, 0) or servo.joint.extended:
+    if low is None or high is None or (low, high) == (0, 0):
         return
     try:
         check_reach(servo.joint, (low, high))
@@ -81,7 +85,9 @@ def _named(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     """Find settings whose values in the servo differ from the robot file."""
     wanted, held = dict(servo.joint.settings), servo.registers
     others = [
-        f"{name} is {held[name]}, not {value}" for name, value in wanted.items() if held.get(name, value) != value
+        f"{name} is {held[name]}, not {value}"
+        for name, value in wanted.items()
+        if held.get(name, value) != value and settings_of(servo.joint.model)[name].persistent
     ]
     if others:
         cause = (
@@ -89,6 +95,23 @@ def _named(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
             "they differ again later, another program overwrites them at each of its runs, which wears the EEPROM"
         )
         yield finding("settings_differ", place, "settings are written again at each start", cause)
+
+
+def _foreign_gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
+    """Find gains in RAM that another program has left there."""
+    joint = servo.joint
+    held = {register: servo.registers[register.name] for register in wanted_gains(joint)
+            if register.name in servo.registers}  # fmt: skip
+    if foreign := foreign_gains(joint, held):
+        wanted = wanted_gains(joint)
+        listed = ", ".join(f"{register.name} is {value}, not {wanted[register]}" for register, value in foreign.items())
+        cause = (
+            f"Another program has left gains in its RAM: {listed}. The next start of the arm writes the gains of the "
+            "robot file, and factory values for those that the file does not contain. Until then, other programs use "
+            "these gains. A restart of the servo resets them"
+        )
+        command = on(servo.port, "reboot", joint.servo_id) if series_of(joint.model).protocol.reboot != "none" else None
+        yield finding("gains_left", place, "the joint is weak, stiff, or overshoots", cause, command)
 
 
 def _gains(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:

@@ -4,6 +4,7 @@ From the e-manual:
 - The tables, their factory values and their units.
 - The modes that the angle limits select, and the replies at each status return level.
 - A factory reset sets the ID to 1, and the lock ends at power-off.
+- A value outside the range of its register is a range error. (Assumed: nothing of the instruction is written.)
 - The gains of an MX are P / 8, I * 1000 / 2048 and D * 4 / 1000.
 
 BAM (github.com/Rhoban/bam) measured the drive per unit of P and the full drive on MX-64 and MX-106. An MX-28 uses the
@@ -33,6 +34,7 @@ MX_FULL_DRIVE: Final = 0.9625
 _MX_P_UNIT: Final = 1.0 / 8.0
 _MX_I_UNIT: Final = 1000.0 / 2048.0
 _MX_D_UNIT: Final = 4.0 / 1000.0
+RANGE_ERROR: Final = 1 << 3
 INSTRUCTION_ERROR: Final = 1 << 6
 _BASE_BAUD: Final = 2_000_000
 _FAST_BAUDS: Final = {250: 2_250_000, 251: 2_500_000, 252: 3_000_000}
@@ -238,15 +240,36 @@ class VirtualAxServo(GenericServo):
 
     def __init__(self, model: dxl.AxMxModel, servo_id: int) -> None:
         memory = self.MEMORY(model, servo_id)
+        self._ranged = [register for register in dxl.registers(model) if register.values]
         motor = motor_of(model)
         super().__init__(model, memory, self.FIRMWARE(memory, model, motor))
         self.gears = motor.gears
 
     def answer(self, instruction: Instruction) -> bytes | None:
         known = {Code.PING, Code.READ, Code.WRITE, Code.REG_WRITE, Code.ACTION, Code.RESET}
-        if instruction.code in known:
-            return super().answer(instruction)
-        error = self.firmware.protection.status | INSTRUCTION_ERROR
+        if instruction.code not in known:
+            return self._refusal(INSTRUCTION_ERROR)
+        address, *data = instruction.parameters or (0,)
+        if instruction.code in (Code.WRITE, Code.REG_WRITE) and self._out_of_range(address, bytes(data)):
+            return self._refusal(RANGE_ERROR)
+        return super().answer(instruction)
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write bytes that came over the wire, unless a register would get a value outside its range."""
+        if not self._out_of_range(address, data):
+            super().write(address, data)
+
+    def _out_of_range(self, address: int, data: bytes) -> bool:
+        for register in self._ranged:
+            at = register.address - address
+            if 0 <= at <= len(data) - register.size:
+                value = register.decode(data[at : at + register.size], "little")
+                if not register.takes(value):
+                    return True
+        return False
+
+    def _refusal(self, error: int) -> bytes | None:
+        error |= self.firmware.protection.status
         return status_packet(self.servo_id, error) if self.memory.answers == dxl.ANSWERS_ALL else None
 
 

@@ -1,0 +1,93 @@
+"""Let a servo that answers only pings answer reads again, by a write that it does not acknowledge."""
+
+from functools import partial
+from typing import Final
+
+from commissioning.errors import CommissioningError
+from commissioning.registers.access import CORRECTS_S
+from commissioning.scan.find import answers
+from commissioning.scan.identify import retry_often
+from commissioning.scan.steps import steps
+from drivers.bus.bus import Bus
+from drivers.clock import Clock
+from drivers.errors import PortError, PortLost, ServoError
+from drivers.port import Port
+from drivers.servos.catalog import known_as, series_of
+from drivers.servos.register import ServoModel
+
+BURN_S: Final = 0.05
+"""Time that a servo gets to write its EEPROM, in seconds."""
+
+
+def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bauds: tuple[int, ...] = ()) -> int:
+    """Set the status level of a servo so that it answers all instructions. The port is left at the servo's baud rate.
+
+    Args:
+        port: The port.
+        clock: Clock for all times.
+        servo_id: ID of the servo.
+        model: Model of the servo, which cannot be read. Another model has another register at this address.
+        bauds: Baud rates to try; all if empty.
+
+    Returns:
+        The status level that the servo has now.
+
+    Raises:
+        CommissioningError: No servo answers, it answers reads before the write or none after it, or it is another
+            model.
+    """
+    series = series_of(model)
+    packets, level = series.protocol.packets, series.status_level
+    _find(port, clock, servo_id, model, bauds)
+    _refuse_readable(port, clock, servo_id, model)
+    data = packets.place(level.address) + level.encode(series.answers_all, series.protocol.byte_order)
+    port.write(packets.packet(servo_id, packets.WRITE, data))
+    clock.sleep_until(clock.now() + BURN_S + CORRECTS_S)
+    port.discard_input()
+    bus = Bus(port, clock, {servo_id: model})
+    try:
+        number = retry_often(partial(bus.read, servo_id, series.model_number))
+    except PortLost:
+        raise
+    except ServoError as error:
+        raise CommissioningError(
+            f"servo {servo_id}: it still answers pings but not reads. Check that it is an {model.name}, switch its "
+            "supply off and on, and try again"
+        ) from error
+    if number != model.number:
+        raise CommissioningError(
+            f"servo {servo_id}: it is model {number} ({known_as(number, series)}), not {model.name} ({model.number}). "
+            f"Check its register {level.address}, to which {series.answers_all} was written"
+        )
+    return retry_often(partial(bus.read, servo_id, level))
+
+
+def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel) -> None:
+    """Raise CommissioningError if the servo answers reads, because its model is then read and not assumed."""
+    series = series_of(model)
+    try:
+        number = retry_often(partial(Bus(port, clock, {servo_id: model}).read, servo_id, series.model_number))
+    except PortLost:
+        raise
+    except ServoError:
+        return
+    raise CommissioningError(
+        f"servo {servo_id}: it answers reads (model number {number}), so nothing was written. Omit --model"
+    )
+
+
+def _find(port: Port, clock: Clock, servo_id: int, model: ServoModel, bauds: tuple[int, ...]) -> None:
+    """Set the port to the baud rate at which the servo answers pings."""
+    series = series_of(model)
+    for step in steps((series.make,), bauds):
+        if step.packets is not series.protocol.packets:
+            continue
+        try:
+            port.set_baud(step.baud)
+        except PortLost:
+            raise
+        except PortError:  # The adapter does not support this rate.
+            continue
+        if answers(port, clock, step.packets, servo_id):
+            return
+    raise CommissioningError(f"no servo with ID {servo_id} answers pings. Check its power, its cable and its ID")

@@ -1,0 +1,142 @@
+"""Servos that support no group instructions: they are read and written one by one, as the last fallback.
+
+Self-made slaves on microcontrollers often answer only pings, reads and writes. Such a servo is found outside the
+control cycle. From then on each cycle sends it a read, and a write that it acknowledges.
+"""
+
+import logging
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from drivers.bus.adaptive_timeout import AdaptiveTimeout
+from drivers.bus.counters import BusCounters
+from drivers.bus.group_read import GroupRead
+from drivers.bus.known_servos import KnownServos
+from drivers.bus.state_reader import StateReader
+from drivers.bus.types import Reading, ServoFault, ServoGoal, ServoState
+from drivers.port.line import Line
+from drivers.printable import counted
+from drivers.protocol import v2
+
+LOG = logging.getLogger("servoloop.drivers")
+
+TRIALS: Final = 6
+"""Number of consecutive group reads without a reply, each followed by a read with a reply, that prove a servo to be
+separate. On a bus that loses 9 % of the packets in each direction, they occur by chance once in 40,000 trials."""
+WRITE_TRIES: Final = 2
+"""Number of attempts to write a goal in one cycle."""
+
+
+class SeparateServos:
+    """The servos of one bus that support no group instructions."""
+
+    def __init__(
+        self, line: Line, servos: KnownServos, reader: StateReader, group: GroupRead, counters: BusCounters
+    ) -> None:
+        self._line, self._servos, self._reader = line, servos, reader
+        self._group, self._counters = group, counters
+        self._doubtful: set[int] = set()
+        """Identified servos that have not answered a group read yet."""
+        self._reported: frozenset[int] = frozenset()
+
+    def identified(self, servo_id: int) -> None:
+        """Record that a servo has answered single reads."""
+        if self._servos.protocol.group_read == "sync" and servo_id not in self._servos.separate:
+            self._doubtful.add(servo_id)
+
+    def found(self, readings: Mapping[int, Reading]) -> bool:
+        """Examine the identified servos that gave no state. Return whether one of them has to be read separately."""
+        if not self._doubtful:
+            return False
+        self._doubtful -= {i for i, reading in readings.items() if isinstance(reading, ServoState)}
+        missing = [i for i, reading in readings.items() if i in self._doubtful and _unanswered(reading)]
+        return bool([servo_id for servo_id in missing if self.examine(servo_id)])
+
+    def examine(self, servo_id: int) -> bool:
+        """Return whether a servo answers reads but no group reads. It is read separately from then on."""
+        if servo_id in self._servos.separate:
+            return True
+        if self._servos.protocol.group_read != "sync":
+            return False
+        for _ in range(TRIALS):
+            if not _unanswered(self._reader.ask(servo_id)) or not self._answers_alone(servo_id):
+                self._servos.set_separate(servo_id, False)
+                return False
+            self._servos.set_separate(servo_id, False)
+        self._servos.set_separate(servo_id, True)
+        self._doubtful.discard(servo_id)
+        self._group.adaptive = True
+        self._measure(servo_id)
+        return True
+
+    def _measure(self, servo_id: int) -> None:
+        """Measure how long replies take, after replies that may be late replies to the group reads."""
+        for _ in self._servos.blocks(servo_id):
+            self._reader.ask(servo_id)
+        self._group.timeout = AdaptiveTimeout()
+        self._reader.ask(servo_id)
+
+    def _answers_alone(self, servo_id: int) -> bool:
+        self._servos.set_separate(servo_id, True)
+        return any(isinstance(self._reader.ask(servo_id), ServoState) for _ in range(2))
+
+    def write_goal(self, servo_id: int, goal: ServoGoal) -> None:
+        """Write the goal of one servo and wait for its acknowledgment. Raise ValueError if the goal does not fit."""
+        line, request = self._line, self._servos.goal_packet(servo_id, goal)
+        size, account = self._servos.protocol.packets.OVERHEAD, self._counters.of(servo_id)
+        for attempt in range(WRITE_TRIES):
+            account.retries += attempt > 0
+            if not line.clean:
+                line.port.discard_input()
+            until_s = line.send_request(request) + size * line.byte_s + self._group.timeout.wait_s(attempt == 0)
+            error = self._error_of(servo_id, line.receive(request, size, until_s))
+            if error is not None:
+                line.clean = True
+                account.refused += bool(error & self._servos.protocol.refusals)
+                return
+        account.silent += 1
+
+    def _error_of(self, servo_id: int, data: bytes) -> int | None:
+        """Return the error byte of an acknowledgment, or None if the bytes are not an acknowledgment of this servo."""
+        packets = self._servos.protocol.packets
+        if len(data) != packets.OVERHEAD:
+            return None
+        error = data[8] if packets is v2 else data[4]
+        parts = (packets.STATUS, bytes((error,))) if packets is v2 else (error, b"")
+        return error if data == packets.packet(servo_id, *parts) else None
+
+    def size(self, goals: Mapping[int, ServoGoal]) -> int:
+        """Return the number of bytes of the separate writes of these goals, with their acknowledgments."""
+        acknowledgment: int = self._servos.protocol.packets.OVERHEAD
+        written = [i for i in goals if i in self._servos.written_alone]
+        return sum(len(self._servos.goal_packet(i, goals[i])) + acknowledgment for i in written)
+
+    def report(self, servo_ids: Iterable[int]) -> None:
+        """Log a warning with the rate that is left, once for each set of separate servos."""
+        asked = tuple(servo_ids)
+        alone = frozenset(self._servos.written_alone.intersection(asked))
+        if not alone - self._reported:
+            return
+        self._reported = alone
+        cycle_s = self._cycle_s(asked)
+        names = ", ".join(map(str, sorted(alone)))
+        reads = alone & self._servos.separate
+        LOG.warning(
+            "%s: servo %s supports no %s, so each cycle sends it single requests. A cycle of %s takes %.1f ms and "
+            "leaves at most %d Hz: set a lower update_rate, or use a servo that supports them",
+            self._line.port.name, names, "group reads and writes" if reads else "group writes",
+            counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
+        )  # fmt: skip
+
+    def _cycle_s(self, servo_ids: tuple[int, ...]) -> float:
+        """Return the duration of a cycle in which these servos are read and get goals, without lost packets."""
+        goals = dict.fromkeys(servo_ids, ServoGoal(0))
+        size = self._reader.exchange_size(servo_ids) + len(self._servos.goals(goals)) + self.size(goals)
+        separate = self._servos.separate.intersection(servo_ids)
+        requests = len(separate) + bool(set(servo_ids) - separate) + len(self._servos.written_alone & set(servo_ids))
+        return size * self._line.byte_s + requests * self._group.timeout.slowest_s
+
+
+def _unanswered(result: object) -> bool:
+    """Whether a servo sent no reply to a group read, or refused it."""
+    return result == "silent" or (isinstance(result, ServoFault) and result.kind in ("silent", "refused"))

@@ -1,0 +1,61 @@
+"""Restart Dynamixel servos that have counted whole turns, before their torque is enabled.
+
+A limp servo in position mode counts on when it is turned by hand, and drops the whole turns when its torque is enabled
+(e-manual, "Present Position"). A restart drops them, too, but while the servo is limp, so that the position can be
+measured before the torque is enabled.
+"""
+
+import logging
+from contextlib import suppress
+from functools import partial
+from typing import Final
+
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
+from drivers.clock import Clock
+from drivers.errors import ServoCorrupt, ServoSilent
+from drivers.servos import x
+from drivers.servos.catalog import series_of
+from drivers.servos.dynamixel import X
+from hal.joint import Joint
+
+LOG = logging.getLogger("servoloop.hal")
+
+RESTART_S: Final = 0.5
+"""Time after which a restarted servo is asked again, in seconds."""
+
+
+def has_turned(joint: Joint, counts: int, bus: Bus) -> bool:
+    """Return whether a servo reports whole turns that it drops when its torque is enabled.
+
+    Args:
+        joint: The joint.
+        counts: Position that its servo reports, in counts. The bus has removed the turns of extended position mode.
+        bus: Bus of the servo.
+
+    Returns:
+        Whether the servo is a Dynamixel X that has counted turns.
+    """
+    if series_of(joint.model) is not X or not joint.turns(counts):
+        return False
+    offset = retry(partial(bus.read, joint.servo_id, x.homing_offset))
+    return x.within_turn(counts, offset) != counts
+
+
+def restart(joint: Joint, clock: Clock, bus: Bus) -> None:
+    """Restart a limp servo, wait until it answers, and identify it again.
+
+    Args:
+        joint: The joint.
+        clock: Clock of the control loop.
+        bus: Bus of the servo.
+
+    Raises:
+        ServoError: The servo does not answer again.
+    """
+    LOG.info("%s (servo %d) has counted whole turns while it was limp: it is restarted", joint.name, joint.servo_id)
+    with suppress(ServoSilent, ServoCorrupt):  # the acknowledgment may be lost
+        bus.reboot(joint.servo_id)
+    clock.sleep_until(clock.now() + RESTART_S)
+    retry(partial(bus.ping, joint.servo_id))
+    bus.identify(joint.servo_id, joint.model)

@@ -1,0 +1,76 @@
+"""Write the gains that servos keep in RAM when their torque is enabled, because another program may have changed them.
+
+Gains in RAM last until the servo loses its power. A joint therefore gets the gains of the robot file, and the factory
+values of the gains that the file does not contain.
+"""
+
+import logging
+from collections.abc import Mapping
+from functools import partial
+
+from drivers.bus.bus import Bus
+from drivers.bus.retry import retry
+from drivers.servos.catalog import series_of
+from drivers.servos.ram_gains import ram_gains
+from drivers.servos.register import Register
+from hal.joint import Joint
+
+LOG = logging.getLogger("servoloop.hal")
+
+
+def wanted_gains(joint: Joint) -> dict[Register, int]:
+    """Return the gains in RAM with which the stack drives a joint.
+
+    Args:
+        joint: The joint with the gains of the robot file.
+
+    Returns:
+        Value by register; empty if the gains of the servo are in EEPROM.
+    """
+    gains = dict(ram_gains(joint.model))
+    named = {register.name: register for register in gains}
+    gains |= {named[name]: value for name, value in joint.settings if name in named}
+    position_p = series_of(joint.model).position_p
+    if position_p is not None and joint.position_p is not None:
+        gains[position_p] = joint.position_p
+    return gains
+
+
+def foreign_gains(joint: Joint, held: Mapping[Register, int]) -> dict[Register, int]:
+    """Return the gains that neither the robot file nor the factory has set, so another program has left them.
+
+    Args:
+        joint: The joint.
+        held: Gains that the servo holds.
+
+    Returns:
+        Value that the servo holds, by register.
+    """
+    factory, wanted = ram_gains(joint.model), wanted_gains(joint)
+    return {r: value for r, value in held.items() if value not in (factory.get(r, wanted[r]), wanted[r])}
+
+
+def write_gains_in_ram(joint: Joint, bus: Bus) -> None:
+    """Write the gains of a joint that differ from those in the RAM of its servo, and name those of another program.
+
+    Args:
+        joint: The joint.
+        bus: Bus of its servo.
+
+    Raises:
+        ServoError: A gain could not be read or written.
+    """
+    wanted = wanted_gains(joint)
+    held = {register: retry(partial(bus.read, joint.servo_id, register)) for register in wanted}
+    for register, value in wanted.items():
+        if held[register] != value:
+            retry(partial(bus.write, joint.servo_id, register, value))
+    if foreign := foreign_gains(joint, held):
+        LOG.warning("%s (servo %d): %s", joint.name, joint.servo_id, foreign_text(joint, foreign))
+
+
+def foreign_text(joint: Joint, foreign: Mapping[Register, int]) -> str:
+    """Describe gains that another program has left in a servo, and the values that an activation writes."""
+    wanted = wanted_gains(joint)
+    listed = ", ".join(f"{register.name} {value} (now {wanted[register]})" for register, value in foreign.items())
+    return f"another program had left other gains in its RAM: {listed}. To keep such a gain, write it in the robot file"

@@ -1,0 +1,169 @@
+"""Activation of Dynamixel servos that were turned by hand, or that another program left in extended position mode."""
+
+import logging
+import math
+
+import numpy as np
+import pytest
+
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoState
+from drivers.errors import DriverError
+from drivers.servos import x
+from hal.errors import ActivationError
+from hal.joint import Joint
+from hal.servos.servo_hardware import ServoHardware
+from hal.types import JointCommand, JointLimits
+from sim_backend.buses.dynamixel import VirtualDynamixelBus
+from sim_backend.buses.port import VirtualPort
+from sim_backend.clock import SimulatedClock
+from sim_backend.mechanics.plant import BenchPlant
+
+TURN = 4096
+START = 2374
+PERIOD_S = 0.05
+STEPS = 65
+LIMITS = JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0)
+
+
+class Turned:
+    """One servo in a mode, with a homing offset, that was turned by hand while it was limp."""
+
+    def __init__(self, mode: int, offset: int, turns: int, **joint: object) -> None:
+        self.clock = SimulatedClock(5.0)
+        self.plant = BenchPlant((1,))
+        self._place(0.0)
+        self.line = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
+        self.servo = self.line.servo(1)
+        self.servo.memory.save(x.operating_mode, mode)
+        self.servo.memory.save(x.homing_offset, offset)
+        self.servo.power_cycle()
+        for step in range(STEPS * abs(turns) + 1):
+            self._place(math.copysign(step / STEPS, turns))
+            self.clock.sleep_until(self.clock.now() + 0.005)
+            self.line.advance(self.clock.now())
+        self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: x.XL430_W250})
+        self.joint = Joint("wrist", 1, x.XL430_W250, LIMITS, **joint)  # type: ignore[arg-type]
+        self.hardware = ServoHardware("arm", [self.joint], lambda: self.bus, self.clock)
+
+    def _place(self, turns: float) -> None:
+        self.plant.place([(START + 0.5 + turns * TURN) / TURN * math.tau])
+
+    @property
+    def shaft(self) -> float:
+        """Position of the shaft in counts, over all turns."""
+        return float(self.plant.joints.position[0]) / math.tau * TURN
+
+    def reads(self) -> int:
+        reading = self.bus.read_states([1])[1]
+        assert isinstance(reading, ServoState)
+        return reading.position_counts
+
+    def activate(self) -> None:
+        self.hardware.configure()
+        self.hardware.activate()
+
+    def command(self, position: float, periods: int) -> None:
+        for _ in range(periods):
+            self.hardware.write(JointCommand(np.array([position]), PERIOD_S))
+            self.clock.sleep_until(self.clock.now() + PERIOD_S)
+            self.hardware.read()
+
+
+@pytest.mark.parametrize(
+    ("mode", "offset", "turns", "reads"),
+    [
+        (3, 0, 2, START),
+        (3, 0, -2, START),
+        (3, 1000, 1, START + 1000),
+        (3, -1000, -1, START - 1000),
+        (3, 1800, 2, START),
+        (4, 0, 2, START),
+        (4, 1500, -3, START + 1500),
+        (4, -2000, 2, START - 2000),
+        (4, 1900, 1, START + 1900 - TURN),
+    ],
+)
+def test_a_servo_that_was_turned_by_hand_is_activated_where_it_stands(
+    mode: int, offset: int, turns: int, reads: int
+) -> None:
+    arm = Turned(mode, offset, turns)
+    before = arm.shaft
+    arm.activate()
+    reads %= TURN
+    assert arm.reads() == pytest.approx(reads, abs=1)
+    arm.command(arm.joint.position(reads), 20)
+    assert arm.shaft == pytest.approx(before, abs=2.0)
+    nearer = 2048 + (reads - 2048) // 2
+    arm.command(arm.joint.position(nearer), 60)
+    assert arm.reads() == pytest.approx(nearer, abs=20)
+    assert arm.shaft - before == pytest.approx(nearer - reads, abs=20)
+
+
+def test_a_lost_restart_is_repeated() -> None:
+    arm = Turned(3, 0, 2)
+    reboot, lost = arm.bus.reboot, list[int]()
+
+    def sometimes(servo_id: int) -> None:
+        if lost:
+            reboot(servo_id)
+        lost.append(servo_id)
+
+    arm.bus.reboot = sometimes  # type: ignore[method-assign]
+    before = arm.shaft
+    arm.activate()
+    arm.command(arm.joint.position(START), 20)
+    assert len(lost) == 2 and arm.shaft == pytest.approx(before, abs=2.0)
+
+
+def test_a_servo_that_keeps_its_turns_gets_no_torque() -> None:
+    arm = Turned(3, 0, 2)
+    arm.bus.reboot = lambda servo_id: None  # type: ignore[method-assign]
+    with pytest.raises(ActivationError, match="it has counted 2 turns"):
+        arm.activate()
+    assert arm.servo.memory.get(x.torque_enable) == 0
+
+
+@pytest.mark.parametrize("turns", [0, 2])
+def test_an_arm_from_lerobot_keeps_its_mode_and_its_offset(turns: int, caplog: pytest.LogCaptureFixture) -> None:
+    arm = Turned(4, -2000, turns)
+    with caplog.at_level(logging.WARNING):
+        arm.activate()
+    assert arm.servo.memory.get(x.operating_mode) == 4
+    (said,) = [message for message in caplog.messages if "extended position mode" in message]
+    assert said.startswith("wrist (servo 1) is in extended position mode with a homing_offset of -2000")
+    assert "servoloop calibrate" in said
+
+
+def test_a_servo_that_was_calibrated_in_position_mode_is_not_driven_in_another_mode() -> None:
+    arm = Turned(4, 1800, 0, homing_offset=1800)
+    with pytest.raises(DriverError, match=r"is in operating mode 4: set it to 3 \(position\)"):
+        arm.activate()
+
+
+@pytest.mark.parametrize(
+    ("offset", "advice"),
+    [
+        (0, r"set it to 3 \(position\)"),
+        (1024, r"set it to 3 \(position\)"),
+        (-1025, r"set it to 4 \(extended position\), because position mode would ignore its homing_offset of -1025"),
+    ],
+)
+def test_the_advice_for_another_mode_keeps_the_homing_offset(offset: int, advice: str) -> None:
+    arm = Turned(3, offset, 0)
+    arm.servo.memory.save(x.operating_mode, 16)
+    with pytest.raises(DriverError, match=advice):
+        arm.activate()
+
+
+def test_turns_that_are_lost_in_a_restart_do_not_move_the_joint() -> None:
+    arm = Turned(4, -2000, 2)
+    arm.activate()
+    arm.command(arm.joint.position(START - 2000), 10)
+    arm.servo.power_cycle()
+    before = arm.shaft
+    arm.command(arm.joint.position(START - 2000), 10)
+    arm.hardware.deactivate(relax=False)
+    arm.hardware.activate()
+    arm.command(arm.joint.position(START - 2000), 20)
+    assert arm.shaft == pytest.approx(before, abs=3.0)
