@@ -32,6 +32,8 @@ ATTEMPTS: Final = 3
 blocked afterwards, so one attempt is not enough."""
 JERK_SHARE: Final = 0.25
 """Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
+SPEED_SHARE: Final = 0.5
+"""Share of the velocity limit used for the return. It matters only for a joint that is far from its command."""
 
 
 class Relief:
@@ -41,7 +43,10 @@ class Relief:
         self.due = False
         """Whether joints must still come to rest or be relieved."""
         self._name, self._joints, self._sampler = name, tuple(joints), sampler
-        self._limits = [replace(limit, jerk=JERK_SHARE * limit.jerk) for limit in sampler.limits]
+        self._limits = [
+            replace(limit, jerk=JERK_SHARE * limit.jerk, velocity=SPEED_SHARE * limit.velocity)
+            for limit in sampler.limits
+        ]
         self._rest = Rest(sampler.still)
         self._stood_s = 0.0
         self._relieved = np.zeros(len(joints), dtype=np.bool_)

@@ -98,8 +98,8 @@ class ServoGoals:
         travel = measured - self._measured.get(joint.name, measured) if measured is not None else 0
         travel -= round(travel / turn) * turn
         lead = self._leads[joint.name].counts(abs(travel) / period_s) + reach
+        # The servo compares the same counts: it does not take the shorter way around either.
         ahead = wanted - measured if measured is not None else 0
-        ahead -= round(ahead / turn) * turn  # some servos report only the position within a turn
         excess = max(abs(ahead) - lead, 0)
         self._behind[joint.name] = self._behind[joint.name] + 1 if excess else 0
         if self._behind[joint.name] < BLOCKED_CYCLES:

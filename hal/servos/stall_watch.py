@@ -122,9 +122,8 @@ class StallWatch:
         press.ahead = self._eased(press, press.ahead, joint, load, period_s)
         press.held_s += period_s
         self.stalls[joint.name] = Stall(_text(press, joint), not press.moved or press.held_s < WARN_S)
-        apart = command - here
-        apart -= round(apart / turn) * turn
-        press.goal = here + press.direction * round(min(press.ahead, max(apart * press.direction, 0)))
+        apart = (command - here) * press.direction
+        press.goal = here + press.direction * round(min(press.ahead, max(apart, 0)))
         return press.goal
 
     def _followed(self, press: _Press | None, joint: Joint, command: int, here: int, period_s: float) -> _Press:

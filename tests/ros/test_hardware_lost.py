@@ -54,12 +54,12 @@ def test_unplugged_arm_can_be_activated_again(ros_domain: int, tmp_path: Path) -
         assert (states["arm_controller"], states["hand_controller"]) == ("inactive", "active")
         assert set(interfaces(client, "joint").values()) == {(False, False)}
         assert interfaces(client, HAND)[f"commands/{HAND}/position"] == (True, True)
-        client.spin_until(lambda: "is gone" in levels.get("servoloop: arm", ""))
+        client.spin_until(lambda: "has disappeared" in levels.get("servoloop: arm", ""))
         seen = len(positions)
         client.spin_until(lambda: len(positions) > seen + 5)
         assert len(positions[-1].name) == 8 and all(map(math.isfinite, positions[-1].position))
         assert set_state(client, "arm", label="active") == (False, "unconfigured")
-        assert "there is no" in stack.words
+        assert "does not exist" in stack.words
         with emulating(tmp_path, urdf):
             assert set_state(client, "arm", label="active") == (True, "active")
             assert activate(client, "arm_controller")[0]

@@ -109,7 +109,7 @@ def test_lost_port_ends_the_stack_with_a_failure_and_a_reason(ros_domain: int, t
         subprocess.run(["pkill", "-KILL", "-f", f"servoloop emulate {link}"], check=True)
         until(lambda: stack.process.poll() is not None)
         assert stack.process.returncode == 1
-        assert "is gone" in stack.words
+        assert "has disappeared" in stack.words
         assert "Traceback" not in stack.words
 
 

@@ -38,6 +38,18 @@ class ReferenceJoint:
         """Return the position of the joint at a reading of its servo, in counts."""
         return (counts - self.zero_counts) * self.units_per_count
 
+    def readings(self, position: float, noise_counts: float) -> list[float]:
+        """Return the positions that the servo may report at a true position.
+
+        A servo that counts no turns reports a joint past its seam a whole turn away.
+        """
+        counts = self.zero_counts + position / self.units_per_count
+        near = (counts - noise_counts, counts, counts + noise_counts)
+        return [
+            position,
+            *((near_count % self.counts_per_turn - self.zero_counts) * self.units_per_count for near_count in near),
+        ]
+
     def apart(self, one: float, other: float) -> float:
         """Return the distance between two positions, ignoring whole turns of the servo."""
         turn = abs(self.units_per_count) * self.counts_per_turn

@@ -69,7 +69,8 @@ class ReportedTruly(Invariant):
 class GoalsMeanCommands(Invariant):
     """A goal on the bus, converted independently, is the joint's command or lies between the command and the joint.
 
-    It may differ by the compensation for the compliance of the servo, within narrow bounds.
+    It may differ by the compensation for the compliance of the servo, within narrow bounds. Goals change at a limited
+    speed, so a goal outside of this range may approach it.
     """
 
     name = "goals mean commands"
@@ -84,6 +85,8 @@ class GoalsMeanCommands(Invariant):
             name: GoalReader(line, {one.servo_id: series_of(one.model) for one in self.joints if one.bus == name})
             for name, line in stack.lines.items()
         }
+        self._last: dict[str, float] = {}
+        """Position of each joint's last goal."""
 
     def on_write(self, bus: str, data: bytes) -> None:
         goals = self._readers[bus].read(data)
@@ -98,12 +101,20 @@ class GoalsMeanCommands(Invariant):
                 continue
             self.examined += 1
             meant = joint.position(counts)
-            ends = (commands[joint.name], before[joint.name], true[joint.name])
+            reported = joint.readings(true[joint.name], READING_COUNTS)
+            ends = (commands[joint.name], before[joint.name], *reported)
             slack = OFFSET_SHARE * (joint.upper - joint.lower)
-            if not min(ends) - slack <= meant <= max(ends) + slack:
+            low, high = min(ends) - slack, max(ends) + slack
+            last, self._last[joint.name] = self._last.get(joint.name, commands[joint.name]), meant
+            if _outside(meant, low, high) > _outside(last, low, high):
                 self.say(
                     f"{joint.name}: goal {counts} means {meant:.4f}, but the command is {commands[joint.name]:.4f}"
                 )
+
+
+def _outside(value: float, low: float, high: float) -> float:
+    """Return the distance from a value to a range."""
+    return max(low - value, value - high, 0.0)
 
 
 class SuccessIsTrue(Invariant):
