@@ -1,1 +1,1 @@
-"""Measurements: figures come from here, never from a test."""
+"""Benchmarks of the stack, the bus and the simulation. Tests never print such figures."""

@@ -1,4 +1,4 @@
-"""The benches' command lines: what they take, and how they end. What is wrong is said in a sentence."""
+"""Command-line arguments of the benchmarks, and messages without tracebacks."""
 
 import argparse
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from hal.errors import HalError
 
 @contextmanager
 def in_words() -> Iterator[None]:
-    """End a bench whose simulator has gone, or whose port is another's, without a traceback."""
+    """End a benchmark with one sentence instead of a traceback if its simulator ends or its port fails."""
     try:
         yield
     except (DriverError, HalError, OSError) as error:
@@ -19,24 +19,26 @@ def in_words() -> Iterator[None]:
 
 
 def positive(text: str) -> int:
-    """Parse a whole number from 1 on."""
+    """Parse a whole number of at least 1."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number from 1 on")
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not {text!r}")
     return int(text)
 
 
 def free_path(text: str) -> Path:
-    """Parse a path at which a link may be put; one of a former run may be there still."""
+    """Parse a path for a new link. A link from an earlier run may still exist there."""
     path = Path(text)
     if path.exists() and not path.is_symlink():
-        raise argparse.ArgumentTypeError(f"{path} exists and is no link: choose another path")
+        raise argparse.ArgumentTypeError(f"{path} exists and is not a link: choose another path")
     return path
 
 
 def silence(text: str) -> tuple[int, float, float]:
-    """Parse ``ID,FROM,TO``: the servo that is silent between two times (s) after the start."""
+    """Parse ``ID,FROM,TO``: a servo ID, and the start and end of its silence in seconds after the start."""
     try:
         servo_id, from_s, to_s = text.split(",")
         return int(servo_id), float(from_s), float(to_s)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no ID with two times in seconds, such as 3,1,2.5") from None
+        raise argparse.ArgumentTypeError(
+            f"must be an ID with two times in seconds, such as 3,1,2.5, not {text!r}"
+        ) from None

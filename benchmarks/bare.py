@@ -1,6 +1,6 @@
-"""The very bytes of our driver's cycle without a driver: what kernel, line and simulator take by themselves.
+"""Send the bytes of our driver's cycle without a driver, to measure the time of the kernel, the line and the simulator.
 
-What a driver adds is its own row less this one. On a machine that is busy with something else this row grows too.
+The cost of a driver is its own row minus this row. Other load on the machine also increases this row.
 """
 
 import os
@@ -16,14 +16,14 @@ from drivers.port import Port
 from drivers.port.serial_port import LARGEST_VMIN, SerialPort
 
 Step = bytes | int
-"""Bytes to send, or how many to wait for."""
+"""Bytes to send, or number of bytes to wait for."""
 
 _TRIES = 10
 _WAIT_MS = 50
 
 
 class Recorder(SerialPort):
-    """A port that notes what goes through it."""
+    """A port that records all writes and reads."""
 
     def __init__(self, device: str, baud: int) -> None:
         super().__init__(device, baud)
@@ -40,7 +40,7 @@ class Recorder(SerialPort):
 
 
 def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """A cycle in which ``driver`` has heard everybody, again and again, by system calls alone."""
+    """Repeat a complete cycle of ``driver``, in which all servos answered, with system calls only."""
     for _ in range(_TRIES):
         port = Recorder(device, baud)
         cycle, close = driver(port, servo_ids)
@@ -49,28 +49,31 @@ def bare(driver: Callable[[Port, Sequence[int]], Client], device: str, baud: int
         finally:
             close()
         again, end = _replay(serial.Serial(device, baud, timeout=0, exclusive=True), steps)
-        # On a machine that stalls even two cycles alike may have the same late answer in them.
+        # If the machine stalls, even two equal cycles may contain the same late reply.
         if again() or again():
             return again, end
         end()
-    raise DriverError(f"{device}: what the driver did is not answered again")
+    raise DriverError(f"{device}: the servos did not answer the repeated cycle")
 
 
 def _good_cycle(port: Recorder, cycle: Callable[[], bool]) -> list[Step]:
-    """What two good cycles in a row did alike: no time-out and no second question is in it."""
+    """Return the steps of two equal, complete cycles in a row.
+
+    They contain neither a timeout nor a repeated request.
+    """
     last: list[Step] = []
     for _ in range(_TRIES):
         port.steps.clear()
         if cycle() and port.steps == last:
             return last
         last = list(port.steps)
-    raise DriverError(f"{port.name}: not all servos answer: no two good cycles alike in {_TRIES}")
+    raise DriverError(f"{port.name}: not all servos answer: no two of {_TRIES} cycles were equal and complete")
 
 
 def _replay(line: serial.Serial, steps: list[Step]) -> Client:
     fd, write, read = line.fileno(), os.write, os.read
     sizes = [step for step in steps if isinstance(step, int)]
-    # One wake-up for a whole answer, as the driver asks for it.
+    # Wake up once per complete reply, as the driver does.
     _wake_at(fd, sizes[0] if len(sizes) == 1 and sizes[0] <= LARGEST_VMIN else 1)
     waiting = select.poll()
     waiting.register(fd, select.POLLIN)
@@ -93,7 +96,7 @@ def _replay(line: serial.Serial, steps: list[Step]) -> Client:
 
 
 def _taken(read: Callable[[int, int], bytes], fd: int, size: int) -> int:
-    """How much of it is there; the kernel may hand it over in pieces of 64 bytes."""
+    """Return the number of bytes that were read. The kernel may return a reply in pieces of 64 bytes."""
     taken = 0
     try:
         while taken < size:

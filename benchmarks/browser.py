@@ -1,4 +1,4 @@
-"""A browser without a screen and without a graphics card, for benches, pictures and tests."""
+"""Start a headless browser without a graphics card, for benchmarks, pictures and tests."""
 
 import os
 import shutil
@@ -14,14 +14,15 @@ WITHOUT_GPU: Final = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader
 VIEWPORT: Final = {"width": 1100, "height": 700}
 PATIENCE_MS: Final = 60_000.0
 NICE: Final = 10
-"""Of a browser that stands back, and of its session."""
+"""Nice value of a browser with low priority, and of its session."""
 
 
 @contextmanager
 def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand_back: bool = False) -> Iterator[Page]:
-    """An empty page of the browser at this path; ``viewport``: its width and height in pixels.
+    """Open an empty page of the browser at this path.
 
-    ``stand_back``: whatever else runs on this machine comes first.
+    ``viewport`` is the width and height of the page in pixels. With ``stand_back``, the browser has the lowest priority
+    on this machine.
     """
     with tempfile.TemporaryDirectory(prefix="browser-") as folder, sync_playwright() as playwright:
         program = _standing_back(chromium, Path(folder)) if stand_back else chromium
@@ -33,12 +34,12 @@ def browser_page(chromium: str, viewport: Mapping[str, int] = VIEWPORT, *, stand
 
 
 def _standing_back(chromium: str, folder: Path) -> str:
-    """A program that starts the browser behind everything else.
+    """Return the path of a script that starts the browser with a lower priority than all other programs.
 
-    Without a graphics card a browser draws all the time, on all processors. Linux gives it as much of them as to all
-    other sessions together, whatever its nice value (sched(7), autogroup), and where root starts it, it raises its
-    priority even above others: the kernel's threads that carry the bytes of serial ports and pseudo-terminals wait
-    for it then.
+    Without a graphics card, a browser draws all the time on all processors. Whatever its nice value is, Linux gives its
+    session as much processor time as all other sessions together (sched(7), autogroup). If root starts it, it even
+    raises its own priority; the kernel threads that transfer the bytes of serial ports and pseudo-terminals then wait
+    for it.
     """
     command = f"nice -n {NICE} "
     if os.geteuid() == 0 and shutil.which("setpriv"):

@@ -1,7 +1,9 @@
-"""Ours against the servo makers' SDKs and rustypot: one bus, one run, without and with the wire's own time.
+"""Compare our driver with the manufacturers' SDKs and rustypot on one bus, with and without transmission time.
 
-``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take
-turns, round by round, so that whatever else the machine does hits all of them; the median round is shown.
+``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``.
+
+The clients take turns in rounds, so that other load on the machine affects all of them. The table shows the median
+round.
 """
 
 import argparse
@@ -31,16 +33,16 @@ CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]]
 }
 SERIES = {"feetech": STS, "dynamixel": X}
 MOST_SERVOS = {"feetech": 31, "dynamixel": 100}
-"""Every client can send their goals in one packet."""
+"""Maximum number of servos whose goals every client can send in one packet."""
 WARM_UP = 50
 
 Round = tuple[float, float, int]
-"""Median time and CPU time of a cycle, microseconds; how many cycles lacked a servo."""
+"""Median wall time and CPU time of a cycle in microseconds, and number of cycles in which a servo was missing."""
 
 
 @contextmanager
 def simulator(ids: str, *options: str) -> Iterator[str]:
-    """A bus in a process of its own; yields the path of its line."""
+    """Run a simulated bus in its own process and yield the path of its line."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         link = str(Path(folder) / "bus")
         with child("-m", "benchmarks.simulator", link, "--ids", ids, *options):
@@ -48,7 +50,7 @@ def simulator(ids: str, *options: str) -> Iterator[str]:
 
 
 def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
-    """Warm up, then ``cycles`` one after the other."""
+    """Warm up, then run ``cycles`` cycles."""
     for _ in range(WARM_UP):
         cycle()
     gc.collect()
@@ -67,7 +69,7 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
 
 
 def compare(make: str, servos: int, cycles: int, rounds: int, *options: str) -> dict[str, Round]:
-    """The median round of every client on one simulated bus."""
+    """Return the median round of every client on one simulated bus."""
     makers = CLIENTS[make]
     ids = list(range(1, servos + 1))
     found: dict[str, list[Round]] = {name: [] for name in makers}
@@ -92,7 +94,7 @@ def _middle(rounds: list[Round]) -> Round:
 
 
 def show(console: Console, title: str, found: dict[str, Round], on_wire_us: float | None) -> None:
-    """One line a client; the last column is to rustypot's speed or to the wire."""
+    """Print one row per client. The last column compares its speed with rustypot or with the wire."""
     table = Table("client", "us a cycle", "CPU us", "cycles/s to rustypot's", "to the wire", "failed", title=title)
     theirs_us = found["rustypot"][0]
     for name, (cycle_us, cpu_us, failed) in found.items():
@@ -102,7 +104,7 @@ def show(console: Console, title: str, found: dict[str, Round], on_wire_us: floa
 
 
 def wire_us(make: str, servos: int) -> float:
-    """The wire's own time for one cycle's bytes, as all but our own fast way send them: goals, question, answers."""
+    """Return the transmission time of one cycle with plain packets (goals, request, replies), in microseconds."""
     series = SERIES[make]
     block, packets = series.blocks[0], series.protocol.packets
     entry = bytes(1 + series.goal_size)
@@ -122,13 +124,13 @@ def main() -> None:
     arguments = parser.parse_args()
     most = MOST_SERVOS[arguments.make]
     if arguments.servos > most:
-        parser.error(f"--servos takes at most {most} of {arguments.make}, not {arguments.servos}")
+        parser.error(f"--servos must be 1 to {most} for {arguments.make}, not {arguments.servos}")
     console = Console(width=110)
     sizes = arguments.make, arguments.servos, arguments.cycles, arguments.rounds
     show(console, "no wire time", compare(*sizes), None)
     on_wire_us = wire_us(arguments.make, arguments.servos)
     paced = compare(*sizes, "--paced", str(BAUD))
-    show(console, f"paced at {BAUD} bit/s: the wire itself {on_wire_us:.0f} us", paced, on_wire_us)
+    show(console, f"paced at {BAUD} bit/s: transmission takes {on_wire_us:.0f} us", paced, on_wire_us)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The demo as an ordinary user's program on a machine that is busy with something else."""
+"""Run the demo without real-time priority while other programs use the processors."""
 
 import ctypes
 import json
@@ -18,19 +18,20 @@ from benchmarks.children import kill, start
 from servoloop.stack.processes import end_with_parent
 
 CUBES: Final = 3
-"""Of one demo."""
+"""Number of cubes in one demo."""
 DEMO_S: Final = 300.0
 _PR_CAPBSET_DROP: Final = 24
 _CAP_SYS_NICE: Final = 23
 
 
 def without_priority() -> None:
-    """Before ``exec``: no real-time priority for the program and its children, whoever runs it.
+    """Remove the right to real-time priority from this process and its children. Call it before ``exec``.
 
-    Root keeps its files: only CAP_SYS_NICE leaves the bounding set. An ordinary user has no capability to drop, and
-    loses what a limit ``rtprio`` would grant.
+    Root keeps its access to files, because only CAP_SYS_NICE is removed from the bounding set. An ordinary user cannot
+    drop capabilities, but loses the right that a limit ``rtprio`` would grant.
     """
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # whoever has a priority may keep it, limit or not
+    # A process that already has the priority would keep it despite the limit.
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_SYS_NICE)
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
     end_with_parent()
@@ -38,7 +39,7 @@ def without_priority() -> None:
 
 @contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """So many processes that use the processor and nothing else."""
+    """Run this number of processes that only use the processor."""
     with ExitStack() as ending:
         for _ in range(count):
             ending.callback(kill, start("-c", "while True: pass"))
@@ -46,7 +47,7 @@ def busy_loops(count: int) -> Iterator[None]:
 
 
 def demo_beside(count: int, console: Console) -> int:
-    """How many cubes one demo sorts beside busy loops."""
+    """Run one demo while busy loops run, and return the number of sorted cubes."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder, busy_loops(count):
         words = _demo(folder)
         result = Path(folder) / "result.json"
@@ -62,7 +63,7 @@ def demo_beside(count: int, console: Console) -> int:
 
 
 def _demo(folder: str) -> str:
-    """What it prints; its results are in the folder, if it got so far."""
+    """Run the demo and return its output. It writes its results to the folder, unless it fails before."""
     command = [sys.executable, "-m", "servoloop", "demo", "--out", folder]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True, preexec_fn=without_priority) as p:
@@ -74,8 +75,10 @@ def _demo(folder: str) -> str:
 
 
 def busy(count: int, runs: int, console: Console) -> bool:
-    """Whether all demos sorted all cubes."""
-    console.print(f"{runs} demos without real-time priority (no CAP_SYS_NICE, RLIMIT_RTPRIO 0) beside {count} loops")
+    """Run the demos and return whether all of them sorted all cubes."""
+    console.print(
+        f"{runs} demos without real-time priority (no CAP_SYS_NICE, RLIMIT_RTPRIO 0) while {count} busy loops run"
+    )
     found = [demo_beside(count, console) for _ in range(runs)]
     console.print(f"cubes in their bins: {sum(found)} of {CUBES * runs}")
     return sum(found) == CUBES * runs

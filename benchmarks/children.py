@@ -1,4 +1,4 @@
-"""A bench's own processes: ready in time or the bench says so and ends, and gone with the bench, however that ends."""
+"""Child processes of a benchmark. They end with the benchmark, and the benchmark ends if one is not ready in time."""
 
 import select
 import subprocess
@@ -15,19 +15,22 @@ START_S: Final = 60.0
 
 @contextmanager
 def child(*command: str, says: str = "ready") -> Iterator["subprocess.Popen[str]"]:
-    """Start ``python command`` and kill it behind the block. ``says``: its first line, once it can be used."""
+    """Start ``python command`` and kill it after the block.
+
+    ``says`` is the first line that it prints when it is ready.
+    """
     process = start(*command)
     try:
         line = next_line(process)
         if line != says:
-            raise SystemExit(f"{' '.join(command[:3])}… is not ready: it says {line!r} and not {says!r}")
+            raise SystemExit(f"{' '.join(command[:3])}… is not ready: it printed {line!r} instead of {says!r}")
         yield process
     finally:
         kill(process)
 
 
 def start(*command: str) -> "subprocess.Popen[str]":
-    """Start ``python command``, which gets SIGTERM when the bench ends, however that ends."""
+    """Start ``python command``, which gets SIGTERM when the benchmark ends for any reason."""
     return subprocess.Popen(
         [sys.executable, *command],
         stdin=subprocess.PIPE,
@@ -38,20 +41,23 @@ def start(*command: str) -> "subprocess.Popen[str]":
 
 
 def kill(process: "subprocess.Popen[str]") -> None:
-    """End a process whatever it does."""
+    """Kill a process and wait for its end."""
     process.kill()
     process.communicate()
 
 
 def next_line(process: "subprocess.Popen[str]", patience_s: float = START_S) -> str:
-    """The line that the process prints next; empty where it has ended. Ends the bench where nothing comes in time."""
+    """Return the next line that the process prints, or an empty text if it has ended.
+
+    The benchmark ends if no line arrives in time.
+    """
     assert process.stdout is not None
     if not select.select([process.stdout], [], [], patience_s)[0]:
-        raise SystemExit(f"process {process.pid} has said nothing for {patience_s:.0f} s: it hangs, the bench ends")
+        raise SystemExit(f"process {process.pid} has printed nothing for {patience_s:.0f} s: the benchmark ends")
     hung = threading.Timer(patience_s, process.kill)
     hung.start()
     try:
-        # The middleware tells on standard output of shared memory that others have left locked, and does without.
+        # Skip a message that the middleware prints when other programs have left shared memory locked.
         return next((line.rstrip("\n") for line in process.stdout if "RTPS_TRANSPORT" not in line), "")
     finally:
         hung.cancel()

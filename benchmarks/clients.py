@@ -1,4 +1,4 @@
-"""The drivers under comparison: each reads eight bytes of state from every servo and writes it a goal."""
+"""Feetech clients under comparison: each reads an eight-byte state from every servo and writes a goal to it."""
 
 from collections.abc import Callable, Sequence
 
@@ -30,12 +30,12 @@ def _ours(port: Port, servo_ids: Sequence[int]) -> Client:
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """As the control loop does it: states in and decoded, status too, then goals out."""
+    """Read and decode the states, including the status, then write the goals, as the control loop does."""
     return _ours(SerialPort(device, baud), servo_ids)
 
 
 def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The bytes of ``ours``, nothing decoded."""
+    """Send the bytes of ``ours`` without decoding the replies."""
     return bare(_ours, device, baud, servo_ids)
 
 

@@ -1,4 +1,4 @@
-"""Curves over time as a picture, for eyes: one below the other, each in its own scale."""
+"""Draw curves over time as an image, one below the other, each with its own scale."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ WIDTH, HEIGHT, MARGIN = 800, 260, 24
 
 
 def draw(path: Path, curves: Mapping[str, Sequence[float]]) -> None:
-    """Draw each curve, one value a millisecond, with its name and its extremes."""
+    """Draw each curve (one value per millisecond) with its name and its extreme values."""
     image = Image.new("RGB", (WIDTH, HEIGHT * len(curves)), "white")
     pen = ImageDraw.Draw(image)
     for row, (name, values) in enumerate(curves.items()):

@@ -1,8 +1,8 @@
-"""Ten million random bytes in random pieces through each decoder: ``python -m benchmarks.decoder [--bytes 10000000]``.
+"""Feed ten million random bytes in random pieces to each decoder: ``python -m benchmarks.decoder [--bytes 10000000]``.
 
-A third of them are rich in what headers are made of, and a third are replies, headers, and replies that break off
-or have a wrong bit. A decoder neither raises nor accepts a frame whose checksum is wrong, keeps little, and finds
-the next good frame. Ends with 1 where that is not so.
+A third of the bytes contains many header bytes. Another third consists of replies, headers, truncated replies and
+replies with a wrong bit. A decoder must not raise an error, accept a frame with a wrong checksum or keep many bytes,
+and it must find the next good frame. The exit status is 1 if one of these conditions is violated.
 """
 
 import argparse
@@ -20,33 +20,34 @@ DATA_SIZE = 8
 CONTENT = bytes(range(DATA_SIZE))
 LONGEST_PIECE = 400
 LONGEST_FRAME = 22
-"""Bytes; one of protocol 2.0, stuffed."""
+"""Length of the longest frame, a stuffed frame of protocol 2.0, in bytes."""
 SILENCE = bytes(LONGEST_FRAME)
 PROBED = 100
-"""After so many pieces there come, byte by byte, silence, a frame that breaks off and a good one right behind it."""
+"""Number of pieces between two probes. A probe consists of silence, a truncated frame and a good frame, byte by
+byte."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A decoder, and what it is flooded with."""
+    """A decoder and the bytes with which it is flooded."""
 
     decoder: Callable[[], Decoder]
     frame: Callable[[int, int, bytes], bytes]
-    """A good reply of ID, error and data."""
+    """Encodes a good reply from ID, error and data."""
     stands: Callable[[bytes, Reply], bool]
-    """Whether a reply stands in these bytes with its checksum. Nothing of the driver's judges that."""
+    """Whether these bytes contain the reply with a correct checksum, without the code under test."""
     tricky: bytes
-    """Eight bytes that frames are made of."""
+    """Eight bytes that are frequent in frames."""
 
 
 def stands_in_feetech(seen: bytes, reply: Reply) -> bool:
-    """The only bytes from which it may have been read, spelled out as the manual does."""
+    """Whether the bytes contain the only encoding of the reply that the manual allows."""
     body = bytes((reply.servo_id, len(reply.data) + 2, reply.error)) + reply.data
     return b"\xff\xff" + body + bytes((255 - sum(body) % 256,)) in seen
 
 
 def crc_bit_by_bit(data: bytes) -> int:
-    """CRC-16, polynomial 0x8005, from zero, as the e-manual has it."""
+    """Return the CRC-16 with polynomial 0x8005 and initial value 0, as defined in the e-manual."""
     crc = 0
     for byte in data:
         crc ^= byte << 8
@@ -56,7 +57,7 @@ def crc_bit_by_bit(data: bytes) -> int:
 
 
 def stands_in_protocol2(seen: bytes, reply: Reply) -> bool:
-    """Stuffed in whatever way: each packet in these bytes is read."""
+    """Whether one of the packets in these bytes decodes to the reply, however it is stuffed."""
     head = b"\xff\xff\xfd\x00" + bytes((reply.servo_id,))
     says = bytes((0x55, reply.error)) + reply.data
     at = seen.find(head)
@@ -92,7 +93,7 @@ KINDS = {
 
 
 def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
-    """A good reply, one that breaks off (perhaps behind its header), one with a wrong bit, or a few bytes."""
+    """Return a good reply, a truncated reply (perhaps only its header), a reply with a wrong bit, or a few bytes."""
     content = chance.randbytes(chance.choice((DATA_SIZE, DATA_SIZE, DATA_SIZE, 0))).translate(table)
     frame = kind.frame(chance.randrange(253), chance.randrange(256), content)
     match chance.randrange(4):
@@ -107,7 +108,7 @@ def scrap(kind: Kind, chance: random.Random, table: bytes) -> bytes:
 
 
 def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
-    """About ``size`` bytes in pieces of random length: by turns random, tricky and made of scraps."""
+    """Return about ``size`` bytes in pieces of random length: random, tricky and built of scraps, in turn."""
     chance = random.Random(seed)
     table = bytes(kind.tricky[i % len(kind.tricky)] for i in range(256))
     scraps = b"".join(scrap(kind, chance, table) for _ in range(20_000))
@@ -124,7 +125,7 @@ def pieces(kind: Kind, size: int, seed: int) -> list[bytes]:
 
 
 def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
-    """How many frames were believed, and how many of them do not stand in the stream with their checksum."""
+    """Return the number of accepted frames, and how many of them are not in the stream with a correct checksum."""
     decoder = kind.decoder()
     probe = SILENCE + kind.frame(6, 0, CONTENT)[:-3] + kind.frame(5, 0, CONTENT)
     believed = wrong = 0
@@ -136,7 +137,7 @@ def flood(kind: Kind, noise: list[bytes]) -> tuple[int, int]:
         replies = [reply for part in parts for reply in decoder.feed(part)]
         believed += len(replies)
         wrong += sum(not kind.stands(seen, reply) for reply in replies)
-        assert decoder.waiting < LONGEST_FRAME, "bytes are hoarded"
+        assert decoder.waiting < LONGEST_FRAME, "the decoder keeps too many bytes"
         found = replies and (replies[-1].servo_id, replies[-1].data) == (5, CONTENT)
         assert found or not probing, "the next good frame was not found"
         decoder.corrupt_ids.clear()

@@ -1,4 +1,4 @@
-"""The drivers under comparison on a Dynamixel line: each reads the state of every servo and writes it a goal."""
+"""Dynamixel clients under comparison: each reads the state of every servo and writes a goal to it."""
 
 from collections.abc import Callable, Sequence
 from struct import pack
@@ -28,7 +28,7 @@ def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Clie
     if identified:
         for servo_id in servo_ids:
             bus.identify(servo_id, XL430_W250)
-        bus.read_states(servo_ids)  # finds out whether they answer fast sync reads
+        bus.read_states(servo_ids)  # detects whether the servos answer fast sync reads
     goals = {i: ServoGoal(2048) for i in servo_ids}
 
     def cycle() -> bool:
@@ -41,17 +41,17 @@ def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Clie
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """As the stack uses it: fast sync read of the mapped block."""
+    """Use a fast sync read of the mapped block, as the stack does."""
     return _ours(SerialPort(device, baud), servo_ids)
 
 
 def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The bytes of ``ours``, nothing decoded."""
+    """Send the bytes of ``ours`` without decoding the replies."""
     return bare(_ours, device, baud, servo_ids)
 
 
 def ours_plain(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The very bytes that the others send and read: sync read of the direct block."""
+    """Use a sync read of the direct block, as the other clients do."""
     return _ours(SerialPort(device, baud), servo_ids, identified=False)
 
 

@@ -1,7 +1,7 @@
-"""How true the virtual Dynamixels are whose motors were identified: rows of ``python -m benchmarks.fidelity``.
+"""Compare virtual Dynamixels with identified motors to their references, as rows of ``python -m benchmarks.fidelity``.
 
-The figures beside: data sheets of ROBOTIS ("data sheet"), and what BAM's oscilloscope, motors and friction make of an
-error or a load by arithmetic alone ("law").
+The expected values are from data sheets of ROBOTIS ("data sheet"), or are calculated from the position errors, motors
+and friction that BAM measured ("law").
 """
 
 from collections.abc import Iterator
@@ -27,18 +27,19 @@ X330, XL = x.XL330_M288, xl320.XL320
 HELD_BY_COUNTS = 60
 PULLS_NM = (0.1, 0.2)
 FULL_DRIVE_RAD = 2.5
-"""An error of which every model makes full drive."""
+"""Position error at which every model drives with full force, in rad."""
 XL330_PER_RAD = 4096 / (2.0 * pi) / (256 * 885) * 400
-"""Share of full drive, with the factory's P."""
+"""Share of full drive per rad of error with the factory P gain."""
 
 
 class Bench:
-    """One servo on a shaft, under torque where it stands."""
+    """One servo on a shaft, with torque enabled at its present position."""
 
     def __init__(self, model: ServoModel, load_nm: float = 0.0) -> None:
         self.plant, self.clock = BenchPlant([1]), SimulatedClock(0.0)
         self.plant.load_nm[:] = [load_nm]
-        self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.AxMxModel) else model  # whose table it has
+        # The model whose control table it has
+        self.driven = ax_mx.MX_28 if isinstance(model, ax_mx.AxMxModel) else model
         self.line = _line(self.plant, model)
         self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.driven})
         self.table: Any = ax_mx if isinstance(model, ax_mx.AxMxModel) else xl320 if model == XL else x
@@ -50,20 +51,20 @@ class Bench:
         return self.bus.read(1, register)
 
     def go(self, counts: int) -> None:
-        """Hold, and go so far from here as fast as it can."""
+        """Enable torque and move by this distance at full speed."""
         table, start = self.table, self.read(self.table.present_position)
         self.write(table.torque_enable, 1)
         self.write(table.goal_position, start + counts)
 
     def start_below(self, distance_rad: float) -> float:
-        """Hold the present place as goal, and begin this far below it; returns the angle there."""
+        """Set the goal to the present position, move the shaft this far below it, and return the new angle."""
         self.go(0)
         begin_rad = self.plant.angles()[0] - distance_rad
         self.plant.place([begin_rad])
         return begin_rad
 
     def wait(self, seconds: float, held: bool = False) -> None:
-        """Let time pass; a shaft that is held stays where it is."""
+        """Advance the time. A held shaft keeps its angle."""
         angle = self.plant.angles()
         for _ in range(round(seconds * 1000)):
             if held:
@@ -80,7 +81,7 @@ def _line(plant: BenchPlant, model: ServoModel) -> ServoLine[Any]:
 
 
 def drives() -> Iterator[Figure]:
-    """How much drive an error makes: the P gain's law."""
+    """Yield the drive at a position error, which shows the P gain."""
     cases: tuple[tuple[ServoModel, Register, float, float, str], ...] = (
         (X330, x.present_pwm, 885.0, XL330_PER_RAD, "law"),
         (x.XL430_W250, x.present_pwm, 885.0, 640 / 128 / 885 * 4096 / (2.0 * pi), "e-manual"),
@@ -112,7 +113,7 @@ def speeds() -> Iterator[Figure]:
 
 
 def lifts(model: ServoModel, load_nm: float) -> bool:
-    """Whether full drive moves this load."""
+    """Whether full drive lifts this load."""
     bench = Bench(model, -load_nm)
     before = bench.start_below(FULL_DRIVE_RAD)
     bench.wait(0.15)
@@ -120,7 +121,7 @@ def lifts(model: ServoModel, load_nm: float) -> bool:
 
 
 def stall_nm(model: ServoModel) -> float:
-    """The largest load that full drive moves, to a hundredth of the data sheet's."""
+    """Return the largest load that full drive lifts, in steps of a hundredth of the data sheet's stall torque."""
     lowest, highest = 0.0, 2.0 * model.stall_torque_nm
     while highest - lowest > 0.01 * model.stall_torque_nm:
         middle = (lowest + highest) / 2.0
@@ -129,7 +130,7 @@ def stall_nm(model: ServoModel) -> float:
 
 
 def stalls() -> Iterator[Figure]:
-    """Full drive against a load."""
+    """Yield the stall torques."""
     why = "the load-dependent friction of a pendulum far below stall, extended to stall"
     for model in (X330, MX_106, MX_64, XL):
         reason = "" if model == X330 else why
@@ -138,7 +139,7 @@ def stalls() -> Iterator[Figure]:
 
 
 def sag_counts(load_nm: float, from_counts: int) -> int:
-    """How far an XL330 that came this way is from its goal under a load."""
+    """Return the distance of an XL330 from its goal under a load, after it approached from this side."""
     bench = Bench(X330, -load_nm)
     goal = bench.read(x.present_position)
     bench.start_below(-from_counts * 2.0 * pi / 4096)
@@ -147,7 +148,10 @@ def sag_counts(load_nm: float, from_counts: int) -> int:
 
 
 def sags() -> Iterator[Figure]:
-    """What a load does to an XL330: gears that carry it make it stiffer from above and softer from below."""
+    """Yield the stiffness of an XL330 under a load.
+
+    Gear friction increases it when lowering and reduces it when lifting.
+    """
     motor = IDENTIFIED[X330.name]
     assert motor.gears is not None
     share = motor.gears.load_share + motor.gears.sticking_share

@@ -1,4 +1,4 @@
-"""X series servos for ``benchmarks.simulator``: indirect registers and group reads, without physics."""
+"""X series servos without physics for ``benchmarks.simulator``, with indirect registers and group reads."""
 
 from fastcrc.crc16 import umts as crc16
 
@@ -9,7 +9,7 @@ XL430 = 1060
 POSITION_MODE = 3
 CELLS, CELL_COUNT, POINTERS = 224, 28, 168
 HEAD = 8
-"""Bytes of an instruction packet before its parameters."""
+"""Number of bytes of an instruction packet before its parameters."""
 
 
 def _table() -> bytearray:
@@ -27,7 +27,7 @@ def _table() -> bytearray:
 
 
 class DynamixelServos:
-    """The servos behind one line; replies to group reads are kept until a register is written."""
+    """All servos on one line. Replies to group reads are cached until a register is written."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         self.ids = servo_ids
@@ -37,16 +37,16 @@ class DynamixelServos:
 
     @staticmethod
     def size(data: bytes) -> int:
-        """Bytes of the packet with which ``data`` begins; 0 if its head is not there yet."""
+        """Return the size of the packet with which ``data`` begins, or 0 if its head is incomplete."""
         return int.from_bytes(data[5:7], "little") + 7 if len(data) >= HEAD else 0
 
     def silence(self, silent: set[int]) -> None:
-        """Silence these servos from now on."""
+        """Make only these servos silent from now on."""
         self.silent = silent
         self._kept.clear()
 
     def answer(self, packet: bytes) -> bytes:
-        """All replies to one packet."""
+        """Return all replies to one packet."""
         code = packet[7]
         if code == wire.SYNC_WRITE:
             return b""
@@ -85,7 +85,7 @@ class DynamixelServos:
         return reply
 
     def _shown(self, servo_id: int, address: int, size: int) -> bytes:
-        """The registers as a client reads them: a cell shows the byte that its pointer names."""
+        """Return the registers as a client reads them: each cell has the byte that its pointer selects."""
         table = self._tables[servo_id]
         return bytes(table[self._place(table, at)] for at in range(address, address + size))
 

@@ -1,8 +1,8 @@
-"""How true the virtual servos are: ``python -m benchmarks.fidelity [--json] [--picture steps.png]``.
+"""Compare the virtual servos with real ones: ``python -m benchmarks.fidelity [--json] [--picture steps.png]``.
 
-What is measured goes through the virtual bus: registers are written and read by instructions, a millisecond at a time.
-The figures beside come from docs/simulation.md: recorded on hardware ("hardware"), computed from laws that are known
-("law"), or from the reimplemented firmware on a simulated shaft ("firmware"). The STS3215's rows come first.
+All values are measured over the virtual bus, once per millisecond. The expected values are from docs/simulation.md:
+recorded on hardware ("hardware"), calculated from known laws ("law"), or from the reimplemented firmware on a simulated
+shaft ("firmware"). The rows of the STS3215 come first.
 """
 
 import argparse
@@ -33,11 +33,11 @@ from sim_backend.mechanics.plant import BenchPlant
 COUNTS_PER_RAD = 4096 / (2.0 * pi)
 MIDDLE = 2048
 RECORDED_FRICTION_NM, RECORDED_DAMPING_NM_S = 0.0116, 0.052
-"""Of the servo whose steps were recorded: 0.75 rad/s2 of friction, and what leaves 5.4 rad/s without load."""
+"""Friction (0.75 rad/s2) and damping (5.4 rad/s without load) of the servo whose steps were recorded."""
 
 
 class Bench:
-    """One servo on a shaft, on a line that takes no time, so that it can be read every millisecond."""
+    """One servo on a shaft. Its line takes no time, so that it can be read every millisecond."""
 
     def __init__(self, model: ServoModel, *, load_nm: float = 0.0, friction_nm: float, damping_nm_s: float) -> None:
         self.plant = BenchPlant([1], friction_nm=friction_nm, damping_nm_s=damping_nm_s)
@@ -51,28 +51,28 @@ class Bench:
 
     @classmethod
     def recorded(cls) -> "Bench":
-        """A servo as the steps were recorded: 7.4 V, no load, a set-point that accelerates without a limit."""
+        """Return the servo of the recorded steps: 7.4 V, no load, and a set-point with unlimited acceleration."""
         bench = cls(sts.STS3215_C001, friction_nm=RECORDED_FRICTION_NM, damping_nm_s=RECORDED_DAMPING_NM_S)
         return bench.unlimited()
 
     @classmethod
     def at_12_v(cls, load_nm: float = 0.0) -> "Bench":
-        """The 12 V version with a load that pulls to smaller counts."""
+        """Return the 12 V version with a load that pulls toward smaller counts."""
         return cls(sts.STS3215, load_nm=-load_nm, friction_nm=RECORDED_FRICTION_NM, damping_nm_s=0.03)
 
     def unlimited(self) -> "Bench":
-        """No limit of acceleration where none is asked for."""
+        """Remove the default acceleration limit."""
         self.write(sts.acceleration_multiplier, 0)
-        self.write(sts.acceleration, 0)  # at which the servo looks at it
+        self.write(sts.acceleration, 0)  # this write makes the servo apply the multiplier
         return self
 
     def write(self, register: Register, value: int) -> None:
-        """Write one register, and let the servo see it."""
+        """Write one register and wait until the servo has applied it."""
         self.bus.write(1, register, value)
         self.wait(0.001)
 
     def go(self, position: int, speed_counts_s: int) -> None:
-        """Write a goal with acceleration 0, which the driver's own goals do not have."""
+        """Write a goal with acceleration 0, which our driver never sends."""
         size = sts.goal_velocity.address + sts.goal_velocity.size - sts.acceleration.address
         goal = pack("<BBHHH", 1, 0, position, 0, speed_counts_s)
         self.port.write(v1.sync_write(sts.acceleration.address, size, goal))
@@ -82,7 +82,7 @@ class Bench:
         return self.bus.read(1, register)
 
     def wait(self, seconds: float) -> None:
-        """Let time pass; a shaft that is held stays where it is."""
+        """Advance the time. A held shaft keeps its angle."""
         pieces = round(seconds * 1000) if self.held else 1
         for _ in range(pieces):
             if self.held:
@@ -91,7 +91,7 @@ class Bench:
             self.read(sts.present_position)
 
     def trace(self, milliseconds: int) -> list[int]:
-        """The position register, millisecond by millisecond."""
+        """Return the position of each millisecond."""
         positions = []
         for _ in range(milliseconds):
             self.wait(0.001)
@@ -99,7 +99,7 @@ class Bench:
         return positions
 
     def time_until(self, register: Register, value: int, longest_s: float) -> float:
-        """How long (s) until ``register`` says ``value``."""
+        """Return the time until ``register`` has this value, in seconds."""
         begin_s = self.clock.now()
         while self.clock.now() - begin_s < longest_s and self.read(register) != value:
             self.wait(0.001)
@@ -107,7 +107,7 @@ class Bench:
 
 
 def step(size: int) -> list[int]:
-    """The way of a step, from 0, as it was recorded on hardware."""
+    """Return the positions of a step relative to its start, under the conditions of the recording."""
     bench = Bench.recorded()
     start = bench.read(sts.present_position)
     bench.write(sts.goal_position, start + size)
@@ -115,7 +115,7 @@ def step(size: int) -> list[int]:
 
 
 def steps() -> Iterator[Figure]:
-    """Three steps at 7.4 V without load."""
+    """Yield the figures of three steps at 7.4 V without load."""
     curves = {size: step(size) for size in (10, 100, 1024)}
     large, small = curves[1024], curves[100]
     first = next(ms for ms, count in enumerate(large) if count >= 102)
@@ -123,19 +123,19 @@ def steps() -> Iterator[Figure]:
     yield Figure("step of 1024: slope", "counts/s", 820e3 / (last - first), 3290, "hardware")
     settled = 1 + max(ms for ms, count in enumerate(large) if abs(count - 1024) > 3)
     yield Figure("step of 1024: within 3 counts after", "ms", settled, 410, "hardware")
-    why = "no rotor that fits the other figures overshoots as far: the sources' own fit does not meet it either"
+    why = "no rotor that matches the other figures overshoots this far, and neither does the model of the sources"
     yield Figure("step of 1024: overshoot", "counts", max(large) - 1024, 11, "hardware", why)
     reached = next(ms for ms, count in enumerate(small) if count >= 99)
     yield Figure("step of 100: at the goal after", "ms", reached, 78, "hardware")
     yield Figure(
-        "step of 100: overshoot", "counts", max(small) - 100, 4, "hardware", "one count of four is all that differs"
+        "step of 100: overshoot", "counts", max(small) - 100, 4, "hardware", "the difference is one count of four"
     )
-    why = "friction is as identified while turning; sticking at rest is not modelled"
+    why = "friction was identified in motion; static friction is not modeled"
     yield Figure("step of 10: ends short by", "counts", 10 - curves[10][-1], 2, "hardware", why)
 
 
 def sag() -> Iterator[Figure]:
-    """How far a load pulls the shaft away from its goal."""
+    """Yield how far a load pulls the shaft away from its goal."""
     sags = {}
     for load_nm in (0.5, 1.0):
         bench = Bench.at_12_v(load_nm)
@@ -150,18 +150,18 @@ def sag() -> Iterator[Figure]:
 def behind(
     bench: Bench, path: Callable[[float], float], speed: Callable[[float], float], seconds: float
 ) -> list[float]:
-    """How far the shaft is behind a path that comes as 50 goals a second, counts, each millisecond."""
+    """Return the lag of the shaft in counts, for each millisecond, behind a path sent as 50 goals per second."""
     counts = []
     for number in range(round(seconds * 50)):
         begin_s = number / 50
-        # The servo takes 0 for as fast as it can.
+        # For the servo, 0 means maximum speed.
         bench.go(round(path(begin_s)), max(1, round(abs(speed(begin_s)))))
         counts += [path(begin_s + 0.001 * (1 + ms)) - count for ms, count in enumerate(bench.trace(20))]
     return counts
 
 
 def follow_line(bench: Bench, speed_counts_s: float = 2.0 * COUNTS_PER_RAD) -> float:
-    """The shaft's distance behind a steady 2 rad/s in the end, counts."""
+    """Return the final following error at a constant speed, in counts."""
     start = bench.read(sts.present_position) - 1000
     bench.write(sts.goal_position, start)
     bench.wait(1.5)
@@ -170,14 +170,14 @@ def follow_line(bench: Bench, speed_counts_s: float = 2.0 * COUNTS_PER_RAD) -> f
 
 
 def streams() -> Iterator[Figure]:
-    """Goals that come 50 times a second, at 12 V without load."""
+    """Yield the following errors for 50 goals per second, at 12 V without load."""
     free = follow_line(Bench.at_12_v().unlimited())
-    yield Figure("2 rad/s, no limit of acceleration: behind by", "counts", free, 68, "firmware")
+    yield Figure("2 rad/s, unlimited acceleration: lag", "counts", free, 68, "firmware")
     slow = follow_line(Bench.at_12_v())
-    yield Figure("  with 10,000 counts/s2: more by", "counts", slow - free, 88, "firmware")
+    yield Figure("  additional lag with 10,000 counts/s2", "counts", slow - free, 88, "firmware")
     bench = Bench.at_12_v()
     bench.write(sts.max_acceleration, 254)
-    yield Figure("  with 25,400 counts/s2: more by", "counts", follow_line(bench) - free, 36, "firmware")
+    yield Figure("  additional lag with 25,400 counts/s2", "counts", follow_line(bench) - free, 36, "firmware")
     size, rate = 500.0, 2.0 * pi * 0.5
     bench = Bench.at_12_v()
     bench.write(sts.goal_position, MIDDLE)
@@ -186,14 +186,14 @@ def streams() -> Iterator[Figure]:
         bench, lambda time_s: MIDDLE + size * sin(rate * time_s), lambda time_s: size * rate * cos(rate * time_s), 4.0
     )[2000:]
     rms = sqrt(sum(count * count for count in counts) / len(counts))
-    yield Figure("sine of 0.5 Hz, 500 counts: behind by, RMS", "counts", rms, None)
+    yield Figure("sine of 0.5 Hz, 500 counts: RMS lag", "counts", rms, None)
 
 
 def protections() -> Iterator[Figure]:
-    """How long a stall at 12 V lasts, and what it ends in."""
+    """Yield the duration of a stall at 12 V, and the remaining drive."""
     for name, limit, register, value in (
         ("stall: overload after", 0, sts.status, 1 << 5),
-        ("stall with 2.0 A allowed: torque off after", 310, sts.torque_enable, 0),
+        ("stall with a limit of 2.0 A: torque off after", 310, sts.torque_enable, 0),
     ):
         bench = Bench.at_12_v().unlimited()
         bench.write(sts.protection_current, limit)
@@ -201,31 +201,31 @@ def protections() -> Iterator[Figure]:
         bench.write(sts.goal_position, MIDDLE + 500)
         yield Figure(name, "s", bench.time_until(register, value, 5.0), 2.0, "law")
         if limit == 0:
-            yield Figure("  drive that is left", "0.1 %", abs(bench.read(sts.present_load)), 200, "law")
+            yield Figure("  remaining drive", "0.1 %", abs(bench.read(sts.present_load)), 200, "law")
 
 
 def switches() -> Iterator[Figure]:
-    """What goal and torque switch do to a limp servo, by default."""
+    """Yield the effects of a goal and of the torque switch on a limp servo, by default."""
     bench = Bench.at_12_v()
     bench.write(sts.torque_enable, 1)
     bench.wait(1.0)
     moved = abs(bench.read(sts.present_position) - MIDDLE)
-    yield Figure("torque on with a stale goal: moves by", "counts", moved, 0, "firmware")
+    yield Figure("torque enabled with a stale goal: motion", "counts", moved, 0, "firmware")
     bench = Bench.at_12_v()
     bench.write(sts.goal_position, MIDDLE + 200)
-    yield Figure("goal written while limp: register 40 says", "", bench.read(sts.torque_enable), 1, "firmware")
+    yield Figure("goal written while limp: register 40 is", "", bench.read(sts.torque_enable), 1, "firmware")
     bench.wait(1.0)
     moved = bench.read(sts.present_position) - MIDDLE
-    yield Figure("  and it moves by", "counts", moved, 200, "firmware")
+    yield Figure("  motion after it", "counts", moved, 200, "firmware")
 
 
 def figures() -> list[Figure]:
-    """All of them."""
+    """Return all figures."""
     return [figure for part in (steps, sag, streams, protections, switches, dynamixels) for figure in part()]
 
 
 def show(console: Console, found: list[Figure]) -> None:
-    """Print them as a table, reasons below."""
+    """Print the figures as a table, followed by the reasons for differences."""
     table = Table("", "measured", "expected", "ratio", "from", title="virtual servos")
     for figure in found:
         ratio = "" if figure.ratio is None else f"{figure.ratio:.2f}"
@@ -243,7 +243,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--json", action="store_true", help="figures as JSON")
-    parser.add_argument("--picture", type=Path, help="where to draw the steps, a PNG file")
+    parser.add_argument("--picture", type=Path, help="PNG file with the curves of the steps")
     arguments = parser.parse_args()
     found = figures()
     if arguments.json:

@@ -1,4 +1,4 @@
-"""What a figure of a virtual servo is, beside that of the real one."""
+"""A figure of a virtual servo and its expected value."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,7 +8,7 @@ TOLERANCE: Final = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure; ``expected`` is missing where nobody has measured it."""
+    """One figure. ``expected`` is None if no measurement of a real servo is known."""
 
     name: str
     unit: str
@@ -16,7 +16,7 @@ class Figure:
     expected: float | None
     source: str = ""
     reason: str = ""
-    """Why it may differ by more than the tolerance."""
+    """Reason for a difference above the tolerance."""
 
     @property
     def ratio(self) -> float | None:
@@ -25,7 +25,7 @@ class Figure:
 
     @property
     def fits(self) -> bool:
-        """Whether it is as true as it should be, exceptions left out."""
+        """Whether the figure is within the tolerance, or has a reason not to be."""
         if self.expected is None or self.reason:
             return True
         return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)

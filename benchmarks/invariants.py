@@ -1,4 +1,4 @@
-"""What the invariants of campaigns cost: the same runs with all of them, and without any."""
+"""Measure the cost of the invariants of campaigns: the same runs with all of them and without any."""
 
 import time
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ SCENARIO: Final = Path(__file__).parents[1] / "docs" / "campaign.yaml"
 """The default scenario."""
 SEEDS: Final = 10
 REPEATS: Final = 3
-"""Number of times that each run is done; the shortest counts."""
+"""Number of repetitions of each run. The shortest one counts."""
 HOOKS: Final = ("__init__", "on_write", "on_command", "on_step", "on_state", "at_end")
-"""The methods in which an invariant spends time."""
+"""Methods in which an invariant spends its time."""
 
 Kinds = tuple[type[Invariant], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class InvariantCost:
-    """Processor time of all runs, in seconds, and the share that each invariant has of the invariants' time."""
+    """Processor time of all runs in seconds, and the share of each invariant in the time of all invariants."""
 
     runs: int
     with_all_s: float
@@ -46,8 +46,8 @@ def default_scenario() -> Scenario:
 def cost(scenario: Scenario, seeds: int = SEEDS) -> InvariantCost:
     """Measure the runs of the first seeds of a scenario.
 
-    Each run is done with all invariants and without any, one after the other, so that both meet the same machine. The
-    shares come from further runs, because a stopwatch takes time as well.
+    Each run is done with all invariants and without any, in direct succession, so that both have the same conditions.
+    The shares are from further runs, because a stopwatch takes time itself.
     """
     schedules = [schedule_of(scenario, seed) for seed in range(seeds)]
     with quiet():
@@ -59,14 +59,14 @@ def cost(scenario: Scenario, seeds: int = SEEDS) -> InvariantCost:
 
 
 def _best_s(schedule: Schedule) -> tuple[float, float]:
-    """The shortest processor time of a run with all invariants, and without any, in seconds."""
+    """Return the shortest processor times of a run with all invariants and without any, in seconds."""
     pairs = [(cpu_s(schedule, ALL), cpu_s(schedule, ())) for _ in range(REPEATS)]
     with_all_s, without_s = map(min, zip(*pairs, strict=True))
     return with_all_s, without_s
 
 
 def cpu_s(schedule: Schedule, kinds: Kinds) -> float:
-    """Processor time of one run, in seconds."""
+    """Return the processor time of one run, in seconds."""
     settings, files = job_settings(find_arm(schedule.arm), schedule.job), files_of(schedule.arm)
     begin_s = time.process_time()
     run_schedule(files, settings, schedule, kinds)
@@ -74,7 +74,7 @@ def cpu_s(schedule: Schedule, kinds: Kinds) -> float:
 
 
 def shares_of(schedules: Sequence[Schedule]) -> dict[str, float]:
-    """The share that each invariant has of the invariants' time, by name."""
+    """Return the share of each invariant in the time of all invariants, by name."""
     stopwatch = Stopwatch()
     kinds = tuple(timed(kind, stopwatch) for kind in ALL)
     for schedule in schedules:
@@ -83,6 +83,6 @@ def shares_of(schedules: Sequence[Schedule]) -> dict[str, float]:
 
 
 def timed(kind: type[Invariant], stopwatch: Stopwatch) -> type[Invariant]:
-    """Derive an invariant whose time the stopwatch counts under the invariant's name."""
+    """Return a copy of an invariant whose time the stopwatch counts under the invariant's name."""
     own = [hook for hook in HOOKS if hook == "__init__" or getattr(kind, hook) is not getattr(Invariant, hook)]
     return type(kind.__name__, (kind,), {hook: stopwatch.timed(kind.name, getattr(kind, hook)) for hook in own})

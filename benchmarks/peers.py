@@ -1,4 +1,7 @@
-"""Other people's drivers as clients of a bench: each reads a block from every servo and writes it a goal, a cycle."""
+"""Drivers of other projects as clients of a benchmark.
+
+In each cycle, they read a block from every servo and write a goal to it.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,12 +9,12 @@ from types import ModuleType
 from typing import Any
 
 Client = tuple[Callable[[], bool], Callable[[], None]]
-"""One cycle, which says whether every servo was read, and how to close the port."""
+"""Function that runs one cycle and returns whether every servo was read, and function that closes the port."""
 
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What is read of and written to each servo."""
+    """Registers that are read from and written to each servo."""
 
     state_address: int
     state_size: int
@@ -20,7 +23,7 @@ class Work:
 
 
 def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
-    """The Rust driver. Its bytes stay bytes: nothing is decoded."""
+    """Return a rustypot client, which does not decode the bytes."""
     ids, goals = list(servo_ids), [list(work.goal) for _ in servo_ids]
 
     def cycle() -> bool:
@@ -34,7 +37,7 @@ def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
 def makers_sdk(
     sdk: ModuleType, protocol: float, device: str, baud: int, servo_ids: Sequence[int], work: Work
 ) -> Client:
-    """The servo maker's own, with its own port."""
+    """Return a client with the manufacturer's SDK and its own port."""
     port, packets = sdk.PortHandler(device), sdk.PacketHandler(protocol)
     assert port.openPort() and port.setBaudRate(baud)
     states = sdk.GroupSyncRead(port, packets, work.state_address, work.state_size)

@@ -1,10 +1,8 @@
-"""Seven servos on one port at rates from 20 to 500 Hz: ``python -m benchmarks.rates [--cycles 1000]``.
+"""Run seven servos on one port at rates from 20 to 500 Hz: ``python -m benchmarks.rates [--cycles 1000]``.
 
-The servos answer on a pseudo-terminal, paced at 1 Mbit/s by a process of its own. Above them all is as in ``servoloop
-up``: serial port, bus, hardware component, loop. A value is missing where a cycle ended without a servo's state.
-
-Beside it the same bytes by system calls alone, at the same rate in the same run: the cycles that these miss are the
-machine's.
+The servos answer on a pseudo-terminal at 1 Mbit/s, in their own process. The serial port, bus, hardware component and
+loop are those of ``servoloop up``. A value is missing if a cycle ended without the state of a servo. For comparison,
+system calls alone send the same bytes at the same rate in the same run; cycles that they miss are due to the machine.
 """
 
 import argparse
@@ -41,7 +39,7 @@ JOINTS = tuple(Joint(f"joint{i}", i, sts.STS3215, two_ports.LIMITS) for i in IDS
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """The figures of one rate."""
+    """Figures of one rate."""
 
     cycles: int
     missed: int
@@ -54,13 +52,13 @@ class Figures:
 
 @contextmanager
 def served(link: Path) -> Iterator[str]:
-    """Serve the servos in a process of its own."""
+    """Serve the servos in a separate process."""
     with child("-m", "benchmarks.rates", "--serve", str(link)):
         yield str(link)
 
 
 def run(device: str, rate_hz: float, cycles: int) -> Figures:
-    """Run so many cycles of the real loop, holding still."""
+    """Run a number of cycles of the real loop, which holds the arm still."""
     clock = MonotonicClock()
     missing = 0
 
@@ -87,7 +85,7 @@ def run(device: str, rate_hz: float, cycles: int) -> Figures:
 
 
 def missed_without_driver(device: str, rate_hz: float, cycles: int) -> int:
-    """Missed cycles of system calls alone; what was due meanwhile is skipped, as by the loop."""
+    """Return the number of cycles missed by system calls alone. As in the loop, overdue cycles are skipped."""
     cycle, close = no_driver(device, two_ports.BAUD, IDS)
     clock, period_s, missed = MonotonicClock(), 1.0 / rate_hz, 0
     due_s = clock.now() + period_s

@@ -1,11 +1,12 @@
-"""The cost of the ROS 2 surface, and how prompt it is: ``python -m benchmarks.ros [--seconds 600]``.
+"""Measure the cost and the response times of the ROS 2 interface: ``python -m benchmarks.ros [--seconds 600]``.
 
-The stack runs as users start it, ``servoloop up --hardware mock`` at 20 Hz, in a process of its own; this process is
-its only client, with real-time priority where the system grants it, so that it is not itself what is measured. First
-one subscriber listens to /joint_states while nothing happens: CPU and memory. Then goals run one after the other for
-``--seconds``: when each is answered, when the arm begins to move, how even the stamps of /joint_states are. Every third
-goal is cancelled on its way. Last, ros2_control's figures as they were recorded on another machine of two cores, to
-compare with.
+The stack runs as users start it (``servoloop up --hardware mock`` at 20 Hz), in its own process. This process is its
+only client and has real-time priority if the system grants it, so that its own delays do not count.
+
+First, one subscriber receives /joint_states while the arm is at rest, to measure CPU and memory. Then goals run one
+after the other for ``--seconds``: the benchmark measures the response time, the start of the motion, and the regularity
+of the stamps of /joint_states. Every third goal is canceled during its motion. The last column has ros2_control's
+figures from another machine with two cores, for comparison.
 """
 
 import argparse
@@ -45,12 +46,12 @@ UPSTREAM = {
     "goal to first motion, ms": "75 to 81 / - / 101",
     "period's deviation, us": "39 / 168 / 594 / 598 (real-time: 19 / 98 / 191 / 196)",
 }
-"""ros2_control 4.46 in C++ with GenericSystem; recorded elsewhere, not in this run."""
+"""Figures of ros2_control 4.46 in C++ with GenericSystem, recorded on another machine and not in this run."""
 
 
 @dataclass(slots=True)
 class Figures(Promptness):
-    """All measured figures; seconds, but for ``cpu_share`` (of a core) and ``memory_mb``."""
+    """All measured figures, in seconds, except for ``cpu_share`` (of a core) and ``memory_mb``."""
 
     cpu_share: float = 0.0
     busy_cpu_share: float = 0.0
@@ -58,18 +59,18 @@ class Figures(Promptness):
 
 
 def goal_to(position: Sequence[float], seconds: float) -> FollowJointTrajectory.Goal:
-    """A goal of one point (rad) for the arm's joints."""
+    """Return a single-point goal (rad) for the joints of the arm."""
     return timing_client.goal_to(JOINTS, position, seconds)
 
 
 @contextmanager
 def stack() -> Iterator[psutil.Process]:
-    """``servoloop up`` on the mock, ready for goals, in a ROS domain of its own."""
+    """Run ``servoloop up`` on the mock in its own ROS domain, ready for goals."""
     with tempfile.TemporaryDirectory(prefix="bench-") as folder:
         settings = {"ROS_DOMAIN_ID": str(random.randint(1, 100))}
         stay_on_this_machine(settings)
         before = {name: os.environ.get(name) for name in settings}
-        os.environ |= settings  # for this process's own participants too
+        os.environ |= settings  # also for the participants of this process
         ready, log = Path(folder) / "ready", Path(folder) / "log"
         command = [sys.executable, "-m", "servoloop", "up", "--hardware", "mock", "--ready-file", str(ready)]
         with log.open("wb") as out:
@@ -150,7 +151,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=600.0, help="how long goals run")
-    parser.add_argument("--idle", type=float, default=30.0, help="how long the stack is watched at rest")
+    parser.add_argument("--idle", type=float, default=30.0, help="duration of the measurement at rest, in seconds")
     arguments = parser.parse_args()
     random.seed(1)
     claim_realtime_priority()

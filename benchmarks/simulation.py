@@ -1,8 +1,9 @@
-"""How much faster than real time the simulation is, on one core: ``python -m benchmarks.simulation [--json]``.
+"""Measure the speed of the simulation on one core: ``python -m benchmarks.simulation [--json]``.
 
-Three times: the world alone, with the servos of the virtual arm on it, and the whole stack from the controllers to the
-bytes and the physics. Each figure is the best of several runs: what disturbs a run only makes it slower. Then come the
-first runs of the default campaign, docs/campaign.yaml, with all invariants and without any: their processor time.
+There are three measurements: the world alone, the world with the servos of the virtual arm, and the whole stack from
+the controllers to the bytes and the physics. Each figure is the best of several runs, because other load only makes a
+run slower. The first runs of the default campaign, docs/campaign.yaml, follow with all invariants and without any, to
+measure their processor time.
 """
 
 import argparse
@@ -27,14 +28,14 @@ from sim_backend.scene.world import World
 
 RUNS = 5
 STEPS = 4000
-"""Timesteps of a run without the stack."""
+"""Number of timesteps in a run without the stack."""
 MOVE_S = 2.0
 SWING_RAD = 0.5
 SETTLE_S = 1.0
 
 
 def moving(stack: SimulatedStack) -> Callable[[], None]:
-    """One motion of all joints of the arm, every other time back."""
+    """Return a function that moves all joints of the arm once, alternately forward and back."""
     way = [1]
 
     def move() -> None:
@@ -49,14 +50,14 @@ def moving(stack: SimulatedStack) -> Callable[[], None]:
 
 
 def up(wire: bool) -> SimulatedStack:
-    """The arm as ``servoloop simulate`` brings it up, at rest."""
+    """Start the arm as ``servoloop simulate`` does, at rest."""
     stack = SimulatedStack(wire=wire).up()
     stack.run(SETTLE_S)
     return stack
 
 
 def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
-    """Have the stopwatch see where the time of a stack with servos goes."""
+    """Let the stopwatch measure the parts of a stack with servos."""
     stopwatch.watch("world", stack.world, "advance")
     stopwatch.watch("servos", stack.bus.rig, "step")
     stopwatch.watch("line and packets", stack.virtual_port, "read", "write", "discard_input")
@@ -69,7 +70,7 @@ def watch(stack: SimulatedStack, stopwatch: Stopwatch) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """How many times faster than real time, and what share of the whole stack's time each part takes."""
+    """Multiples of real time, and shares of the parts in the time of the whole stack."""
 
     world: float
     servos: float
@@ -77,11 +78,11 @@ class Figures:
     without_a_wire: float
     shares: dict[str, float]
     invariants: InvariantCost
-    """The cost of a campaign's invariants."""
+    """Cost of the invariants of a campaign."""
 
 
 def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
-    """The shortest of so many runs of so many steps, s."""
+    """Return the duration of the shortest of several runs, in seconds."""
     times_s = []
     for _ in range(runs):
         begin_s = time.perf_counter()
@@ -92,7 +93,10 @@ def best_s(step: Callable[[], None], steps: int, runs: int) -> float:
 
 
 def world_speed(runs: int, steps: int) -> float:
-    """The world alone, its arm in balance: one that has sunk onto the cube has more contacts to solve."""
+    """Return the speed of the world alone with the arm in balance.
+
+    An arm that has sunk onto the cube has more contacts.
+    """
     world = World()
     joints = world.arrays
     for effort_at, velocity_at in zip(joints.effort_at, joints.velocity_at, strict=True):
@@ -101,7 +105,7 @@ def world_speed(runs: int, steps: int) -> float:
 
 
 def servos_speed(runs: int, steps: int) -> float:
-    """All servos with their supply on the world, holding the arm."""
+    """Return the speed of the world with all servos and their supply, holding the arm."""
     robot = read_files().robot
     world = World()
     line = virtual_bus(robot, WorldPlant(world, couplings(robot)))
@@ -111,13 +115,14 @@ def servos_speed(runs: int, steps: int) -> float:
 
 
 def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = None, seeds: int = SEEDS) -> Figures:
-    """Measure all of it. Where the time goes is asked of a run of its own, as asking takes time as well.
+    """Measure all figures.
 
-    ``scenario``: the campaign whose first ``seeds`` runs show the cost of invariants; None is the default one.
+    A separate run measures the shares of the parts, because a stopwatch takes time itself. The first ``seeds`` runs of
+    ``scenario`` show the cost of the invariants; None is the default scenario.
     """
     stack = up(wire=True)
     move = moving(stack)
-    # There and back: one motion has more contacts than the other.
+    # Both directions, because one of them has more contacts.
     stack_s = best_s(move, 2, runs)
     without_s = best_s(moving(up(wire=False)), 2, runs)
     stopwatch = Stopwatch()
@@ -141,7 +146,7 @@ def show(console: Console, figures: Figures) -> None:
     table.add_row("world alone", f"{figures.world:.0f}")
     table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")
     table.add_row("whole stack, from controllers to bytes and physics", f"{figures.stack:.0f}")
-    table.add_row("the same on the arm in MuJoCo, without servos and wire", f"{figures.without_a_wire:.0f}")
+    table.add_row("the same stack on the arm in MuJoCo, without servos and wire", f"{figures.without_a_wire:.0f}")
     console.print(table)
     shares = Table("whole stack", "share of its time")
     for part, share in sorted(figures.shares.items(), key=lambda entry: -entry[1]):
@@ -156,7 +161,7 @@ def _show_cost(console: Console, measured: InvariantCost) -> None:
     table.add_row("without invariants", f"{measured.without_s / measured.runs:.2f} s", "1")
     table.add_row("with all invariants", f"{measured.with_all_s / measured.runs:.2f} s", f"{measured.ratio:.2f}")
     console.print(table)
-    shares = Table("invariant", "share of the invariants' time")
+    shares = Table("invariant", "share of the time of all invariants")
     for name, share in sorted(measured.shares.items(), key=lambda entry: -entry[1]):
         shares.add_row(name, f"{share:.1%}")
     console.print(shares)

@@ -1,7 +1,7 @@
 """A bus of servos that answers as fast as Python can, so that the client under test is the bottleneck.
 
-Run in a process of its own: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. Replies are
-computed once. It has no firmware and no physics: for these there is ``servoloop emulate``.
+It runs in its own process: ``python -m benchmarks.simulator LINK --ids 1-7 [--paced 1000000]``. It has no firmware and
+no physics; ``servoloop emulate`` has both.
 """
 
 import argparse
@@ -19,17 +19,17 @@ from servoloop.bench.bus import parse_ids
 PING, READ, WRITE = 1, 2, 3
 TABLE = bytearray(128)
 TABLE[3:5] = (777).to_bytes(2, "little")
-TABLE[21:23], TABLE[26], TABLE[27], TABLE[85] = bytes((32, 32)), 1, 1, 254  # the factory's gains
+TABLE[21:23], TABLE[26], TABLE[27], TABLE[85] = bytes((32, 32)), 1, 1, 254  # factory gains
 TABLE[16:18] = (1000).to_bytes(2, "little")  # full torque
-TABLE[48:50] = (999).to_bytes(2, "little")  # as our driver limits it
+TABLE[48:50] = (999).to_bytes(2, "little")  # torque limit as set by our driver
 TABLE[8], TABLE[18] = 1, 12  # every write is acknowledged, speeds are in counts/s
 TABLE[56:64] = bytes((0, 8, 100, 128, 20, 4, 120, 33))  # 2048, -100 counts/s, -2 %, 12.0 V, 33 C
 GRANULE_S = 0.0003
-"""The last part of a wait is spun through: a sleep is not that exact."""
+"""Duration of the last part of a wait, which is spent in a busy loop because a sleep is less exact."""
 
 
 class Servos:
-    """The servos behind one line; replies are kept once they are made."""
+    """All servos on one line. Replies are cached after their first use."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         self.ids = servo_ids
@@ -38,11 +38,11 @@ class Servos:
 
     @staticmethod
     def size(data: bytes) -> int:
-        """Bytes of the packet with which ``data`` begins; 0 if its head is not there yet."""
+        """Return the size of the packet with which ``data`` begins, or 0 if its head is incomplete."""
         return data[3] + 4 if len(data) > 5 else 0
 
     def answer(self, packet: bytes) -> bytes:
-        """All replies to one packet."""
+        """Return all replies to one packet."""
         servo_id, code = packet[2], packet[4]
         if code == wire.SYNC_WRITE:
             return b""
@@ -54,7 +54,7 @@ class Servos:
         return kept
 
     def silence(self, silent: set[int]) -> None:
-        """Silence these servos from now on."""
+        """Make only these servos silent from now on."""
         self.silent = silent
         self._kept.clear()
 
@@ -67,10 +67,13 @@ class Servos:
 
 
 class Line:
-    """The servos' end of a pseudo-terminal. Both ends are open here, as with most simulators."""
+    """The servos' end of a pseudo-terminal.
+
+    Both ends are open in this process, as in most simulators.
+    """
 
     def __init__(self, link: Path, servos: Servos | DynamixelServos, baud: int) -> None:
-        """``baud`` 0 takes no time on the wire."""
+        """Open the line. With ``baud`` 0, transmission takes no time."""
         self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         link.unlink(missing_ok=True)
@@ -81,7 +84,7 @@ class Line:
         self._rest = b""
 
     def serve_once(self) -> None:
-        """Wait for bytes and answer all packets that are whole; the kernel may hand one over in pieces."""
+        """Wait for bytes and answer all complete packets. The kernel may return a packet in pieces."""
         data = self._rest + os.read(self.master, 4096)
         now_s = time.perf_counter()
         while 0 < (size := self._servos.size(data)) <= len(data):
@@ -105,7 +108,7 @@ def _wait_until(due_s: float) -> None:
 
 
 def main() -> None:
-    """Serve until killed. ``--silence ID,FROM,TO``: it is silent between two times (s) after the start."""
+    """Serve the bus. ``--silence ID,FROM,TO`` makes a servo silent between two times (s) after the start."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("link", type=free_path)
     parser.add_argument("--ids", default="1-7")

@@ -1,10 +1,10 @@
-"""The demo's jobs while its processes are stopped again and again: ``python -m benchmarks.stalls [--jobs 10]``.
+"""Run the demo's jobs while its processes are stopped repeatedly: ``python -m benchmarks.stalls [--jobs 10]``.
 
-The cell is that of ``servoloop demo``: emulator, stack and pick-place node, each a process of its own. At random
-moments the stack's process, the emulator's, or both are stopped for 0.05 to 0.2 s, as a laptop or a USB hub stops them;
-ten jobs each. With ``--busy 4`` nothing is stopped: the whole demo runs as an ordinary program, without real-time
-priority, beside four processes that do nothing but use the processor. Exits 1 where a cube is in no or another bin, or
-a joint leapt.
+The cell is that of ``servoloop demo``: emulator, stack and pick-and-place node, each in its own process. At random
+times, the stack, the emulator or both are stopped for 0.05 to 0.2 s, like stalls of a laptop or a USB hub. There are
+ten jobs for each of these cases. With ``--busy 4``, no process is stopped. Instead, the whole demo runs as an ordinary
+program without real-time priority while four busy loops use the processors. The exit status is 1 if a cube is not in
+its bin or a joint has jumped.
 """
 
 import argparse
@@ -40,17 +40,20 @@ SIDES: Final[Mapping[str, Sequence[str]]] = {
 }
 STALL_S: Final = (0.05, 0.2)
 PAUSE_S: Final = (0.3, 2.0)
-"""Between two stalls. A job takes about eleven seconds."""
+"""Shortest and longest time between two stalls, in seconds. A job takes about eleven seconds."""
 STEP_S: Final = 0.05
-"""A joint's step is the way that it went in so much time, or in the time between two looks where that is longer."""
+"""Time over which the step of a joint is measured, in seconds, or the time between two publications if it is longer."""
 LARGEST_STEP: Final = 1.15
-"""Of a joint's limit. A servo is told to be 5 % faster than needed, to make up for what it lags behind, and the feed's
-times may be off by a tick of the emulator: 5 ms in 50."""
+"""Largest allowed step of a joint, as a multiple of its velocity limit.
+
+A servo moves 5 % faster than its goals, to catch up with its lag, and the times of the feed may be off by one tick of
+the emulator: 5 ms of 50 ms.
+"""
 GRADES: Final = "ABC"
 
 
 class Stalls:
-    """A thread that stops processes at random moments until ``end``, and notes meanwhile how fast the joints go."""
+    """A thread that stops processes at random times until ``end`` is called, and measures the speeds of the joints."""
 
     def __init__(self, process_ids: Sequence[int], seed: int, watch: "JointSteps") -> None:
         self.lasted_s: list[float] = []
@@ -68,7 +71,7 @@ class Stalls:
         self._watch.look()
 
     def _run(self) -> None:
-        with contextlib.suppress(PermissionError):  # a stall shall last as long as it is said to
+        with contextlib.suppress(PermissionError):  # The duration of a stall should be exact.
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
         while not self._stop.wait(self._random.uniform(*PAUSE_S)):
             begin_s = time.monotonic()
@@ -84,16 +87,16 @@ class Stalls:
 
 
 class Feed(Protocol):
-    """What the emulator publishes, as ``WorldFeedClient`` reads it."""
+    """Publications of the emulator, as ``WorldFeedClient`` reads them."""
 
     def all(self) -> list[dict[str, Any]]: ...
 
 
 class JointSteps:
-    """The largest step of any joint of the simulated arm, as a share of its velocity limit."""
+    """The largest step of any joint of the simulated arm, as a multiple of its velocity limit."""
 
     def __init__(self, feed: Feed, limits: Mapping[str, float]) -> None:
-        """``limits``: by joint, rad/s or m/s."""
+        """``limits`` are the velocity limits by joint, in rad/s or m/s."""
         self.largest = 0.0
         self.joint = ""
         self._feed = feed
@@ -102,7 +105,7 @@ class JointSteps:
         self._rows: list[tuple[float, list[float]]] = []
 
     def look(self) -> None:
-        """Take in what the emulator has published since the last look."""
+        """Evaluate all publications since the last call."""
         for publication in self._feed.all():
             self._joints = list(publication["joints"])
             self._rows += [(time_s, positions) for time_s, positions in publication["trace"]]
@@ -124,11 +127,11 @@ class JointSteps:
 
 @dataclass(slots=True)
 class Outcome:
-    """The results of one side's jobs."""
+    """Results of the jobs of one case."""
 
     side: str
     lasted_s: list[float] = field(default_factory=list)
-    """Of each stall."""
+    """Duration of each stall."""
     jobs: int = 0
     sorted: int = 0
     missed_cycles: str = ""
@@ -138,7 +141,7 @@ class Outcome:
 
 
 def measure(side: str, jobs: int, seed: int, folder: Path, console: Console) -> Outcome:
-    """Run so many jobs in a new cell, with this side's processes stopped again and again."""
+    """Run a number of jobs in a new cell while the processes of this case are stopped repeatedly."""
     with Live(console) as live, cell(CellOptions(folder, backlash_deg=0.0), live) as ready:
         return _measure(side, jobs, seed, folder, ready)
 
@@ -166,9 +169,9 @@ def _measure(side: str, jobs: int, seed: int, folder: Path, ready: Cell) -> Outc
 
 
 def show(console: Console, outcomes: Sequence[Outcome]) -> None:
-    """Print one line a side, and the texts of the jobs that failed."""
+    """Print one row per case, and the texts of failed jobs."""
     table = Table(title="jobs while processes are stopped for 0.05 to 0.2 s")
-    for title in ("side", "stalls", "longest, s", "cubes", "missed cycles", "largest step of its limit"):
+    for title in ("side", "stalls", "longest, s", "cubes", "missed cycles", "largest step / velocity limit"):
         table.add_column(title)
     for one in outcomes:
         step = f"{one.largest_step:.2f} ({one.joint})"
@@ -183,7 +186,7 @@ def show(console: Console, outcomes: Sequence[Outcome]) -> None:
 
 
 def stalls(sides: Sequence[str], jobs: int, seed: int, console: Console) -> bool:
-    """Whether all jobs of all sides sorted their cubes, and no joint leapt."""
+    """Whether all jobs of all cases sorted their cubes and no joint jumped."""
     outcomes = []
     for side in sides:
         with tempfile.TemporaryDirectory(prefix="bench-") as folder:
@@ -193,13 +196,20 @@ def stalls(sides: Sequence[str], jobs: int, seed: int, console: Console) -> bool
 
 
 def main() -> int:
-    """Measure and print; the exit status."""
+    """Measure, print the results and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--jobs", type=positive, default=10, help="for each side")
-    parser.add_argument("--side", choices=tuple(SIDES), action="append", help="by default each of them")
-    parser.add_argument("--seed", type=int, default=1, help="of the moments and lengths of the stalls")
-    parser.add_argument("--busy", type=positive, metavar="LOOPS", help="the demo beside so many busy loops instead")
-    parser.add_argument("--runs", type=positive, default=5, help="how many demos beside the busy loops")
+    parser.add_argument(
+        "--side", choices=tuple(SIDES), action="append", help="processes to stop (default: each case in turn)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed of the times and durations of the stalls")
+    parser.add_argument(
+        "--busy",
+        type=positive,
+        metavar="LOOPS",
+        help="run the demo while this number of busy loops runs, instead of stalls",
+    )
+    parser.add_argument("--runs", type=positive, default=5, help="number of demos with busy loops")
     arguments = parser.parse_args()
     console = Console(width=120)
     if arguments.busy:

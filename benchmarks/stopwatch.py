@@ -1,4 +1,4 @@
-"""A stopwatch for the parts of a program that call each other."""
+"""A stopwatch for parts of a program that call each other."""
 
 import time
 from collections.abc import Callable
@@ -8,18 +8,18 @@ from typing import Any
 
 @dataclass(slots=True)
 class Stopwatch:
-    """Seconds spent in each part, without those spent in other parts that it called."""
+    """Seconds spent in each part, without the time of other parts that it called."""
 
     spent_s: dict[str, float] = field(default_factory=dict)
     _inner_s: list[float] = field(default_factory=lambda: [0.0])
 
     def watch(self, part: str, owner: object, *methods: str) -> None:
-        """Count the time of these methods of ``owner`` as this part's from now on."""
+        """Count the time of these methods of ``owner`` for this part from now on."""
         for method in methods:
             setattr(owner, method, self.timed(part, getattr(owner, method)))
 
     def timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that does the same, and whose time counts as this part's."""
+        """Return a function with the same result whose time counts for this part."""
         self.spent_s.setdefault(part, 0.0)
 
         def timed(*args: Any, **kwargs: Any) -> Any:
@@ -35,6 +35,6 @@ class Stopwatch:
         return timed
 
     def shares(self) -> dict[str, float]:
-        """The share of each part."""
+        """Return the share of each part."""
         total_s = sum(self.spent_s.values())
         return {part: spent_s / total_s for part, spent_s in self.spent_s.items()}

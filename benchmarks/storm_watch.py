@@ -1,4 +1,4 @@
-"""The storms' observers: a participant of its own, the stamps of /joint_states, the loop's own account."""
+"""Observers of the storms: a DDS participant that records the stamps of /joint_states and the loop's figures."""
 
 import os
 import threading
@@ -20,7 +20,7 @@ from nodes.ros_process import exit_watchdog
 
 @contextmanager
 def participant(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """A client with a DDS participant of its own."""
+    """Provide a client with its own DDS participant."""
     context = Context()
     rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
     node = Node(name, context=context)
@@ -37,7 +37,7 @@ def participant(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
 
 @dataclass(slots=True)
 class Watch:
-    """A watch listens to the stack, in a thread of its own."""
+    """Observer that listens to the stack in its own thread."""
 
     stamps_s: list[float] = field(default_factory=list)
     position: list[float] = field(default_factory=list)
@@ -58,10 +58,10 @@ class Watch:
         self._stop.set()
 
     def wait_for_report(self) -> None:
-        """Wait until the loop has reported anew, so that ``missed`` is up to date."""
+        """Wait for the next report of the loop, so that ``missed`` is up to date."""
         before, deadline_s = self.reports, time.monotonic() + PATIENCE_S
         while self.reports < before + 2:
-            assert time.monotonic() < deadline_s, "the stack reports no more"
+            assert time.monotonic() < deadline_s, "the stack has stopped reporting"
             time.sleep(0.05)
 
     def _on_state(self, message: JointState) -> None:

@@ -1,8 +1,8 @@
-"""Clients that misbehave, and the loop's timing meanwhile: ``python -m benchmarks.storms [--seconds 60]``.
+"""Measure the loop's timing while clients misbehave: ``python -m benchmarks.storms [--seconds 60]``.
 
-The stack runs on the mock in a process of its own. While each storm blows, the stamps of /joint_states and the
-loop's own account of missed cycles are watched; the arm's position before and after is compared. Exits 1 if a cycle
-was missed or the arm stands elsewhere.
+The stack runs on the mock in its own process. During each storm, the benchmark records the stamps of /joint_states and
+the number of missed cycles, and compares the positions of the arm before and after. The exit status is 1 if a cycle was
+missed or the arm has moved.
 """
 
 import argparse
@@ -33,12 +33,13 @@ from nodes.ros_process import spin_until_done
 GOALS_PER_S = 100
 CLIENTS = 50
 RESEND_S = 10.0
-"""As upstream's command line: a service's first answer can get lost while the two discover each other."""
+"""Timeout before a request is repeated, as in ros2_control's command line. A service's first response may be lost while
+both sides discover each other."""
 MOVED_RAD = 1e-3
 
 
 def goals(seconds: float) -> None:
-    """A hundred goals a second, each over the one before; the last one, left alone, leads home."""
+    """Send a hundred goals per second, each of which replaces the previous one. The last one returns to the start."""
     with participant("bench_goals") as (node, executor):
         client = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
         assert client.wait_for_server(PATIENCE_S)
@@ -54,7 +55,7 @@ def goals(seconds: float) -> None:
 
 
 def home(node: Node, executor: SingleThreadedExecutor, client: ActionClient) -> None:
-    """Bring the arm to where every storm begins."""
+    """Move the arm to the start position of every storm."""
     answer = client.send_goal_async(goal_to(HERE, 2.5))
     spin_until_done(executor, answer, PATIENCE_S)
     result = answer.result().get_result_async()
@@ -63,7 +64,7 @@ def home(node: Node, executor: SingleThreadedExecutor, client: ActionClient) -> 
 
 
 def killed_client(seconds: float) -> None:
-    """Clients that are killed in the middle of their goal. The arm goes on to where it was sent, and holds there."""
+    """Kill a client during its goal. The arm completes the motion and holds its position."""
     del seconds
     program = (
         "from benchmarks.storms import ActionClient, FollowJointTrajectory as F, goal_to\n"
@@ -77,7 +78,7 @@ def killed_client(seconds: float) -> None:
         "    while True: executor.spin_once(timeout_sec=1.0)\n"
     )
     with child("-c", program, says="sent"):
-        time.sleep(0.5)  # it is killed in the middle of its motion
+        time.sleep(0.5)  # It is killed in the middle of its motion.
     time.sleep(3.0)
     with participant("bench_home") as (node, executor):
         client = ActionClient(node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
@@ -86,7 +87,7 @@ def killed_client(seconds: float) -> None:
 
 
 def killed_participants(seconds: float) -> None:
-    """Processes full of subscribers, killed as soon as they hear something."""
+    """Kill processes with many subscribers as soon as they receive a message."""
     program = (
         "from sensor_msgs.msg import JointState\n"
         "from benchmarks.storm_watch import participant\n"
@@ -103,7 +104,7 @@ def killed_participants(seconds: float) -> None:
 
 
 def listing(seconds: float) -> None:
-    """Fifty processes list the controllers at once, again and again."""
+    """Let fifty processes list the controllers repeatedly at the same time."""
     program = (
         "import sys\n"
         "from benchmarks.storm_watch import participant\n"
@@ -117,17 +118,20 @@ def listing(seconds: float) -> None:
         for client in clients:
             ending.callback(kill, client)
         for client in clients:
-            assert next_line(client) == "ready"  # it sees the service
+            assert next_line(client) == "ready"  # it has discovered the service
         for client in clients:
             assert client.stdin is not None
             client.stdin.write("go\n")
             client.stdin.flush()
         counts = [int(next_line(client)) for client in clients]
-    assert len(counts) == CLIENTS and all(counts), "a client got no answer"
+    assert len(counts) == CLIENTS and all(counts), "a client received no response"
 
 
 def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> None:
-    """One lister's program: say that the service is seen, wait for the word, list, print how often."""
+    """List controllers repeatedly in one of the listing processes, and print the number of lists.
+
+    It first waits for the service and for a line of input.
+    """
     client = node.create_client(ListControllers, "/controller_manager/list_controllers")
     assert client.wait_for_service(PATIENCE_S)
     print("ready", flush=True)
@@ -142,7 +146,7 @@ def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> 
 
 
 def deaf_clients(seconds: float) -> None:
-    """Clients that listen with qualities of service that no answer has: the middleware waits for their ears in vain."""
+    """Send requests with a QoS that is incompatible with every response, so that the middleware waits in vain."""
     qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     end_s = time.monotonic() + min(seconds, 15.0)
     with participant("bench_deaf") as (node, executor):
@@ -163,7 +167,7 @@ NONSENSE = (
 
 
 def nonsense(seconds: float) -> None:
-    """Every parameter of every node set to what it cannot be."""
+    """Set every parameter of every node to invalid values."""
     from rcl_interfaces.srv import ListParameters
 
     end_s = time.monotonic() + min(seconds, 15.0)
@@ -197,7 +201,11 @@ STORMS: dict[str, Callable[[float], None]] = {
 
 
 def run(name: str, seconds: float, watch: Watch) -> tuple[list[float], int, float]:
-    """Run one storm: the stamps meanwhile (s), cycles missed, how far from its place the arm stands after it (rad)."""
+    """Run one storm.
+
+    Returns:
+        The stamps in seconds, the number of missed cycles, and the final distance of the arm from its start in rad.
+    """
     watch.wait_for_report()
     first, missed, before = len(watch.stamps_s), watch.missed, list(watch.position)
     STORMS[name](seconds)
@@ -207,8 +215,10 @@ def run(name: str, seconds: float, watch: Watch) -> tuple[list[float], int, floa
 
 
 def show(console: Console, found: dict[str, tuple[list[float], int, float]]) -> None:
-    """Print one line a storm."""
-    table = Table("storm", "cycles", "missed", "period's deviation, us: p50 / p99 / largest", "arm away by, rad")
+    """Print one row per storm."""
+    table = Table(
+        "storm", "cycles", "missed", "period's deviation, us: p50 / p99 / largest", "distance of the arm, rad"
+    )
     for name, (stamps_s, missed, away) in found.items():
         periods = [b - a for a, b in pairwise(stamps_s)]
         late = sorted(abs(period - 0.05) * 1e6 for period in periods)
@@ -220,7 +230,9 @@ def show(console: Console, found: dict[str, tuple[list[float], int, float]]) -> 
 def main() -> None:
     """Run all storms."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seconds", type=float, default=60.0, help="how long goals rain; the others take 15 at most")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="duration of the storm of goals; the others take at most 15 s"
+    )
     arguments = parser.parse_args()
     random.seed(1)
     found = {}

@@ -1,8 +1,9 @@
-"""Twelve servos on two ports at 100 cycles a second: ``python -m benchmarks.two_ports [--cycles 1000]``.
+"""Run twelve servos on two ports at 100 cycles per second: ``python -m benchmarks.two_ports [--cycles 1000]``.
 
-The servos answer on two pseudo-terminals, each paced at 1 Mbit/s by a process of its own; IDs 1 to 6 are on both.
-Above them all is as in ``servoloop up``: serial ports, buses, hardware component, loop. It runs twice: with the
-ports overlapping, and one port after the other. Exits 1 if a cycle was missed with the ports overlapping.
+The servos answer on two pseudo-terminals at 1 Mbit/s, each in its own process. IDs 1 to 6 are on both. The serial
+ports, buses, hardware component and loop are those of ``servoloop up``. There are two runs: with both ports read at the
+same time, and one port after the other. The exit status is 1 if a cycle was missed with both ports read at the same
+time.
 """
 
 import argparse
@@ -39,7 +40,7 @@ JOINTS = tuple(Joint(f"{bus}{i}", i, sts.STS3215, LIMITS, bus=bus) for bus in BU
 
 
 class ApartBus(Bus):
-    """A bus that asks and waits in one step: what two ports are without overlapping."""
+    """A bus that sends a request and waits for the replies in one step, so that reads of two ports do not overlap."""
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:
         self._later = servo_ids, deadline_s
@@ -50,7 +51,7 @@ class ApartBus(Bus):
 
 
 class TimedHardware(ServoHardware):
-    """Hardware that notes how long each read takes."""
+    """Hardware that records the duration of each read."""
 
     reads_s: list[float]
 
@@ -66,7 +67,7 @@ class TimedHardware(ServoHardware):
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """The figures of one run. Times in seconds."""
+    """Figures of one run."""
 
     cycles: int
     missed: int
@@ -77,8 +78,8 @@ class Figures:
 
 
 def serve(link: Path, servo_ids: Sequence[int] = IDS) -> None:
-    """Serve one port's servos, in the calling process, until it is ended."""
-    # The servos keep no goal: they say what the bench writes, so that torque may go on.
+    """Serve the servos of one port in the calling process until the process is ended."""
+    # The servos accept no goals and report the goals of the benchmark, so that torque may be enabled.
     address = sts.goal_position.address
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")
     simulator.TABLE[sts.torque_enable.address] = 1
@@ -91,13 +92,13 @@ def serve(link: Path, servo_ids: Sequence[int] = IDS) -> None:
 
 @contextmanager
 def served(link: Path) -> Iterator[str]:
-    """Run ``serve`` in a process of its own."""
+    """Run ``serve`` in a separate process."""
     with child("-m", "benchmarks.two_ports", "--serve", str(link)):
         yield str(link)
 
 
 def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
-    """Run so many cycles of the real loop, holding still."""
+    """Run a number of cycles of the real loop, which holds the arm still."""
     clock = MonotonicClock()
     buses: dict[str, Bus] = {}
 
@@ -127,7 +128,7 @@ def run(devices: Mapping[str, str], make: type[Bus], cycles: int) -> Figures:
 
 
 def main() -> int:
-    """Measure and print; the exit status."""
+    """Measure, print the results and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)

@@ -1,10 +1,12 @@
-"""The control loop's time with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
+"""Measure the control loop with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
-The cell is that of ``servoloop demo``, without a view and then with the page open in the machine's Chromium, which
-draws without a graphics card and gives way to everything else (benchmarks/browser.py). Two periods are measured while
-jobs run, and how far they are from the one asked for: from the begin of a cycle to that of the next (the loop's) and
-from one measurement to the next, which has in it what kernel and virtual servos take to answer. In 24 jobs p99.9
-rests on the five worst cycles; ``--rounds 3`` takes turns, without and with the page, and compares all cycles of each.
+The cell is that of ``servoloop demo``: first without a view, then with the page open in the machine's Chromium, which
+draws without a graphics card and has the lowest priority (benchmarks/browser.py).
+
+Two periods are measured during the jobs, as deviations from the configured period: between the starts of two cycles,
+and between two measurements. The latter includes the delays of the kernel and the virtual servos. In 24 jobs, p99.9
+depends on the five worst cycles. ``--rounds 3`` alternates between runs without and with the page, and compares all
+their cycles.
 """
 
 import argparse
@@ -38,25 +40,25 @@ QUANTILES: Final = (0.5, 0.99, 0.999, 1.0)
 
 @dataclass(slots=True)
 class Outcome:
-    """The jobs of one run, and how even the loop was meanwhile."""
+    """Jobs of one run, and the regularity of the loop."""
 
     view: bool
     jobs: int = 0
     sorted: int = 0
     loop: dict[str, str] = field(default_factory=dict)
-    """The loop's own figures, as /diagnostics has them."""
+    """Figures of the loop from /diagnostics."""
     stamps_s: list[float] = field(default_factory=list)
-    """Of the measurements of all jobs, ROS time."""
+    """ROS times of the measurements of all jobs."""
     measured_s: list[float] = field(default_factory=list)
-    """Deviations of the time between two measurements, of the same job."""
+    """Deviations of the time between two measurements of the same job."""
     begun_s: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Deviations of the time between the begins of two cycles."""
+    """Deviations of the time between the starts of two cycles."""
     browser_s: float = 0.0
-    """The processor time of the browser and all that it has started."""
+    """Processor time of the browser and its child processes."""
 
 
 def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
-    """Run so many jobs in a new cell."""
+    """Run a number of jobs in a new cell."""
     found, recording = Outcome(view), folder / "run.mcap"
     options = CellOptions(folder, backlash_deg=0.0, record=recording, view=view)
     with Live(console) as live, cell(options, live) as ready:
@@ -75,7 +77,11 @@ def measure(view: bool, jobs: int, folder: Path, console: Console) -> Outcome:
 
 @contextmanager
 def page(address: str) -> Iterator[Callable[[], float]]:
-    """The page in a browser, with the arm drawn in it; the processor time (s) that the browser has taken since."""
+    """Open the page in a browser and wait until it shows the arm.
+
+    Yields:
+        A function that returns the processor time of the browser since then, in seconds.
+    """
     chromium = shutil.which("chromium")
     if chromium is None:
         raise SystemExit("there is no chromium on PATH: apt-get install chromium")
@@ -88,10 +94,10 @@ def page(address: str) -> Iterator[Callable[[], float]]:
 
 
 def _browser_s() -> float:
-    """The processor time of all processes of the browser."""
+    """Return the processor time of all processes of the browser."""
     ticks = 0
     for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError):  # it has ended
+        with contextlib.suppress(OSError):  # the process has ended
             name, values = stat.read_text().rsplit(")", 1)
             ticks += sum(map(int, values.split()[11:13])) if "(chrom" in name else 0
     return ticks / os.sysconf("SC_CLK_TCK")
@@ -111,7 +117,7 @@ def _run_jobs(found: Outcome, ready: Cell, jobs: int) -> None:
 
 
 def show(console: Console, outcomes: list[Outcome]) -> None:
-    """Print one line a run, and the ratios of all runs with the page to all without."""
+    """Print one row per run, and the ratios of all runs with the page to all runs without it."""
     table = Table(
         *("page", "cubes", "cycles", "missed", "latest, ms", "cycles begin, us off", "measured, us off", "browser, s")
     )
@@ -132,7 +138,7 @@ def show(console: Console, outcomes: list[Outcome]) -> None:
 
 
 def _ratio(deviations_s: list[tuple[bool, FloatArray]]) -> str:
-    """The p99.9 of all deviations with the page, divided by that of all without."""
+    """Return the p99.9 of all deviations with the page, divided by that of all deviations without it."""
     shown, hidden = (
         np.quantile(np.concatenate([own for view, own in deviations_s if view is wanted]), 0.999)
         for wanted in (True, False)

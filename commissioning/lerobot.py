@@ -140,8 +140,8 @@ def _no_place(ours: CalibratedJoint) -> str:
     if ours.homing_offset is None:
         return f"its servo ({ours.servo_id}) has no homing offset, which LeRobot's file requires"
     return (
-        f"its homing offset {ours.homing_offset} is outside the range of its servo ({ours.servo_id}), "
-        f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate again"
+        f"the homing offset of its servo ({ours.servo_id}) must be {-LARGEST_OFFSET} to {LARGEST_OFFSET}, "
+        f"not {ours.homing_offset}: calibrate again"
     )
 
 
@@ -150,11 +150,11 @@ def entry_mistakes(theirs: LerobotJoint, last: int = 4095) -> list[str]:
     low, high = theirs.range_min, theirs.range_max
     if abs(theirs.homing_offset) > LARGEST_OFFSET:
         return [
-            f"its homing offset {theirs.homing_offset} is outside the range of its servo ({theirs.id}), "
-            f"{-LARGEST_OFFSET} to {LARGEST_OFFSET}: calibrate again"
+            f"the homing offset of its servo ({theirs.id}) must be {-LARGEST_OFFSET} to {LARGEST_OFFSET}, "
+            f"not {theirs.homing_offset}: calibrate again"
         ]
     if not (0 <= low <= last and 0 <= high <= last):
-        return [f"its range {low} to {high} is not within the servo's counts, 0 to {last}: calibrate again"]
+        return [f"its range must be within 0 to {last} counts, not {low} to {high}: calibrate again"]
     if low == high:
         return [f"its range begins and ends at {low}: the joint was not moved. Calibrate again, from stop to stop"]
     if low > high:

@@ -100,13 +100,13 @@ def _servo_status(state: JointState, joint: str, servo_id: str, component: str) 
             status.values |= _texts(current_a=f"{health.current_a:.2f}")
         if health.counters is not None:
             status.values |= _texts(**health.counters.as_dict())
-        status.level, status.message = _health(health)
+        status.level, status.message = health_status(health)
     if joint in state.faults:
         status.level, status.message = Level.ERROR, state.faults[joint].text
     return status
 
 
-def _health(health: ServoHealth) -> tuple[Level, str]:
+def health_status(health: ServoHealth) -> tuple[Level, str]:
     """Return the level and the message for the health that a servo reports."""
     supply = health.supply
     wrong = [f"alarm: {', '.join(health.alarms)}"] if health.alarms else []

@@ -62,14 +62,12 @@ RANGES: Final = {
 
 
 def range_mistake(kind: str, value: float) -> str | None:
-    """Return the message for a value outside the plausible range of its kind; None if the value is plausible."""
+    """Return the message about an implausible value, to follow its name; None if the value is plausible."""
     known = RANGES[kind]
     if known.lowest <= value <= known.highest:  # false for NaN
         return None
     text = f"{value:g}" if float(f"{value:g}") == value else value
-    return (
-        f"{text} is not a plausible {kind.replace('_', ' ')}: write {known.lowest:g} to {known.highest:g} {known.unit}"
-    )
+    return f"must be {known.lowest:g} to {known.highest:g} {known.unit}, not {text}"
 
 
 def without_truth(value: Any) -> Any:

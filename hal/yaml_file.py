@@ -1,16 +1,42 @@
 """Read YAML files as pydantic models. All mistakes of a file are reported together, each with file and line."""
 
+import re
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from drivers.printable import printable_line
 from hal.yaml_nodes import YamlFile, listed, read
 
 Model = TypeVar("Model", bound=BaseModel)
+
+_TEXTS: Final = {
+    "missing": "is missing: add it",
+    "extra_forbidden": "is not a known key: correct or remove it",
+}
+"""Messages by type of a pydantic error."""
+_SHOULD_BE: Final = "Input should be "
+_CAUSE: Final = re.compile(r", (unable to parse|got a number) .*$| or instance of \w+$")
+"""Parts of the messages of pydantic that ``error_text`` omits."""
+_WORDS: Final = {
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "above",
+    "less than": "below",
+    "a valid dictionary": "a mapping",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "a valid string": "a text",
+    "a valid list": "a list",
+    "a valid boolean": "true or false",
+}
+"""Words of pydantic, and the words of this project."""
+_SHOWN: Final = 50
+"""Maximum number of characters of a value in a message."""
 
 
 class YamlPlaces(Protocol):
@@ -47,13 +73,36 @@ def mistakes(file: YamlPlaces, error: ValidationError, within: Sequence[int | st
 
 
 def error_text(item: ErrorDetails) -> str:
-    """Return the message of a pydantic error, without the prefix of a ValueError, and with a hint at missing quotes."""
+    """Return the message of a pydantic error in the words of this project, to follow the name of a key.
+
+    Args:
+        item: The error.
+
+    Returns:
+        The message, such as "must be at most 253, not 254".
+    """
     value = item["input"]
     if item["type"] == "string_type" and isinstance(value, bool):
         return f"{str(value).lower()} is read as a boolean: put the text in quotes"
     if item["type"] == "string_type" and isinstance(value, int | float):
         return f"{value} is read as a number: put the text in quotes ('{value}')"
-    return item["msg"].removeprefix("Value error, ")
+    if text := _TEXTS.get(item["type"]):
+        return text
+    message = item["msg"].removeprefix("Value error, ")
+    if not message.startswith(_SHOULD_BE):
+        return message
+    wanted = _CAUSE.sub("", message.removeprefix(_SHOULD_BE))
+    for theirs, ours in _WORDS.items():
+        wanted = wanted.replace(theirs, ours)
+    return f"must be {wanted}{_not(value)}"
+
+
+def _not(value: object) -> str:
+    if isinstance(value, bool):
+        return f", not {str(value).lower()}"
+    if isinstance(value, int | float):
+        return f", not {value}"
+    return f", not {printable_line(value[:_SHOWN])!r}" if isinstance(value, str) else ""
 
 
 def _mistake(file: YamlPlaces, item: ErrorDetails, within: Sequence[int | str], name: str) -> str:

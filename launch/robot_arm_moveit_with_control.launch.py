@@ -1,4 +1,4 @@
-"""Bring the arm up with MoveIt 2 above it: robot_arm_ros2_control.launch.py, move_group and RViz.
+"""Start the arm with MoveIt 2: robot_arm_ros2_control.launch.py, move_group and RViz.
 
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py
 ros2 launch servoloop robot_arm_moveit_with_control.launch.py port:=/dev/ttyACM0 rviz:=false
@@ -27,25 +27,25 @@ SCENE = "planning_scene.yaml"
 
 
 class FileError(Exception):
-    """A file that cannot be used; the text, which `ros2 launch` prints, says why."""
+    """A file cannot be used. `ros2 launch` prints the message, which contains the reason."""
 
 
 def read(file: Path) -> dict[str, Any]:
-    """A YAML file with a mapping. Raises FileError."""
+    """Read a YAML file that contains a mapping. Raise FileError if it does not."""
     _, values = read_yaml(file, FileError)
     if not isinstance(values, dict):
-        raise FileError(f"{file}:1: this is not a mapping: write parameters by name")
+        raise FileError(f"{file}:1: the file must contain a mapping: write parameters by name")
     return values
 
 
 def described(urdf: Path, moveit: Path) -> Path:
-    """The URDF: the one that was named, or else the one in the folder that `servoloop arms moveit` wrote."""
+    """Return the URDF: the given one, or by default the one in the folder that `servoloop arms moveit` wrote."""
     written = sorted(moveit.glob("*.urdf")) if urdf == URDF else []
     return written[0] if written else urdf
 
 
 def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
-    """What both move_group and RViz must know of the arm."""
+    """Return the parameters of the arm for move_group and RViz."""
     semantic = sorted(moveit.glob("*.srdf"))
     if len(semantic) != 1:
         raise FileError(
@@ -63,7 +63,7 @@ def model_parameters(urdf: Path, moveit: Path) -> dict[str, Any]:
 
 
 def move_group_parameters(moveit: Path) -> dict[str, Any]:
-    """How trajectories are executed, and what move_group tells others of the scene."""
+    """Return the parameters for the execution of trajectories and the publication of the scene."""
     return {
         **read(moveit / "moveit_controllers.yaml"),
         "publish_robot_description_semantic": True,
@@ -75,19 +75,19 @@ def move_group_parameters(moveit: Path) -> dict[str, Any]:
 
 
 def tell_surroundings(file: Path) -> ExecuteProcess:
-    """One call tells move_group what stands around the arm. It waits until move_group listens.
+    """Send the objects around the arm to move_group in one call, which waits until move_group is ready.
 
-    Not MoveIt's moveit_publish_scene_from_text: in Jazzy it asks a publisher that it has not made, and with --scene it
-    sends paddings of 0 along, which replace that of joint_limits.yaml.
+    MoveIt's moveit_publish_scene_from_text is not used: in Jazzy it uses a publisher that it has not created. With
+    --scene it also sends paddings of 0, which replace the padding in joint_limits.yaml.
     """
     read(file)
     service = ["/apply_planning_scene", "moveit_msgs/srv/ApplyPlanningScene"]
     call = ["ros2", "service", "call", *service, read_text(file, FileError)]
-    return ExecuteProcess(cmd=call, name="apply_planning_scene", output="log")  # errors come on the screen all the same
+    return ExecuteProcess(cmd=call, name="apply_planning_scene", output="log")  # errors are still printed
 
 
 def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
-    """Called with the launch arguments' values."""
+    """Return the actions for these values of the launch arguments."""
     moveit = Path(LaunchConfiguration("moveit").perform(context))
     model = model_parameters(Path(LaunchConfiguration("urdf").perform(context)), moveit)
     move_group = Node(
@@ -110,7 +110,7 @@ def start_moveit(context: LaunchContext) -> list[Node | ExecuteProcess]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What ``ros2 launch`` runs. The other file's arguments are this one's too."""
+    """Return the description that ``ros2 launch`` runs. It also has the arguments of the included file."""
     control = PythonLaunchDescriptionSource(str(SHARE / "launch" / "robot_arm_ros2_control.launch.py"))
     return LaunchDescription(
         [
@@ -118,14 +118,14 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "moveit",
                 default_value=str(MOVEIT),
-                description="Folder of MoveIt's files, as `servoloop arms moveit` writes it.",
+                description="Folder with the files of MoveIt, as written by `servoloop arms moveit`.",
             ),
             DeclareLaunchArgument(
                 "scene",
                 default_value=str(MOVEIT / SCENE),
-                description="What stands around the arm, instead of the folder's file; with scene:= nothing does.",
+                description="Objects around the arm, instead of the folder's file; an empty scene:= means no objects.",
             ),
-            # the included file's too, but needed here as well
+            # Declared in the included file, too, but start_moveit also needs it.
             DeclareLaunchArgument("urdf", default_value=str(URDF)),
             IncludeLaunchDescription(control),
             OpaqueFunction(function=start_moveit),

@@ -1,4 +1,4 @@
-"""Bring the arm up, and on request the pick-and-place node: what ros2_control's launch files do for other arms.
+"""Start the arm, and optionally the pick-and-place node, like the launch files of ros2_control for other arms.
 
 ros2 launch servoloop robot_arm_ros2_control.launch.py
 ros2 launch servoloop robot_arm_ros2_control.launch.py port:=/dev/ttyACM0 pick_place:=true
@@ -18,18 +18,18 @@ from launch import LaunchContext, LaunchDescription
 
 SHARE = Path(get_package_share_directory("servoloop"))
 ARGUMENTS = {
-    "arm": ("", "An arm that `servoloop arms` lists, or its folder, with its own urdf, controllers and robot."),
-    "urdf": (SHARE / "urdf" / "robot_arm.urdf", "Robot description."),
-    "controllers": (SHARE / "config" / "arm_controllers.yaml", "Controllers file, as for ros2_control."),
-    "robot": ("", "Robot file; by default the one that the URDF names."),
-    "hardware": ("", "servos, mujoco or mock; by default what the URDF's plugin says."),
-    "port": ("", "Serial device; NAME=PATH for each of several buses, with spaces between. Without: virtual servos."),
+    "arm": ("", "Name of an arm from `servoloop arms`, or an arm folder; it replaces urdf, controllers and robot."),
+    "urdf": (SHARE / "urdf" / "robot_arm.urdf", "URDF file."),
+    "controllers": (SHARE / "config" / "arm_controllers.yaml", "Controllers file in ros2_control's format."),
+    "robot": ("", "Robot file (default: the one named in the URDF)."),
+    "hardware": ("", "servos, mujoco or mock (default: the plugin named in the URDF)."),
+    "port": ("", "Serial port; NAME=PATH, separated by spaces, for several buses (default: virtual servos)."),
     "pick_place": ("false", "Also start the pick-and-place node."),
 }
 
 
 def command(values: dict[str, str]) -> list[str]:
-    """The words after ``servoloop``. What is empty, or belongs to another arm, is left to servoloop's own defaults."""
+    """Return the arguments of ``servoloop``. Empty values, and defaults of another arm, are left out."""
     ports = [("port", port) for port in values["port"].split()]
     said = {name: values[name] for name in ("arm", "urdf", "controllers", "robot", "hardware")}
     if said["arm"]:
@@ -39,14 +39,14 @@ def command(values: dict[str, str]) -> list[str]:
 
 
 def start_servoloop(context: LaunchContext) -> list[ExecuteProcess]:
-    """Called with the launch arguments' values."""
+    """Return the actions for these values of the launch arguments."""
     values = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     process = ExecuteProcess(
-        # not a Node: that would add --ros-args, which is no option of servoloop's
+        # A Node would add --ros-args, which servoloop does not accept.
         cmd=[ExecutableInPackage(package="servoloop", executable="servoloop"), *command(values)],
         name="servoloop",
         output="screen",
-        # A real arm first drives to its park pose; a second signal would make it let go where it is.
+        # A real arm first moves to its park pose. A second signal would release its torque immediately.
         sigterm_timeout="60",
         sigkill_timeout="15",
         on_exit=Shutdown(reason="servoloop has ended"),
@@ -55,7 +55,7 @@ def start_servoloop(context: LaunchContext) -> list[ExecuteProcess]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What ``ros2 launch`` runs."""
+    """Return the description that ``ros2 launch`` runs."""
     arguments = [
         DeclareLaunchArgument(name, default_value=str(default), description=text)
         for name, (default, text) in ARGUMENTS.items()

@@ -1,1 +1,58 @@
-"""The programs: the command line, and the control stack that is put together from all other folders."""
+"""Control robot arms on serial bus servos: the Python interface, the command line and the control stack.
+
+``from servoloop import Arm`` is the Python interface. Its parts are loaded at first use, because the command line does
+not need them.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from servoloop.api.arm import Arm
+    from servoloop.api.errors import (
+        ArmBusyError,
+        ArmEndedError,
+        ArmError,
+        ArmInputError,
+        ArmSetupError,
+        ArmTimeoutError,
+        MotionCanceledError,
+        MotionFailedError,
+        StreamEndedError,
+    )
+    from servoloop.api.motion import ArmMotion
+    from servoloop.api.state import ArmState
+    from servoloop.api.stream import TargetStream
+    from servoloop.api.trajectory import ArmTrajectory
+
+__all__ = [
+    "Arm",
+    "ArmBusyError",
+    "ArmEndedError",
+    "ArmError",
+    "ArmInputError",
+    "ArmMotion",
+    "ArmSetupError",
+    "ArmState",
+    "ArmTimeoutError",
+    "ArmTrajectory",
+    "MotionCanceledError",
+    "MotionFailedError",
+    "StreamEndedError",
+    "TargetStream",
+]
+
+_MODULES = {
+    "Arm": "arm",
+    "ArmMotion": "motion",
+    "ArmState": "state",
+    "ArmTrajectory": "trajectory",
+    "TargetStream": "stream",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name of the Python interface at its first use."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"servoloop.api.{_MODULES.get(name, 'errors')}"), name)

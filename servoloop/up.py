@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from time import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
-from nodes.ros_environment import require_ros
+from nodes.ros_environment import INSTALL, RosMissing, require_ros
+from servoloop.command_server.server import command_socket
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
 from servoloop.stack.arm_options import BACKLASH_DEG
@@ -22,15 +23,16 @@ from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.processes import claim_realtime_priority
 from servoloop.stack.robot_files import Files, initial_states, servo_ids
+from servoloop.stack.ros_interface import RosInterface, WithoutRos
 from servoloop.stack.signals import Signals
 from servoloop.up_options import NO_OPTIONS, UpOptions
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
-    from nodes.surface import Surface
     from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
+WORKS: Final = "It has no topics, services and actions; its controllers, recordings, view and command socket work."
 
 
 def up(
@@ -94,7 +96,7 @@ def _devices(
 
 
 class _Up:
-    """Run of the stack with its ROS interface."""
+    """Run of the stack with its clients."""
 
     def __init__(
         self,
@@ -115,20 +117,41 @@ class _Up:
         """Configure the hardware, serve clients until the end, and return the exit status."""
         thread = LoopThread(self._stack, signals)
         with self._stack.configured(self._initial.unconfigured, self._options.keep_alive, thread.hangs):
-            ros_stack = self._ros_stack()
-            from nodes.surface import Surface
-
+            ros = self._has_ros()
             if self._simulated is None:  # in simulated time no cycle is late, and the clients need the processor
                 claim_realtime_priority()
-            surface = Surface(ros_stack)
+            surface = self._ros_interface() if ros else WithoutRos()
             try:
                 self._record_and_serve(thread, surface, ready)
             finally:
                 surface.close()
         return 1 if thread.failed else 0
 
+    def _has_ros(self) -> bool:
+        """Return whether to serve clients over ROS. Log once if the stack runs without it.
+
+        Raises:
+            RosError: ROS is installed, but cannot be used.
+            DriverError: The options need ROS.
+        """
+        try:
+            if self._options.ros:
+                require_ros()
+                return True
+            reason = "as --no-ros requests"
+        except RosMissing:
+            reason = f"because Python cannot find rclpy ({INSTALL})"
+        if self._simulated is not None and self._simulated.pace.paused:
+            raise DriverError(f"--step needs ROS, but the stack runs without it {reason}: use --rtf instead")
+        LOG.warning("the stack runs without ROS %s. %s", reason, WORKS)
+        return False
+
+    def _ros_interface(self) -> RosInterface:
+        from nodes.surface import Surface
+
+        return Surface(self._ros_stack())
+
     def _ros_stack(self) -> "Stack":
-        require_ros()
         from nodes.stack import Stack
 
         stack, setup, files = self._stack, self._stack.setup, self._stack.files
@@ -145,7 +168,7 @@ class _Up:
             self._simulated.pace if self._simulated else None,
         )
 
-    def _record_and_serve(self, thread: LoopThread, surface: "Surface", ready: Callable[[str], None]) -> None:
+    def _record_and_serve(self, thread: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
         """Activate the hardware and serve clients until the end, while cycles are published and recorded."""
         stack, loop = self._stack, self._stack.loop
         loop.on_cycle = surface.post
@@ -153,12 +176,13 @@ class _Up:
             self._simulated.connect(loop, surface)
             thread.before_cycle = self._simulated.before_cycle
         offset_s = 0.0 if self._simulated else wall_offset_s(loop.clock, time)
-        with self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene):
+        recorded = self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene)
+        with recorded, command_socket(stack, self._recording, lambda: thread.done):
             loop.activate(self._initial.inactive)
             self._serve_clients(thread, surface, ready)
 
-    def _serve_clients(self, run: LoopThread, surface: "Surface", ready: Callable[[str], None]) -> None:
-        """Run the loop in its thread and ROS in this thread until the loop has ended or hangs."""
+    def _serve_clients(self, run: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
+        """Run the loop in its thread and its ROS interface in this thread until the loop has ended or hangs."""
         loop = self._stack.loop
         _prepare_interpreter()
         thread = run.start()

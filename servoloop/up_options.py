@@ -38,6 +38,7 @@ class UpOptions:
         bool, typer.Option("--step", help="Run in simulated time that only the service step_simulation advances.")
     ] = False
     record: RecordOption = None
+    ros: Annotated[bool, typer.Option("--ros/--no-ros", help="Serve ROS 2 clients, if ROS 2 is installed.")] = True
 
 
 NO_OPTIONS = UpOptions()

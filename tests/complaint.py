@@ -1,4 +1,4 @@
-"""The command line in the test's own process, where it must fail: a process for each mistake would take a second."""
+"""Run failing commands in the process of the test, because a separate process would take a second each."""
 
 import sys
 
@@ -8,7 +8,7 @@ from servoloop import cli
 
 
 def complaint(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
-    """Run the command line, which must fail; returns what it says."""
+    """Run the command line, which must fail, and return its error output."""
     monkeypatch.setattr(sys, "argv", ["servoloop", *arguments])
     with pytest.raises(SystemExit) as exit_:
         cli.main()

@@ -1,4 +1,4 @@
-"""The same examples in every run, none too slow on a busy machine, and an order that keeps both cores busy."""
+"""Use the same random examples in every run, repeat tests that a stall made fail, and use all cores."""
 
 import signal
 from collections.abc import Generator
@@ -15,12 +15,13 @@ from tests.pages import require_taken
 from tests.ros_domain import ros_domain
 from tests.tiers import has_long_tests, mark_long, sample
 
-__all__ = ["ros_domain"]  # one for all folders: a second one would end in the middle of the first
+__all__ = ["ros_domain"]  # one fixture for all folders, because a second one would end in the middle of the first
 
 once_more = pytest.mark.flaky(reruns=1)
-"""A machine that stands still for a moment fails a program in real time; the summary names what was run again."""
+"""Marker of tests in real time, which a short stall of the machine can make fail. The summary lists repeated tests."""
 ONLY = {"slow": ("slow", "workspace", "installed", "share"), "soak": ("soak",)}
-"""Words of which one is in each file with a test of this marker; tests/launch/conftest.py marks by fixtures."""
+"""Words of which every file with a test of this marker contains at least one. tests/launch/conftest.py marks by
+fixtures."""
 LONG_FILES = (
     *("tests/drivers/test_bus_", "tests/stack/", "tests/sim_backend/test_world_"),
     *("tests/commissioning/test_calibrate_", "tests/commissioning/test_doctor_", "tests/arms/"),
@@ -33,14 +34,14 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Have what is compiled compiled before there are workers: several that compile at once spoil its cache."""
+    """Compile the simulation before the workers start, because workers that compile together damage the cache."""
     _hear_interrupts()
     if not hasattr(config, "workerinput"):
         compile_ahead()
 
 
 def _hear_interrupts() -> None:
-    """Undo what a shell does to programs in the background, and nohup: they and those under test ignore these."""
+    """Restore the signals that a shell ignores in background programs and nohup, for pytest and the tested programs."""
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
@@ -48,15 +49,14 @@ def _hear_interrupts() -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Tests over ROS and others at the same time, where files are what is distributed."""
+    """Run tests over ROS and other tests at the same time if files are distributed."""
     if config.getoption("dist") != "loadfile":
         return None
     return ComputingAside(config, log)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """A run of nothing but slow or random tests passes over the files that have none: to import all takes each worker
-    ten seconds."""
+    """Skip files without slow or random tests if only those are selected, because imports take ten seconds."""
     markers = config.option.markexpr.split(" or ")
     if not ONLY.keys() >= {*markers} or not collection_path.match("test_*.py"):
         return None
@@ -77,10 +77,10 @@ def _has_a_word_of(marker: str, path: Path) -> bool:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests in real time come first, then the files that compute long: the short ones are left to even workers out."""
+    """Run tests in real time first, then files that compute for long, then short files, which balance the load."""
     marked = {(mark.name, item.path) for item in items for mark in item.iter_markers() if mark.name in ONLY}
     if passed_over := [str(path) for marker, path in sorted(marked) if not _has_a_word_of(marker, path)]:
-        raise pytest.UsageError(f"marked from elsewhere, so that make test-slow would pass over it: {passed_over}")
+        raise pytest.UsageError(f"marked in another file, so make test-slow would skip it: {passed_over}")
     mark_long(items)
     remember(config, items)
     items.sort(key=lambda item: (not in_real_time(item.nodeid), not item.nodeid.startswith(LONG_FILES)))
@@ -91,7 +91,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(specname="pytest_collection_modifyitems", trylast=True)
 def pytest_sample_items(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what ``--sample`` leaves out, after the markers have been selected."""
+    """Deselect tests according to ``--sample``, after the selection by markers."""
     if config.getoption("sample"):
         kept = sample(items)
         config.hook.pytest_deselected(items=[item for item in items if item not in set(kept)])
@@ -99,14 +99,14 @@ def pytest_sample_items(config: pytest.Config, items: list[pytest.Item]) -> None
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A worker that computes stands back behind those whose tests run in real time."""
+    """Lower the priority of a worker that computes, in favor of tests in real time."""
     if hasattr(item.config, "workerinput") and not in_real_time(item.nodeid):
         stand_back()
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, object]:
-    """A test that says which code blocks of the documents it runs has taken them from there."""
+    """Check that a test has read the code blocks of the documentation that its mark names."""
     result = yield
     require_taken(pyfuncitem.iter_markers("runs"))
     return result

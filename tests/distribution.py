@@ -1,4 +1,4 @@
-"""Which worker gets which files: tests in real time mostly wait and must not be kept waiting, the others compute."""
+"""Distribute test files to workers: tests in real time mostly wait and must not be delayed, and other tests compute."""
 
 import os
 from collections import OrderedDict
@@ -17,26 +17,27 @@ IN_REAL_TIME = (
     *("tests/bench_arm/test_verb", "tests/monitor/test_docs", "tests/teach/test_docs", "tests/testing/test_docs"),
     *("tests/faults/test_docs", "tests/handling/test_handling_over_ros", "tests/live/test_record_verb"),
     *("tests/commissioning/test_set_up_read_by_others", "tests/servoloop/test_passport_verb", "tests/teleop/test_docs"),
+    "tests/servoloop/test_up_without_ros",
     *("tests/view/test_first_page", "tests/view/test_move_in_chromium", "tests/view/test_page_in_chromium"),
 )
-"""Programs with time limits of their own talk to each other here, over ROS or a pseudo-terminal."""
+"""Files whose programs communicate with time limits, over ROS or a pseudo-terminal."""
 
 
 def in_real_time(nodeid: str) -> bool:
-    """Whether a test or its file is one of these."""
+    """Whether a test or file is one of ``IN_REAL_TIME``."""
     return nodeid.startswith(IN_REAL_TIME)
 
 
 def stand_back() -> None:
-    """Leave the processor to whoever works in real time, for the rest of this process' life."""
+    """Lower the priority of this process until its end, in favor of processes in real time."""
     os.setpriority(os.PRIO_PROCESS, 0, 10)
 
 
 class ComputingAside(LoadFileScheduling):
-    """Files in order, but one worker computes from the beginning and leaves those in real time to the others.
+    """Distribute files in order, but let one worker compute from the start and leave tests in real time to the others.
 
-    So the time in which stacks wait is used, and there is always one stack fewer than there are workers. A worker that
-    has begun to compute stands back (tests/conftest.py), and is given nothing in real time any more.
+    This uses the time in which stacks wait, and there is always one stack fewer than workers. A worker that has begun
+    to compute has a lower priority (tests/conftest.py) and gets no more tests in real time.
     """
 
     def __init__(self, config: pytest.Config, log: Any = None) -> None:
@@ -45,19 +46,20 @@ class ComputingAside(LoadFileScheduling):
         self._deadly: set[str] = set()
 
     def schedule(self) -> None:
-        """Distribute files; a worker that came later is given work twice: it keeps its last test until there is more.
+        """Assign files, and assign work twice to a worker that starts late.
 
-        xdist gives it one file, and one with a single test would be kept for ever.
+        A worker keeps its last test until it gets another one. xdist would assign only one file, so that a file with a
+        single test would never be completed.
         """
         if self.collection is not None:
             super().schedule()
         super().schedule()
 
     def remove_node(self, node: WorkerController) -> str | None:
-        """Give what a worker that died has left to the others; returns the test that it was at, if any.
+        """Reassign the unfinished files of a dead worker, and return the test that was running, if any.
 
-        That one is run once more, and not again where it takes another worker with it. xdist's own gives away the files
-        that were finished, too: a worker that gets such a one waits for ever.
+        This test is repeated once, but not again if it ends a second worker. xdist would also reassign finished files,
+        and a worker that gets such a file would wait forever.
         """
         left = {file: tests for file, tests in self.assigned_work.pop(node).items() if not all(tests.values())}
         deadly = next((test for tests in left.values() for test, done in tests.items() if not done), None)
@@ -77,7 +79,7 @@ class ComputingAside(LoadFileScheduling):
         return deadly
 
     def mark_test_pending(self, item: str) -> None:  # type: ignore[override]
-        """Nothing is to be done to run a deadly test again: it is left to the others."""
+        """Do nothing, because ``remove_node`` has already reassigned the test."""
 
     def _assign_work_unit(self, node: WorkerController) -> None:
         self._computing = self._computing or self.nodes[-1]

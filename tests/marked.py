@@ -1,7 +1,7 @@
-"""Which tests carry which marks.
+"""Find the tests with certain marks.
 
-A run that has collected the files in question knows it; else pytest collects them in a process of its own, with this
-module as its plug-in.
+If the run has not collected the files in question, pytest collects them in a separate process with this module as its
+plug-in.
 """
 
 import json
@@ -16,21 +16,21 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = {"row": "ros", "runs": ""}
-"""The marks, each with one without which it does not count."""
+"""Names of the marks, each with another mark that a test must also have, if any."""
 Marked = dict[str, list[str]]
-"""The tests by each argument of their marks."""
+"""Tests by each argument of their marks."""
 _FOUND = pytest.StashKey[dict[str, Marked]]()
 _FILES = pytest.StashKey[set[Path]]()
 
 
 def remember(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-    """Remember the marks of all tests that were collected, before some are left out."""
+    """Store the marks of all collected tests, before some are deselected."""
     config.stash[_FILES] = {item.path for item in items}
     config.stash[_FOUND] = {name: _by_argument(items, name) for name in NAMES}
 
 
 def marked(config: pytest.Config, name: str, files: Sequence[Path]) -> Marked:
-    """The tests in these files by each argument of their marks of this name."""
+    """Return the tests in these files by each argument of their marks with this name."""
     if not config.stash[_FILES].issuperset(files):
         return _collected(files)[name]
     within = {str(path.relative_to(ROOT)) for path in files}
@@ -64,6 +64,6 @@ def _collected(files: Sequence[Path]) -> dict[str, Marked]:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """Write them down, where this is the plug-in."""
+    """Write the marks to a file if this module is the plug-in."""
     if "MARKED" in os.environ:
         Path(os.environ["MARKED"]).write_text(json.dumps(session.config.stash[_FOUND]))

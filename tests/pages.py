@@ -1,7 +1,7 @@
-"""The commands and code blocks of the documents, for the tests that run them and for the test that misses none.
+"""Commands and code blocks of the documentation, for the tests that run them and for the test of completeness.
 
-A test says what it runs by ``@pytest.mark.runs``: commands word for word, code blocks by their names
-(``"hardware.md python 1"``). ``tests/docs/test_every_block_is_run.py`` finds what no test runs.
+The mark ``@pytest.mark.runs`` lists what a test runs: commands in full, and code blocks by name (``"hardware.md python
+1"``). ``tests/docs/test_every_block_is_run.py`` finds commands and blocks without a test.
 """
 
 import re
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 SHELL = "sh"
 OUTPUT = ("", "text")
-"""The languages of blocks that nobody runs: what programs print."""
+"""Languages of blocks with output of programs, which no test runs."""
 _FENCED = re.compile(r"^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
 _NOT_RUN = re.compile(r"^Not run by a test(?P<which>[^:]*): (?P<why>.+)$", re.MULTILINE)
 _taken: set[str] = set()
@@ -23,14 +23,14 @@ _taken: set[str] = set()
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block; ``number`` counts those of its language on its page, from 1."""
+    """A fenced block. ``number`` counts the blocks of its language on its page, from 1."""
 
     page: str
     language: str
     number: int
     text: str
     not_run: bool
-    """Whether the page says below it that no test runs it, and why."""
+    """Whether the page says below the block that no test runs it, and why."""
 
     @property
     def name(self) -> str:
@@ -38,26 +38,26 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """The lines, without comments and without the ampersand that leaves a program in the background."""
+        """Lines without comments and without the ampersand that starts a program in the background."""
         lines = (re.sub(r"(\s+#.*|\s*&)$", "", line).strip() for line in self.text.splitlines())
         return [line for line in lines if line]
 
     @property
     def to_run(self) -> list[str]:
-        """What a test has to name: each command, or the block."""
+        """Names that a test must list: each command, or the block."""
         if self.not_run or self.language in OUTPUT:
             return []
         return self.commands if self.language == SHELL else [self.name]
 
 
 def pages() -> dict[str, Path]:
-    """Every document, by its name: the path below ``docs/``, and the README."""
+    """Return all documents by name, which is the path below ``docs/``, and the README."""
     found = {str(path.relative_to(DOCS)): path for path in sorted(DOCS.rglob("*.md"))}
     return {"README.md": ROOT / "README.md"} | found
 
 
 def blocks(page: str) -> list[Block]:
-    """All fenced blocks of a page."""
+    """Return all fenced blocks of a page."""
     return list(_blocks(page))
 
 
@@ -72,29 +72,29 @@ def _blocks(page: str) -> Iterator[Block]:
 
 
 def commands(page: str) -> list[str]:
-    """All commands of a page, in their order."""
+    """Return all commands of a page in their order."""
     return [command for block in blocks(page) if block.language == SHELL for command in block.commands]
 
 
 def code(page: str, language: str, number: int = 1) -> str:
-    """A code block, for the test that runs it."""
+    """Return a code block for the test that runs it."""
     (block,) = (one for one in blocks(page) if (one.language, one.number) == (language, number))
     _taken.add(block.name)
     return block.text
 
 
 def codes(page: str, language: str) -> list[str]:
-    """All code blocks of a language."""
+    """Return all code blocks of a language."""
     return [code(page, language, block.number) for block in blocks(page) if block.language == language]
 
 
 def named(page: str, *languages: str) -> list[str]:
-    """The names of all code blocks of these languages, for a test that runs them all."""
+    """Return the names of all code blocks in these languages, for a test that runs all of them."""
     return [block.name for block in blocks(page) if block.language in languages]
 
 
 def require_taken(marks: Iterable[pytest.Mark]) -> None:
-    """Fail where a test has run to its end without having asked for a code block that it says it runs."""
+    """Fail if a test has not requested a code block that its mark lists."""
     said = {what for mark in marks for what in mark.args}
     said &= {block.name for page in pages() for block in blocks(page)} if said else set()
-    assert said <= _taken, f"said to be run, but never taken from its page by tests.pages.code: {said - _taken}"
+    assert said <= _taken, f"listed in a mark, but never requested with tests.pages.code: {said - _taken}"

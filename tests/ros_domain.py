@@ -1,4 +1,4 @@
-"""A ROS domain of its own for every test run, so that two runs on a machine do not meet."""
+"""A separate ROS domain for every test run, so that two runs on one machine do not communicate."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from servoloop.testing.processes import own_domain
 
 @pytest.fixture(scope="session")
 def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """The domain of this run, set in the environment; the processes that a test starts inherit it."""
+    """Yield the domain of this run. It is set in the environment, which child processes inherit."""
     log = tmp_path_factory.mktemp("ros_log")
     with own_domain({"ROS_LOG_DIR": str(log)}) as domain:
         yield domain

@@ -1,6 +1,6 @@
-"""Which tests run when: `make test` has the quick ones, CI a part of the slow ones too, `make test-all` all.
+"""Select tests: `make test` runs the quick ones, CI also a part of the slow ones, and `make test-all` all of them.
 
-Of a long test (long_tests.txt) `make test` has the first of several cases.
+Of a long test (long_tests.txt), `make test` runs the first case.
 """
 
 from collections import Counter
@@ -13,14 +13,14 @@ import pytest
 
 LIST = Path(__file__).with_name("long_tests.txt")
 FILES_OF_A_FOLDER: Final = 2
-"""Number of files of each folder from which CI runs a slow test."""
+"""Number of files in each folder from which CI runs a slow test."""
 ALWAYS: Final = "tests/ros/test_readme.py"
-"""The file with the commands of the README, from which CI always runs a test."""
+"""File with the commands of the README, from which CI always runs a test."""
 
 
 @cache
 def long_tests() -> frozenset[str]:
-    """The long tests, without their cases."""
+    """Return the names of the long tests, without their cases."""
     lines = LIST.read_text().splitlines()
     return frozenset(line for line in lines if line and not line.startswith("#"))
 
@@ -31,7 +31,7 @@ def has_long_tests(path: Path) -> bool:
 
 
 def mark_long(items: Iterable[pytest.Item]) -> None:
-    """Mark the cases of long tests as slow, except the first of several."""
+    """Mark the cases of long tests as slow, except for the first case."""
     seen: set[str] = set()
     for item in items:
         name, _, case = item.nodeid.partition("[")
@@ -43,7 +43,7 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
 def sample(items: list[pytest.Item]) -> list[pytest.Item]:
     """Return the first test of each of the first ``FILES_OF_A_FOLDER`` files of each folder, in order.
 
-    Long tests are left out: `make test` has a case of each.
+    Long tests are excluded, because `make test` runs a case of each.
     """
     slow = [item for item in items if item.nodeid.partition("[")[0] not in long_tests()]
     first = list({item.path: item for item in reversed(slow)}.values())[::-1]

@@ -1,4 +1,4 @@
-"""The pictures of the arms in docs/: a still of a simulated job, or a film of an arm that sorts three cubes.
+"""Draw the images of the arms in docs/: an image of a simulated job, or a video of an arm that sorts three cubes.
 
 Example: `python tools/arm_picture.py koch docs/arms/koch.png`, `python tools/arm_picture.py so101 docs/arm.gif`
 """
@@ -15,15 +15,15 @@ from sim_backend.buses.build import Build
 from sim_backend.scene.picture import FilmRecorder
 
 GRADE = {"koch": "B"}
-"""The bin to which the arm carries its cube, where that is not A."""
+"""Grade of the cube by arm, if it is not A."""
 
 PERIOD_S = 0.4
-"""Simulated time between two frames of a film."""
+"""Simulated time between two frames of a video, in seconds."""
 FRAMES = 120
 
 
 def main(name: str, picture: Path) -> None:
-    """Let the arm carry a cube and draw it at its highest; if the name ends in .gif, draw a film of three cubes."""
+    """Simulate a job and draw the arm at its highest position, or draw a video of three cubes if the file is a .gif."""
     arm = find_arm(name)
     is_film = picture.suffix == ".gif"
     stack = SimulatedStack(files=read_arm_files(arm), build=Build(backlash_deg=1.0)).up()

@@ -1,8 +1,8 @@
-"""Print the pairs of an arm's links that MoveIt need not check: the <disable_collisions> of its SRDF.
+"""Print the pairs of links that MoveIt need not check, as <disable_collisions> elements for the SRDF of an arm.
 
-python tools/collision_matrix.py                               # of this project's own arm
-python tools/collision_matrix.py so101                         # of an arm that `servoloop arms` lists
-python tools/collision_matrix.py ./my_arm --samples 1000000    # of an arm's folder, with more random poses
+python tools/collision_matrix.py                               # the default arm
+python tools/collision_matrix.py so101                         # an arm that `servoloop arms` lists
+python tools/collision_matrix.py ./my_arm --samples 1000000    # an arm folder, with more random poses
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Runs commands with their output in log files, and says what to do when one fails."""
+"""Run commands with their output in log files, and report what to do if one fails."""
 
 import contextlib
 import os
@@ -13,18 +13,19 @@ from types import MappingProxyType
 
 from places import LOGS, ROOT, VENV
 
-# What the shell may bring along that would mix another installation into ours.
+# Variables of the shell that would mix another installation into this one.
 FOREIGN = re.compile(r"(AMENT|COLCON|CMAKE|ROS|_ROS|PYTHON|CONDA)_?|LD_LIBRARY_PATH$|PIP_(USER|TARGET|PREFIX)$")
 
 
 COMMAND_S = 3600.0
-"""The longest that one command may take. uv gives up a connection by itself, the slowest build takes minutes."""
+"""Maximum duration of one command, in seconds. uv ends stalled connections itself, and the slowest build takes
+minutes."""
 STOP_S = 5.0
-"""From asking commands to end to killing them."""
+"""Time between the request to end and the kill of a command, in seconds."""
 
 
 class SetUpError(Exception):
-    """Carries what the user should read: what failed, and what to do."""
+    """The setup cannot continue. The message contains the cause and the remedy."""
 
 
 def environment() -> dict[str, str]:
@@ -36,7 +37,7 @@ def environment() -> dict[str, str]:
 
 
 class Commands:
-    """Runs commands with their output in log files, and ends them when set-up ends early."""
+    """Runner of commands with their output in log files. It ends all commands if the setup ends early."""
 
     def __init__(self, limit_s: float = COMMAND_S) -> None:
         self._limit_s = limit_s
@@ -73,7 +74,7 @@ class Commands:
             raise SetUpError(explain(log_path, command, status))
 
     def stop(self) -> None:
-        """End what runs, with all that it has started; what does not end in time is killed, and so after a Ctrl-C."""
+        """End all running commands with their child processes. Kill those that do not end in time or after a Ctrl-C."""
         with self._lock:
             self._stopped = True
         running = list(self._running)
@@ -100,14 +101,14 @@ class Commands:
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
-                start_new_session=True,  # a build's compilers end with it
+                start_new_session=True,  # The compilers of a build then end with it.
             )
             self._running.add(process)
             return process
 
 
 def signal_all(process: "subprocess.Popen[str]", number: int) -> None:
-    """To a command and all that it has started."""
+    """Send a signal to a command and all its child processes."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, number)
 

@@ -1,4 +1,4 @@
-"""The pictures of docs/getting-started-so101.md: the virtual SO-101 at each step, with its real shapes.
+"""Draw the images of docs/getting-started-so101.md: the virtual SO-101 at each step, with its real shapes.
 
 Example: `python tools/guide_pictures.py joints docs/so101/joints.png`
 """
@@ -36,22 +36,22 @@ CABLES = np.array([-0.35, -1.0, 0.45])
 HALF_FILLED = (0.72, 0.75)
 UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 CUBE_M: Vector = (0.225, 0.0, 0.045)
-"""Where the cube stands at the beginning, on its stand."""
+"""Position of the cube on its stand at the start, in m."""
 TIPS: Mapping[str, tuple[str, Vector]] = {
     "moving jaw": ("moving_jaw_so101_v1_link", (-0.003, -0.065, 0.019)),
     "fixed jaw": ("gripper_link", (-0.018, 0.0, -0.085)),
 }
-"""Points on links, by what is there."""
+"""Points on links, by their labels."""
 NO_POINTS: Mapping[str, tuple[str, Vector]] = {}
 
 
 def joints() -> Image.Image:
-    """Which joint is which, and which way it counts."""
+    """Draw the names of the joints and their positive directions."""
     return draw_arm(ARM)
 
 
 def chain() -> Image.Image:
-    """Which cable goes where: from the adapter through one servo after the other."""
+    """Draw the cables from the adapter through all servos."""
     posed = PosedArm(FILES, {})
     still = take(posed.solids(), CABLES, SIZE, FILLED)
     places: dict[str, list[FloatArray]] = {ADAPTER: [], SERVO: []}
@@ -72,7 +72,7 @@ def chain() -> Image.Image:
 
 
 def marked() -> Image.Image:
-    """The marked pose of the calibration, from the front and from the side."""
+    """Draw the marked pose of the calibration from the front and from the side."""
     ((name, plan),) = ((name, plan) for name, plan in PLANS.joints.items() if plan.zero == "pose")
     assert plan.at is not None
     position = {name: plan.at, "gripper": OPEN_RAD}
@@ -83,7 +83,7 @@ def marked() -> Image.Image:
 
 
 def folded() -> Image.Image:
-    """The arm as it lies without torque, and raised for the calibration."""
+    """Draw the arm as it rests without torque, and raised for the calibration."""
     return beside(
         half(PLANS.auto.start, SIDE, "folded, as it lies without torque"),
         half(PLANS.auto.clear, SIDE, "raised off the table for the calibration"),
@@ -93,7 +93,7 @@ def folded() -> Image.Image:
 def half(
     position: Mapping[str, float], toward: FloatArray, text: str, points: Mapping[str, tuple[str, Vector]] = NO_POINTS
 ) -> Image.Image:
-    """The arm in half of a picture, with a line below and with names of points on its links."""
+    """Draw the arm in half of an image, with a caption and labels of points on its links."""
     posed = PosedArm(FILES, position)
     still = take(posed.solids(), toward, HALF, HALF_FILLED)
     drawing = Drawing(still.picture)
@@ -108,7 +108,7 @@ def half(
 
 
 def cell() -> Image.Image:
-    """Where cube, stand and bins are."""
+    """Draw the positions of the cube, the stand and the bins."""
     pick_place = load_pick_place(ARM.pick_place)
     posed = PosedArm(FILES, dict(zip(pick_place.joints, pick_place.poses.ready, strict=True)) | {"gripper": OPEN_RAD})
     things = [*scene_shapes(ARM.scene), *thing_shapes(ARM.scene)]
@@ -133,7 +133,7 @@ def cell() -> Image.Image:
 
 
 def beside(left: Image.Image, right: Image.Image) -> Image.Image:
-    """Two pictures of one height."""
+    """Join two images of the same height."""
     both = Image.new("RGB", (left.width + right.width, left.height))
     both.paste(left, (0, 0))
     both.paste(right, (left.width, 0))
@@ -150,7 +150,7 @@ PICTURES: dict[str, Callable[[], Image.Image]] = {
 
 
 def main(name: str, picture: Path) -> None:
-    """Draw one of the pictures."""
+    """Draw one of the images."""
     PICTURES[name]().save(picture, optimize=True)
 
 

@@ -1,4 +1,4 @@
-"""The message packages in interfaces/, and which of them a sourced ROS installation already has.
+"""List the message packages in interfaces/, or only those that a sourced ROS installation does not have.
 
 python3 tools/interface_packages.py            # all
 python3 tools/interface_packages.py --missing  # those to build in a ROS workspace
@@ -14,12 +14,12 @@ KINDS = ("msg", "srv", "action")
 
 
 def definitions(package: str) -> list[Path]:
-    """The .msg, .srv and .action files of a package."""
+    """Return the .msg, .srv and .action files of a package."""
     return sorted(path for kind in KINDS for path in (INTERFACES / package / kind).glob(f"*.{kind}"))
 
 
 def packages() -> list[str]:
-    """The largest first: with several cores the whole build ends sooner so."""
+    """Return the packages with the largest first, so that a build on several cores ends sooner."""
     names = [path.parent.name for path in INTERFACES.glob("*/package.xml")]
     return sorted(names, key=lambda name: (-len(definitions(name)), name))
 

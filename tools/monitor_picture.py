@@ -1,4 +1,4 @@
-"""The picture of docs/monitor.md: simulated jobs as `servoloop monitor` shows them.
+"""Draw the image of docs/monitor.md: simulated jobs as `servoloop monitor` shows them.
 
 Example: `python tools/monitor_picture.py docs/monitor.svg`
 """
@@ -26,12 +26,12 @@ JOBS = ("A", "B", "C")
 FAULT = parse("silent id=5 at=20s for=0.2s")
 JOINT = "1"
 STILL_S = 1.5 * ALL * JOINTS_S
-"""In this time everything is renewed at least once: a screen that is still the same has settled."""
+"""Time in which every widget is updated at least once, in seconds. A screen that does not change in it has settled."""
 SETTLE_S = 30.0
 
 
 def main(picture: Path) -> None:
-    """Record the jobs, show the moment of the last one in which the arm turns fastest, and write it as SVG."""
+    """Record the jobs and write the moment of the fastest motion in the last job as SVG."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "job.mcap"
         simulate(read_files(), JobSettings(), Schedule(job=JOBS, faults=(FAULT,)), path)
@@ -44,13 +44,16 @@ def main(picture: Path) -> None:
 
 
 async def screen(playback: Playback) -> str:
-    """The settled screen as SVG, which asks for no fonts of other machines. Raises TimeoutError if it never settles."""
+    """Return the settled screen as SVG, which loads no fonts from other machines.
+
+    Raise TimeoutError if the screen never settles.
+    """
     app = MonitorApp(playback)
     async with app.run_test(size=(COLUMNS, LINES)) as pilot:
         await pilot.press(JOINT)
         async with asyncio.timeout(SETTLE_S):
             former, drawn = "", app.export_screenshot(simplify=True)
-            while drawn != former:  # strips are as large as there was room when they were drawn
+            while drawn != former:  # Strips have the size of the available space when they were drawn.
                 await pilot.pause(STILL_S)
                 former, drawn = drawn, app.export_screenshot(simplify=True)
     return re.sub(r"@font-face \{.*?\}", "", drawn, flags=re.DOTALL)

@@ -1,7 +1,7 @@
-"""Changes small things in the code that must not be wrong, one at a time, and shows those that no test notices.
+"""Make small changes in important code, one at a time, and show those that no test detects.
 
-make mutants                       # every area below
-make mutants AREAS="gate joint"    # only these
+make mutants                       # all areas below
+make mutants AREAS="gate joint"    # only these areas
 
 docs/testing.md says what to do with a survivor, and which are known.
 """
@@ -20,19 +20,19 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "build" / "mutants"
 TREE = FOLDER / "tree"
-"""A copy of what is tracked, as the tool writes its mutants beside the code."""
+"""Copy of the tracked files, because the tool writes its mutants beside the code."""
 TOOL = FOLDER / "mutmut"
-"""Apart from .venv: a set-up needs neither mutmut nor the eight packages that come with it."""
+"""Folder of the tool, separate from .venv, so that the setup needs neither mutmut nor its eight dependencies."""
 VERSION = "3.8.1"
 MUTMUT = (sys.executable, "-m", "mutmut")
 LOG = FOLDER / "log"
 LIMIT_S = 1800.0
-"""Of one area; whatever has not been tried by then is said."""
+"""Time limit for one area, in seconds. Mutants that were not tested by then are reported."""
 
 
 @dataclass(frozen=True)
 class Area:
-    """Files, and the tests beside them that must notice what is wrong there; both may be patterns."""
+    """Files, and the tests that must detect changes in them. Both may be patterns."""
 
     files: tuple[str, ...]
     tests: tuple[str, ...]
@@ -91,7 +91,7 @@ AREAS = {
 def main() -> int:
     names = sys.argv[1:] or list(AREAS)
     if unknown := [name for name in names if name not in AREAS]:
-        print(f"make mutants: no area {', '.join(unknown)}: AREAS takes some of {', '.join(AREAS)}", file=sys.stderr)
+        print(f"make mutants: unknown area {', '.join(unknown)}: choose from {', '.join(AREAS)}", file=sys.stderr)
         return 2
     install_tool()
     return max([attempt(name, AREAS[name]) for name in names])
@@ -105,19 +105,19 @@ def install_tool() -> None:
 
 
 def attempt(name: str, area: Area) -> int:
-    """All mutants of one area; 0 where each was tried, whether it was noticed or not."""
+    """Test all mutants of one area, and return 0 if all were tested, whether detected or not."""
     copy_tree()
     (TREE / "setup.cfg").write_text(settings(area))
     began_s = time.monotonic()
     status = run_mutmut()
     if status is None:
-        print(f"{name}: not all were tried within {LIMIT_S:.0f} s")
+        print(f"{name}: not all mutants were tested within {LIMIT_S:.0f} s")
     elif status:
         print(f"{name}: mutmut failed:\n{LOG.read_text()[-3000:]}")
         return 1
     verdicts = [line.split(": ") for line in told("results", "--all", "true") if ": " in line]
     left = [mutant.strip() for mutant, verdict in verdicts if verdict != "killed"]
-    print(f"{name}: {len(verdicts)} mutants, {len(left)} left, {time.monotonic() - began_s:.0f} s")
+    print(f"{name}: {len(verdicts)} mutants, {len(left)} not detected, {time.monotonic() - began_s:.0f} s")
     for mutant, verdict in verdicts:
         if verdict != "killed":
             print(f"\n{mutant.strip()}: {verdict}", *changed_lines(mutant.strip()), sep="\n", flush=True)
@@ -151,7 +151,7 @@ def found(patterns: Sequence[str]) -> Iterator[str]:
     for pattern in patterns:
         paths = sorted(TREE.glob(pattern))
         if not paths:
-            raise SystemExit(f"make mutants: nothing is called {pattern} any more: correct AREAS in tools/mutants.py")
+            raise SystemExit(f"make mutants: no file matches {pattern}: correct AREAS in tools/mutants.py")
         yield from (str(path.relative_to(TREE)) for path in paths if path.name != "__init__.py")
 
 
@@ -160,7 +160,7 @@ def lines(values: Sequence[str]) -> str:
 
 
 def run_mutmut() -> int | None:
-    """Its exit status; None where it did not end in time. Nothing of it goes on behind."""
+    """Run mutmut with its child processes, and return its exit status, or None if it did not end in time."""
     command = [*MUTMUT, "run", "--max-children", "2"]
     with LOG.open("w") as log:
         process = subprocess.Popen(command, cwd=TREE, env=environment(), stdout=log, stderr=log, start_new_session=True)
@@ -174,7 +174,7 @@ def run_mutmut() -> int | None:
 
 
 def told(*arguments: str) -> list[str]:
-    """Lines that it prints about the mutants that were tried."""
+    """Return the lines that mutmut prints about the tested mutants."""
     run = subprocess.run([*MUTMUT, *arguments], cwd=TREE, env=environment(), capture_output=True, text=True)
     return run.stdout.splitlines()
 

@@ -1,4 +1,4 @@
-"""Where set-up reads and writes."""
+"""Folders and files of the setup."""
 
 import sysconfig
 from pathlib import Path

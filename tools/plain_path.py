@@ -1,4 +1,4 @@
-"""A path of the checkout for programs that read only ASCII paths: CMake splits lists of files at other letters."""
+"""Provide an ASCII path of the checkout, because CMake splits lists of files at other letters."""
 
 import tempfile
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from places import ROOT
 
 @contextmanager
 def plain_root(root: Path = ROOT) -> Iterator[Path]:
-    """The checkout, or a link to it in the temporary folder if its path has letters beyond ASCII."""
+    """Return the checkout, or a link to it in the temporary folder if its path has non-ASCII letters."""
     if str(root).isascii():
         yield root
         return

@@ -1,4 +1,4 @@
-"""Shows what a long set-up is doing: one live line on a terminal, a line every ten seconds elsewhere."""
+"""Show the progress of a long setup: one live line on a terminal, or a line every ten seconds in a file."""
 
 import sys
 import time
@@ -8,7 +8,7 @@ from shutil import get_terminal_size
 from typing import TextIO
 
 TICK_S = 0.2
-QUIET_S = 10.0  # between two lines in a log file
+QUIET_S = 10.0  # time between two lines in a log file, in seconds
 
 
 class Step:
@@ -28,7 +28,7 @@ class Step:
         self._show("done" if kind is None else "stopped", last=True)
 
     def follow(self, futures: list[Future[None]], detail: Callable[[], str]) -> None:
-        """Show `detail()` until all futures are done or one has failed; raises what it raised."""
+        """Show `detail()` until all futures are done or one has failed, and raise its error."""
         pending = set(futures)
         while pending:
             done, pending = wait(pending, timeout=TICK_S)

@@ -1,7 +1,7 @@
-"""Makes .venv: Python packages, this project, and the ROS 2 message packages in interfaces/. Run by `make setup`.
+"""Create .venv with Python packages, this project, and the ROS 2 message packages in interfaces/, for `make setup`.
 
-Each step leaves a stamp in .venv that holds a hash of all it was made from, so that a second run does only what is
-missing or out of date, and an interrupted run goes on where it stopped. Only the standard library is used here.
+Each step leaves a stamp in .venv with a hash of its sources. A second run therefore repeats only missing or outdated
+steps, and an interrupted run continues where it stopped. This module uses only the standard library.
 """
 
 import fcntl
@@ -28,7 +28,7 @@ from steps import (
 )
 
 OTHER_S = 7200.0
-"""So long another make setup is waited for."""
+"""Maximum time to wait for another `make setup`, in seconds."""
 
 
 def steps_to_do() -> list[tuple[str, Callable[[Step, ThreadPoolExecutor, Commands], None]]]:
@@ -57,7 +57,7 @@ def set_up() -> None:
         return
     began_s = time.monotonic()
     if os.environ.get("AMENT_PREFIX_PATH"):
-        print("A ROS installation is sourced in this shell. It is left out: .venv brings its own ROS 2.")
+        print("A ROS installation is sourced in this shell. It is ignored, because .venv contains its own ROS 2.")
     print(f"Setting up .venv: {len(steps)} steps, logs in {LOGS.relative_to(ROOT)}/", flush=True)
     for log in LOGS.glob("*.log"):
         log.unlink()
@@ -80,10 +80,12 @@ def only_one_at_a_time(patience_s: float = OTHER_S) -> int:
     said = False
     while not locked(lock):
         if not said:
-            print("Another make setup is at work in this checkout; waiting for it.", flush=True)
+            print("Another make setup is running in this checkout; waiting for its end.", flush=True)
             said = True
         if time.monotonic() > deadline_s:
-            raise SetUpError(f"the other make setup has not ended in {patience_s / 60.0:.0f} minutes: end it first.")
+            raise SetUpError(
+                f"the other make setup has not ended within {patience_s / 60.0:.0f} minutes: end it first."
+            )
         time.sleep(0.2)
     return lock
 
@@ -97,16 +99,19 @@ def locked(lock: int) -> bool:
 
 
 def main() -> int:
-    for number in (signal.SIGTERM, signal.SIGHUP):  # what runs has sessions of its own, and must be ended
+    for number in (
+        signal.SIGTERM,
+        signal.SIGHUP,
+    ):  # Running commands have their own sessions, so they do not get these signals.
         signal.signal(number, signal.default_int_handler)
     try:
         only_one_at_a_time()
         set_up()
-    except (SetUpError, OSError) as error:  # of files and of the output: a disk that is full, a folder that is not ours
+    except (SetUpError, OSError) as error:  # For example, the disk is full or the folder belongs to another user.
         print(f"\nmake setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nmake setup: interrupted; run it again and it goes on from here.", file=sys.stderr)
+        print("\nmake setup: interrupted; run it again to continue from here.", file=sys.stderr)
         return 130
     return 0
 

@@ -1,7 +1,8 @@
-"""The documentation site, where mkdocs needs help: the pages of docs/ stay as git hosts show them.
+"""Hooks of mkdocs for the documentation site, so that the pages of docs/ also work on git hosts.
 
-- A link from docs/ to a file elsewhere in the repository gets a page that shows the file.
-- reference/cli.md gets every verb's `--help`, the other pages of reference/ the docstrings of what their tables name.
+- A link from docs/ to another file of the repository leads to a page that shows the file.
+- reference/cli.md contains the `--help` of all commands. The other pages of reference/ contain the docstrings of the
+  names in their tables.
 """
 
 import os
@@ -18,7 +19,7 @@ from typer.cli import get_docs_for_click
 ROOT = Path(__file__).resolve().parents[1]
 COMMANDS = "reference/cli.md"
 SHOWN = "repository"
-"""The folder of the site in which other files of the repository are shown."""
+"""Folder of the site with pages of other files in the repository."""
 LINK = re.compile(r"(?<=\]\()(\.\./[^)#\s]+)(?=\))")
 NAMED = re.compile(r"^\| `([a-z_]+(?:\.\w+)+)` \|", re.MULTILINE)
 
@@ -37,7 +38,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: Files) -> str:
-    """Lead links out of docs/ to those pages, and fill the reference."""
+    """Redirect links to files outside docs/ to those pages, and fill the reference."""
 
     def inside(link: re.Match[str]) -> str:
         target = _outside(page.file, link[1], config)
@@ -54,7 +55,7 @@ def on_page_markdown(markdown: str, page: Any, config: MkDocsConfig, files: File
 
 
 def _outside(file: File, link: str, config: MkDocsConfig) -> Path | None:
-    """The file or folder of the repository to which a page's link leads, if it is outside docs/."""
+    """Return the file or folder outside docs/ to which a link of a page leads, if any."""
     docs = Path(config.docs_dir)
     target = (docs / posixpath.dirname(file.src_uri) / link).resolve()
     return target if target.exists() and not target.is_relative_to(docs) else None
@@ -65,7 +66,7 @@ def _page_of(target: Path) -> str:
 
 
 def _text(path: Path) -> str:
-    """A page that shows a file, or all files of a folder."""
+    """Return the text of a page that shows a file, or all files of a folder."""
     parts = [f"# {path.relative_to(ROOT)}\n"]
     for one in sorted(path.iterdir()) if path.is_dir() else [path]:
         if one.is_file():
@@ -75,7 +76,7 @@ def _text(path: Path) -> str:
 
 
 def _commands() -> str:
-    """The help of all verbs, as typer writes it down."""
+    """Return the help of all commands, as typer formats it."""
     from servoloop.cli import app
 
     group = typer.main.get_command(app)

@@ -1,4 +1,4 @@
-"""A stamp in .venv for each thing made there, with a hash of all it was made from: what agrees is not made again."""
+"""Stamps in .venv: hashes of the sources of each installed part, so that unchanged parts are not built again."""
 
 import hashlib
 import os
@@ -10,7 +10,7 @@ from places import HOOKS, INTERFACES, LOCK, ROOT, STAMPS, VENV
 
 
 def digest(*parts: str | Path) -> str:
-    """One hash over texts, files, and folders of files."""
+    """Return one hash of texts, files, and folders of files."""
     total = hashlib.sha256()
     for part in parts:
         files = [part] if isinstance(part, Path) and part.is_file() else []
@@ -34,12 +34,12 @@ def stamp(name: str, key: str) -> None:
 
 
 def locked_packages() -> dict[str, str]:
-    """Name -> version of everything in the lock file."""
+    """Return the version of each package in the lock file, by name."""
     return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", LOCK.read_text(), re.MULTILINE))
 
 
 def venv_key() -> str:
-    # A virtual environment holds absolute paths, its own and that of the Python it was made with.
+    # A virtual environment contains absolute paths, its own and that of its base Python.
     return digest(str(VENV), sys.version, os.path.realpath(sys.executable))
 
 
@@ -48,7 +48,7 @@ def project_key() -> str:
 
 
 def simulation_key() -> str:
-    """The compiled functions call each other, so each source of one is a part of all."""
+    """Return one hash of all sources of compiled functions, because these functions call each other."""
     sources = sorted(path for path in (ROOT / "sim_backend").rglob("*.py") if "@compiled" in path.read_text())
     versions = [f"{name} {version}" for name, version in locked_packages().items() if name in ("numba", "llvmlite")]
     return digest(*sources, *versions, venv_key())

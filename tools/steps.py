@@ -1,4 +1,4 @@
-"""The steps of set-up, each with its progress: environment, packages, this project, message packages."""
+"""Steps of the setup with their progress: environment, packages, this project, message packages."""
 
 import os
 import re
@@ -27,7 +27,7 @@ def make_venv(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
 
 
 def check_lock() -> None:
-    """A lock file that someone forgot to renew is found here, not by a user."""
+    """Check that the lock file is up to date, so that an outdated one is found before users install it."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     wanted = project["project"]["dependencies"]
     for group in (*project["project"]["optional-dependencies"].values(), *project["dependency-groups"].values()):
@@ -39,7 +39,9 @@ def check_lock() -> None:
             raise SetUpError(f"pyproject.toml must pin {requirement} with ==.")
         name, version = pin.groups()
         if locked.get(name.lower()) != version:
-            raise SetUpError(f"pyproject.toml wants {name} {version}, requirements.lock does not: run make lock.")
+            raise SetUpError(
+                f"pyproject.toml requires {name} {version}, but requirements.lock does not contain it: run make lock."
+            )
 
 
 def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
@@ -50,8 +52,8 @@ def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
         if words := re.match(r"\s*(Downloading|Building) (\S+)|(Prepared|Installed) \d+ packages", line):
             detail[0] = words.group(0).strip().lower()
 
-    # pip brings uv and setuptools, with which uv builds the two packages that are source. The lock names everything
-    # with its hash: there is nothing to resolve. Python compiles what is really imported, when it is.
+    # pip installs uv and setuptools, with which uv builds the two source packages. The lock file has the hashes of all
+    # packages, so nothing is resolved. Python compiles modules when they are imported.
     first = LOGS / "first.lock"
     first.write_text("".join(re.findall(r"^(?:uv|setuptools)==.*\n(?: .*\n)*", LOCK.read_text(), re.MULTILINE)))
 
@@ -59,12 +61,13 @@ def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -
         commands.run("packages", *PIP, "--no-compile", "--no-deps", "--require-hashes", "-r", first)
         commands.run("packages", *UV, "--require-hashes", "-r", LOCK, on_line=on_line)
 
-    # Killed while it unpacks, uv may leave half a package that it can not mend: then .venv is made anew.
+    # If uv is killed while it unpacks, it may leave an incomplete package that it cannot repair. Then .venv is created
+    # again.
     stamp("installing", "")
     try:
         step.follow([pool.submit(run)], lambda: detail[0])
     except SetUpError:
-        (STAMPS / "installing").unlink()  # uv itself gave up, and tidied up
+        (STAMPS / "installing").unlink()  # uv itself has failed and cleaned up
         raise
     (STAMPS / "installing").unlink()
     stamp("packages", digest(LOCK))
@@ -77,18 +80,19 @@ def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) ->
 
 
 def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
-    """The first emulator would be silent for as long as this takes."""
+    """Compile the simulation, because otherwise the first emulator would not answer during the compilation."""
     command = (PYTHON, "-m", "sim_backend.compile_ahead")
     step.follow([pool.submit(commands.run, "simulation", *command)], lambda: "the simulation, into machine code")
     stamp("simulation", simulation_key())
 
 
 def uninstall_interfaces(package: str) -> None:
-    """Files that a package no longer has must not stay importable."""
+    """Remove the installed interfaces, because files that a package no longer has must not stay importable."""
     manifest = STAMPS / f"{package}.files"
     for line in manifest.read_text().splitlines() if manifest.exists() else []:
         Path(line).unlink(missing_ok=True)
-    shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)  # with what Python compiled there
+    # This includes the files that Python has compiled there.
+    shutil.rmtree(SITE_PACKAGES / package, ignore_errors=True)
     (STAMPS / f"interfaces-{package}").unlink(missing_ok=True)
     manifest.unlink(missing_ok=True)
 
@@ -99,7 +103,7 @@ def build_interfaces(stale: list[str], step: Step, pool: ThreadPoolExecutor, com
 
 
 def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
-    """``root``: the checkout under a path that CMake can read."""
+    """Build the message packages. ``root`` is the checkout under a path that CMake can read."""
     state = dict.fromkeys(stale, "")
     venv = root / VENV.relative_to(ROOT)
     prefixes = {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}

@@ -1,4 +1,4 @@
-"""The picture of docs/tune.md: an SO-101's shoulder on simulated time, with half of the factory's P and with all of it.
+"""Draw the image of docs/tune.md: the shoulder of an SO-101 in simulated time, with half and all of the factory P.
 
 Example: `python tools/tune_picture.py docs/tune.svg`
 """
@@ -26,7 +26,7 @@ SOFT, FACTORY = 16, 32
 
 
 def main(path: Path) -> None:
-    """Measure with the one gain, write the other, measure again, and draw both."""
+    """Measure with one gain, write the other one, measure again, and draw both curves."""
     files, clock = read_arm_files(find_arm(ARM)), SimulatedClock()
     joints = files.robot.joints
     lines = VirtualLines(files, Build(), [POSE.get(joint.name, 0.0) for joint in joints])

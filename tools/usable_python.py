@@ -1,4 +1,4 @@
-"""Exit with 0 if this Python can carry .venv; otherwise say in one line why not. Runs on any Python, however old."""
+"""Exit with 0 if .venv can use this Python; otherwise print the reason in one line. It runs on any Python version."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""The picture of docs/view.md: a simulated job as `servoloop view` shows it. Needs chromium on PATH.
+"""Draw the image of docs/view.md: a simulated job as `servoloop view` shows it. This needs chromium on PATH.
 
 Example: `python tools/view_picture.py docs/view.png`
 """
@@ -28,7 +28,7 @@ NOTICE = "Software WebGL rendering detected"
 
 
 def main(picture: Path) -> None:
-    """Record a job, show the moment in which the arm turns fastest, and take its picture."""
+    """Record a job and draw the moment of the fastest motion."""
     with tempfile.TemporaryDirectory() as folder:
         path, arm = Path(folder) / "job.mcap", find_arm(ARM)
         schedule = Schedule(job=("A",), arm=ARM)
@@ -47,13 +47,13 @@ def main(picture: Path) -> None:
 
 
 def photograph(url: str, picture: Path) -> None:
-    """Open the page in a browser without a screen; what it says of a machine without a graphics card is closed."""
+    """Open the page in a headless browser and close its message about the missing graphics card."""
     with browser_page(shutil.which("chromium") or "chromium", SIZE) as page:
         page.goto(url)
         page.wait_for_selector("canvas")
         page.wait_for_timeout(DRAWN_MS)
         if page.get_by_text(NOTICE).count():
-            # A click would wait until the button stands still, which it hardly does without a graphics card.
+            # A click would wait until the button is at rest, which takes long without a graphics card.
             page.locator(f"[role=alert]:has-text('{NOTICE}') button").dispatch_event("click")
             page.wait_for_timeout(DRAWN_MS / 4)
         page.screenshot(path=picture, timeout=SHOT_MS)

@@ -95,15 +95,15 @@ class GripperHandle:
 def reason_to_reject(goal: GripperGoal, joint: str, limits: JointLimits, parameters: GripperParameters) -> str | None:
     """Return why a goal is rejected, with the values, or None."""
     if not isfinite(goal.position):
-        return f"position {goal.position} for {joint}: the value must be finite"
+        return f"the position of {joint} must be finite, not {goal.position}"
     if not limits.lower <= goal.position <= limits.upper:
         return f"position {goal.position:g} is outside the limits {limits.lower:g} to {limits.upper:g} of {joint}"
     for name, value in (("max velocity", goal.max_velocity), ("max effort", goal.max_effort)):
         if not (isfinite(value) and value >= 0.0):
-            return f"{name} {value} for {joint}: the value must be finite and not negative"
+            return f"{name} of {joint} must be finite and at least 0, not {value}"
     velocity, still = velocity_of(goal, limits, parameters), parameters.stall_velocity_threshold
     if velocity <= still:
-        return f"max velocity {velocity:g} is not above the stall_velocity_threshold {still:g}: use a higher velocity"
+        return f"max velocity must be above the stall_velocity_threshold {still:g}, not {velocity:g}"
     return None
 
 

@@ -174,7 +174,7 @@ def _size_reason(goal: TrajectoryGoal, index: int, point: GoalPoint, integration
 def _times_reason(goal: TrajectoryGoal) -> str | None:
     times = [point.time_from_start_s for point in goal.points]
     if not all(map(math.isfinite, times)):
-        return f"times are {', '.join(map(str, times))} s: only finite values are allowed"
+        return f"times must be finite, not {', '.join(map(str, times))} s"
     for index, (before_s, time_s) in enumerate(pairwise(times)):
         if time_s <= before_s:
             return (
@@ -197,7 +197,7 @@ def _not_finite(goal: TrajectoryGoal) -> str | None:
         for values in (point.positions, point.velocities, point.accelerations):
             for name, value in zip(goal.joints, values, strict=False):
                 if not math.isfinite(value):
-                    return f"{name} is {value} at point #{index}: only finite values are allowed"
+                    return f"{name} must be finite at point #{index}, not {value}"
     return None
 
 

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
+from threading import Lock
 from typing import ClassVar
 
 import numpy as np
@@ -66,6 +67,8 @@ class JointTrajectoryController:
         self._index = indices(self.joints, hardware_joints)
         self._execution = Execution(name, self.joints, self._sampler, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
+        self._planning = Lock()
+        """Held while a goal is planned or submitted, because ROS and the command socket have threads of their own."""
         self._start = Kinematics.at_rest(self.command)
         self.period_s = 0.0
         """Period of the loop, in seconds. It is 0 before the first cycle."""
@@ -85,6 +88,10 @@ class JointTrajectoryController:
 
     def check(self, goal: TrajectoryGoal) -> str | None:
         """Return why a goal is rejected, or None. An accepted goal is planned for ``submit``."""
+        with self._planning:
+            return self._check(goal)
+
+    def _check(self, goal: TrajectoryGoal) -> str | None:
         if not self.running:
             return NOT_RUNNING
         try:
@@ -102,9 +109,10 @@ class JointTrajectoryController:
     def submit(self, goal: TrajectoryGoal) -> GoalHandle:
         """Start a goal that ``check`` has accepted. It takes effect in the next cycle."""
         handle = GoalHandle(goal)
-        reason = self.check(goal) if self._planned is None or self._planned[0] is not goal else None
-        if reason is None and self._planned is not None:
-            self._execution.submit(handle, self._planned[1])
+        with self._planning:
+            reason = self._check(goal) if self._planned is None or self._planned[0] is not goal else None
+            if reason is None and self._planned is not None:
+                self._execution.submit(handle, self._planned[1])
         if reason or not self.running:  # The controller may have been deactivated since the check.
             handle.decide(GoalStatus.ABORTED, ErrorCode.INVALID_GOAL, DEACTIVATED if not self.running else str(reason))
         return handle

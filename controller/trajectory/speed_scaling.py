@@ -26,10 +26,12 @@ class SpeedScaling:
     def ask(self, factor: float) -> str | None:
         """Request a factor. Return None, or the reason why the factor is ignored or limited."""
         if not (math.isfinite(factor) and factor >= 0.0):
-            return f"speed scaling factor {factor} ignored: send a value from 0 (pause) to 1 (the speed of the goal)"
+            return (
+                f"the speed scaling factor must be 0 (pause) to 1 (the speed of the goal), not {factor}: it is ignored"
+            )
         self.asked = min(factor, 1.0)
         if factor > 1.0:
-            return f"speed scaling factor {factor} counts as 1: a goal never runs faster than its own times"
+            return f"the speed scaling factor {factor} counts as 1, because a goal never runs faster than its own times"
         return None
 
     def idle(self) -> None:

@@ -43,7 +43,7 @@ def _resolved(asked: float, default: float) -> float:
     if asked == ERASE:
         return 0.0
     if not asked >= 0.0:
-        raise ValueError(f"{asked} is not a valid tolerance: use a positive value, 0 for the default or -1 for none")
+        raise ValueError(f"a tolerance must be positive, 0 for the default or -1 for none, not {asked}")
     return asked or default
 
 

@@ -223,5 +223,5 @@ class GroupRead:
         if plan.fast:  # the servos send no separate replies
             return
         self._late.add(servo_id, plan.sizes[servo_id], now_s, counted)
-        if not plan.blocks:  # a register, whose size a single request may have too
+        if not plan.blocks:  # the reply to a request for a single register may have the same size
             self._late.add_single(servo_id, now_s)

@@ -200,7 +200,7 @@ class StateReader:
 
     def registers(self, registers: Mapping[int, Register], deadline_s: float) -> dict[int, int]:
         """Read one register of each servo once. Servos that do not reply before the deadline are left out."""
-        # Servos are left out if a late reply, also to a single request, may have the size of this reply.
+        # Servos are left out if a late reply, even to a single request, may have the size of this reply.
         now_s, late = self._line.now(), self._late
         asked = [i for i, r in registers.items() if late.single_until_s(i) <= now_s and not late.ambiguous({i: r.size})]
         found: dict[int, int] = {}

@@ -22,7 +22,7 @@ PROTOCOL_2: Final = WireProtocol(
     byte_order="little",
     sdk=Protocol2PacketHandler,
     group_read="sync",
-    waits_for_silent=True,  # not documented in the manual
+    waits_for_silent=True,  # the manual does not document it
     refusals=0xFF & ~v2.ALERT,
     refusal=v2.error_text,
     arrived_corrupt=lambda number: number == v2.CORRUPT_PACKET,

@@ -110,7 +110,7 @@ def without_refused_mimics(blocks: Sequence[Element], joints: Mapping[str, UrdfJ
         if name not in joints or value is None:
             continue
         if value.lower() not in ("true", "false"):
-            raise DescriptionError(f"joint '{name}': mimic '{value}' is not true or false ({place(element)}): fix it")
+            raise DescriptionError(f"joint '{name}': mimic must be true or false, not '{value}' ({place(element)})")
         if value.lower() == "false":
             found[name] = replace(joints[name], mimic=None)
         elif joints[name].mimic is None:
@@ -188,7 +188,7 @@ def _check_commands(block: str, kind: str, elements: Mapping[str, Element], join
 def _rw_rate(block: Element, text: str) -> int:
     if not text.isdecimal() or len(text) > 10:
         raise DescriptionError(
-            f"<ros2_control name='{block.get('name')}'>: rw_rate '{text}' is not a whole number of hertz "
+            f"<ros2_control name='{block.get('name')}'>: rw_rate must be a whole number of hertz, not '{text}' "
             f"({place(block)}): correct it"
         )
     return int(text)
@@ -221,12 +221,10 @@ def _initial_value(interface: str, text: str, where: str) -> float:
     try:
         value = finite(text)
     except ValueError as error:
-        raise DescriptionError(
-            f"initial_value '{text}' of {interface} is not a number ({where}): correct it"
-        ) from error
+        raise DescriptionError(f"initial_value of {interface} must be a number, not '{text}' ({where})") from error
     kind = "position" if interface.endswith("/position") else "initial_value"
     if mistake := range_mistake(kind, value):
-        raise DescriptionError(f"initial_value of {interface}: {mistake} ({where})")
+        raise DescriptionError(f"initial_value of {interface} {mistake} ({where})")
     return value
 
 

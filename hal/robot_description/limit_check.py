@@ -44,12 +44,12 @@ def _plausibility_problems(joint: UrdfJoint) -> Iterator[str]:
 def _rate_problems(joint: UrdfJoint) -> Iterator[str]:
     if joint.velocity <= 0.0:
         yield (
-            f"{joint.name}: velocity limit {joint.velocity} is not above zero ({joint.place}): write the joint's "
+            f"{joint.name}: velocity limit must be above 0, not {joint.velocity} ({joint.place}): write the joint's "
             "highest speed in <limit velocity>."
         )
     # Exporters write 0 for an unknown effort. Without effort commands this value has no effect.
     if joint.effort < 0.0 or (joint.effort == 0.0 and "effort" in joint.commands):
         yield (
-            f"{joint.name}: effort limit {joint.effort} is not above zero ({joint.place}): write the joint's highest "
-            "torque or force in <limit effort>, or omit effort."
+            f"{joint.name}: effort limit must be above 0, not {joint.effort} ({joint.place}): write the highest torque "
+            "or force of the joint in <limit effort>, or omit effort."
         )

@@ -54,7 +54,7 @@ def _link(element: Element) -> Link:
 def _not_negative(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
     value = _number(link, element, key, what)
     if element is not None and value < 0.0:
-        raise DescriptionError(f"link '{link}': {what[0]} {value:g} is below zero ({place(element)}): correct it")
+        raise DescriptionError(f"link '{link}': {what[0]} must be at least 0, not {value:g} ({place(element)})")
     return value
 
 
@@ -66,9 +66,7 @@ def _number(link: str, element: Element | None, key: str, what: tuple[str, str])
     try:
         value = finite(text)
     except ValueError as error:
-        raise DescriptionError(
-            f"link '{link}': {name} '{text}' is not a number ({place(element)}): correct it"
-        ) from error
+        raise DescriptionError(f"link '{link}': {name} must be a number, not '{text}' ({place(element)})") from error
     if (value >= 0.0 or kind == "product_of_inertia") and (mistake := range_mistake(kind, value)):
         raise DescriptionError(f"link '{link}': {name} {mistake} ({place(element)})")
     return value

@@ -187,9 +187,7 @@ def number(element: Element, key: str, name: str, default: float, kind: str = ""
     try:
         value = default if text is None else finite(text)
     except ValueError as error:
-        raise DescriptionError(
-            f"joint '{name}': {key} '{text}' is not a number ({place(element)}): correct it"
-        ) from error
+        raise DescriptionError(f"joint '{name}': {key} must be a number, not '{text}' ({place(element)})") from error
     if kind and (mistake := range_mistake(kind, value)):
         raise DescriptionError(f"joint '{name}': {key} {mistake} ({place(element)})")
     return value

@@ -64,7 +64,7 @@ def number_problems(root: Element) -> list[str]:
     """List invalid numbers with file and line, including numbers that only other programs read."""
     parts = [element for tag in ("link", "joint", "material") for one in root.findall(tag) for element in one.iter()]
     return [
-        f'{element.tag} {key}="{text}" is not {_wanted(count)} ({place(element)}): correct it'
+        f'{element.tag} {key} must be {_wanted(count)}, not "{text}" ({place(element)})'
         for element in parts
         for key, text in element.attrib.items()
         if (count := _SIZES.get(element.tag, {}).get(key, int(key in _DYNAMICS))) and not _are_numbers(text, count)

@@ -51,7 +51,7 @@ def mistakes(model: ServoModel, settings: Mapping[str, int]) -> list[str]:
         if name not in known:
             problems.append(f"{model.name} has no setting {name}: it has {', '.join(sorted(known))}")
         elif not known[name].smallest <= value <= known[name].largest:
-            problems.append(f"{name} takes {known[name].smallest} to {known[name].largest}, not {value}")
+            problems.append(f"{name} must be {known[name].smallest} to {known[name].largest}, not {value}")
     return problems
 
 
@@ -66,7 +66,7 @@ def homing_mistake(model: ServoModel, offset: int | None) -> str | None:
         return None
     if register is None:
         return f"{model.name} has no homing_offset: remove it"
-    return f"homing_offset takes {register.smallest} to {register.largest}, not {offset}"
+    return f"homing_offset must be {register.smallest} to {register.largest}, not {offset}"
 
 
 def check_homing_offset(joint: Joint, bus: Bus) -> None:

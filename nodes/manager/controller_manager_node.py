@@ -193,7 +193,7 @@ def controller_message(entry: Loaded, rate_hz: int) -> ControllerState:
 def _check_size(parameters: list[Parameter]) -> SetParametersResult:
     for parameter in parameters:
         if parameter.name == PARAMETER and (mistake := range_mistake(PARAMETER, parameter.value)):
-            return SetParametersResult(successful=False, reason=mistake)
+            return SetParametersResult(successful=False, reason=f"{PARAMETER} {mistake}")
     return SetParametersResult(successful=True)
 
 

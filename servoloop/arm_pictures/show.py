@@ -9,7 +9,7 @@ from PIL import Image
 
 from servoloop.arm_pictures.labels import COLORS, Drawing, Label
 from servoloop.arm_pictures.posed_arm import PosedArm
-from servoloop.stack.arm_folders import Arm, read_arm_servos
+from servoloop.stack.arm_folders import ArmFolder, read_arm_servos
 from servoloop.stack.robot_files import write_file
 from sim_backend.scene.still import take
 
@@ -20,7 +20,7 @@ FILLED: Final = (0.6, 0.8)
 """Maximum shares of the picture's width and height for the arm. The rest is for labels."""
 
 
-def draw_arm(arm: Arm) -> Image.Image:
+def draw_arm(arm: ArmFolder) -> Image.Image:
     """Draw an arm at the zero pose with the names and directions of its joints.
 
     Raises:

@@ -26,7 +26,7 @@ from servoloop.bench.figures import ArmFigures, JointMotion, machine_figures
 from servoloop.bench.motion import BenchTrial, bench_poses, run_trial, slow
 from servoloop.bench.ros import RosRun, run_ros
 from servoloop.simulation.recording import following_error
-from servoloop.stack.arm_folders import Arm, read_arm_files
+from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.hardware import OpenPort, open_buses
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.processes import Interrupted, claim_realtime_priority, on_one_processor
@@ -91,7 +91,7 @@ class Measured:
 
 
 def bench_arm(
-    arm: Arm,
+    arm: ArmFolder,
     devices: Mapping[str, str],
     clock: Clock,
     *,

@@ -100,9 +100,9 @@ def parse_ids(text: str) -> list[int]:
                 raise ValueError
             found += range(begin, end + 1)
     except ValueError:
-        raise DriverError(f"--ids accepts IDs from 0 to {LARGEST_ID}, such as 1-7 or 1,2,5, not {text!r}") from None
+        raise DriverError(f"--ids must be IDs from 0 to {LARGEST_ID}, such as 1-7 or 1,2,5, not {text!r}") from None
     if len(set(found)) < len(found):
-        raise DriverError(f"--ids accepts each ID only once, not {text!r}")
+        raise DriverError(f"--ids must list each ID only once, not {text!r}")
     return found
 
 

@@ -15,7 +15,7 @@ from servoloop.bench.motion import BACK, Pose, seconds_for
 from servoloop.bench.ros_stack import Work
 from servoloop.demo.cell import environment
 from servoloop.recording.reader import RecordedRun, read_recording
-from servoloop.stack.arm_folders import Arm
+from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import ARM
 from servoloop.stack.processes import Interrupted, Processes
 from servoloop.stack.robot_files import Files
@@ -49,7 +49,7 @@ class RosRun:
 
 
 def run_ros(
-    arm: Arm, files: Files, ready: Pose, lay: Pose, devices: Mapping[str, str], signals: Callable[[], int]
+    arm: ArmFolder, files: Files, ready: Pose, lay: Pose, devices: Mapping[str, str], signals: Callable[[], int]
 ) -> RosRun:
     """Start the stack, send it goals near the ready pose, and end it.
 

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from servoloop.extras import require_view
-from servoloop.stack.arm_folders import PATHS, Arm, arms, find_arm, read_arm
+from servoloop.stack.arm_folders import PATHS, ArmFolder, arms, find_arm, read_arm
 from servoloop.stack.robot_files import make_folder
 from servoloop.stack.terminal import print_styled
 
@@ -36,7 +36,7 @@ def list_arms(context: typer.Context, as_json: JsonOption = False) -> None:
         print_table(found, Console())
 
 
-def print_table(found: list[Arm], console: Console) -> None:
+def print_table(found: list[ArmFolder], console: Console) -> None:
     """Print the arms as a table."""
     table = Table("arm", "description", "license")
     for arm in found:
@@ -125,7 +125,7 @@ def moveit(
         typer.echo(path)
 
 
-def _content(arm: Arm) -> dict[str, str]:
+def _content(arm: ArmFolder) -> dict[str, str]:
     """Return the arm's JSON content, with absolute paths."""
     files = {name: str(getattr(arm, name)) for name in PATHS}
     about = {"description": arm.file.description, "source": arm.file.source, "license": arm.file.license}

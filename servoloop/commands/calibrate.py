@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from commissioning.calibrate.run import CalibrationOutcome
-    from servoloop.stack.arm_folders import Arm
+    from servoloop.stack.arm_folders import ArmFolder
     from servoloop.stack.robot_files import ServoFiles
 
 
@@ -83,7 +83,7 @@ def _require_writable(robot: Path) -> None:
         raise DriverError(f"{error}; copy the arm's folder (docs/calibrate.md) and pass the copy with --arm") from error
 
 
-def _calibrated(arm: "Arm", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "CalibrationOutcome":
+def _calibrated(arm: "ArmFolder", files: "ServoFiles", port: str, terminal: Any, auto: bool) -> "CalibrationOutcome":
     from commissioning.calibrate.by_itself import by_itself
     from commissioning.calibrate.run import JointsToCalibrate
     from commissioning.calibrate.run import calibrate as run

@@ -42,7 +42,7 @@ def up(
     network: NetworkOption = False,
     ready_file: Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")] = None,
 ) -> None:
-    """Run the control stack of an arm with ROS 2 until Ctrl-C.
+    """Run the control stack of an arm until Ctrl-C, with or without ROS 2.
 
     Example: `servoloop up --port /dev/ttyACM0`; with two buses,
     `servoloop up --port arm=/dev/ttyACM0 --port hand=/dev/ttyUSB0`; with virtual servos at five times real time,

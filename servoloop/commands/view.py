@@ -15,7 +15,7 @@ from servoloop.extras import install_command, require_view
 if TYPE_CHECKING:
     from servoloop.recording.emulator_source import EmulatorSource
     from servoloop.recording.sources import LiveSource, PlayedRecording
-    from servoloop.stack.arm_folders import Arm
+    from servoloop.stack.arm_folders import ArmFolder
 
 
 SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -97,7 +97,7 @@ def _opened(
     return live, live.folder
 
 
-def _emulated(bus: Path, arm: "Arm", clock: Clock) -> "EmulatorSource":
+def _emulated(bus: Path, arm: "ArmFolder", clock: Clock) -> "EmulatorSource":
     from hal.errors import DescriptionError
     from hal.robot_description.description import parse_urdf
     from hal.text_file import read_xml

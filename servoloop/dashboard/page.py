@@ -21,7 +21,7 @@ from servoloop.dashboard.shapes import DrawnShape, arm_shapes, scene_shapes, sha
 from servoloop.dashboard.tables import STRIPS, StateTable, Strip, TableCell, axis_range, strip_data
 from servoloop.recording.history import KEPT_S
 from servoloop.recording.robot_state import GoalPath, ObservedRobot, RobotSnapshot, health, servo_faults
-from servoloop.stack.arm_folders import ARM_FILE, Arm, arms, read_arm
+from servoloop.stack.arm_folders import ARM_FILE, ArmFolder, arms, read_arm
 
 HEIGHT_PX: Final = 150
 COLORS: Final = ("#d2522d", "#4682dc")
@@ -125,7 +125,7 @@ the connection to servoloop view is lost; the page is outdated</b></p>"""
 """Status line. Its animations run in the browser, so the text changes even if the program has ended."""
 
 
-def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
+def known_arm(xml: str, folder: Path | None = None) -> ArmFolder | None:
     """Return the arm in ``folder``, or the arm in config/arms with this robot description, or None.
 
     Raises ArmFileError if the file of the arm is invalid.
@@ -135,7 +135,7 @@ def known_arm(xml: str, folder: Path | None = None) -> Arm | None:
     return next((arm for arm in arms() if read_xml(arm.urdf, DescriptionError) == xml), None)
 
 
-def _around(known: Arm | None) -> tuple[Iterable[DrawnShape], Iterable[DrawnShape]]:
+def _around(known: ArmFolder | None) -> tuple[Iterable[DrawnShape], Iterable[DrawnShape]]:
     """Return the shapes of the fixed and of the loose objects around an arm; none if the arm is unknown."""
     if known is None or not known.scene.is_file():
         return (), ()

@@ -13,7 +13,7 @@ from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Camera, JobRunner, Live, RosClients
 from servoloop.recording.stream import running_stacks
 from servoloop.simulation.job import require_cell
-from servoloop.stack.arm_folders import Arm, read_arm_files
+from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.devices import device_paths, port_options
 from servoloop.stack.emulator_process import emulate_arguments
 from servoloop.stack.pick_place import load_pick_place
@@ -48,7 +48,7 @@ class Cell:
     """Process IDs of ``emulator``, ``stack`` and ``pick_place``."""
 
 
-def check_grades(grades: Sequence[str], arm: Arm) -> None:
+def check_grades(grades: Sequence[str], arm: ArmFolder) -> None:
     """Raise DriverError if the node parameters of the arm have no bin for one of the grades."""
     known = load_pick_place(arm.pick_place).grades
     unknown = [grade.strip() for grade in grades if grade.strip().upper() not in known]
@@ -58,7 +58,7 @@ def check_grades(grades: Sequence[str], arm: Arm) -> None:
         raise DriverError(f"--grades: there is no bin for {names}; {arm.pick_place} has bins for {listed}")
 
 
-def are_all_grades(grades: Sequence[str], arm: Arm) -> bool:
+def are_all_grades(grades: Sequence[str], arm: ArmFolder) -> bool:
     """Return whether ``grades`` includes all grades of the arm."""
     return {grade.strip().upper() for grade in grades} >= set(load_pick_place(arm.pick_place).grades)
 
@@ -148,7 +148,7 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     return started
 
 
-def _start_node(processes: Processes, arm: Arm, live: Live) -> int:
+def _start_node(processes: Processes, arm: ArmFolder, live: Live) -> int:
     """Start the pick-and-place node and return its process ID."""
     live.say("starting the pick-and-place node")
     return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(arm.pick_place))

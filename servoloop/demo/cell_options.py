@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from servoloop.recording.mcap import RecordOption
-from servoloop.stack.arm_folders import OWN, Arm, find_arm
+from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
 
 
@@ -23,6 +23,6 @@ class CellOptions:
     record: RecordOption = None
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
-    def found(self) -> Arm:
+    def found(self) -> ArmFolder:
         """Return the folder of the arm. Raises ArmFileError."""
         return find_arm(self.arm)

@@ -17,7 +17,7 @@ from servoloop.moveit.collision_matrix import SAMPLES, reasons
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings
-from servoloop.stack.arm_folders import Arm, read_arm_files
+from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import CONFIG, Files, make_folder, write_file
 
@@ -32,7 +32,7 @@ TRAJECTORY: Final = "joint_trajectory_controller/JointTrajectoryController"
 GRIPPERS: Final = ("position_controllers/GripperActionController", "effort_controllers/GripperActionController")
 
 
-def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
+def moveit_files(arm: ArmFolder, samples: int = SAMPLES) -> dict[str, str]:
     """Return the texts of MoveIt's files by name.
 
     Raises HalError if MoveIt cannot start a plan in some poses. The message lists them.
@@ -65,7 +65,7 @@ def moveit_files(arm: Arm, samples: int = SAMPLES) -> dict[str, str]:
     }
 
 
-def write_moveit(arm: Arm, folder: Path) -> list[Path]:
+def write_moveit(arm: ArmFolder, folder: Path) -> list[Path]:
     """Write MoveIt's files into a folder. Existing files are renamed to NAME.1. Raises HalError."""
     written = moveit_files(arm)
     make_folder(folder)
@@ -84,7 +84,7 @@ def _groups(files: Files) -> dict[str, tuple[str, ...]]:
     return {"arm": arm, "hand": hand} if hand else {"arm": arm}
 
 
-def _states(arm: Arm, groups: Mapping[str, Sequence[str]]) -> States:
+def _states(arm: ArmFolder, groups: Mapping[str, Sequence[str]]) -> States:
     job, park = load_pick_place(arm.pick_place), load_robot_file(arm.robot).park
     states = {("arm", "ready"): dict(zip(job.joints, job.poses.ready, strict=True))}
     if park is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from hal.robot_file.robot_file import load_robot_file
 from servoloop.moveit.collision_matrix import LinkModel, Pair, arm_links
 from servoloop.moveit.surroundings import Objects, Pose, spec_with
-from servoloop.stack.arm_folders import Arm
+from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import PickPlace, load_pick_place
 from sim_backend.scene.world import World
 
@@ -30,7 +30,7 @@ class PaddedArm:
         self._links = LinkModel(scene)
         self._unchecked = set(unchecked)
         spec, names = spec_with(scene, objects, padding_m)
-        links = {link.name for link in arm_links(spec)} - {"base_link"}  # no plan moves the base
+        links = {link.name for link in arm_links(spec)} - {"base_link"}  # plans do not move the base
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         self._places = [int(self._model.joint(name).qposadr[0]) for name in self._links.joints]
@@ -75,7 +75,7 @@ def released_pose(scene: Path, pose: Pose) -> Pose:
     return dict(zip(world.joints, world.position().tolist(), strict=True))
 
 
-def rest_poses(arm: Arm) -> dict[str, Pose]:
+def rest_poses(arm: ArmFolder) -> dict[str, Pose]:
     """Return the poses of rest: at the start of the stack and parked, each with torque and released."""
     world, park = World(arm.scene), load_robot_file(arm.robot).park
     begin = dict(zip(world.joints, world.position().tolist(), strict=True))
@@ -89,7 +89,7 @@ def rest_poses(arm: Arm) -> dict[str, Pose]:
     return poses
 
 
-def working_poses(arm: Arm) -> dict[str, Pose]:
+def working_poses(arm: ArmFolder) -> dict[str, Pose]:
     """Return the poses of the pick-place job with open and closed hand, and the zero pose, where the mock starts."""
     world = World(arm.scene)
     poses: dict[str, Pose] = {"zero": {}}
@@ -103,6 +103,6 @@ def _arm_poses(job: PickPlace) -> Iterator[tuple[str, Pose]]:
         yield name, dict(zip(job.joints, pose, strict=True))
 
 
-def _hands(arm: Arm, hand: str) -> list[tuple[str, Pose]]:
+def _hands(arm: ArmFolder, hand: str) -> list[tuple[str, Pose]]:
     job = load_pick_place(arm.pick_place)
     return [("hand open", {hand: job.hand_open_m}), ("hand closed", {hand: job.hand_closed_m})]

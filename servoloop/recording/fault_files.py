@@ -126,7 +126,9 @@ def tidy(folder: Path) -> None:
 def _faults(sample: CycleSample) -> Iterator[tuple[str, str]]:
     """Yield the joint or component and the kind of each fault in a cycle."""
     for joint, fault in sample.state.faults.items():
-        if fault.kind != "component":  # a component that is lost is handled below; a component switched off is no fault
+        if (
+            fault.kind != "component"
+        ):  # a component that is lost is handled below; a component that was switched off has no fault
             yield joint, fault.kind
     for component in sample.lost:
         yield component, LOST

@@ -77,7 +77,7 @@ def encoded(reader: NonSeekingReader, file: str | None = None) -> Iterator[Encod
                 yield schema, channel, message
     except (EndOfFile, struct.error):  # cut off in the middle of a record
         return
-    except Exception as error:  # each compression has errors of its own for damaged data
+    except Exception as error:  # each compression raises its own errors for damaged data
         if file is not None:
             LOG.warning("%s is damaged and is read only up to the damage: %s", file, error)
 

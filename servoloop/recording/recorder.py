@@ -9,11 +9,12 @@ from pathlib import Path
 from time import monotonic
 from typing import Final, Protocol
 
+from controller.manager.requests import Request
 from drivers.errors import DriverError
 from drivers.printable import counted
 from hal.types import JointState
 from servoloop.recording.bus_tap import BusTaps, Transfer
-from servoloop.recording.mcap import McapFile
+from servoloop.recording.mcap import McapFile, RecordingError
 from servoloop.recording.message_types import definition, typestore
 from servoloop.recording.messages import Messages, Recorded
 from servoloop.recording.sampler import CycleSample, Sampler, Scene, scene_poses
@@ -53,6 +54,7 @@ class Recorder:
         """Number of cycles missing from the recordings because the disk was too slow."""
         self._sampler, self._taps, self._scene = sampler, taps, scene
         self._sinks = list(sinks)
+        self._removals: deque[Request[None]] = deque()
         self._waiting: deque[CycleSample] = deque()
         self._ended = False
         self._wake = threading.Event()
@@ -73,6 +75,21 @@ class Recorder:
             self._waiting.append(sample)
             if self._eager:
                 self._wake.set()
+
+    def add(self, sink: Sink) -> None:
+        """Pass the cycles from now on to another sink, too. Any thread may call this method."""
+        self._sinks.append(sink)
+
+    def remove(self, sink: Sink) -> Request[None]:
+        """Request that the recorder thread close a sink after the present cycles. Any thread may call this method.
+
+        Returns:
+            The request. Its result raises RecordingError if the sink has failed.
+        """
+        request = Request(lambda: self._close(sink))
+        self._removals.append(request)
+        self._wake.set()
+        return request
 
     def close(self, failed: bool) -> None:
         """Write all remaining samples and close the sinks. Call this after the last cycle of the loop.
@@ -110,7 +127,15 @@ class Recorder:
 
         if samples:
             self._each(write)
+        while self._removals:
+            self._removals.popleft().serve()
         self._eager = any(sink.eager for sink in self._sinks)
+
+    def _close(self, sink: Sink) -> None:
+        if sink not in self._sinks:
+            raise RecordingError("the recording has stopped because of an error: see the log of the stack")
+        self._sinks.remove(sink)
+        sink.close((), failed=False)
 
     def _work(self) -> None:
         while not self._ended:

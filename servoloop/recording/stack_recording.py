@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Final
 
 from controller.loop import ControlLoop
+from controller.manager.requests import Request
 from drivers.clock import Clock
 from drivers.port import Port
 from hal.types import JointState
 from servoloop.recording.bus_tap import BusTaps
 from servoloop.recording.fault_files import FOLDER, FaultFiles
 from servoloop.recording.feed import LiveFeed
-from servoloop.recording.mcap import McapFile, RecordingError
+from servoloop.recording.mcap import McapFile, RecordingError, check_path
 from servoloop.recording.mcap_messages import GOAL, RESULT, STATES, Encoded
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import FLUSH_S, Recorder, RecordingFile, Sink
@@ -38,6 +39,26 @@ class StackRecording:
         """Record to the file ``path``, or only faults if ``path`` is None."""
         self._path = path
         self._taps = BusTaps()
+        self._recorder: Recorder | None = None
+        self._messages: Messages | None = None
+        self._files: dict[Path, RecordingFile] = {}
+        """Recordings that clients have begun, by path."""
+
+    def begin(self, path: Path) -> None:
+        """Begin another recording. Raises RecordingError if it cannot be created."""
+        if self._recorder is None or self._messages is None:
+            raise RecordingError("the stack records nothing, because its loop is not running")
+        check_path(path)
+        self._files[path] = file = RecordingFile(path, self._messages)
+        self._recorder.add(file)
+
+    def end(self, path: Path) -> Request[None]:
+        """Request the end of a recording that ``begin`` has begun. Raises RecordingError if there is none."""
+        file = self._files.pop(path, None)
+        if file is None or self._recorder is None:
+            begun = ", ".join(map(str, self._files)) or "none"
+            raise RecordingError(f"no client has begun a recording in {path}; recordings of clients: {begun}")
+        return self._recorder.remove(file)
 
     def tap(self, port: Port, clock: Clock) -> Port:
         """Return a port that records the traffic of ``port``."""
@@ -45,7 +66,13 @@ class StackRecording:
 
     @contextmanager
     def of(
-        self, loop: ControlLoop, files: Files, offset_s: float, failed: Callable[[], bool], scene: Scene = dict
+        self,
+        loop: ControlLoop,
+        files: Files,
+        offset_s: float,
+        failed: Callable[[], bool],
+        scene: Scene = dict,
+        live: bool = True,
     ) -> Iterator[None]:
         """Record the loop for the duration of the context. The previous ``on_cycle`` of the loop is called first.
 
@@ -55,6 +82,7 @@ class StackRecording:
             offset_s: ROS time minus the time of the loop's clock, in seconds.
             failed: Returns at the end whether the loop failed.
             scene: Returns the objects around the arm. Called in the recorder thread.
+            live: Whether other programs can find the stack and follow it.
 
         Raises:
             RecordingError: The recording cannot be created.
@@ -64,9 +92,10 @@ class StackRecording:
         sinks: list[Sink] = [FaultFiles(FOLDER, messages)]
         if self._path is not None:
             sinks.append(RecordingFile(self._path, messages))
-        sinks += _live_feed(files, messages)
+        sinks += _live_feed(files, messages) if live else []
         sampler = Sampler(loop, files.component.name, servo_ids(files), self._taps)
-        recorder = Recorder(sampler, self._taps, sinks, scene)
+        recorder = self._recorder = Recorder(sampler, self._taps, sinks, scene)
+        self._messages = messages
 
         def on_cycle(state: JointState) -> None:
             shown(state)
@@ -77,6 +106,7 @@ class StackRecording:
         try:
             yield
         finally:
+            self._recorder = None
             recorder.close(failed())
 
 

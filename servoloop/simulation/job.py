@@ -9,7 +9,7 @@ from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, St
 from nodes.pick_place.settings import JobSettings
 from servoloop.simulation.recording import FollowingError
 from servoloop.simulation.stack import SimulatedStack
-from servoloop.stack.arm_folders import Arm
+from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import Files
 from sim_backend.scene.scene_check import require_scene
@@ -75,7 +75,7 @@ def require_cell(files: Files, grades: Collection[str]) -> None:
         require_scene(files.scene, [joint.name for joint in files.robot.joints], cell=True)
 
 
-def job_settings(arm: Arm, grades: Collection[str]) -> JobSettings:
+def job_settings(arm: ArmFolder, grades: Collection[str]) -> JobSettings:
     """Return the settings of the arm's pick-and-place node. Without jobs, return the defaults without reading a file.
 
     Raises ArmFileError.

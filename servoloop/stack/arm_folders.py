@@ -42,7 +42,7 @@ class ArmFile(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class ArmFolder:
     """Folder of an arm, with the contents of its ``arm.yaml``."""
 
     name: str
@@ -78,12 +78,12 @@ class Arm:
         return (self.folder / name).resolve()
 
 
-def arms(folder: Path = ARMS) -> list[Arm]:
+def arms(folder: Path = ARMS) -> list[ArmFolder]:
     """Read the ``arm.yaml`` of every arm in ``folder``, sorted by name. Raises ArmFileError."""
     return [read_arm(path.parent) for path in sorted(folder.glob(f"*/{ARM_FILE}"))]
 
 
-def find_arm(name: str = OWN) -> Arm:
+def find_arm(name: str = OWN) -> ArmFolder:
     """Return the arm with this name, or the arm in the folder at this path. Raises ArmFileError."""
     for folder in (Path(name),) if "/" in name else (ARMS / name, Path(name)):  # ./so101 is a folder of the user
         if (folder / ARM_FILE).is_file():
@@ -92,7 +92,7 @@ def find_arm(name: str = OWN) -> Arm:
     raise ArmFileError(f"there is no arm {name}: choose one of {known}, or give the path of a folder with {ARM_FILE}")
 
 
-def arm_in(path: Path, name: str, number: int = 0) -> Arm:
+def arm_in(path: Path, name: str, number: int = 0) -> ArmFolder:
     """Return the arm that the file at ``path`` names under the key ``arm``.
 
     Args:
@@ -109,7 +109,7 @@ def arm_in(path: Path, name: str, number: int = 0) -> Arm:
         raise ArmFileError(f"{compose(path, ArmFileError).place(('arm', number))}: {error}") from error
 
 
-def read_arm(folder: Path) -> Arm:
+def read_arm(folder: Path) -> ArmFolder:
     """Read ``arm.yaml`` of a folder, but not the files that it names.
 
     Raises:
@@ -117,7 +117,7 @@ def read_arm(folder: Path) -> Arm:
     """
     home = folder.resolve()
     own = load(folder / ARM_FILE, ArmFile, ArmFileError)
-    return Arm(home.name, home, own if own.like is None else _completed(own, home / own.like, folder / ARM_FILE))
+    return ArmFolder(home.name, home, own if own.like is None else _completed(own, home / own.like, folder / ARM_FILE))
 
 
 def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
@@ -131,7 +131,7 @@ def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
 
 
 def read_arm_files(
-    arm: Arm, urdf: Path | None = None, controllers: Path | None = None, robot: Path | None = None
+    arm: ArmFolder, urdf: Path | None = None, controllers: Path | None = None, robot: Path | None = None
 ) -> Files:
     """Read and check the files of an arm. A file given as an argument replaces the file of the arm.
 
@@ -140,7 +140,7 @@ def read_arm_files(
     return with_controllers(read_arm_servos(arm, urdf, robot), controllers or arm.controllers)
 
 
-def read_arm_servos(arm: Arm, urdf: Path | None = None, robot: Path | None = None) -> ServoFiles:
+def read_arm_servos(arm: ArmFolder, urdf: Path | None = None, robot: Path | None = None) -> ServoFiles:
     """Read and check the files of an arm, except for its controllers file.
 
     If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given too. The poses are

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import typer
 
-from servoloop.stack.arm_folders import OWN, Arm, find_arm, read_arm_files, read_arm_servos
+from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm, read_arm_files, read_arm_servos
 from servoloop.stack.robot_files import Files, ServoFiles
 
 ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
@@ -33,7 +33,7 @@ class ServoArm:
     robot: RobotOption = None
     urdf: UrdfOption = None
 
-    def found(self) -> Arm:
+    def found(self) -> ArmFolder:
         """Return the folder of the arm. Raises ArmFileError."""
         return find_arm(self.arm)
 

@@ -37,6 +37,8 @@ class LoopThread:
     """Whether the loop or the shutdown failed. True until both have succeeded."""
     done: bool = False
     """Whether the loop and the shutdown have ended."""
+    error: Exception | None = None
+    """Error that has ended the loop, if any."""
     wall: Clock = field(default_factory=MonotonicClock)
     """Clock that detects a hanging thread. The clock of the loop may be simulated."""
     alive_s: float = 0.0
@@ -59,8 +61,10 @@ class LoopThread:
             self.stack.loop.run(self._stop)
             ran = True
         except DriverError as error:
+            self.error = error
             LOG.error("the control loop ends: %s", error)
-        except Exception:  # the arm must be shut down after any defect
+        except Exception as error:  # the arm must be shut down after any defect
+            self.error = error
             LOG.exception("the control loop ends after an internal error")
         finally:
             try:

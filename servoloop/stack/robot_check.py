@@ -13,7 +13,7 @@ from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
-from servoloop.stack.arm_folders import ARM_FILE, Arm, ArmFile, read_arm
+from servoloop.stack.arm_folders import ARM_FILE, ArmFile, ArmFolder, read_arm
 from servoloop.stack.pick_place import PickPlace, load_pick_place
 from servoloop.stack.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.stack.robot_files import read_description
@@ -29,7 +29,7 @@ class _Check:
     The scene and the pick-place parameters may be missing, as real arms do not need them.
     """
 
-    def __init__(self, arm: Arm, names_known: bool = True) -> None:
+    def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
         """``names_known`` tells whether ``arm.yaml`` was readable. Otherwise a missing file may have another name."""
         self.problems: list[str] = []
         self._arm = arm
@@ -164,7 +164,7 @@ class _Check:
         self.problems += str(error).splitlines()
 
 
-def _plan_problems(arm: Arm, component: HardwareInfo) -> Iterator[str]:
+def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
     """Yield a problem for each joint without calibration entry, and for each calibration entry without servo."""
     plan = arm.file.calibration
     named = {*plan.joints, *plan.auto.start, *plan.auto.clear, *plan.auto.stops, *plan.auto.drive}
@@ -206,11 +206,11 @@ def check_arm(folder: Path) -> list[str]:
         return _Check(read_arm(folder)).run()
     except ArmFileError as error:
         home = folder.resolve()
-        without = Arm(home.name, home, ArmFile(description=home.name))
+        without = ArmFolder(home.name, home, ArmFile(description=home.name))
         return [*str(error).splitlines(), *_Check(without, names_known=False).run()]
 
 
-def missing_parts(arm: Arm) -> list[str]:
+def missing_parts(arm: ArmFolder) -> list[str]:
     """Return a sentence for each missing optional file, with the commands that need it."""
     parts = {
         "scene": "emulate and up without --port need a scene: `servoloop arms new` writes one",

@@ -67,7 +67,7 @@ def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["V
         arm.draw(*marker.args, **marker.kwargs)
     node.stash[ARM] = arm
     yield arm
-    arm.end()  # for tests that failed; others have already ended the arm
+    arm.end()  # ends the arm of a failed test; other tests have already ended it
 
 
 @pytest.hookimpl(wrapper=True)

@@ -176,7 +176,7 @@ class AdapterUnplugged(OfBus, Lasting):
 
 
 class ForeignPackets(OfServo, Lasting):
-    """Another program uses the same line between our packets. It reads a servo, or switches its torque off."""
+    """Another program uses the line between the packets of the stack. It reads a servo or switches its torque off."""
 
     kind: Literal["foreign_packets"] = "foreign_packets"
     every_s: Duration = 0.1

@@ -66,7 +66,7 @@ class Overload(OfServo, Lasting):
 
 
 class SlippedHorn(Momentary, OfServo):
-    """The horn slips on the shaft. From then on, the encoder reads ``counts`` more at the same joint position."""
+    """The horn slips on the shaft. From then on, the encoder reports ``counts`` more at the same joint position."""
 
     kind: Literal["slipped_horn"] = "slipped_horn"
     counts: Counts

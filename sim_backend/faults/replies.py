@@ -118,7 +118,7 @@ class Collision(_OnTheWire):
 
 
 class LateReplies(Replies):
-    """The adapter delays replies, and all replies after them."""
+    """The adapter delays replies, and with them all later replies."""
 
     kind: Literal["late_replies"] = "late_replies"
     by_s: Delay = 0.02

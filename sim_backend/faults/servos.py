@@ -48,7 +48,7 @@ class BrownOut(Momentary, OfServo):
 
 
 class LoosePlug(OfServo, Lasting):
-    """A servo's plug has a loose contact. The power fails for a moment, again and again."""
+    """A servo's plug has a loose contact. The power fails repeatedly for a moment."""
 
     kind: Literal["loose_plug"] = "loose_plug"
     every_s: Duration = 1.0
@@ -94,7 +94,7 @@ class Hot(OfServo, Lasting):
 
 
 class Overcurrent(OfServo, Lasting):
-    """A winding is partly shorted. Only a share of its turns is left, so the same torque needs more current."""
+    """A winding is partly shorted. Only a part of its turns remains, so the same torque needs more current."""
 
     kind: Literal["overcurrent"] = "overcurrent"
     turns_left: Annotated[Chance, Field(lt=1.0)] = 0.05

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from hal.yaml_file import error_text
 from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 from sim_backend.faults.events import EVENT, KINDS
@@ -61,7 +62,7 @@ def matching(text: str) -> Callable[[Event], bool]:
     for parameter in parameters:
         word, equals, value = parameter.partition("=")
         if not equals or word not in known:
-            raise FaultError(f"{parameter}: {name} takes {', '.join(f'{each}=' for each in known)}")
+            raise FaultError(f"{parameter}: {name} has only the parameters {', '.join(f'{each}=' for each in known)}")
         wanted[known[word]] = _seconds(value) if known[word].endswith("_s") else value
     return lambda event: (
         event.kind == name and all(_equal(getattr(event, field), value) for field, value in wanted.items())
@@ -94,7 +95,7 @@ def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> An
     for parameter in parameters:
         word, equals, value = parameter.partition("=")
         if not equals or word not in known:
-            wrong.append(f"{parameter}: {name} takes {', '.join(f'{each}=' for each in known)}")
+            wrong.append(f"{parameter}: {name} has only the parameters {', '.join(f'{each}=' for each in known)}")
         elif known[word] in values:
             wrong.append(f"{parameter}: {word} is given twice")
         else:
@@ -104,8 +105,7 @@ def _event(kind: type[Event], name: str, text: str, parameters: list[str]) -> An
     except ValidationError as error:
         for item in error.errors():
             field = str(item["loc"][1]) if len(item["loc"]) > 1 else ""
-            message = item["msg"].removeprefix("Value error, ")
-            wrong.append(f"{word_of(field)}: {message}" if field else message)
+            wrong.append(f"{word_of(field)}: {error_text(item)}" if field else error_text(item))
     if wrong:
         raise FaultError(f"{text!r}: {'; '.join(wrong)}. Usage: {usage(kind)}")
     return event

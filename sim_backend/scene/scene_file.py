@@ -57,7 +57,7 @@ def _mistakes(element: Element) -> Iterator[str]:
     for key, text in element.attrib.items():
         numbers = list(_numbers(text))
         if not all(abs(number) <= LARGEST for number in numbers):  # NaN is not, either
-            yield f'{place(element)}: {element.tag} {key}="{text[:50]}" is not a number up to {LARGEST:g}: correct it'
+            yield f'{place(element)}: {element.tag} {key} must consist of numbers up to {LARGEST:g}, not "{text[:50]}"'
         if key == "count" and math.prod(numbers) > MOST_COPIES:
             yield f"{place(element)}: {element.tag} makes more than {MOST_COPIES} copies: lower its count"
 

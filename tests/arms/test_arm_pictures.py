@@ -13,7 +13,7 @@ from servoloop import cli
 from servoloop.arm_pictures.labels import GAP_PX, _spread
 from servoloop.arm_pictures.posed_arm import PosedArm
 from servoloop.dashboard.arm_model import ArmModel
-from servoloop.stack.arm_folders import ARMS, Arm, arms, find_arm, read_arm_servos
+from servoloop.stack.arm_folders import ARMS, ArmFolder, arms, find_arm, read_arm_servos
 from sim_backend.scene.still import Solid, take
 from tests.hal.test_link_meshes import cube
 
@@ -42,7 +42,7 @@ def test_points_are_at_their_computed_pixels() -> None:
 
 
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: str(arm.name))
-def test_every_arm_has_shapes_and_an_arrow_for_each_servo_toward_greater_positions(arm: Arm) -> None:
+def test_every_arm_has_shapes_and_an_arrow_for_each_servo_toward_greater_positions(arm: ArmFolder) -> None:
     files = read_arm_servos(arm)
     posed = PosedArm(files, {"elbow_flex": 0.4})
     assert list(posed.solids())

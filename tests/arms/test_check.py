@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from servoloop.stack.arm_folders import ARMS, Arm, arms, read_arm
+from servoloop.stack.arm_folders import ARMS, ArmFolder, arms, read_arm
 from servoloop.stack.robot_check import check_arm, missing_parts
 
 FILES = {
@@ -43,7 +43,7 @@ def folder_with(folder: Path, files: dict[str, Path], *edits: Edit) -> Path:
 
 
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
-def test_included_arm_passes_the_check(arm: Arm) -> None:
+def test_included_arm_passes_the_check(arm: ArmFolder) -> None:
     assert check_arm(arm.folder) == []
 
 
@@ -166,7 +166,7 @@ def test_each_mistake_is_found(tmp_path: Path, fault: str) -> None:
     edit, says = FAULTS[fault]
     problems = check_arm(folder_with(tmp_path, FILES, edit))
     assert any(says in problem for problem in problems), problems
-    assert all(str(tmp_path) in problem for problem in problems)  # it says in which file
+    assert all(str(tmp_path) in problem for problem in problems)  # each problem names its file
 
 
 MIMIC: dict[str, tuple[Edit, str]] = {

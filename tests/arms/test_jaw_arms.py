@@ -114,7 +114,7 @@ def test_cube_lands_in_the_bin_of_its_grade(name: str, grade: str) -> None:
     """Return the reduced drive of the jaw."""
     rig.on_state = lambda state: held.extend(abs(one.load) for one in state.health.values() if one.stall)
     sorted_into(rig, name, grade)
-    if name != "koch":  # its servo's gain is too low to press with all of the limit
+    if name != "koch":  # the gain of its servo is too low to press with the full torque limit
         assert held and min(held) < 0.2
     error = rig.trace.following(since_s=ACTIVATED_S)
     assert max(error.largest_rad) < LARGEST_RAD

@@ -89,7 +89,7 @@ def test_the_virtual_servos_hold_and_move_the_arm(tmp_path: Path) -> None:
     virtual = VirtualLines(files, Build(0.0))
     assert virtual.world.joints == ("lift", "bend")
     virtual.advance(0.5)
-    assert np.abs(virtual.world.position()).max() < 0.01  # held until something drives it
+    assert np.abs(virtual.world.position()).max() < 0.01  # the arm is held until a servo drives it
     assert virtual.world.poses() == {} and virtual.world.cube_bin() is None and not virtual.world.laid
 
 

@@ -1,7 +1,7 @@
-"""A bus simulator as others write them: plain, single-threaded, sharing no line of code with the driver.
+"""A plain, single-threaded bus simulator that shares no code with the driver.
 
-``python foreign_bus.py LINK MANNER``, MANNER one of: whole, each, dribble, slow, echo. Seven STS3215
-or, with manners that begin with "x_", XL430 that know no fast sync read.
+Usage: ``python foreign_bus.py LINK MANNER``. MANNER is whole, each, dribble, slow or echo. It simulates seven STS3215.
+If MANNER begins with "x_", it simulates XL430 that do not support fast sync reads.
 """
 
 import os

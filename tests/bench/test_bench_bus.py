@@ -1,4 +1,4 @@
-"""``servoloop bench bus`` on a bus in another process, and what it says where there is none. No figure is judged."""
+"""Tests of ``servoloop bench bus`` on a bus in another process, and of its messages. Figures are not checked."""
 
 import json
 import os
@@ -69,7 +69,7 @@ def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypat
     bench_bus(device, [1], "sts3215", 1_000_000, 1, hold=True)
     monkeypatch.setattr(Bus, "write_goals", watched)
     bench_bus(device, [1], "sts3215", 1_000_000, 10, hold=True)
-    measured = meanwhile[1:]  # the first goals are those that hold the servos, before the run
+    measured = meanwhile[1:]  # the first goals hold the servos before the measurement
     assert len(measured) == 10
     assert all(processors == measured[0] and len(processors) == 1 for processors in measured)
     assert os.sched_getaffinity(0) == before
@@ -121,7 +121,7 @@ def test_a_simulator_does_not_take_a_path_that_is_taken(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.simulator", str(taken)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert done.returncode == 2
-    assert f"{taken} exists and is no link" in done.stderr
+    assert f"{taken} exists and is not a link" in done.stderr
     assert taken.read_text() == "mine"
 
 
@@ -149,6 +149,6 @@ def test_ids_that_are_none(text: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_ten_million_random_bytes(kind: Kind) -> None:
-    """Two thirds of them rich in headers or in replies; ``python -m benchmarks.decoder`` prints the counts."""
+    """Two thirds of the bytes contain many headers or replies. ``python -m benchmarks.decoder`` prints the counts."""
     believed, wrong = flood(kind, pieces(kind, 10_000_000, 7))
     assert wrong == 0 and believed > 10_000

@@ -1,4 +1,4 @@
-"""What ``servoloop bench bus`` writes to servos, and what it makes of their line, on simulated time."""
+"""Tests of the bytes that ``servoloop bench bus`` writes to servos, and of its figures, in simulated time."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ GOALS = {i: ServoGoal(2048) for i in IDS}
 
 
 class Interrupted(VirtualPort):
-    """Nobody hears anything between two times."""
+    """Port whose servos receive nothing between two times."""
 
     from_s = 0.5
     to_s = 0.55
@@ -48,7 +48,7 @@ def measured(port: VirtualPort, cycles: int = 1000) -> BusSpeed:
 
 
 def stand_still(bus: Bus, servo_ids: Sequence[int], model: ServoModel) -> dict[int, ServoGoal]:
-    """Goals for all who may have one, limp or not."""
+    """Write goals to all servos that may have one, limp or not, and return the goals."""
     found = present_goals(bus, servo_ids, model)
     goals = found.held | found.limp
     bus.write_goals(goals)
@@ -61,7 +61,7 @@ def servos() -> VirtualBus:
 
 
 def test_an_interruption_costs_as_many_cycles_as_it_lasts() -> None:
-    """Whoever is known to be silent is not asked: cycles in which nobody is asked must not race through the run."""
+    """A servo known to be silent is not asked. Cycles without any request must not take zero time."""
     figures = measured(Interrupted(servos(), SimulatedClock(0.0)))
     assert 0 < figures.faults["silent"] < 7 * 60
     assert 1.0 <= figures.ratio < 1.2
@@ -73,7 +73,7 @@ def test_cycles_in_which_nobody_answers_are_one_long_cycle() -> None:
     figures = measured(port)
     run_s = port._clock.now()
     silent_s = min(port.to_s, run_s) - port.from_s
-    # Each of these cycles waits as long as a slow adapter may take: every servo is missed in every one of them.
+    # Each of these cycles waits as long as a slow adapter may take, and misses every servo.
     assert figures.faults["silent"] >= 7 * (silent_s // (FIRST_REPLY_S + figures.wire_us / 1e6))
     assert 1.0 <= figures.ratio < 1.2
     assert figures.hz == pytest.approx((run_s - silent_s) / run_s * 1e6 / figures.p50_us, rel=0.02)
@@ -116,13 +116,14 @@ def test_a_slow_adapter_is_seen(late_s: float) -> None:
 
 
 def test_a_slow_line_is_no_silent_one() -> None:
-    """Its bytes alone take longer than the servos and the adapter are granted."""
+    """The transmission alone takes longer than the normal timeout of servos and adapter."""
     line = servos()
     for servo in line.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(38_400))
     figures = measured(VirtualPort(line, SimulatedClock(0.0), baud=38_400), 50)
     assert figures.faults["silent"] == 0
-    # Of 177 bytes' times; the first servo waits for one, each of the next for three more than the answer before it.
+    # A cycle has 177 bytes. The first servo waits for the time of one byte, and each other servo for three more after
+    # the previous reply.
     assert 1.0 <= figures.ratio <= 1.0 + 19 / 177
 
 
@@ -136,7 +137,7 @@ def test_where_nobody_answers_it_says_at_which_rate_they_do() -> None:
     assert port.baud == 1_000_000
 
 
-# What is written before the run
+# Bytes written before the measurement
 
 
 def goals_sent(port: WatchedPort) -> list[bytes]:
@@ -148,7 +149,7 @@ def test_servos_of_another_table_are_refused_and_nothing_is_written(model: str) 
     clock = SimulatedClock(0.0)
     port = WatchedPort(servos(), clock)
     bus = Bus(port, clock, dict.fromkeys(IDS, MODELS[model]))
-    # Where the other language has its state, these servos have something else: it looks like one all the same.
+    # At the addresses of the other table's state, these servos have other registers whose values look like a state.
     with pytest.raises(ServoRefused, match="is model"):
         stand_still(bus, IDS, MODELS[model])
     assert not goals_sent(port)
@@ -159,7 +160,7 @@ AX_12A, SCS15_TURNED, OF_NOBODY, TURNED = 12, 0x0F05, 4321, 0x0903
 
 @pytest.mark.parametrize(("number", "servo_id"), [(AX_12A, 7), (SCS15_TURNED, 7), (OF_NOBODY, 8)])
 def test_a_stranger_among_them_gets_no_goal(number: int, servo_id: int, caplog: pytest.LogCaptureFixture) -> None:
-    """By its number, or because its ID is not where this table has it."""
+    """The servo has another model number, or its ID register is not where this table has it."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     read = line.servo(7).read
@@ -173,7 +174,7 @@ def test_a_stranger_among_them_gets_no_goal(number: int, servo_id: int, caplog: 
 
 @pytest.mark.parametrize("number", [sts.STS3250.number, OF_NOBODY, TURNED])
 def test_one_that_has_the_table_whatever_its_number_is_measured(number: int, caplog: pytest.LogCaptureFixture) -> None:
-    """Of another motor, of a model that nobody knows, or of a simulator that turned its number round."""
+    """The servo has another motor, an unknown model number, or a simulated number with swapped bytes."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
@@ -184,7 +185,7 @@ def test_one_that_has_the_table_whatever_its_number_is_measured(number: int, cap
 @pytest.mark.parametrize("mode", [1, 2, 3])
 @pytest.mark.parametrize("number", [sts.STS3250.number, OF_NOBODY])
 def test_one_with_the_table_that_is_in_another_mode_gets_no_goal(number: int, mode: int) -> None:
-    """In mode 3 a goal is a way to go."""
+    """In mode 3, a goal is a distance to move."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     line.servo(7).memory.put(sts.operating_mode, mode)
@@ -225,7 +226,7 @@ def test_who_stands_where_no_goal_can_be_gets_none(model: str, caplog: pytest.Lo
 
 
 class Numberless(WatchedPort):
-    """Simulated servos that answer sync reads and no others."""
+    """Simulated servos that answer only sync reads."""
 
     def write(self, data: bytes) -> None:
         if data[4] in (wire.SYNC_READ, wire.SYNC_WRITE):
@@ -257,7 +258,7 @@ def test_a_simulator_with_nothing_in_its_memory_is_believed() -> None:
 
 def test_who_is_in_another_mode_is_read_and_gets_no_goal(caplog: pytest.LogCaptureFixture) -> None:
     line, clock = servos(), SimulatedClock(0.0)
-    line.servo(3).memory.put(sts.operating_mode, 3)  # where a goal is a number of steps
+    line.servo(3).memory.put(sts.operating_mode, 3)  # in which a goal is a number of steps
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {3}
     assert "servo 3: is not in position mode" in caplog.text
 
@@ -288,11 +289,11 @@ def test_a_lost_answer_is_asked_for_again() -> None:
 
 
 def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
-    """Its goal is not where it sags to: cycle by cycle, run by run the arm would creep down."""
+    """The sagged position must not become the goal, because the arm would then sink further with each measurement."""
     plant, clock = BenchPlant(IDS), SimulatedClock(0.0)
     line = VirtualBus.of(plant)
     bus = Bus(VirtualPort(line, clock), clock)
-    bus.write_goals({1: GOALS[1], 2: GOALS[2]})  # which switches their torque on; the third stays limp
+    bus.write_goals({1: GOALS[1], 2: GOALS[2]})  # this enables their torque; the third servo stays limp
     clock.sleep_until(0.1)
     plant.load_nm[0] = plant.load_nm[2] = 0.8
     clock.sleep_until(1.0)
@@ -303,7 +304,7 @@ def test_a_servo_that_holds_a_load_keeps_its_goal() -> None:
 
 
 def test_dynamixels_are_read_as_the_stack_reads_them() -> None:
-    """By the mapped block, in one fast sync read."""
+    """The mapped block is read in one fast sync read."""
     model: ServoModel = x_series.XL430_W250
     clock = SimulatedClock(0.0)
     port = WatchedPort(VirtualDynamixelBus.of(BenchPlant(IDS), dict.fromkeys(IDS, model)), clock)
@@ -316,7 +317,7 @@ def test_dynamixels_are_read_as_the_stack_reads_them() -> None:
     block = block_for(model, 45)
     assert block is not None
     question = dynamixel_wire.fast_sync_read(IDS, block.address, block.size)
-    assert set(port.sent[before::2]) == {question}  # and the goals between them
+    assert set(port.sent[before::2]) == {question}  # without the goals between them
 
 
 # Torque

@@ -1,4 +1,7 @@
-"""The benches run, every client of theirs reads the servos, and what they print is complete. No times are judged."""
+"""Tests that the benchmarks run, all their clients read the servos, and their output is complete.
+
+Times are not checked.
+"""
 
 import importlib
 import io
@@ -23,7 +26,7 @@ def test_every_client_reads_every_servo(make: str, options: tuple[str, ...]) -> 
     found = compare(make, 3, 20, 1, *options)
     makers = f"{make}-sdk".replace("feetech", "feetech-servo")
     assert set(found) == set(CLIENTS[make]) >= {"system calls alone", "servoloop", "rustypot", makers}
-    # A busy machine can make a client miss a reply; one that reads nothing fails in all twenty cycles.
+    # On a busy machine, a client may miss a reply. A client that does not work fails in all twenty cycles.
     assert all(failed <= 10 for _, _, failed in found.values()), found
     text = io.StringIO()
     show(Console(file=text, width=120), make, found, wire_us(make, 3))
@@ -31,9 +34,9 @@ def test_every_client_reads_every_servo(make: str, options: tuple[str, ...]) -> 
 
 
 def test_a_cycle_of_seven_servos_on_the_wire() -> None:
-    # Goals 8 + 7 * 8 bytes, question 8 + 7, seven replies of 14: 177 bytes of ten bits.
+    # Goals 8 + 7 * 8 bytes, request 8 + 7 bytes, seven replies of 14 bytes: 177 bytes of ten bits.
     assert wire_us("feetech", 7) == pytest.approx(1770.0)
-    # Goals 14 + 7 * 9, question 14 + 7, seven replies of 34 (23 of them data): 336 bytes.
+    # Goals 14 + 7 * 9 bytes, request 14 + 7 bytes, seven replies of 34 bytes (23 of them data): 336 bytes.
     assert wire_us("dynamixel", 7) == pytest.approx(3360.0)
 
 
@@ -44,6 +47,7 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
         (("benchmarks.two_ports", "--cycles", "50"), ("overlapped", "one after the other")),
         (("benchmarks.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
         (("benchmarks.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
+        (("benchmarks.command_socket", "--messages", "50"), ("set_point", "median, ms")),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )
@@ -56,24 +60,24 @@ def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("benchmarks.simulator new --ids 5-3", "--ids accepts IDs from 0 to 253, such as 1-7 or 1,2,5, not '5-3'"),
-        ("benchmarks.simulator new --ids 1,1", "--ids accepts each ID only once, not '1,1'"),
+        ("benchmarks.simulator new --ids 5-3", "--ids must be IDs from 0 to 253, such as 1-7 or 1,2,5, not '5-3'"),
+        ("benchmarks.simulator new --ids 1,1", "--ids must list each ID only once, not '1,1'"),
         ("benchmarks.simulator new --make sts3215", "argument --make: invalid choice: 'sts3215'"),
-        ("benchmarks.simulator new --paced -5", "argument --paced: '-5' is no whole number from 1 on"),
-        ("benchmarks.simulator new --silence 3", "argument --silence: '3' is no ID with two times"),
-        ("benchmarks.simulator taken", "argument link: taken exists and is no link: choose another path"),
-        ("benchmarks.two_ports --serve taken", "argument --serve: taken exists and is no link: choose another path"),
+        ("benchmarks.simulator new --paced -5", "argument --paced: must be a whole number of at least 1, not '-5'"),
+        ("benchmarks.simulator new --silence 3", "argument --silence: must be an ID with two times"),
+        ("benchmarks.simulator taken", "argument link: taken exists and is not a link: choose another path"),
+        ("benchmarks.two_ports --serve taken", "argument --serve: taken exists and is not a link: choose another path"),
         ("benchmarks.simulator no/where", "no/where cannot be made: No such file or directory"),
         ("benchmarks.bus --make sts3215", "argument --make: invalid choice: 'sts3215'"),
-        ("benchmarks.bus --cycles -1", "argument --cycles: '-1' is no whole number from 1 on"),
-        ("benchmarks.bus --rounds 0", "argument --rounds: '0' is no whole number from 1 on"),
-        ("benchmarks.bus --servos 0", "argument --servos: '0' is no whole number from 1 on"),
-        ("benchmarks.bus --servos 32", "--servos takes at most 31 of feetech, not 32"),
-        ("benchmarks.two_ports --cycles 0", "argument --cycles: '0' is no whole number from 1 on"),
-        ("benchmarks.two_ports --cycles many", "argument --cycles: 'many' is no whole number from 1 on"),
-        ("benchmarks.stalls --jobs 0", "argument --jobs: '0' is no whole number from 1 on"),
-        ("benchmarks.stalls --busy many", "argument --busy: 'many' is no whole number from 1 on"),
-        ("benchmarks.decoder --bytes -1", "argument --bytes: '-1' is no whole number from 1 on"),
+        ("benchmarks.bus --cycles -1", "argument --cycles: must be a whole number of at least 1, not '-1'"),
+        ("benchmarks.bus --rounds 0", "argument --rounds: must be a whole number of at least 1, not '0'"),
+        ("benchmarks.bus --servos 0", "argument --servos: must be a whole number of at least 1, not '0'"),
+        ("benchmarks.bus --servos 32", "--servos must be 1 to 31 for feetech, not 32"),
+        ("benchmarks.two_ports --cycles 0", "argument --cycles: must be a whole number of at least 1, not '0'"),
+        ("benchmarks.two_ports --cycles many", "argument --cycles: must be a whole number of at least 1, not 'many'"),
+        ("benchmarks.stalls --jobs 0", "argument --jobs: must be a whole number of at least 1, not '0'"),
+        ("benchmarks.stalls --busy many", "argument --busy: must be a whole number of at least 1, not 'many'"),
+        ("benchmarks.decoder --bytes -1", "argument --bytes: must be a whole number of at least 1, not '-1'"),
     ],
 )
 def test_what_a_bench_cannot_take_is_said_in_a_sentence(
@@ -99,7 +103,10 @@ def test_a_program_without_the_means_for_real_time_priority_gets_none() -> None:
 
 
 def test_the_largest_step_of_a_joint_is_a_share_of_its_limit() -> None:
-    """Half the limit at first; then the feed is late, and 0.2 s hold what fits into them at three quarters of it."""
+    """The joint moves at half its limit at first.
+
+    The feed is then late for 0.2 s, with an average of three quarters of it.
+    """
     times_s = [0.01 * i for i in range(11)] + [0.3]
     slide = [0.5 * t for t in times_s[:11]] + [0.05 + 0.75 * 0.2]
     trace = [(t, [1.0, p]) for t, p in zip(times_s, slide, strict=True)]
@@ -114,7 +121,7 @@ def test_the_largest_step_of_a_joint_is_a_share_of_its_limit() -> None:
 
 
 class Feed:
-    """All publications at once."""
+    """Feed that returns all publications at once."""
 
     def __init__(self, publications: list[dict[str, Any]]) -> None:
         self._publications = publications

@@ -1,4 +1,4 @@
-"""A bench's own processes: whatever they do, the bench comes to an end, and none of them outlives it."""
+"""Tests that a benchmark always ends, whatever its child processes do, and that no child outlives it."""
 
 import os
 import signal
@@ -27,20 +27,20 @@ with child("-m", "benchmarks.simulator", sys.argv[1]) as simulator:
 
 def test_a_process_that_says_something_else_ends_the_bench_with_a_sentence() -> None:
     with (
-        pytest.raises(SystemExit, match="-c print\\('no'\\)… is not ready: it says 'no' and not 'ready'"),
+        pytest.raises(SystemExit, match="-c print\\('no'\\)… is not ready: it printed 'no' instead of 'ready'"),
         child("-c", "print('no')"),
     ):
         pytest.fail("it is not ready")
 
 
 def test_a_process_that_ends_at_once_ends_the_bench_with_a_sentence() -> None:
-    with pytest.raises(SystemExit, match="it says '' and not 'ready'"), child("-c", "pass"):
+    with pytest.raises(SystemExit, match="it printed '' instead of 'ready'"), child("-c", "pass"):
         pytest.fail("it is not ready")
 
 
 def test_a_process_that_hangs_ends_the_bench_with_a_sentence() -> None:
     process = start("-c", "import time; time.sleep(99)")
-    with pytest.raises(SystemExit, match=f"process {process.pid} has said nothing for 0 s: it hangs, the bench ends"):
+    with pytest.raises(SystemExit, match=f"process {process.pid} has printed nothing for 0 s: the benchmark ends"):
         next_line(process, patience_s=0.1)
     kill(process)
 
@@ -61,7 +61,7 @@ def test_a_bench_whose_simulator_is_killed_ends_with_a_sentence(bench: str, simu
 
 @contextmanager
 def measuring(*command: str) -> Iterator["subprocess.Popen[str]"]:
-    """A program that has a pseudo-terminal open, and has measured for a while."""
+    """Start a program, wait until it has opened a pseudo-terminal, and let it measure for a second."""
     with subprocess.Popen([sys.executable, "-m", *command], stderr=subprocess.PIPE, text=True) as process:
         try:
             deadline_s = time.monotonic() + 60.0
@@ -75,7 +75,7 @@ def measuring(*command: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def open_files(process_id: int) -> list[str]:
-    """Without the standard streams, which may be a terminal."""
+    """Return the open files without the standard streams, which may be a terminal."""
     found = []
     for descriptor in Path(f"/proc/{process_id}/fd").iterdir():
         with suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""The virtual servos against the figures of the real ones."""
+"""Tests that the virtual servos match the figures of real servos."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""``servoloop bench bus`` against simulators that are not ours: each writes its replies in its own manner."""
+"""Tests of ``servoloop bench bus`` with independent simulators, each of which writes its replies in another way."""
 
 import json
 import subprocess
@@ -37,9 +37,9 @@ def measure(device: str, model: str, ids: str) -> dict[str, float]:
 
 
 def check_lines_are_whole(figures: dict[str, float], echo: bool) -> None:
-    """A machine under load may hold a reply back now and then: what arrives must arrive whole.
+    """Check that all replies are complete. A busy machine may delay some of them.
 
-    An echo that is held back belongs to no question any more and is noise.
+    A delayed echo no longer belongs to a request and counts as noise.
     """
     assert figures["corrupt"] + figures["noise"] <= (CYCLES / 4 if echo else 0)
     assert figures["silent"] + figures["late"] < 7 * CYCLES / 4

@@ -1,4 +1,4 @@
-"""How fast the simulation is: the bench is complete, whatever the figures."""
+"""Tests that the benchmark of the simulation is complete, whatever its figures are."""
 
 import io
 import json

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.servos import sts
 from servoloop.bench.arm import Measured, bench_arm
-from servoloop.stack.arm_folders import Arm, find_arm, read_arm_files
+from servoloop.stack.arm_folders import ArmFolder, find_arm, read_arm_files
 from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.buses.build import Build
 from sim_backend.clock import SimulatedClock
@@ -16,7 +16,7 @@ class Lying:
     """Arm in the initial pose of its scene. It records the highest joint speeds with torque enabled."""
 
     def __init__(self, name: str = "so101", backlash_deg: float = 0.0) -> None:
-        self.arm: Arm = find_arm(name)
+        self.arm: ArmFolder = find_arm(name)
         self.files = read_arm_files(self.arm)
         self.clock = SimulatedClock()
         self.watch: Callable[[float], None] = lambda time_s: None

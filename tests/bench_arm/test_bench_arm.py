@@ -13,7 +13,7 @@ from servoloop.bench.page import page
 from servoloop.stack.processes import Interrupted
 from tests.bench_arm.rig import Lying
 
-slow = pytest.mark.slow  # half a minute of simulated time
+slow = pytest.mark.slow  # about half a minute of simulated time
 
 
 @pytest.fixture(scope="module")

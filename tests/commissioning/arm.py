@@ -182,7 +182,7 @@ class Person:
         while not hand.arrived(joint):
             self.arm.wait()
             update()
-        for _ in range(6):  # until the joint has come to rest behind it
+        for _ in range(6):  # wait until the joint has come to rest
             self.arm.wait()
             update()
 

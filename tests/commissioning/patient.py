@@ -54,7 +54,7 @@ class Patient:
         self.clock = SimulatedClock()
         ways = couplings(self.robot)
         self.world = World(self.files.scene, spread=self.build.spread, backlash=self.build.gaps(ways))
-        self.world.model.geom_contype[:] = 0  # nothing is in its way
+        self.world.model.geom_contype[:] = 0  # no contacts, so that no object blocks the arm
         self.plant = WorldPlant(self.world, ways)
         self.lines = virtual_lines(self.robot, self.plant, self.build.spread)
         self.line: ServoLine[Any] = next(iter(self.lines.values()))

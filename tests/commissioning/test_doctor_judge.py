@@ -91,7 +91,7 @@ def test_a_long_return_delay_is_not_reported_as_a_slow_adapter() -> None:
 def test_a_dynamixel_in_another_mode_than_calibrated_is_found(extended: bool, mode: int) -> None:
     joint = replace(DYNAMIXEL, extended=extended)
     registers = {"model_number": joint.model.number, "operating_mode": mode, "drive_mode": 0}
-    if extended:  # in that mode it does not look at them
+    if extended:  # the servo ignores these limits in extended position mode
         registers |= {"min_position_limit": 1000, "max_position_limit": 1100}
     servo = ServoSnapshot(joint, "well", registers, (STATE,), "/dev/ttyUSB0")
     found = judge(Snapshot((replace(BUS, servos=(servo,)),), perfect((joint,))))

@@ -87,7 +87,7 @@ def test_a_supply_that_sags_during_motion_is_found() -> None:
         patient.line.rig.feed(9.5 if fastest > 0.2 else 12.0)
 
     patient.plant._after_step = weaken
-    patient.wait(4.0)  # limp, the arm sinks first
+    patient.wait(4.0)  # the limp arm sinks first
     assert ("supply_sags", None) in found(examine(patient))
 
 
@@ -146,7 +146,7 @@ def test_no_joint_is_faster_than_tools_may_be() -> None:
 
     def watch(time_s: float) -> None:
         if first.get(sts.torque_limit) < 999 or not first.get(sts.torque_enable):
-            return  # limp before it, or let down behind it: the arm sinks
+            return  # the arm is limp before the test, or is being lowered after it
         for at, joint in enumerate(patient.plant.joints.velocity_at):
             fastest[at] = max(fastest[at], abs(float(patient.plant.joints.velocity[joint])))
 

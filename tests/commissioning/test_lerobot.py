@@ -39,7 +39,7 @@ PLANS = {name: JointPlan(positive="that way") for name in RANGES} | {
     "wrist_roll": JointPlan(positive="that way", zero="pose", pose="jaw level", at=0.0),
     "gripper": JointPlan(positive="opening", zero="lower_stop"),
 }
-# As such files are published: a wrist that was not swept, every zero at 2047.
+# Values as in published files: a wrist that was not swept, and every zero at 2047.
 PUBLISHED = {
     "shoulder_pan": (1, 0, -1386, 743, 3401),
     "shoulder_lift": (2, 0, 1071, 820, 3166),
@@ -114,7 +114,7 @@ def test_the_zero_is_found_in_the_travel_and_not_at_lerobots_pose() -> None:
     pan = made["shoulder_pan"]
     assert (pan.source, pan.made.zero_counts) == ("middle", 2072)
     assert pan.at_lerobot_zero == pytest.approx((2047 - 2072) * tau / 4096)
-    gripper = made["gripper"]  # closed at 2025, which is -0.175 rad
+    gripper = made["gripper"]  # the closed stop is at 2025 counts, which is -0.175 rad
     assert (gripper.source, gripper.made.zero_counts) == ("lower_stop", round(2025 + 0.175 * 4096 / tau))
 
 
@@ -138,7 +138,7 @@ def test_drive_mode_reverses_the_joint() -> None:
     mirrored = BUILT | {"elbow_flex": -1}
     made = {one.joint.name: one.made for one in from_lerobot(theirs(entries), JOINTS, mirrored, PLANS)}
     assert (made["shoulder_pan"].sign, made["elbow_flex"].sign, made["gripper"].sign) == (1, 1, -1)
-    # Its closed stop, the lower one, is where the counts are highest.
+    # The closed stop is the lower stop of the joint, and has the highest counts.
     assert made["gripper"].zero_counts == round(2080 - 0.175 * 4096 / tau)
 
 
@@ -210,7 +210,8 @@ def test_a_calibration_survives_export_and_import(robot: Path) -> None:
     import_text(robot, json.dumps(content()))
     stored = load_calibration(robot)
     assert stored is not None
-    roll = stored.joints["wrist_roll"].model_copy(update={"zero_counts": 2101})  # as calibrate finds it by its pose
+    # Calibrate measures this zero at the marked pose
+    roll = stored.joints["wrist_roll"].model_copy(update={"zero_counts": 2101})
     changed = CalibrationFile(joints=stored.joints | {"wrist_roll": roll})
     calibration_path(robot).write_text(json.dumps(changed.model_dump()))
     export_calibration(robot.with_name("out.json"), robot)
@@ -234,10 +235,10 @@ def test_a_calibration_survives_export_and_import(robot: Path) -> None:
         ({"gripper": (6, 0, 0, 200, 200)}, "gripper: its range begins and ends at 200: the joint was not moved"),
         (
             {"gripper": (6, 0, 2048, 0, 900)},
-            r"gripper: its homing offset 2048 is outside the range of its servo \(6\), -2047 to 2047",
+            r"gripper: the homing offset of its servo \(6\) must be -2047 to 2047, not 2048",
         ),
         ({"gripper": (6, 2, 0, 0, 900)}, "gripper.drive_mode"),
-        ({"gripper": (6, 0, 0, -30, 900)}, "gripper: its range -30 to 900 is not within the servo's counts, 0 to 4095"),
+        ({"gripper": (6, 0, 0, -30, 900)}, "gripper: its range must be within 0 to 4095 counts, not -30 to 900"),
         ({"gripper": (7, 0, 0, 30, 900)}, "gripper: its servo has ID 7 in LeRobot's file, but 6 in the robot file"),
         ({"claw": (7, 0, 0, 30, 900)}, "LeRobot's file has joint claw, but the robot file does not"),
         ({"shoulder_pan": (1, 0, 0, 5, 2100)}, "shoulder_pan: with this zero, its limits .* crosses the seam"),
@@ -256,7 +257,7 @@ def test_mistakes_are_reported_and_nothing_is_written(
     [
         ("", "not a JSON file"),
         ("[" * 100_000, "not a JSON file"),
-        ('{"gripper": {}}', "gripper.id: Field required"),
+        ('{"gripper": {}}', "gripper.id: is missing"),
         ('{"gripper": 1, "gripper": 2}', "duplicate key: gripper"),
         ('{"motor_names": [], "start_pos": []}', "older version of LeRobot"),
         ('{"gripper": {"id": true}}', "gripper.id: true is a boolean, but a number is required"),
@@ -306,7 +307,9 @@ def test_an_unsupported_arm_is_refused_before_the_file_is_read(robot: Path) -> N
 def test_an_invalid_offset_is_named_and_can_be_replaced_by_an_import(robot: Path) -> None:
     wild = CalibratedJoint(servo_id=6, sign=1, zero_counts=2048, homing_offset=5000, lower_counts=1, upper_counts=2)
     former = CalibrationFile(joints={"gripper": wild})
-    with pytest.raises(CalibrationError, match="gripper: its homing offset 5000 is outside the range of its servo"):
+    with pytest.raises(
+        CalibrationError, match=r"gripper: the homing offset of its servo .* must be -2047 to 2047, not 5000"
+    ):
         to_lerobot(former, BUILT)
     made = {one.joint.name: one for one in from_lerobot(theirs(), JOINTS, BUILT, PLANS, former)}
     assert made["gripper"].source == "lower_stop"
@@ -351,5 +354,5 @@ def test_mistakes_in_both_files_are_reported_with_file_and_line(robot: Path) -> 
     with pytest.raises(CalibrationError, match=rf"theirs.json:{line}: gripper: its range begins at 3503"):
         import_calibration(path, robot, JOINTS, PLANS)
     path.write_text(path.read_text().replace('"id": 6', '"id": "six"'))
-    with pytest.raises(CalibrationError, match=rf"theirs.json:{line + 1}: gripper.id: Input should be"):
+    with pytest.raises(CalibrationError, match=rf"theirs.json:{line + 1}: gripper.id: must be"):
         import_calibration(path, robot, JOINTS, PLANS)

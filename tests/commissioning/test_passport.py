@@ -208,7 +208,7 @@ def test_a_new_servo_replaces_an_old_one(new_id: int, others: tuple[int, ...]) -
 def test_a_new_servo_is_restored_over_a_lossy_bus(seed: int) -> None:
     taken, line = passport_of(Line()), Line((1,), own=False)
     line.lose(seed)
-    for _ in range(3):  # what is left is done by the next run
+    for _ in range(3):  # each run continues with the remaining registers
         try:
             restore(line.bus, line.clock, plan_replacement(line.bus, taken, 3))
             break

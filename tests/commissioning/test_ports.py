@@ -30,7 +30,7 @@ def healthy(small: SmallMachine) -> None:
     small.plug(USB, 0x0403, 0x6014, "FT6S4DSP")
     small.latency(USB, 1)
     small.run(77, "bash", ["/dev/pts/0"])
-    small.file(RULES, BRLTTY_RULES)  # of a CH340, which nobody has here
+    small.file(RULES, BRLTTY_RULES)  # these rules are for a CH340, which is not plugged in
 
 
 def in_use(small: SmallMachine) -> None:
@@ -97,11 +97,11 @@ def test_a_machine_without_adapters_has_no_problems(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("mode", "uid", "groups", "may"),
     [
-        (0o660, 1, {5}, True),  # the owner
-        (0o060, 1, {5}, False),  # the owner's bits decide, whatever the group may
+        (0o660, 1, {5}, True),  # the owner may read and write
+        (0o060, 1, {5}, False),  # for the owner, only the owner's bits count
         (0o660, 2, {5}, True),
         (0o600, 2, {5}, False),
-        (0o640, 2, {5}, False),  # reading alone is not enough
+        (0o640, 2, {5}, False),  # read permission alone is not enough
         (0o666, 2, {6}, True),
         (0o660, 2, {6}, False),
         (0o000, 0, {6}, True),  # root
@@ -206,7 +206,8 @@ def test_a_program_that_has_the_port_open_is_found_by_name(tmp_path: Path) -> No
         assert machine.holders(str(device)) == ()  # ours do not count
         other = subprocess.Popen(["sleep", "60"], stdin=opened)
     try:
-        eventually(lambda: machine.holders(str(device)) == (Holder(other.pid, "sleep"),))  # it has our name at first
+        # At first the child has the name of this program
+        eventually(lambda: machine.holders(str(device)) == (Holder(other.pid, "sleep"),))
         assert machine.runs("sleep") and not machine.runs("no such program")
     finally:
         other.kill()

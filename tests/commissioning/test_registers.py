@@ -211,7 +211,7 @@ def test_a_bad_bus_causes_no_second_eeprom_write(seed: int) -> None:
     try:
         assert write(line, "max_temperature", 61).after.raw == 61
     except ServoError as error:
-        assert "max_temperature" in str(error)  # named where it was given up
+        assert "max_temperature" in str(error)  # the error names the register that was not written
     wear = [packet for packet in line.sent if packet[2] == 3 and packet[4] == 3 and packet[5] < 40]
     assert len(wear) <= 1
     assert line.held(3, sts.lock) == 1

@@ -93,7 +93,7 @@ def test_an_interrupted_set_up_continues_where_it_stopped(after: int) -> None:
     assert len(set_up.done) == min(after, 6)
     assert bench.locked()
     done = list(reversed(range(6)))[:after]
-    bench.box.connect(*done)  # as people do, those in the chain already
+    bench.box.connect(*done)  # a user also leaves the finished servos in the chain
     hands = Hands(bench)
     bench.set_up(hands).run()
     asked = [task.joint for task in hands.asked if task.kind == "one"]
@@ -267,7 +267,7 @@ def interrupt() -> None:
 @pytest.mark.parametrize("at", range(0, 20, 4))
 def test_an_interrupted_write_leaves_the_eeprom_locked(at: int) -> None:
     bench = Bench()
-    bench.servo(4).memory.save(sts.baud_rate, 4)  # the second to be asked for: there is a rate to change too
+    bench.servo(4).memory.save(sts.baud_rate, 4)  # the second servo in the order, which also needs a new baud rate
     bench.port.before_write = Cut(at, interrupt)
     with pytest.raises(KeyboardInterrupt):
         bench.set_up(Hands(bench)).run()

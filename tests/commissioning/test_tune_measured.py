@@ -100,7 +100,7 @@ def test_no_joint_is_faster_than_a_quarter_of_its_limit_and_the_others_stay() ->
     bench.before = watch
     found = bench.tuner("elbow", Ending(relax=True)).measure(None)
     allowed = SPEED_SHARE * JOINTS[1].limits.velocity
-    assert 0.5 * allowed < fastest[1] < 1.4 * allowed  # the servo's own way of following is a little faster than told
+    assert 0.5 * allowed < fastest[1] < 1.4 * allowed  # the servo moves slightly faster than commanded to catch up
     assert farthest[1] == pytest.approx(abs(found.plan.far - found.plan.start), abs=15 * COUNT)
     assert farthest[2] < 1e-3
 

@@ -83,7 +83,7 @@ def test_every_command_of_the_page_works(
 def test_the_commands_of_the_page_for_a_whole_arm_work(
     link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # where the page's files are
+    monkeypatch.chdir(tmp_path)  # folder with the files of the page
     arm = find_arm("so101")
     joints = read_arm_files(arm).robot.joints
     shutil.copytree(arm.folder, "mine")  # a calibration is stored in it
@@ -94,7 +94,7 @@ def test_the_commands_of_the_page_for_a_whole_arm_work(
         if "import" in command:
             typed = typed.replace("--arm so101", "--arm ./mine")
         with served(link, there) as bus:
-            if len(there) > 1:  # servos that have been set up before
+            if len(there) > 1:  # these servos are already set up
                 hold_settings(bus, joints)
             status = run(monkeypatch, *shlex.split(typed)[1:], answer="y\n" * 9)
             ids = sorted(servo.servo_id for servo in bus.servos)

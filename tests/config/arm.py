@@ -1,4 +1,4 @@
-"""The arm's files, as the tests of config/moveit read them."""
+"""Files of the arm for the tests of config/moveit."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -26,7 +26,7 @@ def controllers() -> Any:
 
 
 def groups() -> dict[str, list[str]]:
-    """The joints of each group, with chains followed from tip to base."""
+    """Return the joints of each group, with chains followed from tip to base."""
     found: dict[str, list[str]] = {}
     for group in SRDF.findall("group"):
         joints = [joint.attrib["name"] for joint in group.findall("joint")]

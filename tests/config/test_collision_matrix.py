@@ -1,4 +1,4 @@
-"""The SRDF's self-collision matrix is what tools/collision_matrix.py finds, and hides no collision."""
+"""Tests that the self-collision matrix of the SRDF is that of tools/collision_matrix.py, and hides no collision."""
 
 import itertools
 import runpy
@@ -20,7 +20,7 @@ def arm() -> LinkModel:
 def disabled() -> dict[Pair, str]:
     elements = SRDF.findall("disable_collisions")
     found = {pair(e.attrib["link1"], e.attrib["link2"]): e.attrib["reason"] for e in elements}
-    assert len(found) == len(elements), "a pair is there twice"
+    assert len(found) == len(elements), "a pair is listed twice"
     return found
 
 

@@ -1,4 +1,4 @@
-"""robot_arm.srdf says of the arm what the URDF, the robot file and the controllers file say."""
+"""Tests that robot_arm.srdf agrees with the URDF, the robot file and the controllers file."""
 
 import xml.etree.ElementTree as ElementTree
 
@@ -7,7 +7,7 @@ import pytest
 from tests.config.arm import ARM, CONFIG, DESCRIPTION, SRDF, controllers, groups, read, states
 
 
-# Whoever runs this folder has run the command.
+# A run of this folder is a run of the command.
 @pytest.mark.runs(".venv/bin/python -m pytest tests/config")
 def test_the_robot_has_the_urdf_s_name() -> None:
     assert SRDF.get("name") == ElementTree.fromstring(DESCRIPTION.xml).get("name")

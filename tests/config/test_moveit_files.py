@@ -1,4 +1,4 @@
-"""`servoloop arms moveit` writes the files that MoveIt needs for any arm; MoveIt can plan from every pose of it."""
+"""Tests that `servoloop arms moveit` writes the files for any arm, and that MoveIt can plan from each of its poses."""
 
 import re
 import sys
@@ -16,18 +16,18 @@ from servoloop import cli
 from servoloop.moveit.collision_matrix import Pair, pair
 from servoloop.moveit.files import MOVEIT, moveit_files, read_objects, read_padding_m
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
-from servoloop.stack.arm_folders import ARMS, Arm, find_arm, read_arm, read_arm_files
+from servoloop.stack.arm_folders import ARMS, ArmFolder, find_arm, read_arm, read_arm_files
 from sim_backend.scene.world import World
 from tests.arms.test_check import FILES, folder_with
 
 SAMPLES: Final = 2000
-"""Number of random poses for the collision matrix: the pairs that matter touch in one pose of a hundred."""
+"""Number of random poses for the collision matrix. Relevant pairs touch in one of a hundred poses."""
 NAMES: Final = ("robot_arm", "so101", "so100", "koch")
 SERVOS_LEAVE_RAD: Final = 0.006
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Path]:
+def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[ArmFolder, Path]:
     arm = find_arm(request.param)
     folder = tmp_path_factory.mktemp(arm.name)
     for name, text in moveit_files(arm, SAMPLES).items():
@@ -58,12 +58,12 @@ def read(file: Path) -> Any:
     return yaml.safe_load(file.read_text())
 
 
-def padded(arm: Arm, folder: Path) -> PaddedArm:
+def padded(arm: ArmFolder, folder: Path) -> PaddedArm:
     objects = read_objects(read(folder / "planning_scene.yaml"))
     return PaddedArm(arm.scene, objects, read_padding_m(folder), unchecked(semantic(folder)))
 
 
-def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tuple[Arm, Path]) -> None:
+def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tuple[ArmFolder, Path]) -> None:
     arm, folder = written
     model = padded(arm, folder)
     named = {name: state for (group, name), state in states(semantic(folder)).items() if group == "arm"}
@@ -79,8 +79,8 @@ def test_moveit_can_plan_with_the_files_that_the_launch_takes() -> None:
     assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
 
 
-def test_the_project_s_own_arm_has_what_the_verb_writes(written: tuple[Arm, Path]) -> None:
-    """Except for the state `upright`, and for the collision matrix, which takes more samples."""
+def test_the_project_s_own_arm_has_what_the_verb_writes(written: tuple[ArmFolder, Path]) -> None:
+    """The exceptions are the state `upright` and the collision matrix, which needs more samples."""
     arm, folder = written
     if arm.name != "robot_arm":
         pytest.skip("the files of other arms are not kept")
@@ -101,8 +101,8 @@ def plain(element: ElementTree.Element) -> str:
     return re.sub(r"\s+", " ", ElementTree.tostring(element, encoding="unicode")).strip()
 
 
-def test_the_padding_is_more_than_the_hand_sinks(written: tuple[Arm, Path]) -> None:
-    """At what servos leave in each joint at once, with the arm stretched out as it is at zero or ready."""
+def test_the_padding_is_more_than_the_hand_sinks(written: tuple[ArmFolder, Path]) -> None:
+    """Each joint has the position error of a servo at rest, with the arm stretched out at zero or ready."""
     arm, folder = written
     world = World(arm.scene)
     for start in (np.zeros(len(world.joints)), world.ready):
@@ -114,7 +114,7 @@ def test_the_padding_is_more_than_the_hand_sinks(written: tuple[Arm, Path]) -> N
         assert SERVOS_LEAVE_RAD * sum(levers) < read_padding_m(folder)
 
 
-def test_the_files_name_the_arm_s_joints_and_controllers(written: tuple[Arm, Path]) -> None:
+def test_the_files_name_the_arm_s_joints_and_controllers(written: tuple[ArmFolder, Path]) -> None:
     arm, folder = written
     files, root = read_arm_files(arm), semantic(folder)
     limits = read(folder / "joint_limits.yaml")["joint_limits"]
@@ -178,7 +178,7 @@ def run(monkeypatch: pytest.MonkeyPatch, arm: str, folder: Path) -> int:
 
 
 def test_a_pose_in_which_moveit_could_not_plan_is_named(tmp_path: Path) -> None:
-    """The park pose puts the open jaw between the stand and bin C, 3 mm from the bin."""
+    """In this park pose, the open jaw is between the stand and bin C, 3 mm from the bin."""
     text = (ARMS / "so101" / "robot.yaml").read_text()
     (pose,) = re.findall(r"pose: \{.*\}", text)
     folded = "pose: {shoulder_pan: 0.0, shoulder_lift: -1.7, elbow_flex: 1.65, wrist_flex: 0.85, wrist_roll: -1.57}"

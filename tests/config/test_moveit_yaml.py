@@ -1,4 +1,4 @@
-"""The YAML files in config/moveit name what exists, with stated shares of the limits of URDF and robot files."""
+"""Tests that the YAML files in config/moveit use existing names, and the documented shares of the limits."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, controller
 
 VELOCITY_SHARE: Final = 0.9
 ACCELERATION_SHARE: Final = 0.8
-"""What MoveIt plans with, of the limits that the stack keeps: as joint_limits.yaml says."""
+"""Share of the stack's acceleration limits that MoveIt plans with, as in joint_limits.yaml."""
 
 
 @pytest.mark.parametrize("name", ["robot_arm", "robot_arm_dynamixel", "robot_arm_two_buses"])
@@ -34,7 +34,7 @@ def test_limits_are_shares_of_the_urdf_s_and_of_every_robot_file_s(name: str) ->
 
 
 def test_numbers_are_written_as_floating_point_numbers() -> None:
-    """ROS parameters have types: MoveIt refuses an integer there, or passes it over."""
+    """ROS parameters have types, and MoveIt rejects or ignores an integer here."""
     limits = read(MOVEIT / "joint_limits.yaml")
     numbers = [value for joint in limits["joint_limits"].values() for key, value in joint.items() if "max" in key]
     numbers += [value for name, value in limits.items() if name.startswith("default_")]
@@ -45,16 +45,16 @@ def test_numbers_are_written_as_floating_point_numbers() -> None:
 
 
 def test_paths_are_checked_more_closely_than_links_are_padded() -> None:
-    """The stretched-out hand comes no further from the nearest check than the padding reaches.
+    """The hand of the stretched-out arm moves no further between two checks than the padding reaches.
 
-    OMPL measures a space and a step in it as the sum over the joints.
+    OMPL measures the size of the space, and a step in it, as the sum over the joints.
     """
     limits = read(MOVEIT / "joint_limits.yaml")
     size = sum(DESCRIPTION.joints[joint].upper - DESCRIPTION.joints[joint].lower for joint in ARM)
     step = size * read(MOVEIT / "ompl_planning.yaml")["arm"]["longest_valid_segment_fraction"]
     assert step == pytest.approx(0.0564, abs=1e-4)
-    reach = 0.52  # m, from the shoulder to the finger tips
-    assert step * reach / 2 < limits["default_robot_padding"]  # from its middle to either end
+    reach = 0.52  # m, from the shoulder to the fingertips
+    assert step * reach / 2 < limits["default_robot_padding"]  # from the middle of a step to its ends
 
 
 def test_moveit_s_controllers_are_ours() -> None:

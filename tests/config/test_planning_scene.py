@@ -1,4 +1,4 @@
-"""planning_scene.yaml holds the simulated world, and leaves the padded arm its places of work."""
+"""Tests that planning_scene.yaml contains the simulated world, and that the padded arm can reach its working poses."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,18 +21,21 @@ PADDING: Final = read(MOVEIT / "joint_limits.yaml")["default_robot_padding"]
 NODE: Final = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
 POSES: Final = {**NODE["poses"], **{f"bin {name}": pose for name, pose in NODE["bins"].items()}}
 GIVES_WAY_RAD_PER_NM: Final = 30 * 2 * np.pi / 4096
-"""An STS3215 gave way by 20 to 30 of its counts at 1 N m, with friction's help, on a published bench. The virtual one,
-that no friction helps, gives way by 42 (docs/simulation.md)."""
+"""Deflection of an STS3215 per N m.
+
+In a published bench test, a real servo with friction deflected by 20 to 30 counts at 1 N m. The virtual servo without
+friction deflects by 42 (docs/simulation.md).
+"""
 
 SERVOS_LEAVE_RAD: Final = 0.006
-"""What servos leave of a joint's error at rest, with gravity compensation."""
+"""Position error of a servo at rest with gravity compensation, in rad."""
 
 Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box that is not turned: its middle and half its size, m."""
+    """A box parallel to the axes, with its middle and half its size in m."""
 
     middle: Numbers
     half: Numbers
@@ -42,7 +45,7 @@ class Box:
         return round(self.middle[2] + self.half[2], 9)
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether the box has the point above or below it, its edges included."""
+        """Whether the point is above or below the box or its edges."""
         offset = np.abs([x - self.middle[0], y - self.middle[1]])
         return bool((offset <= np.add(self.half[:2], 1e-9)).all())
 
@@ -63,7 +66,7 @@ def in_the_file() -> dict[str, list[Box]]:
 
 
 def in_the_world(body: str) -> list[Box]:
-    """The world builds a body that does not move of these boxes."""
+    """Return the boxes of a fixed body of the world."""
     world = World()
     numbers = range(world.model.ngeom)
     geoms = [world.data.geom(i) for i in numbers if world.model.geom_bodyid[i] == world.model.body(body).id]
@@ -79,10 +82,11 @@ def test_the_request_adds_to_what_move_group_has() -> None:
         "is_diff",
         "robot_state",
         "world",
-    }  # a padding named here would end the one in joint_limits.yaml
+    }  # a padding here would replace the one in joint_limits.yaml
     assert scene["is_diff"] is True and scene["robot_state"] == {"is_diff": True}
     frames = {item["header"]["frame_id"] for item in scene["world"]["collision_objects"]}
-    assert frames == LINKS - {joint.child for joint in DESCRIPTION.joints.values()}  # the root: no joint moves it
+    # No joint moves the root link.
+    assert frames == LINKS - {joint.child for joint in DESCRIPTION.joints.values()}
 
 
 def test_every_body_of_the_world_is_there_but_arm_and_cube() -> None:
@@ -111,21 +115,21 @@ def test_the_table_is_level_with_the_world_s_and_lower_only_below_the_foot_and_w
     for x, y in np.mgrid[-0.6:0.6:49j, -0.6:0.6:49j].reshape(2, -1).T:  # the fingers reach 0.52 m
         top = max(box.top for box in table if box.covers(x, y))
         below_foot = max(abs(x), abs(y)) < 0.085
-        behind = -0.36 < x < -0.08 and abs(y) < 0.08  # where a parked arm is let go
+        behind = -0.36 < x < -0.08 and abs(y) < 0.08  # where a parked arm is released
         assert top == 0.0 or below_foot or behind, (x, y)
         tops.add(top)
     assert min(tops) >= -PADDING - 2 * ROOM_M
 
 
 def given_way(pose: Any) -> Any:
-    """The arm's weight moves servos that are told `pose` to here."""
+    """Return the joint positions when the weight of the arm deflects servos with this goal."""
     world = World(initial_position=[*pose, 0.0])
     torque = [world.data.qfrc_bias[int(world.model.joint(name).dofadr[0])] for name in ARM]
     return np.array(pose) - np.multiply(torque, GIVES_WAY_RAD_PER_NM)
 
 
 def distance(arm: PaddedArm, pose: Any, hand: float) -> float:
-    """The arm keeps this distance from the nearest box, m; negative where it is inside one."""
+    """Return the distance of the arm from the nearest box in m, which is negative inside a box."""
     return min(arm.distances({**dict(zip(ARM, pose, strict=True)), "hand_right_joint": hand}).values())
 
 
@@ -136,17 +140,20 @@ def padded() -> PaddedArm:
 
 @pytest.mark.parametrize("hand", [NODE["hand_open_m"], 0.0275, NODE["hand_closed_m"]])
 def test_moveit_may_go_where_the_node_goes(padded: PaddedArm, hand: float) -> None:
-    """A state in collision is neither start nor goal: told and given way, the hand open, around a cube and closed."""
+    """MoveIt rejects starts and goals in collision.
+
+    The pose must therefore be free of collisions with the hand open, around a cube and closed.
+    """
     named = {name: list(values.values()) for (group, name), values in states().items() if group == "arm"}
     parked = named.pop("park")
-    assert distance(padded, parked, hand) > 0.001  # the table holds what gives way here
+    assert distance(padded, parked, hand) > 0.001  # the table supports what deflects here
     for name, pose in {**POSES, **named}.items():
         for place in (pose, given_way(pose)):
             assert distance(padded, place, hand) > 0.001, name
 
 
 def test_moveit_may_not_go_into_stand_table_and_bins(padded: PaddedArm) -> None:
-    """The arm is in a box further down from the pick and from each bin, and padding brings it nearer to one."""
+    """Further down from the pick and bin poses, the arm touches a box. Padding makes this distance shorter."""
     for name in ("pick", *(name for name in POSES if name.startswith("bin"))):
         lower = np.add(POSES[name], [0, -0.25, -0.25, 0.25, 0.25, 0])
         assert distance(padded, lower, 0.0) < 0, name
@@ -155,7 +162,7 @@ def test_moveit_may_not_go_into_stand_table_and_bins(padded: PaddedArm) -> None:
 
 
 def test_a_gripped_cube_keeps_clear_of_the_stand() -> None:
-    """An attached object has the padding of the link that holds it, and the hand sinks by what servos leave."""
+    """An attached object has the padding of the link that holds it, and the hand sinks by the error at rest."""
     world = World()
     cube, half = world.poses()["cube"].position_m, float(world.model.geom("cube").size[2])
     (stand,) = in_the_file()["stand"]

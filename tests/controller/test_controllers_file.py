@@ -177,7 +177,7 @@ MISTAKES = {
         ["hand-2 is not a valid controller name: use letters, digits and _, and do not start with a digit"],
     ),
     "no joints": (("[joint1, joint2]", "[]"), ["arm_controller.joints: "]),
-    "missing joints": (("    joints: [right]\n", ""), ["hand_controller.joints: Field required"]),
+    "missing joints": (("    joints: [right]\n", ""), ["hand_controller.joints: is missing: add it"]),
     "joints of the wrong kind": (("[right]", "7"), ["hand_controller.joints: "]),
     "an unknown interface": (
         ("interface_name: position", "interface_name: effort"),
@@ -215,7 +215,7 @@ MISTAKES = {
     ),
     "an unknown method": (
         ("    joints: [joint1", "    interpolation_method: cubic\n    joints: [joint1"),
-        ["arm_controller.interpolation_method: Input should be 'splines', 'none' or 'ruckig'"],
+        ["arm_controller.interpolation_method: must be 'splines', 'none' or 'ruckig'"],
     ),
 }
 
@@ -371,7 +371,7 @@ def test_later_parameter_files_override_earlier_ones_and_the_controllers_file(tm
             "wrist",
             HAND_TYPE,
             "wrist: {ros__parameters: {joints: [], interface_name: smell}}",
-            "more0.yaml:1: wrist.interface_name: Input should be",
+            "more0.yaml:1: wrist.interface_name: must be",
         ),
         ("wrist", HAND_TYPE, "wrist: [", "more0.yaml is not YAML"),
         (

@@ -90,7 +90,7 @@ def test_a_reactivated_component_forgets_old_readings() -> None:
     for target in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
         change = bench.loop.component_transitions.ask("scripted", target)
         bench.cycles_until(lambda change=change: change.done)  # type: ignore[misc]
-        bench.hardware._position[:2] += 0.9  # moved by hand, faster than any cycle could see
+        bench.hardware._position[:2] += 0.9  # moved by hand between two cycles, faster than is plausible
     states: list[JointState] = []
     bench.loop.on_cycle = states.append
     bench.cycle(2)

@@ -18,7 +18,7 @@ def cycles_until_given_up(period_s: float) -> int:
 @pytest.mark.parametrize(("rate_hz", "cycles"), [(5, 7), (20, 7), (50, 18), (100, 35), (400, 140)])
 def test_the_timeout_is_seven_cycles_or_0_35_s_whichever_is_longer(rate_hz: int, cycles: int) -> None:
     assert cycles_until_given_up(1.0 / rate_hz) == cycles
-    assert cycles - 1 > STALL_S * rate_hz + 1  # The cycles of a stall, and one for its late answers.
+    assert cycles - 1 > STALL_S * rate_hz + 1  # cycles of a stall, plus one cycle with late replies
 
 
 def test_only_consecutive_cycles_count() -> None:

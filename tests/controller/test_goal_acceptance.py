@@ -89,10 +89,10 @@ REFUSED = {
         goal(point(), point(after_s=0.5)),
         "Time between points 0 and 1 is not strictly increasing, it is 1.000000 and 0.500000 respectively",
     ),
-    "a NaN time": (goal(point(after_s=NAN)), "times are nan s: only finite values are allowed"),
+    "a NaN time": (goal(point(after_s=NAN)), "times must be finite, not nan s"),
     "an infinite time": (
         goal(point(), point(after_s=INF)),
-        "times are 1.0, inf s: only finite values are allowed",
+        "times must be finite, not 1.0, inf s",
     ),
     "an end in the past": (
         goal(point(after_s=1.0), delay_s=-1.5),
@@ -100,19 +100,19 @@ REFUSED = {
     ),
     "times since 1970": (goal(point(after_s=1.76e9)), FAR.format(1760000000)),
     "a stamp of another clock": (goal(point(after_s=1.0), delay_s=1.76e9), FAR.format(1760000001)),
-    "NaN": (goal(point((NAN, 0.0))), "joint1 is nan at point #0: only finite values are allowed"),
-    "inf": (goal(point((0.0, INF))), "joint2 is inf at point #0: only finite values are allowed"),
+    "NaN": (goal(point((NAN, 0.0))), "joint1 must be finite at point #0, not nan"),
+    "inf": (goal(point((0.0, INF))), "joint2 must be finite at point #0, not inf"),
     "NaN in the middle": (
         goal(point(), point((0.0, NAN), 2.0), point(after_s=3.0)),
-        "joint2 is nan at point #1: only finite values are allowed",
+        "joint2 must be finite at point #1, not nan",
     ),
     "NaN velocity": (
         goal(point(velocities=(NAN, 0.0))),
-        "joint1 is nan at point #0: only finite values are allowed",
+        "joint1 must be finite at point #0, not nan",
     ),
     "inf acceleration": (
         goal(point(accelerations=(0.0, -INF))),
-        "joint2 is -inf at point #0: only finite values are allowed",
+        "joint2 must be finite at point #0, not -inf",
     ),
     "beyond a position limit": (
         goal(point((0.0, 1.5))),
@@ -225,10 +225,10 @@ def test_tolerances_of_a_goal_are_combined_with_the_defaults(
 @pytest.mark.parametrize(
     ("asked", "text"),
     [
-        (Tolerances({"joint1": -2.0}), "-2.0 is not a valid tolerance"),
-        (Tolerances({}, {"joint1": -0.5}), "-0.5 is not a valid tolerance"),
-        (Tolerances({}, {}, -2.0), "-2.0 is not a valid tolerance"),
-        (Tolerances({"joint1": NAN}), "nan is not a valid tolerance"),
+        (Tolerances({"joint1": -2.0}), "a tolerance must be positive, 0 for the default or -1 for none, not -2.0"),
+        (Tolerances({}, {"joint1": -0.5}), "a tolerance must be positive, 0 for the default or -1 for none, not -0.5"),
+        (Tolerances({}, {}, -2.0), "a tolerance must be positive, 0 for the default or -1 for none, not -2.0"),
+        (Tolerances({"joint1": NAN}), "not nan"),
         (Tolerances({"foo": 0.1}), "joint 'foo' specified in goal.path_tolerance does not exist"),
         (Tolerances({}, {"foo": 0.1}), "joint 'foo' specified in goal.goal_tolerance does not exist"),
     ],

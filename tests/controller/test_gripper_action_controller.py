@@ -117,18 +117,18 @@ def test_the_velocity_is_bounded_by_goal_parameter_and_joint(asked: float, param
 @pytest.mark.parametrize(
     ("goal", "words"),
     [
-        (GripperGoal(NAN), "position nan for finger: the value must be finite"),
-        (GripperGoal(INF), "position inf for finger: the value must be finite"),
+        (GripperGoal(NAN), "the position of finger must be finite, not nan"),
+        (GripperGoal(INF), "the position of finger must be finite, not inf"),
         (GripperGoal(0.06), "position 0.06 is outside the limits 0 to 0.05 of finger"),
         (GripperGoal(-0.01), "position -0.01 is outside the limits 0 to 0.05 of finger"),
-        (GripperGoal(0.01, NAN), "max velocity nan for finger: the value must be finite and not negative"),
-        (GripperGoal(0.01, -1.0), "max velocity -1.0 for finger: the value must be finite and not negative"),
+        (GripperGoal(0.01, NAN), "max velocity of finger must be finite and at least 0, not nan"),
+        (GripperGoal(0.01, -1.0), "max velocity of finger must be finite and at least 0, not -1.0"),
         (
             GripperGoal(0.01, 0.001),
-            "max velocity 0.001 is not above the stall_velocity_threshold 0.001: use a higher velocity",
+            "max velocity must be above the stall_velocity_threshold 0.001, not 0.001",
         ),
-        (GripperGoal(0.01, 0.0, INF), "max effort inf for finger: the value must be finite and not negative"),
-        (GripperGoal(0.01, 0.0, -5.0), "max effort -5.0 for finger: the value must be finite and not negative"),
+        (GripperGoal(0.01, 0.0, INF), "max effort of finger must be finite and at least 0, not inf"),
+        (GripperGoal(0.01, 0.0, -5.0), "max effort of finger must be finite and at least 0, not -5.0"),
         (GripperGoal(0.05, 0.1, 40.0), None),
     ],
 )

@@ -70,7 +70,7 @@ def test_the_controllers_are_built_and_parameters_without_effect_are_logged(
     ("right", "wrong", "words"),
     [
         ("joint: finger", "joint: thumb", r":9: gripper.joint names thumb, which has no command_interface"),
-        ("joint: finger", "stall_timeout: 2.0", r"gripper.joint: Field required"),
+        ("joint: finger", "stall_timeout: 2.0", r"gripper.joint: is missing"),
         (
             "max_effort: 20.0",
             "max_effort_interface: f/e",

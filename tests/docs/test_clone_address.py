@@ -1,4 +1,4 @@
-"""The address from which the project is cloned: in the documents if the project has one, and only then."""
+"""Tests that the documentation contains the clone address of the project if, and only if, the project has one."""
 
 import re
 import tomllib
@@ -12,7 +12,7 @@ CLONE = re.compile(r"\bgit clone (\S+)")
 
 
 def address() -> str | None:
-    """The address of the repository in pyproject.toml."""
+    """Return the repository address in pyproject.toml."""
     urls: Mapping[str, str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"].get("urls", {})
     return next((url for name, url in urls.items() if name.lower() in ("repository", "source")), None)
 

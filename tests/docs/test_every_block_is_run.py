@@ -1,4 +1,4 @@
-"""Every command and every code block of README and docs/ is run by a test, or its page says why not."""
+"""Tests that a test runs every command and code block of README and docs/, or that the page gives a reason."""
 
 import re
 from collections import Counter
@@ -14,21 +14,21 @@ from tests.pages import SHELL, blocks, pages
 
 TO_RUN = {what for page in pages() for block in blocks(page) for what in block.to_run}
 NOT_RUN = {"ros2.md": 3, "moveit.md": 4}
-"""So many blocks of these pages need a whole ROS 2 installation, or change the machine."""
+"""Number of blocks per page that need a whole ROS 2 installation or change the machine."""
 INLINE = re.compile(r"(?<!`)`servoloop ([^`]+)`(?!`)")
-"""A command in the running text."""
+"""Pattern of a command in running text."""
 
 
 @pytest.fixture(scope="module")
 def tests_of(request: pytest.FixtureRequest) -> dict[str, list[str]]:
-    """The tests that say what they run. Without ROS half of them are not there."""
+    """Return the commands and blocks that tests are marked to run. Without ROS, half of these tests are missing."""
     pytest.importorskip("rclpy")
     files = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if "mark.runs(" in path.read_text()]
     return marked(request.config, "runs", files)
 
 
 def test_every_command_and_code_block_is_run(tests_of: dict[str, list[str]]) -> None:
-    """What is listed here wants a test that runs it, with ``@pytest.mark.runs(...)``: tests/pages.py."""
+    """Each reported command or block needs a test with ``@pytest.mark.runs(...)``, as described in tests/pages.py."""
     assert sorted(TO_RUN - tests_of.keys()) == []
 
 
@@ -49,13 +49,13 @@ def test_no_command_hides_in_a_block_of_another_language(page: str) -> None:
 
 @pytest.mark.parametrize("page", pages())
 def test_fences_are_all_understood(page: str) -> None:
-    """An indented fence, or one with more than a language, would be passed over."""
+    """Indented fences, and fences with more than a language, would be skipped."""
     fences = [line for line in pages()[page].read_text().splitlines() if "```" in line]
     assert len(fences) == 2 * len(blocks(page)), fences
 
 
 def verb_of(words: list[str]) -> tuple[Any, list[str]]:
-    """The verb, through its groups, and what is behind it."""
+    """Return the full name of the command with its groups, and its arguments."""
     command: Any = typer.main.get_command(app)
     while words and words[0] in getattr(command, "commands", {}):
         command, words = command.commands[words[0]], words[1:]

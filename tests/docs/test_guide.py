@@ -1,4 +1,4 @@
-"""docs/getting-started-so101.md: what its text and its pictures say is what the programs and the arm's files say."""
+"""Tests that docs/getting-started-so101.md and its images agree with the programs and the files of the arm."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Links between documents lead somewhere, on a git host as on the site."""
+"""Tests that links between documents work on a git host and on the site."""
 
 import re
 from pathlib import Path
@@ -13,12 +13,12 @@ FENCED = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 
 
 def text_of(path: Path) -> str:
-    """A document without its blocks of code."""
+    """Return a document without its code blocks."""
     return FENCED.sub("", path.read_text())
 
 
 def anchors(path: Path) -> set[str]:
-    """The anchors that git hosts make of a document's headings."""
+    """Return the anchors that git hosts generate from a document's headings."""
     found: set[str] = set()
     for heading in HEADING.findall(text_of(path)):
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()

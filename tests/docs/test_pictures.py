@@ -1,4 +1,4 @@
-"""The documents' pictures: each is shown, and made by a script that is named on the page that shows it."""
+"""Tests that every image of the documentation is used, and that its page names the script that generates it."""
 
 import re
 import shlex
@@ -19,9 +19,9 @@ SHOWN = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
 SCRIPTS = {command for page in pages() for command in commands(page) if command.startswith("python tools/")}
 VIEW = "python tools/view_picture.py docs/view.png"
 SIMULATED = sorted(SCRIPTS - {VIEW})
-"""What shows numbers alone: the same wherever it is drawn."""
+"""Scripts whose images depend only on numbers, so that they are equal on every machine."""
 OTHER = 0.01
-"""So large a share of the pixels may be clearly different: the physics of another machine may round otherwise."""
+"""Share of pixels that may differ clearly, because the physics of another machine may be rounded differently."""
 
 
 def shown_by(page: str) -> set[Path]:
@@ -43,7 +43,7 @@ def test_a_page_names_the_script_of_its_pictures(page: str) -> None:
 
 
 def run(command: str, folder: Path) -> tuple[Path, Path]:
-    """The picture that a page's command draws, here, and the one in docs/."""
+    """Return the image that a command of the page draws here, and the one in docs/."""
     *words, picture = shlex.split(command)
     drawn = folder / Path(picture).name
     subprocess.run([sys.executable, *words[1:], str(drawn)], cwd=ROOT, check=True, timeout=110.0)
@@ -57,7 +57,7 @@ def pixels(path: Path) -> list[NDArray[np.uint8]]:
 
 
 def when(command: str) -> pytest.MarkDecorator:
-    """The scripts of the arms and of the guide draw one of their pictures in every run, the others in the long one."""
+    """Mark all but one image of the scripts for arms and guide as slow."""
     seldom = "docs/arms/" in command or ("docs/so101/" in command and not command.endswith("joints.png"))
     return pytest.mark.soak if seldom else pytest.mark.slow
 

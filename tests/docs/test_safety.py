@@ -1,4 +1,4 @@
-"""docs/safety.md: every promise names tests, and they are there."""
+"""Tests that every promise in docs/safety.md names existing tests."""
 
 import re
 

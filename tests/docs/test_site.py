@@ -1,4 +1,4 @@
-"""The documentation site: it is built without a warning, asks no other host for anything, and has its reference."""
+"""Tests of the documentation site: it has no warnings, loads nothing from other hosts, and has its reference."""
 
 import re
 import subprocess
@@ -20,13 +20,13 @@ from tests.view.chromium import find_chromium
 pytestmark = pytest.mark.slow
 
 FETCHED = ("link", "script", "img", "iframe", "source", "video", "audio", "object", "embed", "use", "form")
-"""Elements that make a browser ask for something; others are links to click on."""
+"""Elements whose addresses a browser loads without a click."""
 ELSEWHERE = re.compile(r"(?:url\(\s*['\"]?|@import\s+['\"])(https?:)?//")
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The site, as ``make docs`` builds it."""
+    """Return the site as built by ``make docs``."""
     folder = tmp_path_factory.mktemp("site")
     build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False, timeout=110.0)
@@ -35,7 +35,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Page(HTMLParser):
-    """What a page fetches, and its paragraphs."""
+    """Addresses that a page loads, and its paragraphs."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -82,7 +82,7 @@ def test_no_page_asks_another_host_for_anything(site: Path) -> None:
 
 
 def test_lists_and_tables_are_lists_and_tables_here_too(site: Path) -> None:
-    """A list without an empty line before it is one on git hosts, and running text here."""
+    """A list without a preceding empty line is a list on git hosts but running text on the site."""
     for path in html(site):
         for text in Page(path).paragraphs:
             assert not re.search(r"^(- |\d+\. |\|)", text, re.MULTILINE), (path.name, text[:200])
@@ -123,7 +123,7 @@ def test_a_browser_asks_this_machine_alone_and_finds_words(site: Path, address: 
         page.on("request", lambda request: requests.append(request.url))
         root = site.as_uri() if from_disk else address
         page.goto(f"{root}/index.html")
-        # Key by key: the search reads its field when a key comes up, and misses what is put there a moment later.
+        # Type key by key, because the search reads its field at each key release.
         page.locator("input.md-search__input").press_sequentially("gravity compensation")
         found = page.wait_for_selector(".md-search-result__item a")
         assert found is not None and (found.get_attribute("href") or "").startswith(f"{root}/")

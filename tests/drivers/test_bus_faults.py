@@ -116,7 +116,7 @@ def test_a_silent_servo_is_reported_in_every_cycle_and_costs_little_time(kind: K
         costs.append(line.clock.now() - begin_s - whole_s)
         assert {i: r.kind for i, r in readings.items() if isinstance(r, ServoFault)} == {servo_id: "silent"}
         line.clock.sleep_until(begin_s + period_s)
-    assert sorted(costs)[296] < 0.0031  # of 300; the first cycles repeat requests
+    assert sorted(costs)[296] < 0.0031  # the first of the 300 cycles repeat requests
     assert max(costs) < 0.0125
     account = line.account(servo_id)
     assert account.silent + account.skipped == 300 + account.retries

@@ -27,7 +27,7 @@ def test_late_replies_among_other_faults(kind: Kind) -> None:
             line.faults.delay_next(IDS[number % len(IDS)])
         for servo_id, reading in line.cycle().items():
             assert not isinstance(reading, ServoState) or truth.holds(servo_id, reading), (number, servo_id)
-        truth.number += 1  # whatever arrives from now on is old
+        truth.number += 1  # replies to earlier requests are outdated from now on
     accounts = [line.account(i) for i in IDS]
     assert sum(a.late for a in accounts) > 80
     lost = sum(count for (what, _), count in done.done.items() if what in ("drop", "flip"))
@@ -46,7 +46,7 @@ def test_a_late_reply_is_never_taken_for_the_current_reply(kind: Kind, servo_id:
             line.faults.delay_next(servo_id)
         for i, reading in line.cycle().items():
             assert not isinstance(reading, ServoState) or truth.holds(i, reading)
-        truth.number += 1  # whatever arrives from now on is old
+        truth.number += 1  # replies to earlier requests are outdated from now on
     account = line.account(servo_id)
     assert (account.silent, account.late) == (0, 12)
     assert line.missing() == {}

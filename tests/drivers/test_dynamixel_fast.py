@@ -228,7 +228,7 @@ def test_a_late_packet_is_never_a_reply_to_the_next_request() -> None:
     assert right(line.cycle())
     first, *others = line.codes()
     assert first == Code.FAST_SYNC_READ
-    assert set(others) == {Code.SYNC_READ}  # in which a common packet is not a reply of one servo
+    assert set(others) == {Code.SYNC_READ}  # a plain read does not accept the common packet as a reply of one servo
     assert line.bus.counters.noise > 0
 
 

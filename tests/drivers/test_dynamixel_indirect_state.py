@@ -415,7 +415,7 @@ def test_a_late_reply_is_never_taken_for_the_current_reply(servo_id: int) -> Non
         if number % 5 == 0:
             line.servos.faults.delay_next(servo_id)
         line.cycle()
-        line.number += 1  # whatever arrives from now on is old
+        line.number += 1  # replies to earlier requests are outdated from now on
     assert line.bus.counters.of(servo_id).late > 0
     line.clock.sleep_until(line.clock.now() + 1.0)
     for _ in range(5):

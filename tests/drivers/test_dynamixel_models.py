@@ -207,7 +207,7 @@ def test_settings_goal_limit_and_torque_of_an_xl320() -> None:
     with pytest.raises(ValueError, match="goal_position must be 0 to 1023"):
         bus.write_goals({3: ServoGoal(1024)})
     bus.limit_torque(3, 1.0)
-    assert port.held(3, xl320.torque_limit) == 599  # a reset servo has 600
+    assert port.held(3, xl320.torque_limit) == 599  # a servo has the value 600 after a reset
     bus.torque_on(3)
     assert bus.torque_is_on(3)
     assert port.held(3, xl320.p_gain) == 40
@@ -227,7 +227,8 @@ def mixed() -> tuple[Tables, Bus]:
     place_xl320(port, 2)
     for servo_id in (1, 5, 9):
         port.put(servo_id, x_series.present_position, 100 * servo_id)
-        port.put(servo_id, x_series.present_current, -50)  # a current only for the last servo, a load for the others
+        # The last servo measures its current, and the others estimate their load
+        port.put(servo_id, x_series.present_current, -50)
         port.put(servo_id, x_series.present_voltage, 120)
     return port, Bus(port, port.clock, MIXED)
 

@@ -68,7 +68,7 @@ def test_the_virtual_servo_has_the_table_and_group_read_of_its_series(model: Ser
     kept = []
     for place in (place for place in range(128) if listed.get(place) not in (dxl.lock, dxl.servo_id)):
         if not servo.memory.read(place, 1):
-            break  # the table of an STS ends
+            break  # end of the table of an STS
         before = servo.memory.read(place, 1)[0]
         servo.memory.write(place, bytes((before ^ 2,)))
         if servo.memory.read(place, 1)[0] != before:

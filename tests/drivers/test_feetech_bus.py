@@ -130,7 +130,7 @@ def test_a_corrupt_reply_is_named() -> None:
 @pytest.mark.parametrize("register", [sts.acceleration, sts.goal_position, sts.goal_velocity])
 def test_a_written_value_is_read_back(register: Register) -> None:
     line = Line()
-    line.bus.write(2, register, 99)  # an acceleration beyond 100 is cut
+    line.bus.write(2, register, 99)  # values above 100 are clamped
     assert line.bus.read(2, register) == line.held(2, register) == 99
     assert line.bus.read(1, register) == 0
 
@@ -477,7 +477,7 @@ def test_torque_off_is_repeated_and_a_silent_servo_does_not_delay_others() -> No
 
     def reaches(servo_id: int) -> bool:
         written_ids.append(servo_id)
-        return written_ids.count(servo_id) > ATTEMPTS  # the packet to all, and all attempts but the last
+        return written_ids.count(servo_id) > ATTEMPTS  # loses the broadcast and all attempts except the last
 
     for servo_id in (1, 3):
         line.bus.torque_on(servo_id)

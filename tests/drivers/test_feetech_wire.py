@@ -59,8 +59,8 @@ all_cuts = st.lists(st.integers(0, 1000), max_size=12)
 @pytest.mark.parametrize(
     ("made", "wanted"),
     [
-        (wire.packet(1, 0x01, b""), "ff ff 01 02 01 fb"),  # the manual's ping
-        (wire.packet(1, 0x02, b"\x38\x02"), "ff ff 01 04 02 38 02 be"),  # the manual's read of a position
+        (wire.packet(1, 0x01, b""), "ff ff 01 02 01 fb"),  # example of a ping in the manual
+        (wire.packet(1, 0x02, b"\x38\x02"), "ff ff 01 04 02 38 02 be"),  # example of a read of a position in the manual
         (wire.sync_read([1, 2], 0x38, 8), "ff ff fe 06 82 38 08 01 02 36"),
         (
             wire.sync_write(0x2A, 2, b"\x01\x00\x08\x02\xff\x07"),

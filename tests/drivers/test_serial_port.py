@@ -480,7 +480,7 @@ def test_a_second_burst_of_the_same_size(terminal: Terminal, size: int) -> None:
     for _ in range(3):
         os.write(terminal.master, burst)
         assert port.read(size, now() + 20.0) == burst
-    assert port.read(size, now() - 1.0) == b""  # no time, and no input
+    assert port.read(size, now() - 1.0) == b""  # the deadline has passed, and there is no input
     os.write(terminal.master, burst[:35])
     assert port.read(size, now() + 0.02) == burst[:35]
     port.close()

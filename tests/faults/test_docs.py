@@ -113,7 +113,7 @@ def test_errors_name_the_missing_emulator_and_the_wrong_faults(tmp_path: Path) -
     broken = tmp_path / "faults.yaml"
     broken.write_text("- {kind: silent}\n")
     result = CliRunner().invoke(app, ["emulate", str(tmp_path / "bus"), "--faults", str(broken)])
-    assert f"{broken}:1: 0.silent.servo_id: Field required" in str(result.exception)
+    assert f"{broken}:1: 0.silent.servo_id: is missing" in str(result.exception)
     broken.write_text("- {kind: silent, servo_id: 9}\n- {kind: stall, for_s: 1}\n")
     result = CliRunner().invoke(app, ["emulate", str(tmp_path / "bus"), "--faults", str(broken)])
     assert "there is no servo 9" in str(result.exception) and "there is no stack" in str(result.exception)

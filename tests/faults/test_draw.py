@@ -124,7 +124,7 @@ def test_half_of_the_durations_are_near_the_time_outs() -> None:
     lengths_s = drawn("silent", "for_s")
     assert lengths_s[0] < 0.003 and lengths_s[-1] > 10.0
     usual = sum(0.05 <= length_s <= 2.0 for length_s in lengths_s) / len(lengths_s)
-    assert 0.6 < usual < 0.75  # one half, and those of the other half that are in the same range
+    assert 0.6 < usual < 0.75  # half of the durations, plus those of the other half that are within this range
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def test_fault_times_count_from_when_the_arm_is_up_by_default(tmp_path: Path) ->
     assert event.since == "end" and text_of(event) == "silent id=3 at=0.005s since=end for=2.0s"
     path = tmp_path / "faults.yaml"
     path.write_text("- {kind: silent, servo_id: 3, since: start}\n- {kind: silent, servo_id: 3, since: noon}\n")
-    with pytest.raises(FaultError, match=rf"{path}:2: 1.silent.since: Input should be 'start', 'up' or 'end'"):
+    with pytest.raises(FaultError, match=rf"{path}:2: 1.silent.since: must be 'start', 'up' or 'end'"):
         read_script(path)
 
 

@@ -122,7 +122,7 @@ def test_a_servo_with_torque_may_be_at_most_half_a_turn_from_its_goal(way: int, 
     memory = bench.servos.servo(1).memory
     memory.put(
         sts.goal_position, middle + way + int(math.copysign(further, way))
-    )  # not by a write, which would change it
+    )  # set directly, because a write would change the position
     memory.put(sts.torque_enable, 1)
     if not further:
         bench.hardware.activate()

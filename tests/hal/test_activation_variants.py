@@ -22,7 +22,7 @@ LOSSES = [None, *(Disturbance(seed, drop=0.1, flip=0.05, noise=0.05, miss=0.1) f
 def test_no_joint_moves_during_activation(variant: StsVariant, losses: Disturbance | None) -> None:
     bench = Bench(variant=variant)
     for servo, goal in zip(bench.servos.servos, STALE, strict=True):
-        servo.memory.put(sts.goal_position, goal)  # not by a write, which would enable torque
+        servo.memory.put(sts.goal_position, goal)  # set directly, because a write would enable torque
     bench.configured()
     before = [bench.measured(i) for i in IDS]
     if losses is not None:

@@ -146,19 +146,22 @@ def limited(old: str, new: str) -> str:
             limited('lower="-1.5" upper="2" ', ""),
             "elbow: lower limit 0.0 equals upper limit 0.0 (arm.urdf, line 6), so the joint cannot move: set its",
         ),
-        (limited(' velocity="4"', ""), "elbow: velocity limit 0.0 is not above zero (arm.urdf, line 6): write the"),
-        (limited('velocity="4"', 'velocity="-4"'), "elbow: velocity limit -4.0 is not above zero (arm.urdf, line 6)"),
-        (limited('effort="3"', 'effort="-3"'), "elbow: effort limit -3.0 is not above zero (arm.urdf, line 6)"),
-        (limited('effort="3"', 'effort="inf"'), "joint 'elbow': effort 'inf' is not a number (arm.urdf, line 6)"),
-        (limited('"-1.5"', '"nan"'), "joint 'elbow': lower 'nan' is not a number (arm.urdf, line 6): correct it"),
-        (limited("-1.5", "-90deg"), "joint 'elbow': lower '-90deg' is not a number (arm.urdf, line 6): correct it"),
+        (limited(' velocity="4"', ""), "elbow: velocity limit must be above 0, not 0.0 (arm.urdf, line 6): write the"),
+        (
+            limited('velocity="4"', 'velocity="-4"'),
+            "elbow: velocity limit must be above 0, not -4.0 (arm.urdf, line 6)",
+        ),
+        (limited('effort="3"', 'effort="-3"'), "elbow: effort limit must be above 0, not -3.0 (arm.urdf, line 6)"),
+        (limited('effort="3"', 'effort="inf"'), "joint 'elbow': effort must be a number, not 'inf' (arm.urdf, line 6)"),
+        (limited('"-1.5"', '"nan"'), "joint 'elbow': lower must be a number, not 'nan' (arm.urdf, line 6)"),
+        (limited("-1.5", "-90deg"), "joint 'elbow': lower must be a number, not '-90deg' (arm.urdf, line 6)"),
         (
             urdf(re.sub("<limit.*", "", ELBOW) + FINGER),
             "joint 'elbow' is revolute but has no <limit> (arm.urdf, line 3): add one with lower, upper and velocity",
         ),
         (
             urdf(re.sub('"revolute"', '"continuous"', ELBOW).replace("<limit", "<other") + FINGER),
-            "elbow: velocity limit 0.0 is not above zero (arm.urdf, line 3)",
+            "elbow: velocity limit must be above 0, not 0.0 (arm.urdf, line 3)",
         ),
         (
             urdf(ELBOW + FINGER.replace('joint="elbow" ', 'joint="finger" ')),
@@ -179,19 +182,19 @@ def limited(old: str, new: str) -> str:
         ),
         (
             urdf(LINKS.format("").replace('"0.2"', '"-0.2"') + ELBOW + FINGER),
-            "link 'b': mass -0.2 is below zero (arm.urdf, line 2): correct it",
+            "link 'b': mass must be at least 0, not -0.2 (arm.urdf, line 2)",
         ),
         (
             urdf(LINKS.format("").replace('"0.2"', '"200g"') + ELBOW + FINGER),
-            "link 'b': mass '200g' is not a number (arm.urdf, line 2): correct it",
+            "link 'b': mass must be a number, not '200g' (arm.urdf, line 2)",
         ),
         (
             urdf(LINKS.format('<inertia ixx="nan"/>') + ELBOW + FINGER),
-            "link 'b': ixx 'nan' is not a number (arm.urdf, line 2): correct it",
+            "link 'b': ixx must be a number, not 'nan' (arm.urdf, line 2)",
         ),
         (
             urdf(LINKS.format('<inertia izz="-1e-4"/>') + ELBOW + FINGER),
-            "link 'b': izz -0.0001 is below zero (arm.urdf, line 2): correct it",
+            "link 'b': izz must be at least 0, not -0.0001 (arm.urdf, line 2)",
         ),
     ],
 )
@@ -215,7 +218,7 @@ def test_all_wrong_limits_are_reported_together() -> None:
 def test_an_unknown_effort_only_matters_for_effort_commands() -> None:
     unknown = limited('effort="3"', 'effort="0"')
     assert parse_urdf(unknown).joints["elbow"].effort == 0.0
-    with pytest.raises(DescriptionError, match=r"elbow: effort limit 0.0 is not above zero"):
+    with pytest.raises(DescriptionError, match=r"elbow: effort limit must be above 0, not 0.0"):
         parse_urdf(unknown.replace('<command_interface name="position"/>', '<command_interface name="effort"/>', 1))
 
 
@@ -241,9 +244,9 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
         (urdf(ELBOW.replace('<child link="b"/>', "<child/>")), "<child> of joint 'elbow' of the URDF has no link"),
         (urdf(re.sub("<limit.*", "", ELBOW)), "joint 'elbow' is revolute but has no <limit>"),
         (urdf(ELBOW + re.sub("<limit.*", "", FINGER)), "joint 'finger' is prismatic but has no <limit>"),
-        (urdf(ELBOW.replace("-1.5", "low")), "joint 'elbow': lower 'low' is not a number"),
-        (urdf(ELBOW.replace("-1.5", "nan")), "joint 'elbow': lower 'nan' is not a number"),
-        (urdf(ELBOW.replace('"4"', '"inf"')), "joint 'elbow': velocity 'inf' is not a number"),
+        (urdf(ELBOW.replace("-1.5", "low")), "joint 'elbow': lower must be a number, not 'low'"),
+        (urdf(ELBOW.replace("-1.5", "nan")), "joint 'elbow': lower must be a number, not 'nan'"),
+        (urdf(ELBOW.replace('"4"', '"inf"')), "joint 'elbow': velocity must be a number, not 'inf'"),
         (urdf(ELBOW.replace("1 2 3", "1 2")), "joint 'elbow': '1 2' is not three numbers"),
         (urdf(ELBOW.replace("1 2 3", "1 2 3 4")), "joint 'elbow': '1 2 3 4' is not three numbers"),
         (urdf(ELBOW.replace("1 2 3", "1 2 nan")), "joint 'elbow': '1 2 nan' is not three numbers"),
@@ -314,15 +317,15 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
         ),
         (
             urdf(control=CONTROL.replace('type="system"', 'type="system" rw_rate="often"')),
-            "<ros2_control name='arm'>: rw_rate 'often' is not a whole number of hertz",
+            "<ros2_control name='arm'>: rw_rate must be a whole number of hertz, not 'often'",
         ),
         (
             urdf(control=CONTROL.replace(STATE, INITIAL.format("far"), 1)),
-            "initial_value 'far' of elbow/position is not",
+            "initial_value of elbow/position must be a number, not 'far'",
         ),
         (
             urdf(control=CONTROL.replace(STATE, INITIAL.format("nan"), 1)),
-            "initial_value 'nan' of elbow/position is not",
+            "initial_value of elbow/position must be a number, not 'nan'",
         ),
     ],
 )
@@ -348,7 +351,7 @@ def test_a_block_may_drive_a_mimic_joint_with_mimic_false() -> None:
 @pytest.mark.parametrize(
     ("control", "message"),
     [
-        (DRIVEN_FINGER.replace('mimic="false"', 'mimic="no"'), "joint 'finger': mimic 'no' is not true or false"),
+        (DRIVEN_FINGER.replace('mimic="false"', 'mimic="no"'), "joint 'finger': mimic must be true or false, not 'no'"),
         (DRIVEN_FINGER.replace('mimic="false"', 'mimic="true"'), "has a <command_interface> but mimics 'elbow'"),
         (
             CONTROL.replace('<joint name="elbow">', '<joint name="elbow" mimic="true">'),

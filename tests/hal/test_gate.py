@@ -201,7 +201,7 @@ def test_near_the_end_the_velocity_allows_one_period_and_braking(
     measured, last = np.array([side * (2.0 - room)]), np.array([side * braked])
     out = gate.limit(np.array([side * 90.0]), last, period_s, measured)
     np.testing.assert_allclose(out.values, last, rtol=1e-6)
-    assert "is too fast this close to the end" in out.reasons[0]  # but within its velocity limits of 90
+    assert "is too fast this close to the end" in out.reasons[0]  # although it is within the velocity limit of 90
 
 
 def test_a_command_changed_to_its_opposite_is_reported() -> None:

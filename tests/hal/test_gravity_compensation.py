@@ -140,7 +140,7 @@ def test_goals_always_stay_within_the_limits(
     known = [(joint.transmission, joint.compliance.uncorrected) for joint in JOINTS if joint.compliance]
     largest = np.array([(0.5 * 2.94 / 15.0 + GIVE_WAY_RAD) * ratio + left for ratio, left in known])
     for number, (target, error) in enumerate(todo):
-        if target is not None:  # as the gate passes it
+        if target is not None:  # commands have already passed the gate
             wanted = LOWER + target * (UPPER - LOWER)
             command = np.clip(wanted, command - VELOCITY * dt_s, command + VELOCITY * dt_s)
         offset = made.offset(command, command + error, dt_s)

@@ -200,7 +200,7 @@ def test_a_silent_servo_is_reported_with_its_bus_and_hides_no_other() -> None:
     state = bench.hardware.read()
     assert fault_texts(state) == {"shoulder": "shoulder (bus arm): servo 1 does not answer"}
     bench.servos["arm"].faults.restore(1)
-    bench.clock.sleep_until(bench.clock.now() + 1.0)  # a silent servo is not read in every cycle
+    bench.clock.sleep_until(bench.clock.now() + 1.0)  # silent servos are not read in every cycle
     assert bench.hardware.read().faults == {}
     bench.servos["hand"].faults.silence(1)
     assert fault_texts(bench.hardware.read()) == {"finger": "finger (bus hand): servo 1 does not answer"}

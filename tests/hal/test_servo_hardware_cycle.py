@@ -69,7 +69,7 @@ def test_velocity_has_the_joints_sign() -> None:
 
 def test_effort_has_the_joints_sign_and_unit() -> None:
     bench = Bench().active()
-    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # on the shafts; the elbow's servo is mirrored
+    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # torques on the shafts; the servo of the elbow is mirrored
     for _ in range(10):
         state = bench.cycle(HERE)
     np.testing.assert_allclose(state.effort, [0.5, 0.5, 0.5 / 0.03], rtol=0.2)

@@ -147,7 +147,7 @@ def test_communication_faults_are_counted_for_the_right_joint() -> None:
 
 def test_a_joints_load_has_the_sign_of_its_effort() -> None:
     bench = Bench().active()
-    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # on the shafts; the elbow's is mounted mirrored
+    bench.plant.load_nm[:] = [-0.5, 0.5, -0.5]  # torques on the shafts; the servo of the elbow is mirrored
     for _ in range(10):
         state = bench.cycle(HERE)
     for joint, effort in zip(JOINTS, state.effort, strict=True):

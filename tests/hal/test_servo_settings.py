@@ -108,7 +108,7 @@ def test_the_compensation_uses_the_gains_of_the_robot_file() -> None:
     ("settings", "message"),
     [
         ("{position_q: 1}", "joint1.settings: sts3215 has no setting position_q: it has "),
-        ("{position_p: 256}", "joint1.settings: position_p takes 0 to 255, not 256"),
+        ("{position_p: 256}", "joint1.settings: position_p must be 0 to 255, not 256"),
         ("{id: 3}", "joint1.settings: sts3215 has no setting id"),
         ("{angular_resolution: 2}", "joint1.settings: sts3215 has no setting angular_resolution"),
         ("{present_position: 3}", "joint1.settings: sts3215 has no setting present_position"),

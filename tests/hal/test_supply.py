@@ -96,7 +96,7 @@ def test_every_range_includes_the_rated_voltage_with_ten_percent_tolerance(model
     [
         (sts.STS3215_C001, 12.4, "over-voltage"),
         (sts.STS3215_C001, 9.0, "over-voltage"),
-        (sts.STS3215_C001, 8.4, None),  # a full battery
+        (sts.STS3215_C001, 8.4, None),  # voltage of a full battery
         (sts.STS3215_C001, 5.0, "low supply"),  # many such arms have this supply
         (sts.STS3215_C001, 4.0, "under-voltage"),
         (sts.STS3215, 12.6, None),

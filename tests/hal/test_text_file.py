@@ -84,7 +84,7 @@ def test_yaml_and_json_are_read_in_the_encoding_of_their_first_bytes(tmp_path: P
     path.write_bytes("arm:\r\n  ros__parameters: {text: Länge}".encode(encoding))
     assert read_parameter_file(path, ControllersFileError)[1]["arm"]["ros__parameters"] == {"text": "Länge"}
     path.write_bytes('{"größe": {"id": 1}}'.encode(encoding))
-    with pytest.raises(CalibrationError, match=r"größe\.drive_mode: Field required"):
+    with pytest.raises(CalibrationError, match=r"größe\.drive_mode: is missing"):
         read_lerobot(path)
 
 

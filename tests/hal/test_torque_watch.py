@@ -80,7 +80,7 @@ def test_two_short_silences_are_not_one_long_silence() -> None:
 def test_a_servo_reset_within_a_cycle_is_detected(rate_hz: float, held_back_s: float) -> None:
     loop = Paced(rate_hz, held_back_s)
     loop.bench.servos.servo(7).power_cycle()
-    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # as the next goal would
+    loop.bench.servos.servo(7).memory.put(sts.torque_enable, 1)  # the next goal would have this effect
     faults = loop.cycles(LONGEST_S + 0.1)[-1]
     assert faults["finger"].text.startswith("finger: servo 7 has lost its torque")
 

@@ -1,4 +1,4 @@
-"""The other process of test_round_trip.py: serves both actions and a service, and publishes, until its input closes."""
+"""Second process of test_round_trip.py: it serves both actions and a service until its input is closed."""
 
 import sys
 import threading

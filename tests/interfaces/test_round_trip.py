@@ -1,4 +1,4 @@
-"""What interfaces/ builds works between two processes over the real middleware: actions, a service, topics."""
+"""Tests of the built interfaces between two processes over the real middleware: actions, a service and topics."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ PATIENCE_S = 30.0
 @pytest.fixture(scope="module")
 def node():
     rclpy = pytest.importorskip("rclpy")
-    # A domain of its own: other tests, or a robot, may be on the same machine.
+    # A separate domain, because other tests or a robot may use the same machine.
     domain = os.getpid() % 100 + 1
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     peer = subprocess.Popen([sys.executable, PEER], stdin=subprocess.PIPE, env=environment)
@@ -63,7 +63,8 @@ def run_action(node, kind, name, goal):
         return result
 
     result = run()
-    for _ in range(20):  # the services are there before the feedback topic is: what was sent until then is lost
+    # The services may be discovered before the feedback topic, and feedback sent meanwhile is lost.
+    for _ in range(20):
         if feedback:
             break
         result = run()

@@ -1,4 +1,4 @@
-"""servoloop, installed as a ROS 2 workspace installs it: by CMake, into a prefix of its own."""
+"""Fixtures with servoloop installed as in a ROS 2 workspace: by CMake, into a separate prefix."""
 
 import os
 import shutil
@@ -15,17 +15,17 @@ ROOT = Path(__file__).parents[2]
 
 
 def ros_prefixes() -> str:
-    """Where ROS is, for those who look it up in the environment."""
+    """Return the value of AMENT_PREFIX_PATH with which ROS is found."""
     return os.pathsep.join(filter(None, [sys.prefix, os.environ.get("AMENT_PREFIX_PATH")]))
 
 
 def install(folder: Path, *options: str) -> Path:
-    """Configure, build and install the package; the prefix."""
+    """Configure, build and install the package, and return the prefix."""
     prefix, build = folder / "install", str(folder / "build")
     search = os.pathsep.join([str(Path(sys.prefix) / "bin"), os.environ["PATH"]])
     cmake = shutil.which("cmake", path=search)
     assert cmake, "no cmake"
-    # as a sourced ROS environment says it; the wheels have put ROS into Python's own prefix
+    # As in a sourced ROS environment. The wheels install ROS into Python's own prefix.
     environment = os.environ | {
         "PATH": search,
         "CMAKE_PREFIX_PATH": ros_prefixes(),
@@ -37,14 +37,14 @@ def install(folder: Path, *options: str) -> Path:
         ["--build", build],
         ["--install", build],
     ):
-        # in folder: with links, the manifest of the installation is written where one stands
+        # Run in the folder, because CMake writes the install manifest into the current folder if files are symlinks.
         run = subprocess.run([cmake, *command], cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
         assert run.returncode == 0, run.stdout + run.stderr
     return prefix
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whatever needs a workspace waits for a build of it."""
+    """Mark all tests that need a workspace as slow, because they wait for its build."""
     for item in items:
         if "workspace" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
@@ -52,14 +52,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The prefix, made once for all tests."""
+    """Return the prefix, which is built once for all tests."""
     pytest.importorskip("ament_package")
     return install(tmp_path_factory.mktemp("workspace"))
 
 
 @pytest.fixture
 def workspace(installed: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The same prefix, in an environment as its set-up script would make it."""
+    """Return the prefix, and set the environment as its setup script would."""
     (packages,) = installed.glob("lib/python*/site-packages")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{installed}{os.pathsep}{ros_prefixes()}")
     monkeypatch.setenv("PYTHONPATH", str(packages))
@@ -68,7 +68,7 @@ def workspace(installed: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path
 
 @pytest.fixture
 def share(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What the workspace shares; launch files can be read."""
+    """Return the share folder of the workspace, and allow launch files to be imported."""
     for name, module in modules().items():
         monkeypatch.setitem(sys.modules, name, module)
     return workspace / "share" / "servoloop"

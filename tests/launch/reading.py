@@ -1,4 +1,4 @@
-"""Reads launch files with the stand-ins of recorders.py, and says what they would start."""
+"""Read launch files with the replacements in recorders.py, and return the actions that they would start."""
 
 from pathlib import Path
 from runpy import run_path
@@ -21,7 +21,7 @@ MOVEIT = "robot_arm_moveit_with_control.launch.py"
 
 
 def actions(file: Path, **arguments: str) -> list[Any]:
-    """What is carried out for `ros2 launch FILE name:=value…`, included files first to last."""
+    """Return the actions of `ros2 launch FILE name:=value…`, with those of included files first."""
     return carried_out(file, LaunchContext(dict(arguments)))
 
 
@@ -43,7 +43,7 @@ def carried_out(file: Path, context: LaunchContext) -> list[Any]:
 
 
 def words(process: ExecuteProcess | Node, workspace: Path) -> list[str]:
-    """The command line of a program of ours."""
+    """Return the command line of one of our programs."""
     if isinstance(process, Node):
         assert process.package == "servoloop"
         files = [word for file in process.parameters for word in ("--params-file", file)]
@@ -54,7 +54,7 @@ def words(process: ExecuteProcess | Node, workspace: Path) -> list[str]:
 
 
 def parse(arguments: list[str]) -> dict[str, Any]:
-    """What `servoloop up` understands; raises for what it does not."""
+    """Return the parsed arguments of `servoloop up`. Raise an error for unknown arguments."""
     from servoloop.cli import app
 
     assert arguments[0] == "up"

@@ -1,6 +1,6 @@
-"""Stands in for ``launch`` and ``launch_ros``, of which there are no wheels: keeps what a launch file asks for.
+"""Replacements for ``launch`` and ``launch_ros``, for which no wheels exist. They record the requests of a launch file.
 
-Each class takes the arguments that the launch files use, under the names that ROS 2 Jazzy gives them, and no others.
+Each class accepts exactly the arguments that the launch files use, with their names in ROS 2 Jazzy.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,21 +11,21 @@ from typing import Any
 
 @dataclass
 class LaunchContext:
-    """The launch arguments' values."""
+    """Values of the launch arguments."""
 
     launch_configurations: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass
 class LaunchDescription:
-    """What a launch file returns."""
+    """Return value of a launch file."""
 
     entities: list[Any]
 
 
 @dataclass
 class DeclareLaunchArgument:
-    """An argument of ``ros2 launch``."""
+    """Argument of ``ros2 launch``."""
 
     name: str
     default_value: str = field(kw_only=True)
@@ -34,43 +34,43 @@ class DeclareLaunchArgument:
 
 @dataclass
 class LaunchConfiguration:
-    """An argument's value, known when the launch runs."""
+    """Value of an argument, which is known when the launch runs."""
 
     name: str
 
     def perform(self, context: LaunchContext) -> str:
-        """The value."""
+        """Return the value."""
         return context.launch_configurations[self.name]
 
 
 @dataclass
 class IfCondition:
-    """Whether an action is carried out."""
+    """Condition for the execution of an action."""
 
     predicate: LaunchConfiguration
 
     def evaluate(self, context: LaunchContext) -> bool:
-        """Only the words that the real one takes."""
+        """Accept only the values that the real class accepts."""
         return {"true": True, "false": False}[self.predicate.perform(context).lower()]
 
 
 @dataclass(kw_only=True)
 class OpaqueFunction:
-    """Actions that depend on arguments."""
+    """Actions that depend on the arguments."""
 
     function: Callable[[LaunchContext], Sequence[Any]]
 
 
 @dataclass(kw_only=True)
 class Shutdown:
-    """The end of the launch."""
+    """Action that ends the launch."""
 
     reason: str
 
 
 @dataclass(kw_only=True)
 class ExecutableInPackage:
-    """A program in lib/PACKAGE."""
+    """Program in lib/PACKAGE."""
 
     package: str
     executable: str
@@ -78,7 +78,7 @@ class ExecutableInPackage:
 
 @dataclass(kw_only=True)
 class ExecuteProcess:
-    """A program."""
+    """Program without ROS arguments."""
 
     cmd: list[Any]
     name: str
@@ -90,7 +90,7 @@ class ExecuteProcess:
 
 @dataclass(kw_only=True)
 class Node:
-    """A program that takes ROS arguments."""
+    """Program with ROS arguments."""
 
     package: str
     executable: str
@@ -102,14 +102,14 @@ class Node:
 
 @dataclass
 class PythonLaunchDescriptionSource:
-    """Another launch file."""
+    """Path of another launch file."""
 
     location: str
 
 
 @dataclass
 class IncludeLaunchDescription:
-    """Another launch file, within this one."""
+    """Inclusion of another launch file."""
 
     launch_description_source: PythonLaunchDescriptionSource
 
@@ -127,7 +127,7 @@ MODULES: dict[str, tuple[type, ...]] = {
 
 
 def modules() -> dict[str, ModuleType]:
-    """For ``sys.modules``."""
+    """Return the replacements as modules for ``sys.modules``."""
     made = {}
     for name, classes in MODULES.items():
         made[name] = ModuleType(name)

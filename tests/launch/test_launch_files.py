@@ -1,7 +1,7 @@
-"""The launch files, as far as they run without launch, of which there is no wheel.
+"""Tests of the launch files without the package launch, for which no wheel exists.
 
-They are read with tests/launch/recorders.py in launch's place. What they then ask for is real: the files are those
-that a workspace installs, and the programs are started.
+tests/launch/recorders.py replaces it. The requested files and programs are real: the files are those of a workspace,
+and the programs are started.
 """
 
 import signal
@@ -51,7 +51,7 @@ def test_another_arm_brings_its_own_files(share: Path) -> None:
 
 
 def test_there_is_time_to_park(share: Path) -> None:
-    """launch sends a second signal after sigterm_timeout; that one lets a real arm go wherever it is."""
+    """After sigterm_timeout, launch sends a second signal, which releases the torque of a real arm in any pose."""
     from servoloop.stack.robot_files import read_files
 
     robot = read_files().robot
@@ -76,7 +76,7 @@ def test_the_node_comes_up_with_its_parameters(share: Path, workspace: Path, ros
 
 
 def assert_runs(command: list[str], ready: str, folder: Path) -> None:
-    """It says that it is ready, and Ctrl-C ends it with 0."""
+    """Check that the program reports that it is ready, and that Ctrl-C ends it with status 0."""
     log = folder / "log"
     with log.open("w") as out:
         process = subprocess.Popen(command, cwd=folder, stdout=out, stderr=subprocess.STDOUT)

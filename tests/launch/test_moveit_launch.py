@@ -1,4 +1,4 @@
-"""What MoveIt and RViz would be started with: neither has a wheel, but ROS's own parser reads their parameters here."""
+"""Tests of the arguments for MoveIt and RViz. Neither has a wheel, but the real ROS parser reads the parameters."""
 
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -43,7 +43,7 @@ def test_move_group_is_told_what_stands_around_the_arm(share: Path, tmp_path: Pa
 
 
 def test_another_arm_comes_with_a_folder_of_its_own(share: Path, tmp_path: Path) -> None:
-    """The files that `servoloop arms moveit` writes: what is in the folder goes to move_group and RViz."""
+    """The files that `servoloop arms moveit` writes are passed to move_group and RViz."""
     own = share / "config" / "moveit"
     for name in ("joint_limits", "kinematics", "moveit_controllers", "ompl_planning"):
         (tmp_path / f"{name}.yaml").write_text((own / f"{name}.yaml").read_text())
@@ -67,7 +67,7 @@ def test_every_program_comes_from_a_package_that_the_manifest_names(share: Path)
     known = {"servoloop"} | {element.text for element in manifest.findall("exec_depend")}
     _, *nodes = actions(share / "launch" / MOVEIT, pick_place="true", scene="")
     assert {node.package for node in nodes} <= known
-    assert {"ros2service", "moveit_msgs"} <= known  # `ros2 service call` with a message of MoveIt's
+    assert {"ros2service", "moveit_msgs"} <= known  # for `ros2 service call` with a message of MoveIt
     controllers = yaml.safe_load((share / "config" / "moveit" / "moveit_controllers.yaml").read_text())
     planner = yaml.safe_load((share / "config" / "moveit" / "ompl_planning.yaml").read_text())
     assert controllers["moveit_controller_manager"].split("/")[0] in known
@@ -84,7 +84,7 @@ def test_move_group_and_stack_get_the_same_robot(share: Path, tmp_path: Path) ->
 
 
 def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: int, tmp_path: Path) -> None:
-    """As launch_ros does it: each dictionary goes into a file, and the file to the node."""
+    """Like launch_ros, write each dictionary to a file and pass the file to the node."""
     _, move_group, *_ = actions(share / "launch" / MOVEIT)
     wanted: dict[str, Any] = {}
     arguments = ["--ros-args"]
@@ -96,7 +96,7 @@ def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: i
     assert values_in_a_node(arguments) == wanted
     assert wanted["robot_description"] == (share / "urdf" / "robot_arm.urdf").read_text()
     assert wanted["robot_description_planning.joint_limits.joint1.max_acceleration"] == 9.6
-    # the names under which planning scene monitor, OMPL interface and KDL plugin look for them
+    # names under which the planning scene monitor, the OMPL interface and the KDL plugin read these parameters
     assert wanted["robot_description_planning.default_robot_padding"] == 0.02
     assert wanted["ompl.arm.longest_valid_segment_fraction"] == 0.002
     assert wanted["robot_description_kinematics.arm.epsilon"] == 0.001
@@ -104,7 +104,7 @@ def test_moveit_s_parameters_survive_ros_s_own_parser(share: Path, ros_domain: i
 
 
 def flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Dotted names, as ROS parameters have them."""
+    """Return the parameters with dotted names, as in ROS."""
     found: dict[str, Any] = {}
     for name, value in tree.items():
         found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
@@ -112,7 +112,7 @@ def flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def values_in_a_node(arguments: list[str]) -> dict[str, Any]:
-    """The parameters of a node that is called move_group and takes whatever it is given, as move_group does."""
+    """Return the parameters of a node named move_group that declares all given parameters, as move_group does."""
     import rclpy
     from rclpy.node import Node as RosNode
 
@@ -133,7 +133,7 @@ def values_in_a_node(arguments: list[str]) -> dict[str, Any]:
     [
         ("kinematics.yaml", "a: &a [*a]", r"kinematics.yaml:1: the file contains itself"),
         ("kinematics.yaml", "a: [", r"kinematics.yaml is not YAML: .*line 2"),
-        ("kinematics.yaml", "- a", r"kinematics.yaml:1: this is not a mapping"),
+        ("kinematics.yaml", "- a", r"kinematics.yaml:1: the file must contain a mapping"),
         ("joint_limits.yaml", "a: 1\na: 2", r"joint_limits.yaml:2: duplicate key a"),
         ("ompl_planning.yaml", "a: [" + "1, " * 200_000 + "]", r"ompl_planning.yaml has more than 150000 values"),
         ("planning_scene.yaml", "a: " + "[" * 5000, r"planning_scene.yaml:1: the file .* is nested too deeply"),

@@ -1,4 +1,4 @@
-"""What a ROS 2 workspace gets from CMakeLists.txt: packages, programs, shared files, its place in the ament index."""
+"""Tests of the installation by CMakeLists.txt into a ROS 2 workspace: packages, programs, shared files, ament index."""
 
 import ast
 import json
@@ -36,7 +36,7 @@ def probe(folder: Path) -> dict[str, object]:
 
 
 def files(folder: Path) -> set[str]:
-    """All that was written by somebody; what Python and numba keep beside it is none of it."""
+    """Return all installed files, without the caches of Python and numba."""
     kept = (p for p in folder.rglob("*") if p.is_file() and "__pycache__" not in p.parts and p.suffix != ".db")
     return {str(p.relative_to(folder)) for p in kept}
 
@@ -95,7 +95,7 @@ def test_programs_run(workspace: Path) -> None:
 
 @pytest.mark.slow
 def test_symlink_installation_runs_too_and_follows_the_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """colcon build --symlink-install: what is edited in the checkout needs no new build."""
+    """After colcon build --symlink-install, changes in the checkout need no new build."""
     pytest.importorskip("ament_package")
     prefix = install(tmp_path, "-DAMENT_CMAKE_SYMLINK_INSTALL=1")
     (packages,) = prefix.glob("lib/python*/site-packages")

@@ -103,7 +103,7 @@ def test_slow_viewer_loses_whole_cycles_and_can_count_them(monkeypatch: pytest.M
     monkeypatch.setattr(feed, "MAX_QUEUE_BYTES", 20_000)
     rig = LiveRig()
     stream = open_live(find_stack())
-    cycles = rig.play(20.0)  # more than the socket takes
+    cycles = rig.play(20.0)  # more cycles than the socket can buffer
     viewer = LiveViewer(stream)
     rig.wait_until_read()
     cycles += rig.play(0.2)
@@ -221,3 +221,11 @@ def test_live_folder_is_private_to_its_user() -> None:
     live_folder().chmod(0o755)
     with pytest.raises(LiveError, match="other users own or can read"):
         make_live_folder()
+
+
+def test_socket_of_a_paused_stack_stays_while_many_programs_look_for_it() -> None:
+    """Nobody accepts their connections, because no cycle runs."""
+    rig = LiveRig()
+    for _ in range(30):
+        assert len(running_stacks()) == 1
+    rig.feed.close((), failed=False)

@@ -134,7 +134,7 @@ def test_lost_cycles_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(feed, "MAX_QUEUE_BYTES", 20_000)
     rig = LiveRig()
     stream = open_live(find_stack())
-    cycles = rig.play(20.0)  # more than the socket takes
+    cycles = rig.play(20.0)  # more cycles than the socket can buffer
     thread_done: list[RecordedCycles] = []
     thread = threading.Thread(
         target=lambda: thread_done.append(record(stream, tmp_path / "live.mcap", None, lambda: False))

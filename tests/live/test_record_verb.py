@@ -92,7 +92,7 @@ def test_recording_is_readable_after_a_signal_or_kill(tmp_path: Path, signal: st
         getattr(process, signal)()
         output, _ = process.communicate(timeout=30.0)
     stamps = []
-    with path.open("rb") as stream, suppress(Exception):  # whatever the library makes of an end that was not written
+    with path.open("rb") as stream, suppress(Exception):  # the library may raise any error for an incomplete end
         for _, _, message in NonSeekingReader(stream).iter_messages("/joint_states", log_time_order=False):
             stamps.append(message.log_time)
     assert len(stamps) > 2 and stamps == sorted(stamps)

@@ -1,4 +1,4 @@
-"""The files of an arm: robot description, robot file, controllers, pick-and-place, scene and the arm's own file."""
+"""Files of an arm: robot description, robot file, controllers, pick-and-place, scene and arm.yaml."""
 
 from collections.abc import Callable
 from itertools import chain
@@ -30,7 +30,7 @@ from tests.mutated.kind import SO101, Kind, files_of, of_paths
 
 
 def come_up(files: Files) -> None:
-    """All that ``servoloop up`` and ``servoloop emulate`` make of the files before a port is opened."""
+    """Do everything that ``servoloop up`` and ``servoloop emulate`` do with the files before they open a port."""
     initial_states(files)
     devices = {name: f"/dev/none{name}" for name in files.robot.file.lines()}
     clock = MonotonicClock()
@@ -59,7 +59,7 @@ def read_urdf(arm: str) -> Callable[[Path], None]:
 
 
 def drawn(files: Files, urdf: Path) -> None:
-    """What the page of ``servoloop view`` makes of a robot description."""
+    """Read a robot description as the page of ``servoloop view`` does."""
     shapes(files.description.xml, urdf.parent)
     model = ArmModel(dict(files.description.joints), files.component.joints)
     list(model.fixed())
@@ -74,7 +74,7 @@ def read_controllers(path: Path) -> None:
 
 
 def read_parameters(path: Path) -> None:
-    """What the spawner and ``params_file`` read for one controller."""
+    """Read the parameters of one controller, as the spawner and ``params_file`` do."""
     files = files_of(OWN)
     context = ControllerContext(files.description, files.component, files.limits, lambda: True, {})
     kinds = {spec.name: spec.kind for spec in files.controllers.controllers}
@@ -99,20 +99,20 @@ def read_scene(arm: str) -> Callable[[Path], None]:
 
 
 def beside_arm(folder: Path) -> None:
-    """The other files of an arm."""
+    """Write the other files of an arm."""
     for path in find_arm(SO101).folder.iterdir():
         if path.is_file():
             (folder / path.name).write_bytes(path.read_bytes())
 
 
 def read_arm_folder(path: Path) -> None:
-    """What ``servoloop arms check`` prints is an error here."""
+    """Raise the problems that ``servoloop arms check`` would print."""
     if problems := check_arm(path.parent):
         raise ArmFileError("\n".join(problems))
 
 
 def _each(kind: str, name: str, read: Callable[[str], Callable[[Path], None]]) -> dict[str, Kind]:
-    """A kind of file for each arm that has one of its own; ``read`` makes the reader for an arm's name."""
+    """Return a kind for each arm with its own file. ``read`` returns the reader for the name of an arm."""
     paths = {getattr(arm, kind): arm.name for arm in reversed(arms())}
     return {f"{kind} of {arm}": Kind(name, of_paths(path), read(arm)) for path, arm in paths.items()}
 

@@ -1,4 +1,4 @@
-"""One mutated file after the other, each known by the kind, the seed and its number."""
+"""Mutated files, each determined by its kind, a seed and a number."""
 
 import logging
 import re
@@ -18,20 +18,20 @@ from tests.mutated import elements, raw, trees
 from tests.mutated.readers import KINDS
 
 LONGEST_S: Final = 5.0
-"""Maximum time of the processor for one file, in seconds."""
+"""Maximum processor time for one file, in seconds."""
 MOST_LINES: Final = 60
 OF_THE_WHOLE: Final = ("larger than", r"more than \d+ values", "cut off", "says nothing")
-"""Words about mistakes of a whole file, which have no line: its size, its end, and what it does not say."""
+"""Patterns of mistakes that concern a whole file and have no line, such as its size or missing content."""
 PLACE: Final = re.compile("|".join((r":\d+", r"[Ll]ine \d+", *OF_THE_WHOLE)))
-"""A line, or a mistake of the whole file."""
+"""Pattern of a line number, or of a mistake that concerns the whole file."""
 FILE: Final = re.compile(r"[\w.-]+\.(yaml|urdf|srdf|xml|json|mcap)\b|LeRobot's file")
 LINED: Final = (".yaml", ".urdf")
-"""Kinds of files whose readers know lines."""
+"""Suffixes of files whose readers report lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a mutated file; ``wrong`` is empty if it was read, or refused with a sentence."""
+    """Result of reading a mutated file. ``wrong`` is empty if it was read, or refused with a good message."""
 
     refused: str
     wrong: str
@@ -48,7 +48,7 @@ def good(kind: str) -> list[bytes]:
 
 
 def mutated(kind: str, seed: int, number: int) -> bytes:
-    """The bytes of one mutated file; the same for the same arguments."""
+    """Return the bytes of one mutated file, which depend only on the arguments."""
     chance = Random(f"{kind}/{seed}/{number}")
     data, suffix = chance.choice(good(kind)), KINDS[kind].name.rpartition(".")[2]
     if suffix == "mcap" or chance.random() < 0.2:
@@ -82,13 +82,13 @@ def tried(kind: str, data: bytes, folder: Path) -> Outcome:
 
 
 def _where(error: Exception) -> str:
-    """The last line of this project in a traceback."""
+    """Return the last place in this project in a traceback."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if "site-packages" not in f.filename]
     return f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}"
 
 
 def complaint(text: str, path: Path) -> str:
-    """Why a refusal is not a sentence that helps; empty if it is."""
+    """Return why a message of refusal is not helpful, or an empty text if it is."""
     lines = text.splitlines()
     if not FILE.search(text):
         return f"does not name a file: {text[:300]}"
@@ -99,7 +99,7 @@ def complaint(text: str, path: Path) -> str:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep warnings about files with strange values out of the output."""
+    """Suppress warnings about files with strange values."""
     logging.disable(logging.CRITICAL)
     try:
         yield

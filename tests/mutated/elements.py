@@ -1,4 +1,4 @@
-"""Changes in the structure of XML: elements and attributes are dropped, repeated, moved, and filled with nonsense."""
+"""Changes in the structure of XML: elements and attributes are removed, repeated, moved, and filled with nonsense."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -88,7 +88,7 @@ CHANGES: Final[tuple[Callable[[Element, Random], None], ...]] = (
 
 
 def changed(text: str, chance: Random) -> str:
-    """The text of an XML file with one to three changes in its structure."""
+    """Return the text of an XML file with one to three changes in its structure."""
     root = ElementTree.fromstring(text)
     for _ in range(chance.choice((1, 1, 1, 2, 3))):
         if _parents(root) and _attributes(root):

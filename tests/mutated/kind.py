@@ -1,4 +1,4 @@
-"""A kind of file that users write: good ones, and what the commands do with them before anything moves."""
+"""Kinds of user files: good examples, and the functions with which commands read them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,21 +14,21 @@ SO101: Final = "so101"
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of file: its name in a folder of its own, the good files, and the reader of that folder."""
+    """A kind of file: its name in its folder, good files, and the reader of that folder."""
 
     name: str
     good: Callable[[], list[bytes]]
     read: Callable[[Path], None]
     beside: Callable[[Path], None] = lambda folder: None
-    """Writes what must be beside the file."""
+    """Writes the other files that the folder must contain."""
 
 
 def of_paths(*paths: Path) -> Callable[[], list[bytes]]:
-    """The good files at these paths."""
+    """Return a function that reads the good files at these paths."""
     return lambda: [path.read_bytes() for path in paths]
 
 
 @cache
 def files_of(arm: str) -> Files:
-    """The files of an arm, read once."""
+    """Read the files of an arm once."""
     return read_arm_files(find_arm(arm))

@@ -1,4 +1,4 @@
-"""The files of the folder that ``servoloop arms moveit`` writes, as the launch file for MoveIt reads them."""
+"""Files of the folder that ``servoloop arms moveit`` writes, as read by the launch file for MoveIt."""
 
 import sys
 from pathlib import Path
@@ -28,7 +28,7 @@ def read(path: Path) -> None:
         try:
             actions(HOME / "launch" / MOVEIT, moveit=str(path.parent), hardware="mock")
         except Exception as error:
-            if type(error).__name__ != "FileError":  # a class of the launch file, which is not a module
+            if type(error).__name__ != "FileError":  # a class of the launch file, which cannot be imported
                 raise
             raise ArmFileError(str(error)) from error
 

@@ -1,4 +1,7 @@
-"""Mutated streams into every decoder and every make's virtual servos; what ends one of them is an exception here."""
+"""Send mutated streams to every decoder and to the virtual servos of every make.
+
+A stream fails if it raises an error.
+"""
 
 from collections.abc import Callable
 from random import Random
@@ -14,15 +17,15 @@ from tests.mutated.packets import MAKES, stream
 
 PACKET_S: Final = 0.003
 STREAMS_PER_LINE: Final = 500
-"""After so many a new line begins with servos as they come from the factory."""
+"""Number of streams after which a new line with factory-new servos is used."""
 ARMS: Final = {"sts": "so101", "x": "robot_arm_dynamixel", "xl330": "koch"}
-"""An arm of each make that some arm has."""
+"""An arm for each make that an arm has."""
 
 Hear = Callable[[bytes], object]
 
 
 def decoders(make: str) -> dict[str, Hear]:
-    """All that reads the bytes of a line without servos: of the driver, the simulation, traces and campaigns."""
+    """Return all functions that decode bytes of a line: in the driver, the simulation, traces and campaigns."""
     one = MAKES[make]
     reply = one.packets.ReplyDecoder(6, frozenset(range(256)), 0x80)
     found: dict[str, Hear] = {

@@ -1,4 +1,4 @@
-"""Streams of packets as a careless or hostile program sends them, for every make of servo."""
+"""Streams of packets of every make, as sent by a careless or hostile program."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ IDS: Final = (1, 2)
 
 @dataclass(frozen=True, slots=True)
 class Make:
-    """A make of servo: its protocol's packets, and a virtual line of it."""
+    """A make of servo: the packets of its protocol, and a virtual line."""
 
     packets: ModuleType
     wire: ModuleType
@@ -44,7 +44,7 @@ def _of_v2(model: ServoModel) -> Make:
 
 
 def _boxed() -> ServoLine[Any]:
-    """Servos as they come from the factory, which all have one ID."""
+    """Return factory-new servos, which all have the same ID."""
     box = VirtualBox([sts.STS3215, sts.STS3215])
     box.connect_all()
     return box.line
@@ -63,7 +63,7 @@ MAKES: Final = {
 
 
 def stream(make: Make, chance: Random) -> bytes:
-    """One to four packets, of which half are changed in some bytes."""
+    """Return one to four packets. Half of the streams have changed bytes."""
     found = b"".join(_packet(make, chance) for _ in range(chance.choice((1, 1, 1, 2, 4))))
     return raw.changed(found, chance)[:1000] if chance.random() < 0.5 else found
 
@@ -81,12 +81,12 @@ def _any(make: Make, chance: Random) -> bytes:
 
 
 def _frame(make: Make, chance: Random) -> bytes:
-    """An address and a size, and what a write has behind the address."""
+    """Return an address and a size, followed by the data of a write."""
     return _number(make, chance) + _number(make, chance) + _any(make, chance)[: chance.choice((0, 0, 1, 4, 20))]
 
 
 def _group(make: Make, chance: Random) -> bytes:
-    """An address and a size, and an entry for each of several servos."""
+    """Return an address and a size, followed by an entry for each of several servos."""
     size = chance.choice((0, 1, 2, 4, 6, 200))
     entries = [
         bytes(
@@ -104,7 +104,7 @@ def _group(make: Make, chance: Random) -> bytes:
 
 
 def _number(make: Make, chance: Random) -> bytes:
-    """An address or a size of the protocol's width: of a register, at an end, or any."""
+    """Return an address or a size in the width of the protocol: of a register, at an end, or random."""
     width = 1 if make.packets is v1 else 2
     largest = 256**width - 1
     value = chance.choice((chance.randrange(80), chance.randrange(160), 0, largest, chance.randint(0, largest)))

@@ -1,4 +1,4 @@
-"""Changes in bytes, whatever they mean: flips, cuts, and parts that are lost, repeated or in another encoding."""
+"""Changes in bytes regardless of their meaning: flips, cuts, lost or repeated parts, and other encodings."""
 
 from random import Random
 from typing import Final
@@ -10,7 +10,7 @@ FOREIGN: Final = "# Länge, 机械臂\n"
 
 
 def changed(data: bytes, chance: Random) -> bytes:
-    """The data with one to four changes."""
+    """Return the data with one to four changes."""
     found = bytearray(data)
     for _ in range(chance.randint(1, 4)):
         _change(found, chance)
@@ -37,5 +37,5 @@ def _change(data: bytearray, chance: Random) -> None:
 
 
 def encoded(text: str, chance: Random) -> bytes:
-    """The text in some encoding, which may not be the one that it declares."""
+    """Return the text in a random encoding, which may differ from the declared one."""
     return (text + FOREIGN * chance.randrange(2)).encode(chance.choice(ENCODINGS), errors="replace")

@@ -1,4 +1,4 @@
-"""The files of runs: motions, poses and recordings, faults, schedules and campaigns."""
+"""Files of runs: motions, poses and recordings, faults, schedules and campaigns."""
 
 import tempfile
 from functools import cache
@@ -76,7 +76,7 @@ def good_poses() -> list[bytes]:
 
 
 def read_mcap(path: Path) -> None:
-    """What ``plot``, ``view``, ``monitor`` and ``replay`` read."""
+    """Read a recording as ``plot``, ``view``, ``monitor`` and ``replay`` do."""
     joints = files_of(SO101).robot.joints
     run = read_recording(path)
     if crc32(path.read_bytes()) % 20 == 0:  # drawing takes a second
@@ -89,7 +89,7 @@ def read_mcap(path: Path) -> None:
 
 @cache
 def good_recordings() -> list[bytes]:
-    """Recordings as other programs write them."""
+    """Return recordings in the format of other programs."""
     joints = files_of(SO101).robot.joints
     others = {joint.name: 0.5 * (joint.limits.lower + joint.limits.upper) for joint in joints}
     found = []
@@ -107,7 +107,7 @@ def good_recordings() -> list[bytes]:
 
 @cache
 def good_recording() -> list[bytes]:
-    """A recording of ``servoloop simulate``, in which a joint is moved."""
+    """Return a recording of ``servoloop simulate`` in which a joint moves."""
     job = load_pick_place(find_arm(SO101).pick_place)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.mcap"

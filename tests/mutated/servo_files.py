@@ -1,4 +1,4 @@
-"""The files of servos: calibrations, LeRobot's and ours, passports, and the EEPROM of virtual servos."""
+"""Files of servos: our calibrations and LeRobot's, passports, and the EEPROM of virtual servos."""
 
 import json
 import tempfile

@@ -1,4 +1,4 @@
-"""No file of a user ends a command with a traceback, takes it more than seconds, or is refused without its name."""
+"""Tests that no user file makes a command print a traceback, hang, or refuse the file without its name."""
 
 import os
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ SEED = int(os.environ.get("SERVOLOOP_MUTATION_SEED", "1"))
 
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Look for plug-ins of other packages once instead of for each file, and keep warnings to oneself."""
+    """Look for plug-ins of other packages once instead of for each file, and suppress warnings."""
     for module in (hardware, plugins):
         monkeypatch.setattr(module, "entry_points", cache(module.entry_points))
     with quiet():
@@ -40,7 +40,7 @@ def test_mutated_files_are_read_or_refused_with_a_sentence(kind: str, tmp_path: 
     wrong: list[str] = []
     for number in range(max(1, FILES // len(KINDS))):
         data = mutated(kind, SEED, number)
-        (tmp_path / "case").write_bytes(data)  # there, too, if reading it ends the process
+        (tmp_path / "case").write_bytes(data)  # keeps the file even if reading it ends the process
         if said := tried(kind, data, tmp_path / "arm").wrong:
             wrong.append(f"{kind}, seed {SEED}, file {number}: {said}")
     assert not wrong, "\n".join(wrong[:20])

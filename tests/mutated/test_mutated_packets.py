@@ -1,4 +1,4 @@
-"""No bytes end a decoder, or the virtual servos of any make."""
+"""Tests that no bytes make a decoder or a virtual servo of any make raise an error."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Changes in the structure of YAML and JSON: keys and values are dropped, repeated, swapped, or made nonsense."""
+"""Changes in the structure of YAML and JSON: keys and values are removed, repeated, swapped, or set to nonsense."""
 
 import json
 import re
@@ -17,27 +17,27 @@ MANY: Final = 3000
 
 
 class Raw(str):
-    """A value that is written as it is."""
+    """Text that is written without quotes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Anchored:
-    """A value with an anchor, so that aliases can name it."""
+    """Value with an anchor, so that aliases can refer to it."""
 
     name: str
     value: Any
 
 
 class Mapping(list[list[Any]]):
-    """Pairs of key and value: unlike those of a dict, keys may be there twice."""
+    """List of pairs of key and value. Unlike in a dict, keys may occur more than once."""
 
 
 Slot = tuple[list[Any], int]
-"""A list and the place in it where a value is."""
+"""A list and the index of a value in it."""
 
 
 def parsed(text: str) -> Any:
-    """The content of a file as lists and mappings that can be changed."""
+    """Return the content of a file as lists and mappings that can be changed."""
     return in_copy(_content(text))
 
 
@@ -53,7 +53,7 @@ def _changeable(value: Any) -> Any:
 
 
 def written(value: Any, indent: str = "") -> str:
-    """The text of a file: mappings in lines, lists in brackets."""
+    """Return the text of a file, with mappings in block style and lists in brackets."""
     if isinstance(value, Mapping) and value:
         lines = (f"{indent}{_key(key)}: {_after_key(one, indent)}" for key, one in value)
         return "\n".join(lines) + "\n"
@@ -65,7 +65,7 @@ def _after_key(value: Any, indent: str) -> str:
 
 
 def in_line(value: Any) -> str:
-    """The text of a value in one line, which is also that of JSON."""
+    """Return the text of a value on one line, which is also valid JSON."""
     if isinstance(value, Raw):
         return str(value)
     if isinstance(value, Anchored):
@@ -84,7 +84,7 @@ def _key(key: Any) -> str:
 
 
 def slots(value: Any) -> Iterator[Slot]:
-    """Yields the place of every value within ``value``."""
+    """Yield the list and index of every value within ``value``."""
     if isinstance(value, Mapping):
         for pair in value:
             yield pair, 1
@@ -96,7 +96,7 @@ def slots(value: Any) -> Iterator[Slot]:
 
 
 def _lists(value: Any) -> list[list[Any]]:
-    """Every mapping and list that has something in it."""
+    """Return every mapping and list that is not empty."""
     found = [value] if isinstance(value, list) and value else []
     return found + [one for holder, at in slots(value) if isinstance(one := holder[at], list) and one]
 
@@ -114,7 +114,7 @@ def _swap(root: Any, chance: Random) -> None:
 
 
 def in_copy(value: Any) -> Any:
-    """A copy, so that no value contains itself."""
+    """Return a copy, so that no value contains itself."""
     if isinstance(value, Mapping):
         return Mapping([[key, in_copy(one)] for key, one in value])
     return [in_copy(one) for one in value] if isinstance(value, list) else value
@@ -131,7 +131,7 @@ def _repeat(root: Any, chance: Random) -> None:
 
 
 def in_copy_of_entry(entry: Any) -> Any:
-    """A copy of an entry of a mapping or of a list."""
+    """Return a copy of an entry of a mapping or of a list."""
     return [entry[0], in_copy(entry[1])] if isinstance(entry, list) and len(entry) == 2 else in_copy(entry)
 
 
@@ -177,7 +177,7 @@ CHANGES: Final[tuple[Callable[[Any, Random], None], ...]] = (
 
 
 def changed(text: str, chance: Random, as_json: bool = False) -> str:
-    """The text of a file with one to three changes in its structure."""
+    """Return the text of a file with one to three changes in its structure."""
     root = parsed(text)
     for _ in range(chance.choice((1, 1, 1, 2, 3))):
         if next(slots(root), None) is not None:

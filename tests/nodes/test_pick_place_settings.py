@@ -52,5 +52,5 @@ def test_all_mistakes_are_named_together() -> None:
 
 
 def test_implausible_pose_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"poses.pick: 1e\+30 is not a plausible position"):
+    with pytest.raises(ValueError, match=r"poses.pick: must be -2000 to 2000 rad or m, not 1e\+30"):
         replace(JobSettings(), pick_rad=(1e30, 0.0, 0.0, 0.0, 0.0, 0.0))

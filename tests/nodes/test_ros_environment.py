@@ -14,11 +14,13 @@ from tests.complaint import complaint
 VERBS = [["up", "--hardware", "mock"], ["pick", "B"], ["demo", "--grades", "A"]]
 
 
-@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
 @pytest.mark.parametrize("package", ["rclpy", "control_msgs", "sorting_arm_interfaces"])
+@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[0])
 def test_missing_package_is_named(
     verb: list[str], package: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if verb[0] == "up" and package == "rclpy":
+        pytest.skip("up then runs without ROS: tests/servoloop/test_up_without_ros.py")
     for name in PACKAGES:
         monkeypatch.setitem(sys.modules, name, sys.modules.get(name, sys))
     monkeypatch.setitem(sys.modules, package, None)
@@ -41,10 +43,10 @@ def test_another_distribution_is_refused(
 
 
 SETTINGS = [
-    ("ROS_DOMAIN_ID", "abc", "ROS_DOMAIN_ID is 'abc': set it to an integer from 0 to 232, or unset it"),
-    ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID is '233': set it to an integer from 0 to 232, or unset it"),
-    ("ROS_DOMAIN_ID", "-1", "ROS_DOMAIN_ID is '-1': set it"),
-    ("ROS_DOMAIN_ID", "\u0661", "ROS_DOMAIN_ID is '\u0661': set it"),
+    ("ROS_DOMAIN_ID", "abc", "ROS_DOMAIN_ID must be 0 to 232, not 'abc': correct or unset it"),
+    ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID must be 0 to 232, not '233': correct or unset it"),
+    ("ROS_DOMAIN_ID", "-1", "ROS_DOMAIN_ID must be 0 to 232, not '-1'"),
+    ("ROS_DOMAIN_ID", "\u0661", "ROS_DOMAIN_ID must be 0 to 232, not '\u0661'"),
     ("RMW_IMPLEMENTATION", "rmw_nope", "RMW_IMPLEMENTATION is rmw_nope, which is not installed: unset it, or install"),
     ("RMW_IMPLEMENTATION", "rmw.no/pe", "RMW_IMPLEMENTATION is rmw.no/pe, which is not installed: unset it"),
     (

@@ -1,4 +1,4 @@
-"""Lines of virtual servos in processes of their own."""
+"""Fixture with lines of virtual servos in separate processes."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ Serve = Callable[..., str]
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Serve]:
-    """``serve(model, *ids)``: the path of a new line."""
+    """Yield the function ``serve(model, *ids)``, which starts a line and returns its path."""
     served: list[subprocess.Popen[str]] = []
 
     def start(model: str, *servo_ids: int) -> str:

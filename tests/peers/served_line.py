@@ -1,7 +1,8 @@
-"""A virtual line on a pseudo-terminal, for a client that must not know that it is one: ``python served_line.py``.
+"""Serve a virtual line on a pseudo-terminal for a client that treats it as real.
 
-Arguments: LINK MODEL ID... A process of its own, because a client may hold its interpreter for as long as it waits; at
-the priority of ``servoloop emulate``, because the makers' SDKs wait 34 ms for an answer.
+Usage: ``python served_line.py LINK MODEL ID...``. It runs in its own process, because a client may block its
+interpreter while it waits. It has the priority of ``servoloop emulate``, because the SDKs of the manufacturers wait 34
+ms for a reply.
 """
 
 import signal

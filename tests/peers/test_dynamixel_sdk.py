@@ -1,6 +1,6 @@
-"""The servo maker's SDK on virtual Dynamixels, as its published examples use it, on both protocols.
+"""Tests of the ROBOTIS SDK on virtual Dynamixels, as in its published examples, with both protocols.
 
-A busy machine loses answers: what the examples ask once is asked again.
+A busy machine loses replies, so the tests repeat requests that the examples send once.
 """
 
 import importlib
@@ -16,14 +16,14 @@ from tests.peers.waiting import eventually
 
 pytestmark = pytest.mark.slow
 
-# By name, because it has no types.
+# Import by name, because the module has no types.
 sdk: Any = importlib.import_module("dynamixel_sdk")
 IDS = (1, 2, 3)
 POSITION, GOAL, TORQUE, LED = (r.address for r in (x.present_position, x.goal_position, x.torque_enable, x.led))
 
 
 class Client:
-    """The examples' two objects, a port and a packet handler."""
+    """The two objects of the examples, a port and a packet handler."""
 
     def __init__(self, link: str, protocol: float) -> None:
         self.port = sdk.PortHandler(link)
@@ -32,7 +32,7 @@ class Client:
         assert self.port.setBaudRate(1_000_000)
 
     def ask(self, question: str, *arguments: Any) -> Any:
-        """One of the handler's methods, until it is answered; the first of its results."""
+        """Call a method of the handler until it is answered, and return its first result."""
         answers: list[Any] = []
 
         def answered() -> bool:
@@ -117,7 +117,7 @@ def test_sync_read_write_and_the_fast_one(connect: Connect) -> None:
 
 
 def test_bulk_read_write(connect: Connect) -> None:
-    """One servo is asked for its position and another for its LED, in one question."""
+    """Read the position of one servo and the LED of another in one request."""
     client = connect("xl430-w250", 2.0)
     client.ask("write1ByteTxRx", 1, TORQUE, 1)
     write = sdk.GroupBulkWrite(client.port, client.packets)
@@ -137,7 +137,7 @@ def test_bulk_read_write(connect: Connect) -> None:
 
 
 def test_indirect_addresses(connect: Connect) -> None:
-    """The LED and the position side by side in indirect data, as in the example."""
+    """The LED and the position are adjacent in the indirect data, as in the example."""
     client = connect("xl430-w250", 2.0)
     for cell, address in enumerate((LED, *range(POSITION, POSITION + 4))):
         client.ask("write2ByteTxRx", 1, 168 + 2 * cell, address)
@@ -147,7 +147,7 @@ def test_indirect_addresses(connect: Connect) -> None:
 
 
 def test_protocol_1_group(connect: Connect) -> None:
-    """Written together and read one by one: this SDK's bulk read of protocol 1.0 calls itself with too many words."""
+    """Goals are written together and read one by one, because the SDK's bulk read of protocol 1.0 has a bug."""
     client = connect("mx-28", 1.0)
     goals = {i: 2000 + 50 * i for i in IDS}
     write = sdk.GroupSyncWrite(client.port, client.packets, dxl.goal_position.address, 2)

@@ -1,4 +1,4 @@
-"""feetech-cli's own commands on virtual servos: what its user would type, and what it says."""
+"""Tests of the commands of feetech-cli on virtual servos, with their output."""
 
 import re
 import subprocess
@@ -13,14 +13,17 @@ pytestmark = pytest.mark.slow
 
 
 class Feetech:
-    """The program at one line."""
+    """feetech-cli on one line."""
 
     def __init__(self, link: str) -> None:
         main = "import sys; from feetech_cli.cli import main; sys.exit(main())"
         self._command = [sys.executable, "-c", main, "-p", link, "-b", "1000000", "--max-id", "9"]
 
     def says(self, *arguments: str, status: int = 0) -> str:
-        """What it prints, colours left out; three tries, as it asks a held-up line but once."""
+        """Run a command and return its output without colors.
+
+        It is tried three times, because the program does not repeat requests.
+        """
         for _ in range(3):
             run = subprocess.run([*self._command, *arguments], capture_output=True, text=True, timeout=60)
             if run.returncode == status:

@@ -1,7 +1,7 @@
-"""The servo maker's SDK on virtual servos, as its published examples use it: ping, read and write, groups.
+"""Tests of the Feetech SDK on virtual servos, as in its published examples: ping, read and write, groups.
 
-What the examples ask once is asked again here where a busy machine has held the answer back: the SDK waits 34 ms, and
-an answer that comes later meets the next question.
+The tests repeat requests that the examples send once, because a busy machine may delay a reply. The SDK waits 34 ms,
+and a later reply collides with the next request.
 """
 
 import contextlib
@@ -16,14 +16,14 @@ from tests.peers.waiting import eventually
 
 pytestmark = pytest.mark.slow
 
-# By name, because it has no types.
+# Import by name, because the module has no types.
 sdk: Any = importlib.import_module("scservo_sdk")
 IDS = (1, 2, 3)
 ACCELERATION, GOAL, SPEED, POSITION, PRESENT_SPEED, MOVING = 41, 42, 46, 56, 58, 66
 
 
 class Client:
-    """The examples' two objects, a port and a packet handler."""
+    """The two objects of the examples, a port and a packet handler."""
 
     def __init__(self, link: str) -> None:
         self.port = sdk.PortHandler(link)
@@ -32,7 +32,7 @@ class Client:
         assert self.port.setBaudRate(1_000_000)
 
     def ask(self, question: str, *arguments: Any) -> Any:
-        """One of the handler's methods, until it is answered; the first of its results."""
+        """Call a method of the handler until it is answered, and return its first result."""
         answers: list[tuple[Any, ...]] = []
 
         def answered() -> bool:
@@ -60,7 +60,7 @@ def test_ping(client: Client) -> None:
 
 
 def test_read_write(client: Client) -> None:
-    """Acceleration, speed and goal written one by one, the position and speed read as one number until it is there."""
+    """Write acceleration, speed and goal one by one, and read position and speed as one number until the arrival."""
     client.ask("write1ByteTxRx", 2, ACCELERATION, 50)
     client.ask("write2ByteTxRx", 2, SPEED, 1000)
     for goal in (2300, 1800):

@@ -1,4 +1,7 @@
-"""rustypot on virtual servos of both makes: single registers, groups, motion. Its tables: tests/drivers."""
+"""Tests of rustypot on virtual servos of both makes: single registers, groups and motions.
+
+tests/drivers tests its tables.
+"""
 
 import importlib
 from math import radians
@@ -11,7 +14,7 @@ from tests.peers.waiting import eventually
 
 pytestmark = pytest.mark.slow
 
-# By name: a compiled module.
+# Import by name, because it is a compiled module.
 rustypot: Any = importlib.import_module("rustypot")
 IDS = [1, 2, 3]
 

@@ -1,4 +1,4 @@
-"""servolab on virtual servos: what its lessons do."""
+"""Tests of servolab on virtual servos, as in its lessons."""
 
 import importlib
 import time
@@ -13,7 +13,7 @@ from tests.peers.waiting import eventually
 
 pytestmark = pytest.mark.slow
 
-# By name, because it has no types.
+# Import by name, because the module has no types.
 servolab: Any = importlib.import_module("servolab")
 
 

@@ -1,4 +1,4 @@
-"""st3215-bus, a Rust driver, on virtual servos: it verifies what it writes into EEPROM."""
+"""Tests of the Rust driver st3215-bus on virtual servos. It verifies its EEPROM writes."""
 
 import importlib
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from tests.peers.waiting import eventually
 
 pytestmark = pytest.mark.slow
 
-# By name: a compiled module whose types need another package.
+# Import by name, because it is a compiled module whose types need another package.
 library: Any = importlib.import_module("st3215_bus")
 
 

@@ -1,4 +1,4 @@
-"""Patience for clients that ask once, on a machine that may hold an answer back."""
+"""Waits for clients that send each request once, on a machine that may delay replies."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def eventually(what: Callable[[], object], within_s: float = 20.0) -> None:
-    """Poll until ``what()`` is true. The limit is for a machine in trouble, not a measurement."""
+    """Poll until ``what()`` is true. The timeout only ends a test that fails; it is not a measurement."""
     deadline_s = time.monotonic() + within_s
     while not what():
         assert time.monotonic() < deadline_s, "waited in vain"

@@ -87,7 +87,7 @@ def test_silent_servo_writes_the_time_before_the_fault(rig: FaultRig, caplog: py
 @pytest.mark.slow
 def test_later_faults_are_in_a_second_file_without_a_gap(rig: FaultRig) -> None:
     rig.pass_on(5.0)
-    for servo_id in (3, 5, 6):  # each is well again before the next
+    for servo_id in (3, 5, 6):  # each servo answers again before the next becomes silent
         rig.silence(servo_id)
         rig.pass_on(1.0)
         rig.heal()

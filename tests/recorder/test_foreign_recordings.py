@@ -56,7 +56,7 @@ def test_several_publishers_are_merged_by_name(tmp_path: Path) -> None:
     states = []
     for number, (at, row) in enumerate(ROWS):
         states.append(state(at, row, NAMES[:6]))
-        if number % 4 == 0:  # slower, and its stamps are a little older than the arm's
+        if number % 4 == 0:  # this publisher is slower, and its stamps are slightly older than those of the arm
             states.append(state(at + 0.001, row, NAMES[6:], stamp_s=at - 0.01))
     path = write_states(tmp_path / "x.mcap", states)
     assert only_joint1_moves(path)

@@ -34,7 +34,7 @@ def test_recording_of_killed_program_is_readable_to_the_end(killed: tuple[Path, 
     stamps = []
     with path.open("rb") as stream:
         reader = NonSeekingReader(stream, decoder_factories=[DecoderFactory()])
-        with suppress(Exception):  # whatever the library makes of the end that was not written
+        with suppress(Exception):  # the library may raise any error for an incomplete end
             for decoded in reader.iter_decoded_messages("/joint_states", log_time_order=False):
                 stamps.append(stamp_s(decoded.decoded_message))
     assert len(stamps) >= told and stamps == sorted(stamps)

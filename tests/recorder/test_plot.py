@@ -99,7 +99,7 @@ def test_progress_is_shown_and_removed_on_a_terminal(recording: Path, tmp_path: 
     shown = bytearray()
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=ours, env=environment) as process:
         os.close(ours)
-        with contextlib.suppress(OSError):  # the terminal's end, when the program has ended
+        with contextlib.suppress(OSError):  # raised when the program has ended and closed the terminal
             while data := os.read(reading, 65536):
                 shown += data
     os.close(reading)

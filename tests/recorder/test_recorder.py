@@ -95,7 +95,7 @@ def test_loop_continues_without_writer_and_dropped_cycles_are_counted(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(module, "WAITING", 7)
-    monkeypatch.setattr(module, "FLUSH_S", 3600.0)  # as a thread that a disk holds up
+    monkeypatch.setattr(module, "FLUSH_S", 3600.0)  # simulates a thread that waits for the disk
     sink = Kept()
     rig, recorder = recording(sink)
     recorder.start()

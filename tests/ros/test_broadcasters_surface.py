@@ -158,7 +158,7 @@ def test_hand_accepts_commands_of_every_publisher(client: Onlooker) -> None:
         ("joint_state_broadcaster", "frame_id", "x", "parameter 'frame_id' cannot be set because it is read-only"),
         ("joint_state_broadcaster", "map_interface_to_joint_state.effort", "x", "because it is read-only"),
         ("hand_controller", "command_timeout", 1.0, "parameter 'command_timeout' cannot be set because it is read"),
-        ("servo_states", "rate", -1.0, "greater than or equal to 0"),
+        ("servo_states", "rate", -1.0, "must be at least 0"),
         ("servo_states", "rate", 5.0, ""),
     ],
 )

@@ -171,8 +171,8 @@ def test_parameters_match_robot_state_publisher(client: Onlooker) -> None:
     ("name", "value", "words"),
     [
         ("robot_description", "<robot/>", "restart it with the other URDF"),
-        ("publish_frequency", 0.0, "publish_frequency: Input should be greater than 0"),
-        ("publish_frequency", 1001.0, "publish_frequency: 1001 is not a plausible rate"),
+        ("publish_frequency", 0.0, "publish_frequency: must be above 0"),
+        ("publish_frequency", 1001.0, "publish_frequency: must be 0 to 1000 Hz, not 1001"),
     ],
 )
 def test_invalid_parameter_is_rejected_with_a_reason(client: Onlooker, name: str, value: Any, words: str) -> None:

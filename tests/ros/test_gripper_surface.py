@@ -218,7 +218,7 @@ def test_tolerances_can_be_set_at_run_time_but_not_the_joint(client: Gripper) ->
         ({"position": [0.0], "name": ["joint1"]}, f"the goal names joint1, but the joint of this gripper is {HAND}"),
         (
             {"position": [0.0], "velocity": [-1.0]},
-            f"max velocity -1.0 for {HAND}: the value must be finite and not negative",
+            f"max velocity of {HAND} must be finite and at least 0, not -1.0",
         ),
         (
             {"position": [0.0], "velocity": [1.0, 1.0]},

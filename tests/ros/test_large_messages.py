@@ -100,7 +100,7 @@ def test_large_request_has_an_empty_response(client: ManagerClient, stack: Stack
 
 def test_limit_is_a_parameter_of_the_manager(client: ManagerClient, action: ActionClient) -> None:
     assert client.get(MANAGER, LIMIT) == [2_000_000]
-    assert client.put(MANAGER, LIMIT, 5).startswith("5 is not a plausible max message size: write 10000 to 1e+09 bytes")
+    assert client.put(MANAGER, LIMIT, 5).startswith("max_message_size must be 10000 to 1e+09 bytes, not 5")
     assert accepted(client, action, 100)
     assert client.put(MANAGER, LIMIT, 10_000) == ""
     assert not accepted(client, action, 100)

@@ -144,7 +144,7 @@ def test_unset_parameter_of_the_manager_has_no_value_and_type(client: ManagerCli
 def test_atomic_call_sets_all_parameters_or_none(client: ManagerClient) -> None:
     names = ("constraints.goal_time", "constraints.joint1.goal")
     before = client.get(ARM, *names)
-    refused = "constraints.joint1.goal: Input should be greater than or equal to 0"
+    refused = "constraints.joint1.goal: must be at least 0"
     assert refused in put_together(client, ARM, constraints__goal_time=2.5, constraints__joint1__goal=-0.5)
     assert client.get(ARM, *names) == before
     read_only = "parameter 'joints' cannot be set because it is read-only"
@@ -181,8 +181,8 @@ def test_read_only_parameter_is_refused_with_the_ros2_control_text(
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
-        ("constraints.goal_time", -1.0, "constraints.goal_time: Input should be greater than or equal to 0"),
-        ("constraints.goal_time", float("nan"), "constraints.goal_time: Input should be a finite number"),
+        ("constraints.goal_time", -1.0, "constraints.goal_time: must be at least 0"),
+        ("constraints.goal_time", float("nan"), "constraints.goal_time: must be a finite number"),
         ("constraints.joint1.goal", "wide", "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'"),
         ("nonsense", 1.0, UNDECLARED),
     ],

@@ -72,7 +72,7 @@ def test_user_controller_has_its_interface_node(
         assert client.states() == {"wave": "active"}
         client.spin_until(lambda: max(swings, default=0.0) > 0.05)
         assert "read-only" in client.put("/wave", "joint", "joint1")
-        assert "greater than or equal to 0" in client.put("/wave", "amplitude", -1.0)
+        assert "must be at least 0" in client.put("/wave", "amplitude", -1.0)
         assert client.put("/wave", "amplitude", 0.6) == ""  # Only its interface fails from here on.
         client.spin_until(lambda: "controller wave stops publishing after this error" in stack.words)
         assert client.states() == {"wave": "active"}

@@ -102,7 +102,7 @@ def test_short_time_is_stretched_and_reported_in_the_result(ours: TrajectoryClie
 
 
 MISMATCH = "Joints on incoming trajectory don't match the controller joints."
-FINITE = "only finite values are allowed"
+FINITE = "must be finite"
 SIZE = "Mismatch between joint_names size (6) and"
 EFFORT = "Trajectories with effort fields are only supported for controllers using the 'effort' command interface."
 NUMBER, UNKNOWN, LENGTHS = ("jtc-2", "golden-mismatch"), ("jtc-4", "golden-unknown-name"), ("jtc-8", "golden-lengths")

@@ -121,7 +121,11 @@ def test_half_speed_takes_twice_as_long_and_negative_speeds_are_ignored(at_zero:
     at_zero.scale(0.5)
     at_zero.until(lambda: at_zero.states[-1].speed_scaling_factor == 0.5)
     at_zero.scale(-1.0)
-    at_zero.until(lambda: "speed scaling factor -1.0 ignored" in at_zero.stack.words)
+    at_zero.until(
+        lambda: (
+            "the speed scaling factor must be 0 (pause) to 1 (the speed of the goal), not -1.0" in at_zero.stack.words
+        )
+    )
     before = at_zero.now()
     states = finish(at_zero, at_zero.send(goal_of(T(P(0.5, 0.5)))), before)
     at_zero.scale(1.0)
@@ -173,13 +177,14 @@ def test_blocked_loop_skips_cycles_and_the_trajectory_continues(plain: Trajector
         passed.append((stamp_s(other) - stamp_s(one), way_rad / speed))
     late_s, went_on_s = max(passed)
     assert late_s > LATE_S
-    assert 2.0 * PERIOD_S - CLOCK_S < went_on_s < 3.0 * PERIOD_S + CLOCK_S  # the third if a state was skipped
+    assert 2.0 * PERIOD_S - CLOCK_S < went_on_s < 3.0 * PERIOD_S + CLOCK_S  # three periods if a state was skipped
     for between_s, on_s in passed:
         if between_s < 2.0 * PERIOD_S:
             assert on_s == pytest.approx(between_s, abs=CLOCK_S)
     for one, other in pairwise(states):
         between_s = stamp_s(other) - stamp_s(one)
-        if between_s < 1.5 * PERIOD_S or between_s > LATE_S:  # otherwise a state was skipped
+        # Otherwise the pair is not consecutive, because a state was skipped
+        if between_s < 1.5 * PERIOD_S or between_s > LATE_S:
             assert abs(other.feedback.positions[0] - one.feedback.positions[0]) <= LARGEST_STEP_RAD
     assert states[-1].output.positions[0] == pytest.approx(there, abs=1e-9)
     missed = re.findall(r"missed (\d+) cycles?: the loop was \d+ ms late", plain.stack.words)

@@ -142,7 +142,7 @@ def test_tolerance_of_goal_or_file_applies(
     if which == "path":
         assert cut(ended) == PATH
         furthest_rad = max(state.reference.positions[0] for state in stuck.states[before:])
-        assert limit < furthest_rad < limit + 2.0 * PERIOD_S + 0.01  # at 1 rad/s, two cycles at most
+        assert limit < furthest_rad < limit + 2.0 * PERIOD_S + 0.01  # at 1 rad/s, this is at most two cycles
     else:
         assert ended[:2] == (ABORTED, -5)
         assert limit <= exceeded_s(ended[2]) < limit + 2.0 * PERIOD_S + 0.01

@@ -66,7 +66,7 @@ def test_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGSTOP)
     pick.process.send_signal(signal.SIGINT)
     pick.process.send_signal(signal.SIGTERM)
-    assert pick.process.wait(8.0) in AT_ONCE  # of the ten seconds for the confirmation
+    assert pick.process.wait(8.0) in AT_ONCE  # less than the ten seconds of the confirmation
     assert "ended at once: the node may continue the job" in pick.words
 
 

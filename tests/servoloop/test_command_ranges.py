@@ -171,9 +171,9 @@ def test_servos_stay_in_the_range_while_calibration_uses_the_whole_travel(tmp_pa
             urdf(interface(min=0.5, max=0.5)),
             "lift/position: min 0.5 equals max 0.5 (arm.urdf, line 4): widen the range.",
         ),
-        (urdf(interface(min="low")), "lift/position: min 'low' is not a number (arm.urdf, line 4): correct it."),
-        (urdf(interface(max="nan")), "lift/position: max 'nan' is not a number (arm.urdf, line 4): correct it."),
-        (urdf(interface(max="")), "lift/position: max '' is not a number (arm.urdf, line 4): correct it."),
+        (urdf(interface(min="low")), "lift/position: min must be a number, not 'low' (arm.urdf, line 4)."),
+        (urdf(interface(max="nan")), "lift/position: max must be a number, not 'nan' (arm.urdf, line 4)."),
+        (urdf(interface(max="")), "lift/position: max must be a number, not '' (arm.urdf, line 4)."),
         (
             urdf(interface(min=2, max=3)),
             "lift/position: min 2.0 and max 3.0 (arm.urdf, line 4) are outside the joint's limits -1.0 to 1.0: correct",

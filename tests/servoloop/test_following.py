@@ -20,7 +20,7 @@ def test_the_error_at_rest_counts_from_half_a_second_after_the_motion() -> None:
     velocity = np.where((times > 0.55) & (times < 1.05), 1.0, 0.0)[:, None] * [1.0, 0.0]
     error = np.array([[0.01 * (len(times) - i), 0.001 * i] for i in range(len(times))])
     found = following_error(times, error, velocity)
-    assert found.at_rest_rad == (0.15, 0.019)  # the first before it moves, at 0.5 s
+    assert found.at_rest_rad == (0.15, 0.019)  # the first value is measured before the motion, at 0.5 s
     assert following_error(times[:4], error[:4], velocity[:4]).at_rest_rad == (0.0, 0.0)
 
 
@@ -49,7 +49,7 @@ def test_a_jump_of_a_servo_is_only_visible_between_the_cycles() -> None:
     cycles = np.arange(20) * 0.05
     reference, velocity = cycles[:, None], np.ones((20, 1))
     ticks = np.arange(191)
-    leaping = np.ceil(ticks / 10) * 0.05  # at every cycle where it should be, and ahead of it between
+    leaping = np.ceil(ticks / 10) * 0.05  # equal to the reference at each cycle, and ahead of it between cycles
     at = following_error(cycles, reference - leaping[::10, None], velocity)
     between = between_cycles(list(ticks * 0.005), [[p] for p in leaping], cycles, reference, velocity)
     assert at.largest_rad == (0.0,)

@@ -33,7 +33,7 @@ def test_each_block_has_its_own_plugin_robot_file_and_rate(tmp_path: Path) -> No
     assert (arm.hardware.joints, hand.hardware.joints) == (ARM, (HAND,))
     assert (arm.cycles_per_update, hand.cycles_per_update) == (1, 2)
     assert list(below.set_compensation) == ["arm"]
-    assert not below.virtual  # no emulator's feed beside the port
+    assert not below.virtual  # the port has no feed of an emulator
     assert files.robot_paths == {"arm": tmp_path / "arm.yaml"}
 
 
@@ -187,7 +187,7 @@ def test_user_hardware_that_cannot_be_created_is_refused(
     ("old", "new", "says"),
     [
         ('lower="0" upper="0.05"', 'lower="0" upper="-0.04"', "lower limit 0.0 is above upper limit -0.04 ({}): swap"),
-        ('velocity="0.09"', 'velocity="0"', "velocity limit 0.0 is not above zero ({}): write"),
+        ('velocity="0.09"', 'velocity="0"', "velocity limit must be above 0, not 0.0 ({}): write"),
     ],
 )
 def test_the_limits_are_checked_for_every_kind_of_hardware(

@@ -42,7 +42,7 @@ def on_a_terminal(*words: str, **variables: str) -> bytes:
     shown = bytearray()
     with run(*words, stdout=ours, stderr=ours, **variables) as process:
         os.close(ours)
-        with contextlib.suppress(OSError):  # the terminal's end, when the program has ended
+        with contextlib.suppress(OSError):  # raised when the program has ended and closed the terminal
             while data := os.read(reading, 65536):
                 shown += data
         process.wait(100.0)

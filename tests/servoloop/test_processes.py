@@ -80,6 +80,6 @@ def test_waiting_for_processes_ends_with_the_condition_a_signal_the_time_or_a_pr
 def test_processes_are_ended_in_reverse_order(tmp_path: Path) -> None:
     with Processes(tmp_path, os.environ) as processes:
         ids = [processes.start(name, "http.server", "0", "--bind", "127.0.0.1") for name in ("one", "two")]
-        time.sleep(0.1)  # either it has begun to serve or not: it ends
+        time.sleep(0.1)  # the process must end whether or not it has begun to serve
         assert list(processes.end()) == ["two", "one"]
     assert not any(psutil.pid_exists(process_id) for process_id in ids)

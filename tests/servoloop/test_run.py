@@ -100,7 +100,7 @@ def test_a_loop_without_progress_counts_as_hanging(tmp_path: Path) -> None:
     later = bench.clock.now() + HANG_S
     run.alive_s = bench.clock.now()
     bench.clock.sleep_until(later + 1.0)
-    assert not run.hangs()  # nobody has told it to end
+    assert not run.hangs()  # no signal has requested the end yet
     run.signals.ask()
     bench.clock.sleep_until(later + HANG_S)
     assert not run.hangs()

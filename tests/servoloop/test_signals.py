@@ -72,7 +72,7 @@ def test_the_second_signal_leaves_time_for_a_clean_end() -> None:
 def test_a_program_that_hangs_after_the_context_is_also_ended() -> None:
     with program("while signals.count < 2: time.sleep(0.01)\n", HANGING) as process:
         process.send_signal(signal.SIGTERM)
-        # Where both wait to be delivered, the one with the lower number comes first.
+        # If both signals are pending, the one with the lower number is delivered first.
         assert send(process, signal.SIGINT)[0] in (128 + signal.SIGINT, 128 + signal.SIGTERM)
 
 

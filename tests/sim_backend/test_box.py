@@ -40,7 +40,7 @@ def test_replies_of_no_one_and_two_servos_with_the_same_id() -> None:
 def test_unplugging_a_servo_resets_its_ram() -> None:
     line = Line()
     line.box.connect(0)
-    line.bus.write(1, sts.position_p, 16)  # while the lock is closed
+    line.bus.write(1, sts.position_p, 16)  # the lock is closed at this time
     line.bus.write(1, sts.torque_enable, 1)
     line.bus.write(1, sts.lock, 0)
     line.bus.write(1, sts.position_d, 40)

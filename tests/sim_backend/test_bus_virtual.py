@@ -119,7 +119,8 @@ def test_group_instructions_to_one_id_reach_that_servo() -> None:
     assert [bus.servo(i).read(41, 1) for i in (1, 2)] == [b"\0", b"\x09"]
     (reply,) = bus.receive(packet(2, Code.SYNC_READ, b"\x29\x01\x01\x02"), 1.0)
     assert reply.data == status_packet(2, 0, b"\x09")
-    assert reply.due_s == pytest.approx(1.0 + (10 + 10 + 7) * BYTE_S)  # the instruction, one slot, the reply
+    # Duration of the instruction, of one slot and of the reply
+    assert reply.due_s == pytest.approx(1.0 + (10 + 10 + 7) * BYTE_S)
 
 
 def test_a_broadcast_read_is_answered_by_all_at_once() -> None:

@@ -146,7 +146,7 @@ def test_an_overload_removes_the_drive_until_the_torque_switch_is_written(model:
     place = bench.plant.angles()
     bench.bus.write_goals({1: ServoGoal(start + dxl.MODELS[model].counts_per_turn // 4)})
     bench.bus.torque_on(1)
-    for _ in range(25):  # turned back by hand repeatedly before it can arrive
+    for _ in range(25):  # the shaft is turned back by hand before it can arrive
         bench.plant.place(place)
         reading = bench.run(0.1)
     assert reading.alarms == ("overload",)

@@ -132,7 +132,7 @@ def test_the_client_notices_the_end(tmp_path: Path) -> None:
 def test_a_second_feed_is_refused_and_a_stale_socket_is_removed(feed: WorldFeed) -> None:
     with pytest.raises(PortBusy, match="another emulator"):
         WorldFeed(feed.path)
-    feed._socket.close()  # as after a kill: the name of the socket remains
+    feed._socket.close()  # a killed program leaves its socket behind
     WorldFeed(feed.path).close()
 
 

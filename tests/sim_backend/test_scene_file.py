@@ -28,8 +28,8 @@ def edited(folder: Path, old: str, new: str) -> Path:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('pos="', 'pos="nan 0 0" was="', 'pos="nan 0 0" is not a number up to 1e+10: correct it'),
-        ('size="', 'size="1e30 1 1" was="', "is not a number up to 1e+10: correct it"),
+        ('pos="', 'pos="nan 0 0" was="', 'pos must consist of numbers up to 1e+10, not "nan 0 0"'),
+        ('size="', 'size="1e30 1 1" was="', "size must consist of numbers up to 1e+10"),
         ("<worldbody>", '<worldbody><replicate count="2000000"><geom size="1"/></replicate>', "more than 10000 copies"),
         ("<worldbody>", "<worldbody", "is not well-formed XML: not well-formed (invalid token): line "),
         ("<worldbody>", "<worldbody><!-- " + "x" * 2_000_000 + " -->", "scene.xml is larger than 2 MB: shorten it"),
@@ -110,7 +110,9 @@ def test_a_large_mesh_or_picture_of_a_scene_is_refused(tmp_path: Path, text: str
 def test_numbers_of_an_included_scene_are_checked(tmp_path: Path) -> None:
     path = scene_with(tmp_path, '<include file="other.xml"/>')
     (tmp_path / "other.xml").write_text('<mujoco>\n<worldbody><geom size="nan"/></worldbody></mujoco>')
-    with pytest.raises(ArmFileError, match=r'other.xml, line 2: geom size="nan" is not a number'):
+    with pytest.raises(
+        ArmFileError, match=r'other.xml, line 2: geom size must consist of numbers up to 1e\+10, not "nan'
+    ):
         scene_model(path)
 
 

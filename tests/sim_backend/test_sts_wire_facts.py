@@ -558,7 +558,7 @@ def test_registers_82_to_84_apply_after_power_on(
     wire.write(41, b"\x00")
     wire.go(3048, 4)
     wire.wait(0.1)
-    assert wire.read(71, 2) == 4  # still in units of 50 counts/s
+    assert wire.read(71, 2) == 4  # the unit is still 50 counts/s
     feed(wire.bus, 0.0)
     feed(wire.bus, 12.0)
     wire.wait(1.0)

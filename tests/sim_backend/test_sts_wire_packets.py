@@ -189,7 +189,7 @@ def test_ff_ff_within_a_packet_starts_a_new_packet() -> None:
     ("entries", "written"),
     [
         ((1, 7, 8, 1, 9, 10), (9, 10)),
-        ((1, 7, 8, 2, 5, 6, 1, 9), (9, 0)),  # the last entry wins, as far as it goes
+        ((1, 7, 8, 2, 5, 6, 1, 9), (9, 0)),  # the last entry counts, as far as it is complete
         ((1, 7, 8, 1), (0, 0)),
         ((1, 7, 8, 2), (7, 8)),
     ],

@@ -107,7 +107,7 @@ def test_compensation_fades_in_after_activation() -> None:
         rig.run(rig.loop.period_s)
         goals.append([servo.memory.get(sts.goal_position) for servo in rig.bus.servos])
     steps = np.abs(np.diff(goals, axis=0))
-    assert steps[0].max() <= 1  # of an arm that sank between its measurements
+    assert steps[0].max() <= 1  # the arm sank between its two measurements
     assert steps.max() <= 4
     assert np.abs(np.subtract(goals[-1], goals[0])).max() > 20
 

@@ -74,7 +74,7 @@ def calls_of_the_loop(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> tuple[tupl
     configure_all(hardware)
     loop.activate()
     for number in range(2 * CYCLES):
-        if number == CYCLES:  # until then its ways of asking are settled
+        if number == CYCLES:  # in the first half, the bus detects how the servos can be read
             port.calls = ()
         loop.step()
         line.clock.sleep_until(line.clock.now() + 0.05)
@@ -87,7 +87,7 @@ def test_benchmark_and_control_loop_make_the_same_port_calls(kind: Kind, monkeyp
     driven, goals = calls_of_the_loop(kind, monkeypatch)
     line, port = identified(kind)
     line.bus.write_goals(goals)
-    measure(line.bus, line.clock, IDS, goals, CYCLES)  # until its ways of asking are settled
+    measure(line.bus, line.clock, IDS, goals, CYCLES)  # the bus detects how the servos can be read
     port.calls = ()
     measure(line.bus, line.clock, IDS, goals, CYCLES)
     assert port.calls == driven

@@ -33,7 +33,7 @@ def test_arms_with_spread_sort_their_cube(seed: int, backlash_deg: float) -> Non
     rig.run(ACTIVATED_S)
     job = UnpacedJob(rig, grade)
     job.run()
-    lay = {rig.world.cube_bin()}  # until it is taken away
+    lay = {rig.world.cube_bin()}  # until the cube is removed
     rig.after_cycle = lambda: lay.add(rig.world.cube_bin())
     rig.run(1.5)
     assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4

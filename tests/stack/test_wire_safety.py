@@ -105,7 +105,7 @@ class Scenario:
     def play(self) -> list[str]:
         """Run the scenario from configuration to shutdown, and return the failures of the shutdown."""
         self.rig.up()
-        with suppress(PortLost, RuntimeError):  # the program ends then, as below
+        with suppress(PortLost, RuntimeError):  # such an error ends the program
             self.rig.run(SCENARIO_S)
         park = self.rig.files.robot.file.park
         assert park is not None
@@ -167,8 +167,10 @@ def test_monitor_detects_unsafe_writes() -> None:
     joint = rig.files.robot.joints[0]
     bus = Bus(rig.port, rig.clock)
     assert scenario.monitor.broken == []
-    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400)})  # a leap
-    bus.write_goals({joint.servo_id: ServoGoal(joint.counts_range()[1] + 1)})  # a leap, and outside
+    bus.write_goals({joint.servo_id: ServoGoal(joint.counts(0.0) + 400)})  # the goal leaps
+    bus.write_goals(
+        {joint.servo_id: ServoGoal(joint.counts_range()[1] + 1)}
+    )  # the goal leaps and is outside the limits
     bus.torque_off([joint.servo_id])
     bus.torque_on(joint.servo_id)  # the goal is somewhere else
     assert [text.split(": ")[1].split(" ")[:2] for text in scenario.monitor.broken] == [

@@ -133,7 +133,7 @@ def goal_to_wire(rig: SimulatedStack, goal: TrajectoryGoal = ONE_POINT) -> list[
     """Return the files from the submission of a goal to the first byte of its command, in the next cycle."""
     hand, broadcaster = ForwardCommandController, JointStateBroadcaster
     others: list[Function] = [ComponentSet.read, hand.update, hand.settled, broadcaster.update]
-    others.append(StallWatch.goal)  # changes the goal of a joint that presses, and of no other
+    others.append(StallWatch.goal)  # changes only the goals of joints that press
     trip = TripRecorder(until=BusTap.write, muted=others)
     with trip.recording():
         assert rig.arm.check(goal) is None
@@ -146,7 +146,7 @@ def reply_to_joint_states(rig: SimulatedStack) -> list[str]:
     """Return the files from the first reply bytes of a cycle to the values published on /joint_states."""
     broadcaster = next(c for c in rig.manager.registry.controllers.values() if isinstance(c, JointStateBroadcaster))
     others: list[Function] = [JointTrajectoryController.update, ForwardCommandController.update, ControlLoop.send]
-    others.append(ServoFaults.present)  # asks one servo in turn for its torque: no state comes of that
+    others.append(ServoFaults.present)  # polls the torque of one servo in turn, which changes no joint state
     others.append(SupplyWatch.check)  # only reports
     trip = TripRecorder(since=BusTap.read, muted=others)
     with trip.recording():

@@ -80,7 +80,8 @@ def test_feasible_path_is_not_slowed_down() -> None:
 
 def test_only_parts_that_are_too_fast_are_slowed_down() -> None:
     times_s = np.arange(0.0, 6.0, GRID_S)
-    leap = np.clip((times_s - 3.0) / 0.2, 0.0, 1.0)  # 1.5 rad in 0.2 s, where the joint needs half a second
+    # The hand moves 1.5 rad in 0.2 s, but the joint needs half a second
+    leap = np.clip((times_s - 3.0) / 0.2, 0.0, 1.0)
     slow = np.sin(times_s) * 0.2
     position = np.stack([slow + 1.5 * leap, np.full_like(times_s, 0.02)], axis=1)
     path = path_of(times_s, position, LIMITS)

@@ -200,7 +200,7 @@ def test_leader_far_outside_the_limits_is_reported_with_the_full_error() -> None
     assert leader == pytest.approx(-2.958, abs=0.01) and follower == pytest.approx(-1.658, abs=0.02)
     assert error == pytest.approx(leader - follower, abs=0.002)
     assert "calibrated" in rig.attend(0.2)
-    rig.hand = lambda time_s: {**REST, "wrist_flex": -1.70}  # a stop of the leader's may be a little outside
+    rig.hand = lambda time_s: {**REST, "wrist_flex": -1.70}  # the stop of the leader may be slightly outside its limits
     rig.run(0.5)
     assert status_line(rig.teleop) == FollowerPhase.FOLLOWING
 

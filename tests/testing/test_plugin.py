@@ -126,7 +126,7 @@ def test_violation_is_reported_with_its_time_and_the_faults(virtual_arm: Virtual
     virtual_arm.up()
     report = virtual_arm.end()
     assert report.startswith("never: it moved (at 0.") and "kind: noise" in report
-    virtual_arm._watch.violations.clear()  # else this test fails for it, as it should
+    virtual_arm._watch.violations.clear()  # otherwise this test would also fail for the planted bug
     assert virtual_arm.end() == ""
 
 

@@ -1,4 +1,4 @@
-"""Every test is run by some worker, and none in real time by a worker that has begun to compute; workers may die."""
+"""Tests of the distribution: every test runs, computing workers run no test in real time, and workers may die."""
 
 from collections import Counter
 from types import SimpleNamespace
@@ -12,7 +12,7 @@ from tests.distribution import ComputingAside, in_real_time
 
 
 class Worker:
-    """What the scheduler talks to instead of a process."""
+    """Worker as seen by the scheduler, without a process."""
 
     def __init__(self) -> None:
         self.queue: list[int] = []
@@ -30,9 +30,10 @@ class Worker:
 def run(
     tests: list[str], workers: list[Worker], request: pytest.FixtureRequest, deaths: frozenset[int] = frozenset()
 ) -> list[str]:
-    """As xdist does it: a worker runs what it was sent but the last one, which it keeps until told there is no more.
+    """Simulate xdist: a worker runs all tests that it was sent except the last, which it keeps until no more follow.
 
-    The workers take turns; in the turns of ``deaths`` one dies and is replaced. Returns at which tests they died.
+    The workers take turns. In the turns of ``deaths``, one dies and is replaced. Return the tests at which workers
+    died.
     """
     died: list[str] = []
     turn = 0
@@ -71,7 +72,7 @@ FILES = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=1, max_si
 
 
 def named(files: list[tuple[bool, int]]) -> list[str]:
-    """The tests of files in real time or not, with so many tests each."""
+    """Return tests of files in real time or not, with this number of tests in each file."""
     kinds = sorted(files, key=lambda one: not one[0])
     return [
         f"tests/{'ros' if real else 'hal'}/test_{number}.py::test_{i}"

@@ -1,4 +1,4 @@
-"""What ``make mutants`` changes, and with which tests, is found where it is said to be."""
+"""Tests that the files and tests listed for ``make mutants`` exist."""
 
 import runpy
 from pathlib import Path

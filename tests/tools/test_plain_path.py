@@ -1,4 +1,4 @@
-"""Set-up in a folder whose path has letters beyond ASCII, and with a Python that cannot be used."""
+"""Tests of the setup in a folder with non-ASCII letters in its path, and with an unusable Python."""
 
 import importlib
 import os
@@ -17,7 +17,7 @@ TOOLS = ROOT / "tools"
 
 @pytest.fixture
 def plain_path(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The module; its neighbours are forgotten afterwards, as other tests load them anew."""
+    """Import the module and remove its neighbors afterwards, because other tests import them again."""
     before = set(sys.modules)
     monkeypatch.syspath_prepend(str(TOOLS))
     yield importlib.import_module("plain_path")
@@ -69,7 +69,7 @@ def test_cmake_configures_a_message_package_below_such_a_path(plain_path: Module
 
 
 def test_a_python_that_is_taken_in_place_of_another_is_named(tmp_path: Path) -> None:
-    """As pyenv's python3 does with PYENV_VERSION=3.10.13."""
+    """The unusable Python is like pyenv's python3 with PYENV_VERSION=3.10.13."""
     checkout = tmp_path / "checkout"
     (checkout / "tools").mkdir(parents=True)
     shutil.copy(TOOLS / "setup.sh", checkout / "tools")

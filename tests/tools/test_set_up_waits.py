@@ -1,4 +1,4 @@
-"""Set-up comes to an end: a command that hangs, one that does not want to end, another set-up that goes on for ever."""
+"""Tests that the setup ends even if a command hangs, a command ignores its end, or another setup never ends."""
 
 import fcntl
 import importlib
@@ -19,7 +19,7 @@ WAITS = "import sys, set_up; from pathlib import Path; set_up.LOGS = Path(sys.ar
 
 @pytest.fixture
 def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The module, with its logs in a folder of the test's."""
+    """Import the module, with its logs in a temporary folder."""
     monkeypatch.syspath_prepend(str(TOOLS))
     module = importlib.import_module("commands")
     for name in ("ROOT", "LOGS"):
@@ -67,7 +67,7 @@ def test_what_does_not_want_to_end_is_killed_with_all_that_it_has_started(
 
 @pytest.fixture
 def other(tmp_path: Path) -> Iterator[Path]:
-    """The folder in which another set-up holds the lock."""
+    """Return the folder in which another setup holds the lock."""
     with (tmp_path / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield tmp_path
@@ -78,8 +78,8 @@ def test_another_set_up_is_waited_for_no_longer_than_it_may_take(other: Path) ->
     done = subprocess.run(
         [sys.executable, "-B", "-c", program, str(other)], cwd=TOOLS, capture_output=True, text=True, timeout=60
     )
-    assert done.stdout == "Another make setup is at work in this checkout; waiting for it.\n"
-    assert done.stderr.endswith("SetUpError: the other make setup has not ended in 0 minutes: end it first.\n")
+    assert done.stdout == "Another make setup is running in this checkout; waiting for its end.\n"
+    assert done.stderr.endswith("SetUpError: the other make setup has not ended within 0 minutes: end it first.\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -90,4 +90,4 @@ def test_a_signal_ends_the_wait_for_another_set_up(other: Path, number: signal.S
         waiting.send_signal(number)
         _, words = waiting.communicate(timeout=60)
     assert waiting.returncode == 130
-    assert words == "\nmake setup: interrupted; run it again and it goes on from here.\n"
+    assert words == "\nmake setup: interrupted; run it again to continue from here.\n"

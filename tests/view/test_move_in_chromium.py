@@ -13,10 +13,10 @@ pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
 
-from nodes.handling.robot_client import SLOW
 from servoloop.manual.buttons import LONGEST_S
 from servoloop.manual.poses import Poses
 from servoloop.manual.robot import LiveRobot
+from servoloop.manual.robot_client import SLOW
 from servoloop.stack.arm_folders import ARMS
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder

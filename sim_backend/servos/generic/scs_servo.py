@@ -16,7 +16,7 @@ from sim_backend.servos.generic.memory import Memory
 from sim_backend.servos.generic.servo import GenericServo
 
 _ABSENT: Final = {
-    sts.protection_current.name: sts.protection_current.largest,  # not measured by these servos
+    sts.protection_current.name: sts.protection_current.largest,  # these servos do not measure it
 }
 """Values for the firmware if the table has no such register. All others are 0."""
 _TIME_UNITS: Final = 4

@@ -1,0 +1,405 @@
+"""The arm of a program: motions, streams, gripper, state and torque, with or without hardware, without ROS."""
+
+import math
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, overload
+
+from hal.types import JointLimits
+from servoloop.api.backend import ArmBackend, JointGoal, Observer
+from servoloop.api.checks import check_goal, check_joints
+from servoloop.api.errors import ArmInputError
+from servoloop.api.gripper import ArmGripper
+from servoloop.api.motion import ArmMotion
+from servoloop.api.plan import approach_s
+from servoloop.api.state import ArmState
+from servoloop.api.stream import TargetStream
+from servoloop.api.targets import Positions, by_joint, duration_of, goal_of, pose_named
+from servoloop.api.trajectory import ArmTrajectory
+
+if TYPE_CHECKING:
+    from controller.interface import Controller, ControllerType
+
+STREAM_AGE_S = 0.2
+"""Default of the maximum time between two streamed targets, in seconds: six targets of a policy at 30 Hz."""
+BACKLASH_DEG = 1.0
+"""Default backlash of virtual servos, in degrees."""
+
+
+class Arm:
+    """An arm whose control loop this program runs in a thread of its own.
+
+    The arm is active when the constructor returns: its torque is on and it holds its position. Use it as a context
+    manager or call ``close``: the arm then stops within its limits, and holds or parks as its robot file requires.
+    Signals that end the program have the same effect. All methods may be called from any thread.
+    """
+
+    def __init__(
+        self,
+        name_or_folder: str | Path,
+        port: str | Sequence[str] | None = None,
+        *,
+        rate_hz: int | None = None,
+        controllers: str | Path | None = None,
+        record: str | Path | None = None,
+    ) -> None:
+        """Start an arm.
+
+        Args:
+            name_or_folder: Name of an arm that ``servoloop arms`` lists, or the path of an arm folder.
+            port: Serial port of the servos, such as ``/dev/ttyACM0``; ``NAME=PATH`` for each of several buses. None:
+                virtual servos in a process of their own.
+            rate_hz: Rate of the control loop, in Hz. None: the rate in the controllers file.
+            controllers: Controllers file to use instead of the arm's own.
+            record: Path of a new recording of the whole run, if any.
+
+        Raises:
+            ArmSetupError: The arm does not exist, its files have mistakes, its port cannot be opened, or its servos
+                cannot be activated safely.
+        """
+        from servoloop.api.options import ArmOptions
+        from servoloop.api.thread_loop import ThreadLoop
+
+        options = ArmOptions(str(name_or_folder), rate_hz, _path(controllers), _path(record))
+        ports = [port] if isinstance(port, str) else list(port or ())
+        loop = ThreadLoop(options.files(), ports, options.record)
+        self._use(loop.backend, loop.close)
+
+    @classmethod
+    def simulated(
+        cls,
+        name_or_folder: str | Path,
+        *,
+        seed: int | None = None,
+        rate_hz: int | None = None,
+        controllers: str | Path | None = None,
+        record: str | Path | None = None,
+        backlash_deg: float = BACKLASH_DEG,
+    ) -> Self:
+        """Start a virtual arm on simulated time.
+
+        Time passes only while the program waits: in ``move_to``, ``ArmMotion.wait``, ``sleep`` and ``step``. The cycles
+        then run as fast as possible, in the calling thread. The same program has the same result in each run.
+
+        Args:
+            name_or_folder: Name or folder of the arm.
+            seed: Seed that varies friction, motors, masses and supply by up to 10 %. None: the nominal arm.
+            rate_hz: Rate of the control loop, in Hz. None: the rate in the controllers file.
+            controllers: Controllers file to use instead of the arm's own.
+            record: Path of a new recording of the whole run, if any.
+            backlash_deg: Backlash of each servo, in degrees.
+
+        Raises:
+            ArmSetupError: The arm does not exist, its files have mistakes, or it cannot be activated.
+        """
+        from servoloop.api.options import ArmOptions
+        from servoloop.api.simulated_loop import SimulatedLoop
+
+        options = ArmOptions(str(name_or_folder), rate_hz, _path(controllers), _path(record))
+        arm = cls.__new__(cls)
+        loop = SimulatedLoop(options.files(), options.record, seed, backlash_deg)
+        arm._use(loop.backend, loop.close)
+        return arm
+
+    @classmethod
+    def connect(cls, arm: str | None = None) -> Self:
+        """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
+
+        The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
+        time moves the arm: this one from its first motion until ``close``. Times count real time.
+
+        Args:
+            arm: Name, folder or process ID of the running arm. None: the only running arm.
+
+        Raises:
+            ArmSetupError: No such arm runs, or several do.
+        """
+        from servoloop.api.socket_backend import SocketBackend
+
+        connected = cls.__new__(cls)
+        backend = SocketBackend.find(arm)
+        connected._use(backend, backend.close)
+        return connected
+
+    def _use(self, backend: ArmBackend, close: Callable[[], None]) -> None:
+        self._backend, self._close, self._arm = backend, close, backend.description
+        self.gripper = ArmGripper(self._arm, self.move_to)
+        """Gripper of the arm."""
+
+    @property
+    def name(self) -> str:
+        """Name of the arm."""
+        return self._arm.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the n joints, in the order of arrays and of all mappings."""
+        return self._arm.joints
+
+    @property
+    def limits(self) -> Mapping[str, JointLimits]:
+        """Limits by joint name, in rad or m and seconds."""
+        return self._arm.limits
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the control loop, in Hz."""
+        return 1.0 / self._arm.period_s
+
+    @property
+    def state(self) -> ArmState:
+        """Newest state: position, velocity, effort, temperature, command and faults by joint, and its age."""
+        return self._backend.state()
+
+    @property
+    def faults(self) -> Mapping[str, str]:
+        """One sentence for each joint with a fault or an alarm. Empty if all servos are well."""
+        return self.state.faults
+
+    def move_to(
+        self,
+        target: Positions | str,
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        wait: bool = True,
+        timeout: float = math.inf,
+    ) -> ArmMotion:
+        """Move to a target, and wait until it is reached. A motion under way continues into the new one.
+
+        Args:
+            target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
+                of a saved pose. Joints without a position hold theirs.
+            duration: Duration of the motion, in seconds. Limits may make it longer.
+            speed: Share of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
+            wait: Whether to wait for the end of the motion.
+            timeout: Maximum time to wait, in seconds.
+
+        Returns:
+            Handle of the motion, to wait for it, to await it or to cancel it.
+
+        Raises:
+            ArmInputError: A joint or a pose does not exist, or a value is not finite or outside the limits. The arm
+                does not move.
+            ArmBusyError: A stream is open, the torque is off, or another controller drives the joint.
+            MotionFailedError: The motion ended before its target.
+            ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
+            ArmEndedError: The control loop has ended.
+        """
+        asked_s, share = duration_of(duration, speed)
+        positions = pose_named(target, self._arm) if isinstance(target, str) else by_joint(target, self._arm)
+        goal = JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),))
+        check_goal(goal, self._arm)
+        if asked_s is None:
+            planned_s = approach_s(positions, self.state.command, self.limits, share)
+            goal = JointGoal(goal.joints, (planned_s,), goal.positions)
+        return self._started(goal, wait, timeout)
+
+    def follow(
+        self, trajectory: ArmTrajectory, *, approach: float = 0.25, wait: bool = True, timeout: float = math.inf
+    ) -> ArmMotion:
+        """Follow a trajectory. The arm first moves to its first point.
+
+        Args:
+            trajectory: Points of some joints, each at its time.
+            approach: Share of the velocity limits on the way to the first point, above 0 and at most 1.
+            wait: Whether to wait for the end of the motion.
+            timeout: Maximum time to wait, in seconds.
+
+        Returns:
+            Handle of the motion.
+
+        Raises:
+            ArmInputError: The trajectory is invalid, or leaves the limits. The arm does not move.
+            ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
+            MotionFailedError: The motion ended before its target.
+            ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
+            ArmEndedError: The control loop has ended.
+        """
+        _, share = duration_of(None, approach)
+        goal = goal_of(trajectory, 0.0)
+        check_goal(goal, self._arm)
+        first = dict(zip(goal.joints, goal.positions[0], strict=True))
+        needed_s = approach_s(first, self.state.command, self.limits, share)
+        return self._started(goal_of(trajectory, max(0.0, needed_s - goal.times_s[0])), wait, timeout)
+
+    @overload
+    def stream(self, targets: None = None, *, max_age: float = ..., rate_hz: float | None = ...) -> TargetStream: ...
+
+    @overload
+    def stream(self, targets: Iterable[Positions], *, max_age: float = ..., rate_hz: float | None = ...) -> None: ...
+
+    def stream(
+        self,
+        targets: Iterable[Positions] | None = None,
+        *,
+        max_age: float = STREAM_AGE_S,
+        rate_hz: float | None = None,
+    ) -> TargetStream | None:
+        """Follow targets that the program computes at its own rate, such as those of a policy at 30 to 50 Hz.
+
+        The arm moves toward the newest target at up to its velocity limits, and holds the last one. If no target
+        arrives for ``max_age`` seconds, the stream ends: the joints slow down within their limits and hold.
+
+        Args:
+            targets: Targets to send, one after the other. None: return an open stream to send them with.
+            max_age: Maximum time between two targets, in seconds.
+            rate_hz: Rate at which ``targets`` are sent, in Hz. None: as fast as they come, if they pace themselves.
+
+        Returns:
+            The open stream, a context manager; None after all ``targets`` were sent.
+
+        Raises:
+            ArmInputError: A target is invalid.
+            ArmBusyError: A motion is running, another stream is open, or the torque is off.
+            StreamEndedError: The targets came too slowly.
+            ArmEndedError: The control loop has ended.
+        """
+        if rate_hz is not None and not rate_hz > 0.0:
+            raise ArmInputError(f"rate_hz must be above 0, not {rate_hz}")
+        stream = TargetStream(self._backend, lambda positions: by_joint(positions, self._arm), max_age)
+        if targets is None:
+            return stream
+        with stream:
+            for target in targets:
+                stream.send(target)
+                if rate_hz is not None:
+                    self.sleep(1.0 / rate_hz)
+        return None
+
+    def stop(self) -> None:
+        """Stop all motions and end the stream. The joints slow down within their limits and hold."""
+        self._backend.stop()
+
+    def torque(self, on: bool, *, park: bool = True) -> None:
+        """Release or enable the torque of all servos.
+
+        Args:
+            on: Whether to enable the torque. Each servo then holds the position where it is.
+            park: Whether to move to the park pose of the robot file before the torque is released, so that the arm does
+                not drop. With False, hold the arm.
+
+        Raises:
+            MotionFailedError: The park pose was not reached. The torque stays on.
+            ArmError: A servo does not answer, or cannot be activated safely.
+        """
+        self._backend.set_torque(on, park)
+
+    def controller(
+        self, kind: "ControllerType", name: str = "own_controller", **parameters: Any
+    ) -> "AbstractContextManager[Controller]":
+        """Let a controller of your own drive its joints for the duration of the context.
+
+        Args:
+            kind: Class of the controller, with the interface of ``controller.interface.ControllerType``.
+            name: Name of the controller.
+            **parameters: Parameters of the controller.
+
+        Returns:
+            Context manager that yields the controller. The former controllers continue after it.
+
+        Raises:
+            ArmInputError: The parameters are invalid, or the loop of the arm belongs to another program.
+            ArmBusyError: A stream is open, the torque is off, or the controller cannot be activated.
+        """
+        start = getattr(self._backend, "controller", None)
+        if start is None:
+            raise ArmInputError(
+                "a controller runs in the program of the loop: use Arm(...) instead of Arm.connect(...)"
+            )
+        started: AbstractContextManager[Controller] = start(name, kind, parameters)
+        return started
+
+    def record(self, path: str | Path) -> AbstractContextManager[None]:
+        """Record all cycles in a new MCAP file for the duration of the context.
+
+        Raises ArmInputError if the file exists or cannot be created.
+        """
+        return self._backend.record(Path(path))
+
+    def on_state(self, callback: Observer) -> Callable[[], None]:
+        """Call a function with the newest state after each cycle.
+
+        The calls come from one thread of the arm, on simulated time from the waiting thread. A function that is slower
+        than a cycle misses states.
+
+        Args:
+            callback: Function that receives the state.
+
+        Returns:
+            Function that ends the calls.
+        """
+        return self._backend.observe(callback)
+
+    async def states(self) -> AsyncIterator[ArmState]:
+        """Yield the newest state after each cycle, in a coroutine. Raises ArmEndedError."""
+        last_s = -math.inf
+        while True:
+            await self._backend.wait_async(self._measured_after(last_s), math.inf)
+            state = self.state
+            last_s = state.time_s
+            yield state
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for a time on the clock of the arm. On simulated time, this runs its cycles.
+
+        Raises ArmEndedError if the control loop ends.
+        """
+        if seconds > 0.0:
+            self._backend.wait(lambda: False, seconds)
+
+    def step(self, cycles: int = 1) -> ArmState:
+        """Wait for a number of cycles. On simulated time, exactly these cycles run.
+
+        Returns:
+            The state of the last cycle.
+
+        Raises:
+            ArmEndedError: The control loop has ended.
+        """
+        for _ in range(cycles):
+            self._backend.wait(self._measured_after(self.state.time_s), math.inf)
+        return self.state
+
+    def clip(self, target: Positions) -> dict[str, float]:
+        """Return a target with each position moved into the limits of its joint.
+
+        Args:
+            target: Positions by joint name or an array, in rad or m.
+
+        Returns:
+            Positions by joint name.
+
+        Raises:
+            ArmInputError: A joint is unknown, or the size of the array is wrong.
+        """
+        positions = by_joint(target, self._arm)
+        check_joints(positions, self._arm)
+        return {j: min(max(at, self.limits[j].lower), self.limits[j].upper) for j, at in positions.items()}
+
+    def close(self) -> None:
+        """Shut the arm down by the rules of its robot file: stop, then hold, or park and release the torque.
+
+        A second call has no effect. Raises ArmError if a step of the shutdown failed.
+        """
+        self._close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _measured_after(self, time_s: float) -> Callable[[], bool]:
+        return lambda: self.state.time_s > time_s
+
+    def _started(self, goal: JointGoal, wait: bool, timeout_s: float) -> ArmMotion:
+        motion = ArmMotion(self._backend, self._backend.start(goal))
+        if wait:
+            motion.wait(timeout_s)
+        return motion
+
+
+def _path(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path)

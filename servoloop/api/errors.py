@@ -1,0 +1,60 @@
+"""Errors of ``servoloop.Arm``.
+
+ArmError
+├── ArmSetupError      the arm cannot be started
+├── ArmInputError      a target, a path or an argument is invalid, and nothing has moved
+├── ArmBusyError       another program or another call moves the arm
+├── MotionFailedError  a motion ended before its target
+│   └── MotionCanceledError  a motion was canceled or replaced
+├── StreamEndedError   a stream was silent for too long, or has been closed
+├── ArmTimeoutError    a wait took too long
+└── ArmEndedError      the control loop has ended
+"""
+
+from drivers.errors import DriverError
+
+
+class ArmError(DriverError):
+    """Base class of all errors of ``servoloop.Arm``. The message tells the user what to do."""
+
+    def __init__(self, text: str, joint: str = "") -> None:
+        """Create an error.
+
+        Args:
+            text: What is wrong and what to do.
+            joint: Name of the joint that is concerned; empty if the error concerns no single joint.
+        """
+        super().__init__(text)
+        self.joint = joint
+
+
+class ArmSetupError(ArmError):
+    """The arm cannot be started. The message names the file, the port or the servo."""
+
+
+class ArmInputError(ArmError, ValueError):
+    """A target, a path or an argument is invalid. Nothing has moved because of this call."""
+
+
+class ArmBusyError(ArmError):
+    """Another program or another call moves the arm."""
+
+
+class MotionFailedError(ArmError):
+    """A motion ended before its target, for example because a joint is blocked. The arm holds its position."""
+
+
+class MotionCanceledError(MotionFailedError):
+    """A motion was canceled, or another motion has replaced it."""
+
+
+class StreamEndedError(ArmError):
+    """A stream was silent for longer than its limit, or has been closed. The arm holds its position."""
+
+
+class ArmTimeoutError(ArmError, TimeoutError):
+    """A wait took longer than its limit. The motion continues."""
+
+
+class ArmEndedError(ArmError):
+    """The control loop has ended, so the arm cannot be moved any more."""

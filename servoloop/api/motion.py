@@ -1,0 +1,62 @@
+"""Handle of a motion that a program has started."""
+
+import math
+from collections.abc import Generator
+from typing import Any
+
+from servoloop.api.backend import ArmBackend, MotionProgress
+from servoloop.api.errors import ArmTimeoutError
+
+
+class ArmMotion:
+    """A motion under way. Wait for it with ``wait``, await it in a coroutine, or cancel it."""
+
+    def __init__(self, backend: ArmBackend, progress: MotionProgress) -> None:
+        self._backend, self._progress = backend, progress
+
+    @property
+    def done(self) -> bool:
+        """Whether the motion has ended, with or without success."""
+        return self._progress.done
+
+    @property
+    def failure(self) -> Exception | None:
+        """Error of a motion that failed or was canceled. None while it runs and after success."""
+        return self._progress.failure
+
+    def wait(self, timeout_s: float = math.inf) -> None:
+        """Wait until the motion has reached its target.
+
+        Args:
+            timeout_s: Maximum time to wait, in seconds of the arm's clock.
+
+        Raises:
+            MotionFailedError: The motion ended before its target.
+            MotionCanceledError: The motion was canceled, or another motion has replaced it.
+            ArmTimeoutError: The motion takes longer. It continues.
+            ArmEndedError: The control loop has ended.
+        """
+        self._finish(self._backend.wait(lambda: self.done, timeout_s), timeout_s)
+
+    async def wait_async(self, timeout_s: float = math.inf) -> None:
+        """Wait as ``wait`` does, without blocking the event loop. Canceling the task cancels the motion."""
+        try:
+            reached = await self._backend.wait_async(lambda: self.done, timeout_s)
+        except BaseException:
+            self.cancel()
+            raise
+        self._finish(reached, timeout_s)
+
+    def __await__(self) -> Generator[Any, None, None]:
+        return self.wait_async().__await__()
+
+    def cancel(self) -> None:
+        """Cancel the motion. The joints slow down within their limits and hold. A second call has no effect."""
+        if not self.done:
+            self._backend.cancel(self._progress)
+
+    def _finish(self, ended: bool, timeout_s: float) -> None:
+        if not ended:
+            raise ArmTimeoutError(f"the motion takes longer than {timeout_s:g} s. It continues: wait or cancel it")
+        if (failure := self.failure) is not None:
+            raise failure

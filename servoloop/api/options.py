@@ -1,0 +1,57 @@
+"""Options of an arm that a script runs, and the files that they select."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from controller.manager.controllers_file import ControllersFileError
+from controller.manager.plugins import PluginError
+from controller.manager.switch import ManagerError
+from drivers.errors import DriverError
+from hal.errors import HalError
+from servoloop.api.errors import ArmError, ArmSetupError
+from servoloop.recording.mcap import check_path
+from servoloop.stack.arm_folders import find_arm, read_arm_files
+from servoloop.stack.robot_files import Files
+
+SETUP_ERRORS: Final = (DriverError, HalError, ManagerError, PluginError, ControllersFileError)
+"""Errors that prevent the start of an arm. Their messages tell the user what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmOptions:
+    """Options of an arm that a script runs."""
+
+    arm: str
+    """Name or folder of the arm."""
+    rate_hz: int | None = None
+    """Rate of the control loop, in Hz. None: the rate in the controllers file."""
+    controllers: Path | None = None
+    """Controllers file to use instead of the arm's own."""
+    record: Path | None = None
+    """Path of a new recording, if any."""
+
+    def files(self) -> Files:
+        """Read and check the files of the arm. Raises ArmSetupError."""
+        with setup_errors():
+            if self.record is not None:
+                check_path(self.record)
+            files = read_arm_files(find_arm(self.arm), controllers=self.controllers)
+        if self.rate_hz is None:
+            return files
+        if self.rate_hz <= 0:
+            raise ArmSetupError(f"rate_hz must be above 0, not {self.rate_hz}")
+        return replace(files, controllers=replace(files.controllers, update_rate_hz=self.rate_hz))
+
+
+@contextmanager
+def setup_errors() -> Iterator[None]:
+    """Raise ArmSetupError instead of the errors of files, ports and servos."""
+    try:
+        yield
+    except ArmError:
+        raise
+    except SETUP_ERRORS as error:
+        raise ArmSetupError(str(error)) from error

@@ -1,0 +1,334 @@
+"""Backend that moves a control stack of the same process through its controllers."""
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic, sleep
+from typing import Any, Final, cast
+
+import numpy as np
+
+from controller.diagnostics import Level, health_status
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.gripper.gripper_action_controller import GripperActionController
+from controller.interface import Controller, ControllerType
+from controller.manager.switch import ManagerError, SwitchRequest
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from drivers.errors import DriverError
+from hal.types import FloatArray, Interface, JointState, joints_of
+from servoloop.api.backend import ArmDescription, JointGoal, MotionProgress, Observer
+from servoloop.api.checks import check_goal, check_targets
+from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
+from servoloop.api.motions import (
+    FORWARD,
+    GRIPPER,
+    TRAJECTORY,
+    ControllerAccess,
+    MotionPart,
+    RunningMotion,
+    joints_of_mover,
+    start_forward,
+    start_gripper,
+    start_trajectory,
+)
+from servoloop.api.pace import POLL_S, Ended, LoopPace
+from servoloop.api.plan import approach_s
+from servoloop.api.state import ArmState
+from servoloop.api.stream_gate import StreamGate
+from servoloop.api.torque import TorqueSwitch
+from servoloop.api.user_controllers import active_controller, load_controller
+from servoloop.recording.mcap import RecordingError
+from servoloop.recording.recorder import CLOSE_S
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.stack.control_stack import ControlStack
+
+ANSWER_S: Final = 5.0
+"""Maximum time until the loop serves a request, in seconds."""
+PARK_S: Final = 60.0
+"""Maximum time of a motion to the park pose, in seconds."""
+
+
+class StackBackend:
+    """Backend on a control stack whose loop runs in another thread or on simulated time.
+
+    Create it before the loop runs. It calls the previous ``on_cycle`` of the loop first.
+    """
+
+    def __init__(
+        self, stack: ControlStack, arm: ArmDescription, pace: LoopPace, ended: Ended, recording: StackRecording
+    ) -> None:
+        """Connect to a stack.
+
+        Args:
+            stack: Control stack with its controllers.
+            arm: Properties of the arm, from ``describe``.
+            pace: Pace of the loop.
+            ended: Returns why the loop has ended, or None while it runs.
+            recording: Recordings of the stack.
+        """
+        self._recording = recording
+        self.stack, self.description = stack, arm
+        self._pace, self._ended = pace, ended
+        self._names = joints_of(stack.loop.hardware.command_interfaces)
+        self._columns = [stack.loop.hardware.joints.index(joint) for joint in arm.joints]
+        self._commands = [self._command_of(joint) for joint in arm.joints]
+        self._latest: tuple[JointState, FloatArray] | None = None
+        self._parts: tuple[MotionPart, ...] = ()
+        self._lock = threading.RLock()
+        self._stream = StreamGate(stack, arm.joints, self._in_loop)
+        self._torque = TorqueSwitch(stack, pace.wait, self._in_loop)
+        shown = stack.loop.on_cycle
+
+        def on_cycle(state: JointState) -> None:
+            shown(state)
+            self._on_cycle(state)
+
+        stack.loop.on_cycle = on_cycle
+
+    def state(self) -> ArmState:
+        """Return the newest state."""
+        if self._latest is None:
+            self._pace.wait(lambda: self._latest is not None, ANSWER_S)
+        if self._latest is None:
+            raise self._ended() or ArmError("the arm has sent no measurement: check its power and its cables")
+        state, command = self._latest
+        return self._converted(state, command)
+
+    def observe(self, observer: Observer) -> Callable[[], None]:
+        """Call a function with the newest state after each cycle, and return a function that ends this."""
+        return self._pace.watch(lambda: observer(self.state()))
+
+    def start(self, goal: JointGoal) -> MotionProgress:
+        """Start a motion, as ``ArmBackend.start`` describes."""
+        check_goal(goal, self.description)
+        with self._lock:
+            self._require_free()
+            movers = self._movers(goal.joints)
+            parts = tuple(self._start(controller, goal) for controller in movers)
+            if any(controller.kind.endswith(TRAJECTORY) for controller in movers):
+                for part in parts:
+                    part.begin_after_arm()
+            for part in self._parts:
+                if not part.done and any(part.controller.name == controller.name for controller in movers):
+                    part.cancel(replaced=True)
+            self._parts = (*(part for part in self._parts if not part.done), *parts)
+        return RunningMotion(parts, self._ended)
+
+    def cancel(self, progress: MotionProgress) -> None:
+        """Cancel a motion of this backend."""
+        with self._lock:
+            for part in cast(RunningMotion, progress).parts:
+                part.cancel()
+
+    def stop(self) -> None:
+        """Cancel all motions, also those of other clients, and end the stream."""
+        self.end_stream()
+        with self._lock:
+            for part in self._parts:
+                part.cancel()
+            for entry in self.stack.loop.manager.registry.running:
+                newest = getattr(entry.controller, "newest_goal", None)
+                if newest is not None and not newest.done:
+                    cast(JointTrajectoryController, entry.controller).cancel(newest)
+                elif entry.controller.kind.endswith(FORWARD) and not entry.controller.settled():
+                    self._brake(entry.spec.name)
+
+    def begin_stream(self, max_age_s: float) -> None:
+        """Accept targets, as ``ArmBackend.begin_stream`` describes."""
+        if not (math.isfinite(max_age_s) and max_age_s > 0.0):
+            raise ArmInputError(f"the maximum age of a target must be above 0 s, not {max_age_s}")
+        with self._lock:
+            self._require_torque()
+            if any(not part.done for part in self._parts):
+                raise ArmBusyError("a motion is running: wait for it or call stop() before you open a stream")
+        self._stream.begin(max_age_s)
+
+    def send(self, targets: Mapping[str, float]) -> None:
+        """Send targets by joint, in rad or m."""
+        check_targets(targets, self.description)
+        self._stream.send(targets)
+
+    def end_stream(self) -> None:
+        """End the stream, if one is open."""
+        self._stream.end()
+
+    def set_torque(self, on: bool, park: bool = True) -> None:
+        """Release or enable the torque, as ``ArmBackend.set_torque`` describes."""
+        if on:
+            self._torque.enable()
+            return
+        self.stop()
+        if park and self._torque.on:
+            self._park()
+        self._torque.release()
+
+    @contextmanager
+    def record(self, path: Path) -> Iterator[None]:
+        """Record all cycles in a new file for the duration of the context."""
+        try:
+            self._recording.begin(path)
+        except DriverError as error:
+            raise ArmInputError(str(error)) from error
+        try:
+            yield
+        finally:
+            self._end_recording(path)
+
+    @contextmanager
+    def controller(self, name: str, kind: ControllerType, parameters: Mapping[str, Any]) -> Iterator[Controller]:
+        """Load a controller and let it drive its joints for the duration of the context.
+
+        Raises ArmInputError or ArmBusyError.
+        """
+        with self._lock:
+            self._require_free()
+        made = load_controller(self.stack, name, kind, parameters, self._in_loop)
+        with active_controller(self.stack, name, self._in_loop):
+            yield made
+
+    def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a condition."""
+        return self._pace.wait(until, timeout_s)
+
+    async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a condition without blocking the event loop."""
+        return await self._pace.wait_async(until, timeout_s)
+
+    def close(self) -> None:
+        """Stop calling observers. The owner of the loop ends the loop."""
+        self._pace.close()
+
+    def _end_recording(self, path: Path) -> None:
+        """End a recording, unless the end of the loop has done so. Raises ArmError if the file is incomplete."""
+        if self._ended():
+            return
+        try:
+            request = self._recording.end(path)
+            deadline_s = monotonic() + CLOSE_S
+            while not request.done and monotonic() < deadline_s:
+                sleep(POLL_S)
+            if not request.done:
+                raise ArmError(
+                    f"{path}: the disk did not answer for {CLOSE_S:.0f} s, so the recording may be incomplete"
+                )
+            request.result()
+        except RecordingError as error:
+            raise ArmError(str(error)) from error
+
+    def _on_cycle(self, state: JointState) -> None:
+        loop = self.stack.loop
+        self._latest = state, loop.command
+        for part in self._parts:
+            part.update(state, state.stamp_s)
+        self._stream.update(state.stamp_s)
+        self._pace.cycle_done()
+
+    def _start(self, controller: Controller, goal: JointGoal) -> MotionPart:
+        """Send the part of a goal that a controller executes."""
+        loop = self.stack.loop
+        held = np.array([loop.within_limits[self._command_of(joint)] for joint in joints_of_mover(controller)])
+        if controller.kind.endswith(TRAJECTORY):
+            return start_trajectory(cast(JointTrajectoryController, controller), goal, held)
+        if controller.kind.endswith(GRIPPER):
+            return start_gripper(cast(GripperActionController, controller), goal, held)
+
+        name, registry = controller.name, loop.manager.registry
+        access = ControllerAccess(
+            loop.period_s, lambda: any(one.spec.name == name for one in registry.running), lambda: self._brake(name)
+        )
+        return start_forward(cast(ForwardCommandController, controller), goal, held, access)
+
+    def _brake(self, name: str) -> None:
+        """Restart a controller, so that its joints first slow down within their limits. Returns at once."""
+        loop = self.stack.loop
+        request = SwitchRequest(activate=(name,), deactivate=(name,))
+        loop.requests.ask(lambda: loop.manager.switch(request, loop.within_limits))
+
+    def _movers(self, joints: tuple[str, ...]) -> list[Controller]:
+        """Return the active controllers of these joints. Raises ArmBusyError if a joint has none."""
+        running = [entry.controller for entry in self.stack.loop.manager.registry.running]
+        movers = [controller for controller in running if set(joints) & set(joints_of_mover(controller))]
+        driven = {joint for controller in movers for joint in joints_of_mover(controller)}
+        for joint in joints:
+            if joint not in driven:
+                claimed = self.stack.loop.manager.registry.claimed.get(f"{joint}/position")
+                by = f"{claimed} drives it" if claimed else "no active controller moves it"
+                raise ArmBusyError(f"{joint} cannot be moved: {by}. Activate its controller first", joint)
+        return movers
+
+    def _require_free(self) -> None:
+        if error := self._ended():
+            raise error
+        self._require_torque()
+        if self._stream.open:
+            raise ArmBusyError("a stream is open: close it before you start a motion")
+
+    def _require_torque(self) -> None:
+        if error := self._ended():
+            raise error
+        if not self._torque.on:
+            lost = [one for one in self.stack.loop.hardware.components if one.error is not None]
+            why = f"{lost[0].name} is lost: {lost[0].error}" if lost else "its torque is off"
+            raise ArmBusyError(f"the arm cannot be moved: {why}. Call arm.torque(True)")
+
+    def _park(self) -> None:
+        """Move to the park pose of the robot file. Raises MotionFailedError."""
+        park = self.stack.files.robot.file.park
+        if park is None:
+            return
+        pose = {joint: at for joint, at in park.pose.items() if joint in self.description.joints}
+        duration_s = approach_s(pose, self.state().command, self.description.limits, park.velocity_scale)
+        progress = self.start(JointGoal(tuple(pose), (duration_s,), (tuple(pose.values()),)))
+        if not self.wait(lambda: progress.done, PARK_S) or progress.failure is not None:
+            raise MotionFailedError(
+                f"the park pose was not reached, so the torque stays on: {progress.failure}. Use torque(False, "
+                "park=False) and hold the arm"
+            ) from progress.failure
+
+    def _in_loop(self, action: Callable[[], None]) -> None:
+        """Run an action between two cycles and raise its error."""
+        request = self.stack.loop.requests.ask(action)
+        if not request.done and not self._pace.wait(lambda: request.done, ANSWER_S):
+            raise ArmError("the control loop does not answer: check whether its hardware hangs")
+        try:
+            request.result()
+        except ArmError:
+            raise
+        except (ManagerError, DriverError, RuntimeError) as error:
+            raise self._ended() or ArmError(str(error)) from error
+
+    def _command_of(self, joint: str) -> int:
+        return self.stack.loop.hardware.command_interfaces.index(str(Interface(joint, "position")))
+
+    def _converted(self, state: JointState, command: FloatArray) -> ArmState:
+        joints = self.description.joints
+
+        def by_joint(values: FloatArray, columns: list[int]) -> dict[str, float]:
+            return dict(zip(joints, values[columns].tolist(), strict=True))
+
+        health = state.health
+        return ArmState(
+            state.stamp_s,
+            max(0.0, self.stack.loop.clock.now() - state.stamp_s),
+            by_joint(state.position, self._columns),
+            by_joint(state.velocity, self._columns),
+            by_joint(state.effort, self._columns),
+            {joint: health[joint].temperature_c if joint in health else math.nan for joint in joints},
+            by_joint(command, self._commands),
+            _faults(state, joints),
+        )
+
+
+def _faults(state: JointState, joints: tuple[str, ...]) -> dict[str, str]:
+    """Return one sentence for each joint with a fault or an alarm."""
+    found = {}
+    for joint in joints:
+        if joint in state.faults:
+            found[joint] = state.faults[joint].text
+        elif joint in state.health:
+            level, text = health_status(state.health[joint])
+            if level is not Level.OK:
+                found[joint] = text
+    return found

@@ -1,0 +1,86 @@
+"""Stream of targets on a local stack: it switches to a forward command controller and ends when it is silent."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from controller.forward.commands import ForwardParameters
+from controller.forward.forward_command_controller import ForwardCommandController
+from hal.types import joints_of
+from servoloop.api.errors import ArmBusyError, StreamEndedError
+from servoloop.api.takeover import InLoop, Takeover
+from servoloop.stack.control_stack import ControlStack
+
+STREAM: Final = "stream_controller"
+"""Name of the controller that follows streamed targets."""
+NOT_OPEN: Final = "no stream is open: open one with arm.stream()"
+
+
+class StreamGate:
+    """The stream of one stack. Any thread may call ``begin``, ``send`` and ``end``."""
+
+    def __init__(self, stack: ControlStack, joints: tuple[str, ...], in_loop: InLoop) -> None:
+        """``joints`` are all joints that can be moved. ``in_loop`` runs an action between two cycles."""
+        self._stack, self._joints, self._in_loop = stack, joints, in_loop
+        self._takeover = Takeover(stack, STREAM)
+        self._controller: ForwardCommandController | None = None
+        self._targets: dict[str, float] = {}
+        self._max_age_s = 0.0
+        self._last_s = 0.0
+        """Time of the latest target, in seconds."""
+        self._why_ended = NOT_OPEN
+        self.open = False
+
+    def begin(self, max_age_s: float) -> None:
+        """Switch to the controller of the stream. Raises ArmBusyError."""
+        if self.open:
+            raise ArmBusyError("a stream is already open: close it first")
+        self._in_loop(lambda: self._begin(max_age_s))
+
+    def send(self, targets: Mapping[str, float]) -> None:
+        """Send checked targets. Raises StreamEndedError."""
+        controller = self._controller
+        if not self.open or controller is None:
+            raise StreamEndedError(self._why_ended)
+        self._targets.update(targets)
+        self._last_s = self._stack.loop.clock.now()
+        controller.submit([self._targets[joint] for joint in controller.joints])
+
+    def end(self) -> None:
+        """Switch back to the former controllers."""
+        if self.open:
+            self._in_loop(lambda: self._end(NOT_OPEN))
+
+    def update(self, now_s: float) -> None:
+        """End the stream if it is silent or its controller was deactivated. Called in the loop after each cycle."""
+        if not self.open:
+            return
+        if not self._takeover.active:
+            self._end("the stream has ended because its controller was deactivated")
+        elif now_s - self._last_s > self._max_age_s:
+            self._end(
+                f"the stream has ended: no target arrived for {self._max_age_s:g} s. The arm holds its position; open "
+                "a new stream"
+            )
+
+    def _begin(self, max_age_s: float) -> None:
+        loop = self._stack.loop
+        if STREAM not in loop.manager.registry.loaded:
+            self._load()
+        self._takeover.take()
+        names = joints_of(loop.hardware.command_interfaces)
+        commanded = dict(zip(names, loop.within_limits.tolist(), strict=True))
+        self._targets = {joint: commanded[joint] for joint in self._joints}
+        self._max_age_s, self._last_s = max_age_s, loop.clock.now()
+        self.open = True
+
+    def _load(self) -> None:
+        parameters = ForwardParameters(joints=self._joints, interface_name="position")
+        made = ForwardCommandController.build(STREAM, parameters, self._stack.context)
+        assert isinstance(made, ForwardCommandController)
+        self._stack.loop.manager.registry.add(made)
+        self._controller = made
+
+    def _end(self, why: str) -> None:
+        if self.open:  # The stream may have ended while the request waited.
+            self.open, self._why_ended = False, why
+            self._takeover.give_back()

@@ -1,0 +1,86 @@
+"""Convert what a program names as a target, a path or a pose into goals."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Union
+
+from servoloop.api.backend import ArmDescription, JointGoal
+from servoloop.api.errors import ArmInputError
+from servoloop.api.trajectory import ArmTrajectory
+
+if TYPE_CHECKING:
+    from hal.types import FloatArray
+
+Positions = Union[Mapping[str, float], Sequence[float], "FloatArray"]
+"""Positions by joint name, or one position for each of ``Arm.joints``, in rad or m."""
+
+
+def by_joint(positions: Positions, arm: ArmDescription) -> dict[str, float]:
+    """Return positions by joint name. Raises ArmInputError if their number or their type is wrong."""
+    if isinstance(positions, Mapping):
+        return {joint: _number(joint, value) for joint, value in positions.items()}
+    if isinstance(positions, str) or not hasattr(positions, "__len__"):
+        raise ArmInputError(f"{positions!r} is not a target: use positions by joint name or an array")
+    if getattr(positions, "ndim", 1) != 1 or len(positions) != len(arm.joints):
+        shape = getattr(positions, "shape", len(positions))
+        raise ArmInputError(
+            f"an array of positions needs {len(arm.joints)} values, one for each of {', '.join(arm.joints)}, but it "
+            f"has {shape}"
+        )
+    return {joint: _number(joint, value) for joint, value in zip(arm.joints, positions, strict=True)}
+
+
+def pose_named(name: str, arm: ArmDescription) -> dict[str, float]:
+    """Return the positions of a saved pose by joint name. Raises ArmInputError if there is no such pose."""
+    from servoloop.manual.poses import PoseError, Poses
+
+    if arm.folder is None:
+        raise ArmInputError(f"pose {name}: the files of {arm.name} do not belong to an arm folder, so it has no poses")
+    try:
+        return dict(Poses(arm.folder).get(name))
+    except PoseError as error:
+        raise ArmInputError(f"{error}; save one with `servoloop pose save`") from error
+
+
+def duration_of(duration: float | None, speed: float | None) -> tuple[float | None, float]:
+    """Return the checked duration in seconds, and the share of the velocity limits to use without a duration.
+
+    Raises ArmInputError.
+    """
+    if duration is not None and speed is not None:
+        raise ArmInputError("duration and speed exclude each other: give one of them")
+    if duration is not None and not (math.isfinite(duration) and duration > 0.0):
+        raise ArmInputError(f"duration must be a finite time above 0 s, not {duration}")
+    share = SPEED if speed is None else speed
+    if not 0.0 < share <= 1.0:
+        raise ArmInputError(f"speed must be a share of the velocity limits above 0 and at most 1, not {speed}")
+    return duration, share
+
+
+def goal_of(trajectory: ArmTrajectory, begin_s: float) -> JointGoal:
+    """Return the goal of a trajectory. Its first point is reached ``begin_s`` later than the trajectory says."""
+    joints = tuple(trajectory.positions)
+    times_s = tuple(float(time_s) + begin_s for time_s in trajectory.times_s)
+    return JointGoal(joints, times_s, _rows(trajectory.positions, joints), _rows(trajectory.velocities, joints))
+
+
+def _rows(columns: Mapping[str, Sequence[float]], joints: tuple[str, ...]) -> tuple[tuple[float, ...], ...]:
+    if not columns:
+        return ()
+    if missing := [joint for joint in joints if joint not in columns]:
+        raise ArmInputError(f"{missing[0]} has positions but no velocities: add them or leave out all", missing[0])
+    lengths = {len(columns[joint]) for joint in joints}
+    if len(lengths) > 1:
+        raise ArmInputError(f"the joints have different numbers of points ({sorted(lengths)}): use one per time")
+    return tuple(zip(*([_number(joint, at) for at in columns[joint]] for joint in joints), strict=True))
+
+
+def _number(joint: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise ArmInputError(f"{joint}: {value!r} is not a number: use a position in rad or m", str(joint)) from error
+
+
+SPEED = 0.25
+"""Share of the velocity limits that a motion uses if neither a duration nor a speed is given."""

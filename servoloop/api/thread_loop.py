@@ -1,0 +1,145 @@
+"""Control loop of a script in a thread of its own, on real servos or on virtual servos in a child process."""
+
+import atexit
+import gc
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+from drivers.clock import MonotonicClock, wall_offset_s
+from servoloop.api.describe import describe
+from servoloop.api.errors import ArmEndedError, ArmError
+from servoloop.api.options import setup_errors
+from servoloop.api.own_loop import CLOSED, OwnLoop, ended_by
+from servoloop.api.pace import ThreadPace
+from servoloop.api.stack_backend import StackBackend
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.stack import hardware
+from servoloop.stack.background_worker import BackgroundWorker
+from servoloop.stack.devices import parse_ports
+from servoloop.stack.emulator_process import virtual_servos
+from servoloop.stack.hardware import HardwareKind
+from servoloop.stack.loop_thread import LEFT, LoopThread
+from servoloop.stack.robot_files import Files
+from servoloop.stack.signals import Signals
+
+END_SIGNALS: Final = (signal.SIGTERM, signal.SIGHUP)
+
+
+class ThreadLoop(OwnLoop):
+    """Loop in a thread of its own, on real servos or on virtual servos in a child process."""
+
+    def __init__(self, files: Files, ports: Sequence[str], record: Path | None) -> None:
+        """Start the loop. Raises ArmSetupError.
+
+        Args:
+            files: Files of the arm.
+            ports: Serial ports as for ``servoloop up``; empty for virtual servos.
+            record: Path of a new recording, if any.
+        """
+        super().__init__(files)
+        self._signals = Signals()
+        self._thread: threading.Thread | None = None
+        recording = StackRecording(record)
+        try:
+            with setup_errors():
+                self._start(ports, recording)
+        except BaseException:
+            if self._thread is None:
+                self._exit.close()
+            else:
+                self.close()
+            raise
+
+    def _start(self, ports: Sequence[str], recording: StackRecording) -> None:
+        files, clock = self._files, MonotonicClock()
+        devices = self._devices(ports)
+        setup = hardware.build(None, files, devices, clock, tap=recording.tap)
+        stack = self._build(setup, clock, BackgroundWorker())
+        self._run = run = LoopThread(stack, self._signals)
+        self._exit.enter_context(stack.configured(self._initial.unconfigured, hangs=run.hangs))
+        pace = ThreadPace(clock, self.ended)
+        self.backend = StackBackend(stack, describe(stack), pace, self.ended, recording)
+        offset_s = wall_offset_s(clock, time.time)
+        self._activate(stack, recording.of(stack.loop, files, offset_s, lambda: run.failed, setup.scene))
+        sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
+        gc.collect()
+        gc.freeze()
+        self._exit.callback(gc.unfreeze)
+        self._exit.callback(atexit.unregister, self.close)
+        atexit.register(self.close)
+        self._exit.enter_context(exit_on_signals())
+        self._thread = run.start()
+        self.backend.state()
+
+    def _devices(self, ports: Sequence[str]) -> Mapping[str, str]:
+        """Return the devices to open: the given ones, or those of a new emulator."""
+        files = self._files
+        devices = parse_ports(ports, files.robot.file.lines())
+        kinds = [hardware.choose(None, component) for component in files.description.components]
+        if HardwareKind.SERVOS not in kinds or devices is not None:
+            return devices or {}
+        return self._exit.enter_context(virtual_servos(files))
+
+    def ended(self) -> ArmEndedError | None:
+        if not self._why_ended and self._run.done:
+            self._why_ended = ended_by(self._run.error)
+        return super().ended()
+
+    def close(self) -> None:
+        if self._closed or self._thread is None:
+            return
+        self._closed = True
+        self.ended()
+        self.backend.close()
+        self._signals.ask()
+        while not self._joined(self._thread):
+            pass
+        self._why_ended = self._why_ended or CLOSED
+        self._exit.close()
+        if self._thread.is_alive():
+            raise ArmError(f"the control loop hangs in its hardware and could not be stopped: {LEFT}")
+        if self._run.failed:
+            raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
+
+    def _joined(self, thread: threading.Thread) -> bool:
+        """Wait for the shutdown for a moment, and return whether it has ended or hangs.
+
+        Ctrl-C skips the park pose, as a second Ctrl-C does in ``servoloop up``.
+        """
+        try:
+            thread.join(0.1)
+            return not thread.is_alive() or self._run.hangs()
+        except (KeyboardInterrupt, SystemExit):
+            self._signals.count = 2
+            return False
+
+
+@contextmanager
+def exit_on_signals() -> Iterator[None]:
+    """Raise SystemExit in the main thread after SIGTERM and SIGHUP, so that ``with Arm(...)`` shuts the arm down.
+
+    Signals that the program handles or ignores stay as they are. Without a main thread, all signals stay as they are.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    taken = [number for number in END_SIGNALS if signal.getsignal(number) is signal.SIG_DFL]
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    for number in taken:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in taken:
+            if signal.getsignal(number) is end:
+                signal.signal(number, signal.SIG_DFL)

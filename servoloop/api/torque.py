@@ -1,0 +1,72 @@
+"""Release and enable the torque of a running stack, between two motions."""
+
+from collections.abc import Callable
+from typing import Final
+
+from controller.manager.switch import SwitchRequest
+from drivers.errors import DriverError
+from hal.errors import HalError
+from hal.lifecycle import LifecycleState
+from servoloop.api.errors import ArmError, ArmTimeoutError
+from servoloop.stack.control_stack import ControlStack
+
+TORQUE_S: Final = 15.0
+"""Maximum time to release or enable the torque, in seconds. Each servo that does not answer delays it."""
+
+
+class TorqueSwitch:
+    """Torque of all servos of one stack, and the controllers that were active before the torque was released."""
+
+    def __init__(
+        self,
+        stack: ControlStack,
+        wait: Callable[[Callable[[], bool], float], bool],
+        in_loop: Callable[[Callable[[], None]], None],
+    ) -> None:
+        """``wait`` waits for a condition, and ``in_loop`` runs an action between two cycles."""
+        self._stack, self._wait, self._in_loop = stack, wait, in_loop
+        self._controllers: tuple[str, ...] = ()
+
+    @property
+    def on(self) -> bool:
+        """Whether all components are active."""
+        return all(one.state is LifecycleState.ACTIVE for one in self._stack.loop.hardware.components)
+
+    def release(self) -> None:
+        """Let the joints come to rest, then release their torque. Raises ArmError."""
+        loop = self._stack.loop
+
+        def deactivate() -> None:
+            running = loop.manager.registry.running
+            active = tuple(entry.spec.name for entry in running if entry.controller.command_interfaces)
+            self._controllers = active or self._controllers
+            loop.manager.switch(SwitchRequest(deactivate=active), loop.within_limits)
+
+        self._in_loop(deactivate)
+        self._bring(LifecycleState.INACTIVE)
+
+    def enable(self) -> None:
+        """Enable the torque at the measured positions, and activate the former controllers. Raises ArmError."""
+        self._bring(LifecycleState.ACTIVE)
+        loop = self._stack.loop
+
+        def activate() -> None:
+            inactive = [name for name in self._controllers if not loop.manager.registry.loaded[name].active]
+            if inactive:
+                loop.manager.switch(SwitchRequest(activate=tuple(inactive)), loop.within_limits)
+
+        self._in_loop(activate)
+
+    def _bring(self, target: LifecycleState) -> None:
+        loop = self._stack.loop
+        asked = [
+            loop.component_transitions.ask(one.name, target, relax=target is LifecycleState.INACTIVE)
+            for one in loop.hardware.components
+        ]
+        if not self._wait(lambda: all(one.done for one in asked), TORQUE_S):
+            raise ArmTimeoutError(f"the servos did not change their torque within {TORQUE_S:.0f} s: check the cables")
+        for one in asked:
+            try:
+                one.result()
+            except (DriverError, HalError, RuntimeError) as error:
+                raise ArmError(f"the torque cannot be changed: {error}") from error

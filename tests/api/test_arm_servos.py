@@ -1,0 +1,73 @@
+"""``Arm`` in real time, on virtual servos in a process of their own: the contract, and programs that are ended."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from servoloop import Arm
+from tests.api.contract import PAN, ArmContract
+from tests.conftest import once_more
+from tests.pages import ROOT
+
+pytestmark = [pytest.mark.slow, once_more]
+
+
+@pytest.fixture(scope="module")
+def served_arm() -> Iterator[Arm]:
+    with Arm("so101") as arm:
+        yield arm
+
+
+class TestServedArm(ArmContract):
+    """The contract in real time."""
+
+    @pytest.fixture
+    def arm(self, served_arm: Arm) -> Arm:
+        return served_arm
+
+
+def test_a_policy_at_fifty_hertz_loses_no_target_and_waits_at_most_a_cycle(served_arm: Arm) -> None:
+    """Each target is commanded within one cycle after the call, plus the time until the state shows it."""
+    arm = served_arm
+    arm.move_to({PAN: 0.0}, speed=0.5)
+    sent: dict[float, float] = {}
+    seen: dict[float, float] = {}
+    end = arm.on_state(lambda state: seen.setdefault(round(state.command[PAN], 6), time.monotonic()))
+    with arm.stream() as stream:
+        for number in range(100):
+            target = round(0.0004 * number, 6)
+            sent[target] = time.monotonic()
+            stream.send({PAN: target})
+            arm.sleep(0.02)
+    end()
+    waited_s = [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
+    assert len(waited_s) > 30 and np.median(waited_s) < 1.2 / arm.rate_hz
+
+
+PROGRAM = """
+from servoloop import Arm
+
+with Arm("so101") as arm:
+    print("ready", flush=True)
+    arm.move_to({"shoulder_pan": 0.5}, duration=30.0)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, -signal.SIGINT)])
+def test_a_signal_ends_a_program_by_the_rules_of_the_arm(number: signal.Signals, status: int) -> None:
+    command = [sys.executable, "-c", f"import logging; logging.basicConfig(level=logging.INFO)\n{PROGRAM}"]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    try:
+        assert program.stdout is not None and program.stdout.readline() == "ready\n"
+        time.sleep(1.0)
+        program.send_signal(number)
+        _, log = program.communicate(timeout=60)
+    finally:
+        program.kill()
+    assert program.returncode == status, log
+    assert "so101: holds" in log or "hold" in log, log

@@ -1,0 +1,264 @@
+"""``Arm.simulated``: the contract of all arms on simulated time, and what simulated time adds."""
+
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import servoloop
+from servoloop import Arm, ArmEndedError, ArmError, ArmInputError, ArmSetupError, ArmTrajectory, MotionFailedError
+from servoloop.api.options import ArmOptions
+from servoloop.api.simulated_loop import SimulatedLoop
+from servoloop.api.thread_loop import exit_on_signals
+from servoloop.recording.reader import read_recording
+from tests.api.contract import PAN, ArmContract
+from tests.pages import ROOT
+
+ELBOW = "elbow_flex"
+FREE = {PAN: 0.0, "shoulder_lift": -1.2, ELBOW: 0.5, "wrist_flex": 0.8}
+"""Pose in which the shoulder turns without touching the bins."""
+
+
+@pytest.fixture(scope="module")
+def simulated_arm() -> Iterator[Arm]:
+    with Arm.simulated("so101", backlash_deg=0.0) as arm:
+        yield arm
+
+
+class TestSimulatedArm(ArmContract):
+    """The contract on simulated time."""
+
+    @pytest.fixture
+    def arm(self, simulated_arm: Arm) -> Arm:
+        return simulated_arm
+
+
+class LoadedArm(Arm):
+    """Arm whose world a test changes."""
+
+    def __init__(self) -> None:
+        self.loop = SimulatedLoop(ArmOptions("so101").files(), None, None, 0.0)
+        self._use(self.loop.backend, self.loop.close)
+        self.move_to(FREE, duration=1.5)
+
+
+@pytest.fixture
+def loaded() -> Iterator[LoadedArm]:
+    with LoadedArm() as arm:
+        yield arm
+
+
+def test_a_blocked_joint_ends_the_motion_with_its_name(loaded: LoadedArm) -> None:
+    motion = loaded.move_to({PAN: 1.5}, duration=1.5, wait=False)
+    loaded.sleep(0.3)
+    loaded.loop.world.load(PAN, -8.0)
+    with pytest.raises(MotionFailedError, match=f"(?s)before its target: .*{PAN}.*holds its position") as caught:
+        motion.wait(10.0)
+    assert caught.value.joint == PAN and str(motion.failure) == str(caught.value)
+
+
+def test_a_silent_servo_is_a_fault_with_its_name(loaded: LoadedArm) -> None:
+    line = loaded.loop.lines[""]
+    line.faults.mute.add(line.servo(3))
+    motion = loaded.move_to({ELBOW: 1.0}, duration=3.0, wait=False)
+    loaded.sleep(0.3)
+    assert list(loaded.faults) == [ELBOW] and "servo 3" in loaded.faults[ELBOW]
+    with pytest.raises(MotionFailedError, match="servo 3"):
+        motion.wait(10.0)
+
+
+def test_a_lost_bus_ends_the_loop_with_its_reason(loaded: LoadedArm) -> None:
+    def fail(deadline_s: float | None = None) -> None:
+        raise ArmError("the cable was pulled")
+
+    loaded.loop.backend.stack.loop.hardware.read = fail  # type: ignore[method-assign, assignment]
+    motion = loaded.move_to({PAN: 0.5}, wait=False)
+    with pytest.raises(ArmEndedError, match="the control loop has ended: the cable was pulled"):
+        motion.wait()
+    with pytest.raises(ArmEndedError, match="create a new Arm"):
+        loaded.move_to({PAN: 0.0})
+
+
+def test_a_stream_that_stops_in_motion_ends_within_the_limits(loaded: LoadedArm) -> None:
+    loaded.move_to({PAN: -1.0}, speed=1.0)
+    commands = [loaded.state.command[PAN]]
+    with loaded.stream(max_age=0.1) as stream:
+        stream.send({PAN: 1.5})
+        for _ in range(30):
+            commands.append(loaded.step().command[PAN])
+    limit = loaded.limits[PAN]
+    velocity = np.diff(commands) * loaded.rate_hz
+    braking = np.diff(velocity)[velocity[:-1].argmax() :] * loaded.rate_hz
+    assert velocity.max() <= limit.velocity * 1.001 and velocity.max() > 1.0
+    assert braking.min() >= -limit.acceleration * 1.001
+    assert commands[-1] < 1.4 and velocity[-5:] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_streamed_target_is_commanded_in_the_next_cycle(loaded: LoadedArm) -> None:
+    with loaded.stream() as stream:
+        before = loaded.step().command[PAN]
+        stream.send({PAN: before + 0.01})
+        assert loaded.step().command[PAN] == pytest.approx(before + 0.01, abs=1e-9)
+
+
+def test_a_canceled_gripper_motion_slows_down_within_its_limits(loaded: LoadedArm) -> None:
+    commands = [loaded.state.command["gripper"]]
+    motion = loaded.gripper.move(1.5, duration=0.6, wait=False)
+    for number in range(15):
+        commands.append(loaded.step().command["gripper"])
+        if number == 5:
+            motion.cancel()
+    acceleration = np.diff(commands, 2)[5:] * loaded.rate_hz**2
+    assert acceleration.min() >= -loaded.limits["gripper"].acceleration * 1.001
+    assert 0.1 < commands[-1] < 1.2 and np.diff(commands)[-3:] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_gripper_moves_along_a_trajectory_with_the_arm(loaded: LoadedArm) -> None:
+    loaded.move_to({"gripper": 0.2, PAN: 0.0}, speed=0.5)
+    pairs = []
+    loaded.on_state(lambda state: pairs.append((state.command[PAN], state.command["gripper"])))
+    loaded.follow(ArmTrajectory([0.1, 2.1], {PAN: [0.0, 1.0], "gripper": [0.2, 1.2]}))
+    off = [gripper - 0.2 - pan for pan, gripper in pairs if 0.3 < pan < 0.7]
+    assert len(off) > 4 and max(map(abs, off)) < 0.25
+
+
+def test_equal_programs_have_equal_results() -> None:
+    def run(seed: int) -> list[float]:
+        with Arm.simulated("so101", seed=seed) as arm:
+            arm.move_to({**FREE, "gripper": 0.8}, duration=1.0)
+            return [arm.state.time_s, *arm.state.position.values(), *arm.state.effort.values()]
+
+    first = run(5)
+    assert run(5) == first and run(6) != first
+
+
+def test_each_step_is_one_cycle_and_waits_keep_the_rate() -> None:
+    with Arm.simulated("so101", rate_hz=50) as arm:
+        times = [arm.step().time_s for _ in range(10)]
+        assert np.diff(times) == pytest.approx(0.02, abs=5e-4)
+        arm.sleep(0.5)
+        assert arm.state.time_s - times[-1] == pytest.approx(0.5, abs=0.021)
+
+
+def test_a_hand_guided_path_is_recorded_and_followed(loaded: LoadedArm) -> None:
+    loaded.torque(False)
+    states = []
+    end = loaded.on_state(states.append)
+    for load in (1.0, -1.0, -1.0, 1.0):
+        loaded.loop.world.load(PAN, load)
+        loaded.sleep(0.5)
+    end()
+    loaded.torque(True)
+    shown = [state.position[PAN] for state in states]
+    assert max(shown) - min(shown) > 0.2
+    loaded.follow(ArmTrajectory.recorded(states, loaded.limits))
+    assert loaded.state.position[PAN] == pytest.approx(loaded.clip(states[-1].position)[PAN], abs=0.05)
+
+
+def test_a_recording_without_motion_is_refused(loaded: LoadedArm) -> None:
+    with pytest.raises(ArmInputError, match="no joint moved"):
+        ArmTrajectory.recorded([loaded.step() for _ in range(5)], loaded.limits)
+    with pytest.raises(ArmInputError, match="at least two states"):
+        ArmTrajectory.recorded([], loaded.limits)
+
+
+def test_the_torque_stays_on_if_the_park_pose_is_not_reached(loaded: LoadedArm) -> None:
+    loaded.move_to({PAN: 1.0}, speed=0.5)
+    loaded.loop.world.load(PAN, 8.0)
+    with pytest.raises(MotionFailedError, match="the park pose was not reached, so the torque stays on"):
+        loaded.torque(False)
+    loaded.torque(False, park=False)
+
+
+def test_the_whole_run_is_recorded(tmp_path: Path) -> None:
+    with Arm.simulated("so101", record=tmp_path / "run.mcap") as arm:
+        arm.move_to({PAN: 0.3}, duration=0.5)
+    run = read_recording(tmp_path / "run.mcap")
+    assert run.position[-1, run.joints.index(PAN)] == pytest.approx(0.3, abs=0.05)
+    with pytest.raises(ArmSetupError, match="exists"):
+        Arm.simulated("so101", record=tmp_path / "run.mcap")
+
+
+def test_a_closed_arm_explains_itself() -> None:
+    arm = Arm.simulated("so101")
+    arm.close()
+    arm.close()
+    for call in (lambda: arm.move_to({PAN: 0.0}), lambda: arm.stream(), lambda: arm.sleep(1.0), arm.step):
+        with pytest.raises(ArmEndedError, match="has been shut down: create a new Arm"):
+            call()
+    assert arm.state.age_s >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("so99", {}, "there is no arm so99: choose one of koch"),
+        ("so101", {"rate_hz": 0}, "rate_hz must be above 0, not 0"),
+        ("so101", {"rate_hz": 2000}, "2000 Hz is too fast"),
+        ("so101", {"controllers": "none.yaml"}, "none.yaml"),
+    ],
+    ids=["arm", "no rate", "fast", "controllers"],
+)
+def test_an_arm_that_cannot_start_says_why(name: str, options: dict[str, object], message: str) -> None:
+    with pytest.raises(ArmSetupError, match=message):
+        Arm.simulated(name, **options)  # type: ignore[arg-type]
+
+
+def test_a_port_that_does_not_exist_is_named() -> None:
+    with pytest.raises(ArmSetupError, match="/dev/ttyACM77 does not exist"):
+        Arm("so101", port="/dev/ttyACM77")
+
+
+@pytest.mark.parametrize("name", ["robot_arm", "koch"])
+def test_other_arms_move_too(name: str) -> None:
+    with Arm.simulated(name) as arm:
+        first = arm.joints[0]
+        arm.move_to({first: 0.2}, speed=0.5)
+        arm.gripper.open()
+        assert arm.state.position[first] == pytest.approx(0.2, abs=0.05)
+
+
+def test_callbacks_cannot_wait_and_their_errors_do_not_end_the_arm(
+    loaded: LoadedArm, caplog: pytest.LogCaptureFixture
+) -> None:
+    loaded.on_state(lambda state: loaded.sleep(1.0))
+    loaded.step(3)
+    assert caplog.text.count("an on_state callback failed") == 1 and "cannot wait on simulated time" in caplog.text
+
+
+def test_signals_end_a_program_through_its_context_managers() -> None:
+    program = (
+        "import os, signal\n"
+        "from servoloop.api.thread_loop import exit_on_signals\n"
+        "with exit_on_signals():\n"
+        "    try:\n        os.kill(os.getpid(), signal.SIGTERM); signal.pause()\n"
+        "    finally:\n        print('shut down')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout) == (143, "shut down\n"), done.stderr
+    with exit_on_signals():
+        pass
+
+
+def test_the_interface_is_loaded_at_first_use_and_without_simulation() -> None:
+    heavy = ("mujoco", "numba", "ruckig", "rclpy", "pydantic", "numpy")
+    program = (
+        "import sys, servoloop\n"
+        f"print([m for m in {heavy} if m in sys.modules])\n"
+        "from servoloop import Arm\n"
+        f"print([m for m in {heavy[:5]} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (done.returncode, done.stdout.split()) == (0, ["[]", "[]"]), done.stderr
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    for name in servoloop.__all__:
+        assert getattr(servoloop, name).__doc__, name
+    assert issubclass(servoloop.ArmInputError, ArmError) and math.isfinite(servoloop.api.arm.STREAM_AGE_S)
+    with pytest.raises(AttributeError, match="no attribute 'Leg'"):
+        servoloop.Leg  # noqa: B018
