@@ -14,6 +14,10 @@ MODELS: Final[dict[str, ServoModel]] = {model.name: model for series in SERIES f
 """All supported servo models, by their name in robot files."""
 
 
+UNKNOWN_MODEL: Final = "unknown"
+"""Name of a model number that no control table has."""
+
+
 def series_of(model: ServoModel) -> Series:
     """Return the series of a model. Raise ValueError if the model is not in ``MODELS``."""
     for series in SERIES:
@@ -38,4 +42,4 @@ def known_as(number: int, series: Series) -> str:
     number_bytes = number.to_bytes(2, series.protocol.byte_order)
     relatives = [model for each in SERIES if each.make == series.make for model in each.models]
     names = [m.name for m in relatives if m.number == int.from_bytes(number_bytes, m.byte_order)]
-    return " or ".join(names) or "unknown"
+    return " or ".join(names) or UNKNOWN_MODEL
