@@ -104,6 +104,11 @@ def known_as(number: int, series: Series) -> str:
     return " or ".join(names) or unsupported(number, series) or "unknown"
 
 
+def has_table(number: int, series: Series) -> bool:
+    """Return whether a supported model of the manufacturer has this number, in either byte order."""
+    return bool(_numbered(number, series))
+
+
 def unsupported(number: int, series: Series) -> str:
     """Return the name of a model whose control table is not supported.
 
