@@ -23,7 +23,7 @@ from servoloop.commands.options import (
     SeedOption,
     UrdfOption,
 )
-from servoloop.extras import require_view
+from servoloop.extras import require_extras
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
 from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent
@@ -82,6 +82,7 @@ def emulate(
 
     Any program can open LINK as a serial port. Example: `servoloop emulate ./bus`
     """
+    require_extras("the emulator", "sim", *(("view",) if view else ()))
     from servoloop.stack.emulator import EmulatorOptions
     from servoloop.stack.emulator import emulate as run
     from servoloop.stack.signals import Signals
@@ -103,7 +104,6 @@ def emulate(
 
 def _require_page(urdf: Path | None) -> None:
     """Raise DriverError if the arm cannot be shown in a browser."""
-    require_view()
     if urdf is not None:
         raise DriverError("--view always shows the arm of --arm and cannot be combined with --urdf")
 

@@ -185,13 +185,13 @@ def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> No
 
     The arm stops if the command is interrupted. Example: `servoloop pose go over_the_box`
     """
+    require_ros()
     from nodes.client_node import client_node
     from nodes.handling.robot_client import RobotClient
     from servoloop.manual.robot import LiveRobot
     from servoloop.stack.processes import Interrupted
     from servoloop.stack.signals import Signals
 
-    require_ros()
     set_network(network)
     with Signals() as signals, LiveRobot.find(arm) as robot:
         poses = Poses(robot.folder)

@@ -21,7 +21,7 @@ from servoloop.commands.options import (
     UrdfOption,
     set_network,
 )
-from servoloop.extras import require_view
+from servoloop.extras import require_extras
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
 from servoloop.stack.devices import parse_ports
@@ -200,7 +200,7 @@ def demo(
     check_grades(jobs, chosen)
     require_ros()
     if view:
-        require_view()
+        require_extras("the view", "view")
     make_folder(out)
     console = Console()
     with Live(console) as live:

@@ -13,7 +13,7 @@ from rich.table import Table
 from drivers.errors import DriverError
 from servoloop.demo.cell import ARM, Cell, CellOptions, are_all_grades, cell
 from servoloop.demo.jobs import JobRun, Live
-from servoloop.simulation.recording import worst
+from servoloop.recording.following_error import worst
 from servoloop.stack.robot_files import write_file
 
 IDLE_S = 3.0

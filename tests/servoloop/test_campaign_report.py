@@ -3,6 +3,7 @@
 import csv
 import json
 import shlex
+import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -265,7 +266,7 @@ def test_names_are_escaped_on_the_page(tmp_path: Path) -> None:
 def test_a_missing_library_is_reported_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(reports, "NEEDED", ("matplotlib", "a_library_that_is_not_there"))
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     (tmp_path / "still.yaml").write_text("seconds: 0.5\n")
     ran = run("--schedule", str(tmp_path / "still.yaml"), "--out", str(tmp_path))
     assert ran.exit_code == 0 and "-m pip install" in ran.output

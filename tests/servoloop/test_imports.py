@@ -54,7 +54,7 @@ def test_a_stack_on_real_servos_loads_no_simulation() -> None:
 
 def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
     out = log.open("w") if log else subprocess.PIPE
-    command = [sys.executable, "-m", "tests.servoloop.without_ros", *arguments]
+    command = [sys.executable, "-m", "tests.servoloop.without", "ros", *arguments]
     return subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
 
 
