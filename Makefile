@@ -85,7 +85,7 @@ format: setup
 # Without `setup`, which refuses a lock that is to be renewed.
 lock:
 	@$(BIN)/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
-	  --extra ros --extra report --extra ray --extra view --extra monitor \
+	  --extra all \
 	  --group interfaces-build --group bench --group peers --group docs --group dev \
 	  --custom-compile-command 'make lock' --output-file requirements.lock $(LOCK_ARGS) > /dev/null
 	@echo 'requirements.lock is up to date'
