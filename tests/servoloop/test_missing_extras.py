@@ -125,7 +125,7 @@ def run(folder: Path, extras: Sequence[str], lines: Sequence[Line]) -> list[str]
 
 def refusal(extra: str) -> str:
     """Return the end of the sentence that names the extra, as far as it is known."""
-    return "ROS 2 Jazzy is required" if extra == "ros" else "-m pip install"
+    return "ROS 2 Jazzy is required" if extra == "ros" else "pip install"
 
 
 def names(extra: str, printed: str) -> bool:
