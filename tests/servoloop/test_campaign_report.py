@@ -23,6 +23,7 @@ from servoloop.campaign.tally import INVARIANTS, Tally
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.stack.processes import Interrupted
+from servoloop.stack.signals import Signals
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 
@@ -237,16 +238,14 @@ def test_an_interrupted_campaign_reports_the_completed_runs_and_ends_with_130(
 
 def signals_of_the_command(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return a list that will have the Signals object of the command."""
-    from servoloop.commands import campaign as command
-
     made: list[Any] = []
-    enter = command.Signals.__enter__
+    enter = Signals.__enter__
 
     def enter_and_keep(signals: Any) -> Any:
         made.append(signals)
         return enter(signals)
 
-    monkeypatch.setattr(command.Signals, "__enter__", enter_and_keep)
+    monkeypatch.setattr(Signals, "__enter__", enter_and_keep)
     return made
 
 
