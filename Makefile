@@ -1,5 +1,5 @@
 # `make demo` or `make test` is all a newcomer needs: each sets everything up first.
-.PHONY: help setup demo test test-slow test-sample test-all soak fuzz docs mutants check lint format lock clean
+.PHONY: help setup demo test test-slow test-sample test-all test-lowest soak fuzz docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -26,6 +26,7 @@ help:
 	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
 	@echo 'make test-sample  a slow test of two files of each folder'
 	@echo 'make test-all  the others too, before a release; make test-slow: only those'
+	@echo 'make test-lowest  the fast tests of the core, with the lowest versions that pyproject.toml allows'
 	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
 	@echo 'make fuzz    20,000 mutated files and 500,000 streams of bytes (FILES=1000 STREAMS=10000); an hour'
 	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
@@ -54,6 +55,10 @@ test-sample: setup
 	$(PYTEST) -m 'slow or soak' --sample $(PYTEST_ARGS)
 
 test-all: test test-slow
+
+# The wheel in an environment of its own.
+test-lowest: setup
+	sh tools/test_lowest.sh $(PYTEST_ARGS)
 
 soak: setup
 	SERVOLOOP_FAULT_CYCLES=$(CYCLES) $(PYTEST) -m soak --timeout 600 -o faulthandler_timeout=900 $(PYTEST_ARGS)
@@ -85,7 +90,7 @@ format: setup
 # Without `setup`, which refuses a lock that is to be renewed.
 lock:
 	@$(BIN)/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
-	  --extra ros --extra report --extra ray --extra view --extra monitor \
+	  --extra all \
 	  --group interfaces-build --group bench --group peers --group docs --group dev \
 	  --custom-compile-command 'make lock' --output-file requirements.lock $(LOCK_ARGS) > /dev/null
 	@echo 'requirements.lock is up to date'

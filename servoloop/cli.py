@@ -33,6 +33,7 @@ from servoloop.commands.teach import teleop
 from servoloop.commands.tune import tune
 from servoloop.commands.up import demo, pick, up
 from servoloop.commands.view import monitor, view
+from servoloop.extras import extra_error
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.terminal import complete_output, outlive_terminal, print_styled
 
@@ -106,12 +107,21 @@ def main() -> None:
         _run()
 
 
+def _complain(error: Exception) -> None:
+    for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
+        print_styled(printable(text), err=True, fg="red")
+
+
 def _run() -> None:
     try:
         app()
     except ERRORS as error:
-        for text in (f"servoloop: {error}", *getattr(error, "__notes__", ())):
-            print_styled(printable(text), err=True, fg="red")
+        _complain(error)
+        raise SystemExit(1) from None
+    except ModuleNotFoundError as error:
+        if (missing := extra_error(error)) is None:
+            raise
+        _complain(missing)
         raise SystemExit(1) from None
     except Interrupted as error:
         typer.echo(printable(f"servoloop: {error}"), err=True)

@@ -14,8 +14,8 @@ case "$(uname -s) $(uname -m)" in
     "Linux x86_64") ;;
     *) fail "this is $(uname -s) on $(uname -m); the ROS 2 wheels are for Linux on x86_64 only." \
             "On another machine, such as a Raspberry Pi, use a ROS 2 Jazzy installation: docs/ros2.md, 'On another" \
-            "machine', has the commands. Without ROS, 'pip install .' in a virtual environment brings everything but" \
-            "the ROS surface: 'servoloop emulate' and 'servoloop bench bus' run." ;;
+            "machine', has the commands. Without ROS, \"pip install '.[sim]'\" in a virtual environment brings everything" \
+            "but the ROS surface: 'servoloop emulate' and 'servoloop bench bus' run." ;;
 esac
 
 missing=

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import sys
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -13,6 +12,7 @@ from commands import Commands, SetUpError
 from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
 from plain_path import plain_root
 from progress import Step
+from requirements import outdated
 from stamps import digest, interface_key, locked_packages, project_key, simulation_key, stamp, venv_key
 
 CORES = len(os.sched_getaffinity(0))
@@ -27,21 +27,12 @@ def make_venv(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
 
 
 def check_lock() -> None:
-    """Check that the lock file is up to date, so that an outdated one is found before users install it."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    wanted = project["project"]["dependencies"]
-    for group in (*project["project"]["optional-dependencies"].values(), *project["dependency-groups"].values()):
-        wanted = wanted + group
-    locked = locked_packages()
-    for requirement in wanted:
-        pin = re.match(r"([\w.-]+)(?:\[.*?\])?==([^\s;]+)", requirement)
-        if pin is None:
-            raise SetUpError(f"pyproject.toml must pin {requirement} with ==.")
-        name, version = pin.groups()
-        if locked.get(name.lower()) != version:
-            raise SetUpError(
-                f"pyproject.toml requires {name} {version}, but requirements.lock does not contain it: run make lock."
-            )
+    """Raise SetUpError if requirements.lock is older than the requirements in pyproject.toml."""
+    try:
+        if sentence := outdated((ROOT / "pyproject.toml").read_text(), locked_packages()):
+            raise SetUpError(sentence)
+    except ValueError as error:
+        raise SetUpError(f"{error}.") from None
 
 
 def install_packages(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:

@@ -7,16 +7,18 @@ from typing import Final
 from drivers.servos.catalog import MODELS
 from hal.errors import ArmFileError
 from servoloop.arms.new_files import arm_text, controllers_text, robot_text
-from servoloop.arms.new_urdf import ROBOT_FILE, metres_per_radian, new_description
+from servoloop.arms.new_urdf import ROBOT_FILE, NewDescription, metres_per_radian, new_description
+from servoloop.extras import missing_extras
 from servoloop.stack.arm_folders import ARM_FILE, ARMS
 from servoloop.stack.robot_files import make_folder, write_file
-from sim_backend.scene.plain_scene import plain_scene
 
 NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
     """Write the folder of a new arm. The name of the folder is the name of the arm.
+
+    The scene is written only if the extra ``sim`` is installed. A real arm does not need it.
 
     Args:
         folder: New folder.
@@ -46,9 +48,16 @@ def new_arm(folder: Path, urdf: Path, servo: str) -> list[Path]:
         "arm.urdf": made.xml,
         ROBOT_FILE: robot_text(made, model),
         "controllers.yaml": controllers_text(made),
-        "scene.xml": plain_scene(made.xml, {joint.name: metres_per_radian(joint) or 1.0 for joint in made.joints}),
     }
+    if not missing_extras("the scene", "sim"):
+        files["scene.xml"] = _scene(made)
     make_folder(folder)
     for file, text in files.items():
         write_file(folder / file, text, keep=False)
     return [folder / file for file in files]
+
+
+def _scene(made: NewDescription) -> str:
+    from sim_backend.scene.plain_scene import plain_scene
+
+    return plain_scene(made.xml, {joint.name: metres_per_radian(joint) or 1.0 for joint in made.joints})

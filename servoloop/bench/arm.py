@@ -25,7 +25,7 @@ from servoloop.bench.bus import BusRun, run_cycles, standing_still
 from servoloop.bench.figures import ArmFigures, JointMotion, machine_figures
 from servoloop.bench.motion import BenchTrial, bench_poses, run_trial, slow
 from servoloop.bench.ros import RosRun, run_ros
-from servoloop.simulation.recording import following_error
+from servoloop.recording.following_error import following_error
 from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.hardware import OpenPort, open_buses
 from servoloop.stack.pick_place import load_pick_place

@@ -13,11 +13,10 @@ from drivers.errors import DriverError
 from servoloop.bench.figures import Distribution, RosFigures, Timing
 from servoloop.bench.motion import BACK, Pose, seconds_for
 from servoloop.bench.ros_stack import Work
-from servoloop.demo.cell import environment
 from servoloop.recording.reader import RecordedRun, read_recording
 from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import ARM
-from servoloop.stack.processes import Interrupted, Processes
+from servoloop.stack.processes import Interrupted, Processes, choose_ros_domain
 from servoloop.stack.robot_files import Files
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def run_ros(
     """
     from nodes.timing_client import Promptness
 
-    os.environ.update(environment())
+    choose_ros_domain()
     noted = Promptness()
     with tempfile.TemporaryDirectory(prefix="servoloop-bench-") as folder:
         places = {name: str(Path(device).absolute()) for name, device in devices.items()}

@@ -241,7 +241,8 @@ def campaign(
 
     Raises:
         FaultError: The scenario is wrong. It is raised before the first run.
-        RayError: Ray is not installed, or the cluster does not answer.
+        ExtraError: Ray is not installed.
+        RayError: The cluster does not answer.
         WorkerError: Processes are killed repeatedly, or cannot be started.
     """
     schedule_of(scenario, seeds.start)

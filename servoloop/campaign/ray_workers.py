@@ -11,7 +11,7 @@ from typing import Any, Final
 from drivers.errors import DriverError
 from servoloop.campaign.supervised import RUNS_OF_A_PROCESS, Supervisor, WorkerError
 from servoloop.campaign.workers import CHUNK, Lost, Run, Stop, T, in_order, run_all
-from servoloop.extras import install_command
+from servoloop.extras import require_extras
 
 LOCAL: Final = "local"
 """Address that stands for a Ray that is started on this machine."""
@@ -44,7 +44,8 @@ def on_ray(
         stop: Returns whether to stop.
 
     Raises:
-        RayError: Ray is not installed, or the cluster does not answer.
+        ExtraError: Ray is not installed.
+        RayError: The cluster does not answer.
         WorkerError: The Ray worker of one task is killed repeatedly.
     """
     ray = _ray()
@@ -57,10 +58,9 @@ def on_ray(
 
 
 def _ray() -> Any:
-    try:
-        import ray
-    except ImportError:
-        raise RayError(f"--ray needs Ray, which is not installed: {install_command('ray')}") from None
+    require_extras("--ray", "ray")
+    import ray
+
     return ray
 
 

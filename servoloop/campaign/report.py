@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import pairwise
 from math import ceil
 from pathlib import Path
@@ -13,7 +12,6 @@ from hal.joint import Joint
 from servoloop.campaign.campaign import files_of
 from servoloop.campaign.kept_violation import BEFORE_S, KeptViolation
 from servoloop.campaign.tally import INVARIANTS, RunOutcome, RunRow, Tally
-from servoloop.extras import install_command
 from servoloop.simulation.cycle_recorder import CycleRecording
 from servoloop.simulation.schedule import schedule_text
 from servoloop.simulation.trace_file import packet_texts
@@ -24,19 +22,12 @@ from sim_backend.faults.text import text_of
 if TYPE_CHECKING:  # servoloop.plots needs matplotlib, which may be missing
     from servoloop.plots import Panel, Stretch
 
-NEEDED: Final = ("matplotlib", "jinja2")
-MISSING: Final = f"the report is not written because matplotlib or Jinja2 is missing: {install_command('report')}"
 MOST_ROWS: Final = 200
 """Maximum number of violations in the table of the page. ``--json`` prints all violations."""
 COLORS: Final = ("#b00020", "#7a7a7a", "#e69f00", "#0072b2")
 """Colors of the outcomes, in the order of ``RunOutcome``."""
 MOST_BARS: Final = 40
 """Maximum number of bars in the histogram of fault times."""
-
-
-def possible() -> bool:
-    """Return whether the libraries that a page needs are installed."""
-    return all(find_spec(name) is not None for name in NEEDED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +56,7 @@ def page(tally: Tally | None, kept: Sequence[KeptViolation]) -> str:
     """Return the report in HTML. Without a tally, it contains only the kept violations.
 
     Raises:
-        ImportError: A library is missing; see ``possible``.
+        ImportError: A library of the extra ``report`` is not installed.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from servoloop.extras import require_view
+from servoloop.extras import missing_extras, require_extras
 from servoloop.stack.arm_folders import PATHS, ArmFolder, arms, find_arm, read_arm
 from servoloop.stack.robot_files import make_folder
 from servoloop.stack.terminal import print_styled
@@ -62,6 +62,10 @@ def new(
     for problem in check_arm(name):
         print_styled(f"! {problem}", fg="yellow")
     place = name if name.is_absolute() else f"./{name}"
+    if sentence := missing_extras("the scene for virtual servos", "sim"):
+        typer.echo(f"No scene.xml was written: {sentence}")
+        typer.echo(f"Next, run: servoloop up --arm {place} --port /dev/ttyACM0")
+        return
     typer.echo(f"Next, run: servoloop emulate ./bus --arm {place}")
     typer.echo(f"Then, in another terminal: servoloop up --arm {place} --port ./bus")
 
@@ -75,8 +79,10 @@ def check(
 
     Example: `servoloop arms check ./my_arm`
     """
-    from servoloop.stack.robot_check import check_arm, missing_parts
+    from servoloop.stack.robot_check import check_arm, missing_parts, scene_unchecked
 
+    if sentence := scene_unchecked():
+        typer.echo(sentence, err=True)
     place = Path(folder) if Path(folder).is_dir() else find_arm(folder).folder
     problems = check_arm(place)
     if as_json:
@@ -97,7 +103,7 @@ def show(
     All joints are at zero. Each arrow points to larger positions. The text next to it describes the direction as
     `servoloop calibrate` does. Example: `servoloop arms show so101`
     """
-    require_view("the picture of an arm", "trimesh")
+    require_extras("the picture of an arm", "sim", "view")
     from servoloop.arm_pictures.show import draw_arm, write_picture
 
     found = find_arm(arm)

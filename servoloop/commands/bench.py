@@ -10,7 +10,7 @@ from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.line_options import PortsOption, interruptible, served_devices
 from servoloop.commands.option_groups import grouped_options
-from servoloop.extras import install_command
+from servoloop.extras import require_extras
 from servoloop.stack.arm_folders import OWN
 from servoloop.stack.arm_options import ArmOption
 
@@ -91,16 +91,12 @@ def arm(
     from drivers.clock import MonotonicClock
     from drivers.errors import DriverError
     from servoloop.bench.arm import bench_arm
-    from servoloop.campaign.report import possible
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.loop_thread import LEFT
     from servoloop.stack.robot_files import make_folder, require_file, write_file
     from servoloop.stack.signals import Signals
 
-    if not possible():
-        raise DriverError(
-            f"the report page needs matplotlib and Jinja2; install them with: {install_command('report')}"
-        )
+    require_extras("the report page", "report")
     make_folder(out.parent)
     require_file(out)
     found = find_arm(arm)

@@ -202,9 +202,10 @@ def _repeat(path: Path, out: Path, json: bool) -> int:
 
 def _write_page(path: Path, tally: "Tally | None", kept: "list[KeptViolation]") -> Path | None:
     from servoloop.campaign import report
+    from servoloop.extras import missing_extras
 
-    if not report.possible():
-        typer.echo(f"servoloop: {report.MISSING}", err=True)
+    if sentence := missing_extras("the report", "report"):
+        typer.echo(f"servoloop: {sentence}", err=True)
         return None
     report.write(path, tally, kept)
     return path

@@ -16,7 +16,7 @@ from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
 from servoloop.commands.option_groups import grouped_options
-from servoloop.extras import require_view
+from servoloop.extras import require_extras
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
 from servoloop.stack.arm_options import ArmOption, RobotOption, UrdfOption
 from servoloop.stack.devices import device_paths
@@ -48,6 +48,7 @@ def emulate(
 
     Any program can open LINK as a serial port. Example: `servoloop emulate ./bus`
     """
+    require_extras("the emulator", "sim", *(("view",) if options.view else ()))
     from servoloop.stack.emulator import emulate as run
     from servoloop.stack.signals import Signals
     from sim_backend.compiled import compilation_announced
@@ -65,7 +66,6 @@ def emulate(
 
 def _require_page(urdf: Path | None) -> None:
     """Raise DriverError if the arm cannot be shown in a browser."""
-    require_view()
     if urdf is not None:
         raise DriverError("--view always shows the arm of --arm and cannot be combined with --urdf")
 

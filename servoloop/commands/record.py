@@ -8,13 +8,12 @@ from typing import Annotated, Final
 
 import typer
 
-from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
 from servoloop.commands.options import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
 from servoloop.commands.teach import played
 from servoloop.commands.view import view
-from servoloop.extras import install_command
+from servoloop.extras import require_extras
 from servoloop.recording.mcap import SUFFIX, check_path
 from servoloop.stack.arm_folders import OWN
 from servoloop.stack.terminal import print_styled
@@ -74,11 +73,9 @@ def plot(
     from rich.console import Console
     from rich.progress import Progress
 
-    from servoloop.campaign.report import possible
     from servoloop.recording.reader import read_recording
 
-    if not possible():
-        raise DriverError(f"the page needs matplotlib and Jinja2; install them with: {install_command('report')}")
+    require_extras("the page", "report")
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         run = read_recording(recording, lambda path: progress.open(path, "rb", description=f"reading {path.name}"))

@@ -1,7 +1,6 @@
 """``servoloop tune``: measure how well a joint follows its commands, and propose better servo gains."""
 
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -11,7 +10,7 @@ from drivers.errors import DriverError
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
 from servoloop.commands.line_options import PortsOption, served_devices
 from servoloop.commands.option_groups import grouped_options
-from servoloop.extras import install_command
+from servoloop.extras import missing_extras
 from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.robot_files import write_file
 
@@ -195,11 +194,14 @@ def _tuned(tuner: "Tuner", request: TuneRequest, gains: "Mapping[str, int]", sig
 
 
 def _drawn(path: Path, report: "TuneReport") -> Path | None:
-    """Draw the plot and return its path, or None without matplotlib. Raises DriverError if it cannot be written."""
-    if find_spec("matplotlib") is None:
-        typer.echo(f"No plot is drawn because matplotlib is missing: {install_command('report')}", err=True)
+    """Draw the plot and return its path, or None without the extra ``report``.
+
+    Raises DriverError if it cannot be written.
+    """
+    if sentence := missing_extras("the plot", "report"):
+        typer.echo(f"servoloop: {sentence}", err=True)
         return None
-    from servoloop.commands.tune_output import picture
+    from servoloop.commands.tune_picture import picture
 
     write_file(path, picture(report), keep=False)
     return path

@@ -13,7 +13,7 @@ from nodes.ros_environment import require_ros
 from servoloop.commands.option_groups import grouped_options
 from servoloop.commands.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
-from servoloop.extras import require_view
+from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path
 from servoloop.stack.arm_options import ControlledArm
 from servoloop.stack.devices import parse_ports
@@ -140,7 +140,7 @@ def demo(
     check_grades(jobs, options.found())
     require_ros()
     if options.view:
-        require_view()
+        require_extras("the view", "view")
     make_folder(options.out)
     console = Console()
     with Live(console) as live:

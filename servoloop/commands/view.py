@@ -1,6 +1,5 @@
 """``servoloop view`` and ``monitor``: show an arm in a browser or in the terminal."""
 
-import importlib.util
 import os
 import sys
 from pathlib import Path
@@ -10,7 +9,7 @@ import typer
 
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
-from servoloop.extras import install_command, require_view
+from servoloop.extras import require_extras
 
 if TYPE_CHECKING:
     from servoloop.recording.emulator_source import EmulatorSource
@@ -50,7 +49,7 @@ def view(
     The page works offline. Its buttons move a running arm while you hold them. Ctrl-C ends the command without
     affecting the arm. Example: `servoloop view`, or `servoloop view out/run.mcap` for a recording
     """
-    require_view()
+    require_extras("the view", "view")
     if recording is not None and bus is not None:
         raise DriverError("--bus shows a virtual arm and FILE.mcap shows a recording; use only one of them")
     from servoloop.dashboard.browser import show
@@ -123,8 +122,7 @@ def monitor(
     The command only watches; q or Ctrl-C ends it without affecting the arm.
     Example: `servoloop monitor`, or `servoloop monitor out/run.mcap` for a recording
     """
-    if importlib.util.find_spec("textual") is None:
-        raise DriverError(f"the monitor needs textual; install it with: {install_command('monitor')}")
+    require_extras("the monitor", "monitor")
     if recording is not None and arm is not None:
         raise DriverError("--arm shows a running arm and FILE.mcap shows a recording; use only one of them")
     if not (sys.stdin.isatty() and sys.stderr.isatty()):

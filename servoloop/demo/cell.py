@@ -17,7 +17,7 @@ from servoloop.stack.arm_folders import ArmFolder, read_arm_files
 from servoloop.stack.devices import device_paths, port_options
 from servoloop.stack.emulator_process import emulate_arguments
 from servoloop.stack.pick_place import load_pick_place
-from servoloop.stack.processes import Processes
+from servoloop.stack.processes import Processes, choose_ros_domain
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
@@ -63,13 +63,6 @@ def are_all_grades(grades: Sequence[str], arm: ArmFolder) -> bool:
     return {grade.strip().upper() for grade in grades} >= set(load_pick_place(arm.pick_place).grades)
 
 
-def environment() -> dict[str, str]:
-    """Return the environment variables, with a separate ROS domain unless the user has set one."""
-    values = dict(os.environ)
-    values.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    return values
-
-
 @contextmanager
 def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     """Start the processes of a cell, and end them after the block.
@@ -83,7 +76,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.pick_place.homing import Homing
     from nodes.stack_monitor import StackMonitor
 
-    os.environ.update(environment())
+    choose_ros_domain()
     out, arm = options.out, options.found()
     link = out / "bus"
     files = read_arm_files(arm, robot=options.robot)

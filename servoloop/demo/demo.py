@@ -14,7 +14,7 @@ from drivers.errors import DriverError
 from servoloop.demo.cell import ARM, Cell, are_all_grades, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import JobRun, Live
-from servoloop.simulation.recording import worst
+from servoloop.recording.following_error import worst
 from servoloop.stack.robot_files import write_file
 
 IDLE_S = 3.0

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
-from servoloop.simulation.recording import UNKNOWN, FollowingError, between_cycles, following_error
+from servoloop.recording.following_error import UNKNOWN, FollowingError, between_cycles, following_error
 from servoloop.stack.processes import Interrupted, Processes
 from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient

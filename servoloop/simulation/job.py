@@ -7,7 +7,7 @@ from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
 from nodes.pick_place.settings import JobSettings
-from servoloop.simulation.recording import FollowingError
+from servoloop.recording.following_error import FollowingError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import load_pick_place

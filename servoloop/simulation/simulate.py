@@ -14,10 +14,10 @@ from drivers.port import Port
 from hal.types import JointState
 from nodes.pick_place.settings import JobSettings
 from servoloop.recording.bus_tap import BusTap, BusTaps
+from servoloop.recording.following_error import FollowingError
 from servoloop.recording.sampler import Sampler
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import JobRecord, require_cell, run_job
-from servoloop.simulation.recording import FollowingError
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.simulation.stack_faults import inventory_of

@@ -10,6 +10,7 @@ from typing import Final
 
 from drivers.clock import MonotonicClock
 from drivers.errors import DriverError
+from servoloop.extras import require_extras
 from servoloop.stack.devices import device_paths
 from servoloop.stack.processes import POLL_S, Interrupted, end, end_with_parent
 from servoloop.stack.robot_files import ServoFiles
@@ -41,7 +42,9 @@ def virtual_servos(files: ServoFiles, signals: Callable[[], int] = lambda: 0) ->
     Raises:
         Interrupted: A signal arrived before the emulator was ready.
         DriverError: The emulator did not start.
+        ExtraError: The extra ``sim`` is not installed.
     """
+    require_extras("the simulation of the servos", "sim")
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         link = Path(folder) / "bus"
         places = device_paths(link, files.robot.file.lines())

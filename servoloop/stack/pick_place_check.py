@@ -13,8 +13,6 @@ from hal.errors import ArmFileError
 from hal.robot_description.description import Description, UrdfJoint
 from hal.robot_file.robot import Robot
 from servoloop.stack.pick_place import ARM, HAND, PickPlace
-from sim_backend.scene.scene_file import scene_model
-from sim_backend.scene.world import READY
 
 POSE_RAD: Final = 1e-3
 """Largest accepted difference between the ready pose and the keyframe of the scene, in rad."""
@@ -47,8 +45,11 @@ def _outside(name: str, joint: UrdfJoint, position: float) -> Iterator[str]:
 def ready_problems(pick_place: PickPlace, scene: Path) -> Iterator[str]:
     """Yield a problem for each joint whose ready position differs from the keyframe of the scene.
 
-    The scene places new cubes by this keyframe.
+    The scene places new cubes by this keyframe. The check needs the extra ``sim``.
     """
+    from sim_backend.scene.scene_file import scene_model
+    from sim_backend.scene.world import READY
+
     try:
         model = scene_model(scene)
         places = {joint: model.joint(joint).qposadr[0] for joint in pick_place.joints}

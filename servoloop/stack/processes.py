@@ -29,6 +29,11 @@ class Interrupted(Exception):
     """Raised when the user has ended the program with a signal."""
 
 
+def choose_ros_domain() -> None:
+    """Set a separate ROS domain for this process and its children, unless the user has set one."""
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+
+
 def end_with_parent() -> None:
     """Request SIGTERM for the calling process when its parent ends. A child process calls this before ``exec``."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

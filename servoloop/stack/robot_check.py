@@ -13,12 +13,11 @@ from hal.robot_description.link_meshes import PLACES, link_meshes, read_stl
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import RobotFile, load_robot_file, unprotected
 from hal.yaml_nodes import compose
+from servoloop.extras import missing_extras
 from servoloop.stack.arm_folders import ARM_FILE, ArmFile, ArmFolder, read_arm
 from servoloop.stack.pick_place import PickPlace, load_pick_place
 from servoloop.stack.pick_place_check import controller_problems, load_problems, pose_problems, ready_problems
 from servoloop.stack.robot_files import read_description
-from sim_backend.scene.scene_check import scene_problems
-from sim_backend.scene.scene_file import scene_model
 
 INTERFACES: Final = ("position", "velocity", "effort")
 
@@ -26,7 +25,8 @@ INTERFACES: Final = ("position", "velocity", "effort")
 class _Check:
     """Check of one folder. All files are checked, even if some of them have mistakes.
 
-    The scene and the pick-place parameters may be missing, as real arms do not need them.
+    The scene and the pick-place parameters may be missing, as real arms do not need them. The scene is checked only if
+    the extra ``sim`` is installed.
     """
 
     def __init__(self, arm: ArmFolder, names_known: bool = True) -> None:
@@ -34,6 +34,7 @@ class _Check:
         self.problems: list[str] = []
         self._arm = arm
         self._names_known = names_known
+        self._has_mujoco = not scene_unchecked()
 
     def run(self) -> list[str]:
         """Check all files and return the problems."""
@@ -62,7 +63,8 @@ class _Check:
         self, pick_place: PickPlace, description: Description, controllers: ControllersFile | None, robot: Robot | None
     ) -> None:
         self._report(self._arm.pick_place, pose_problems(pick_place, description))
-        self._report(self._arm.pick_place, ready_problems(pick_place, self._arm.scene))
+        if self._has_mujoco:
+            self._report(self._arm.pick_place, ready_problems(pick_place, self._arm.scene))
         if controllers:
             self._report(self._arm.pick_place, controller_problems(pick_place, controllers, description))
         if robot:
@@ -74,8 +76,11 @@ class _Check:
     def _scene(self, urdf_xml: str | None, driven: Sequence[str]) -> None:
         """Compare the scene with the URDF, or only read the scene if the URDF is unreadable."""
         path, cell = self._arm.scene, self._arm.pick_place.exists()
-        if not self._wanted("scene") and not cell:
+        if not self._has_mujoco or (not self._wanted("scene") and not cell):
             return
+        from sim_backend.scene.scene_check import scene_problems
+        from sim_backend.scene.scene_file import scene_model
+
         if urdf_xml is not None:
             self._report(path, scene_problems(path, urdf_xml, driven, cell))
             return
@@ -195,6 +200,11 @@ def _joint_names(content: Any) -> Iterator[str]:
             yield from map(str, value)
         else:
             yield from _joint_names(value)
+
+
+def scene_unchecked() -> str:
+    """Return a sentence if scenes cannot be checked because the extra ``sim`` is missing, or an empty string."""
+    return missing_extras("the check of the scene", "sim")
 
 
 def check_arm(folder: Path) -> list[str]:

@@ -58,6 +58,7 @@ def seed() -> int | None:
 @pytest.fixture
 def virtual_arm(request: pytest.FixtureRequest, seed: int | None) -> Iterator["VirtualArm"]:
     """Yield an inactive virtual arm in simulated time. The test fails if an invariant is violated."""
+    _require_simulation("virtual_arm")
     from servoloop.testing.arm import VirtualArm
 
     node = request.node
@@ -83,6 +84,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Iterator[None]:
 @pytest.fixture
 def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any) -> Iterator["VirtualBusProcess"]:
     """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a process of their own."""
+    _require_simulation("virtual_bus")
     from servoloop.testing.processes import VirtualBusProcess
 
     with VirtualBusProcess(_files(request.node), tmp_path, seed, **_arm(request.node)).running() as bus:
@@ -95,11 +97,19 @@ def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any)
 def ros_stack(request: pytest.FixtureRequest, tmp_path: Any) -> Iterator["RosStack"]:
     """Yield ``servoloop up`` with virtual servos, ready for goals, in a ROS domain that no other test run uses."""
     pytest.importorskip("rclpy", reason="the ROS stack needs rclpy: pip install servoloop[ros], or source ROS 2 Jazzy")
+    _require_simulation("ros_stack")
     from servoloop.testing.processes import RosStack
 
     marker = request.node.get_closest_marker("rtf")
     with RosStack(_files(request.node), tmp_path, *(marker.args if marker else ())).running() as stack:
         yield stack
+
+
+def _require_simulation(fixture: str) -> None:
+    from servoloop.extras import missing_extras
+
+    if sentence := missing_extras(f"the fixture {fixture}", "sim"):
+        pytest.fail(sentence, pytrace=False)
 
 
 def _files(node: pytest.Item) -> dict[str, Any]:

@@ -10,18 +10,19 @@ from PIL import Image
 from rich.console import Console
 
 from benchmarks import fidelity
+from benchmarks.figures import Figure
 
 
 @pytest.fixture(scope="module")
-def figures() -> list[fidelity.Figure]:
+def figures() -> list[Figure]:
     return fidelity.figures()
 
 
-def test_every_figure_is_within_fifteen_percent_or_says_why_not(figures: list[fidelity.Figure]) -> None:
+def test_every_figure_is_within_fifteen_percent_or_says_why_not(figures: list[Figure]) -> None:
     assert [(figure.name, figure.measured, figure.expected) for figure in figures if not figure.fits] == []
 
 
-def test_the_exceptions_have_their_bounds_too(figures: list[fidelity.Figure]) -> None:
+def test_the_exceptions_have_their_bounds_too(figures: list[Figure]) -> None:
     for figure in figures:
         if not figure.reason:
             continue
@@ -33,7 +34,7 @@ def test_the_exceptions_have_their_bounds_too(figures: list[fidelity.Figure]) ->
             assert abs(figure.measured - figure.expected) <= (12 if "1024" in figure.name else 2), figure
 
 
-def test_the_exceptions_are_few(figures: list[fidelity.Figure]) -> None:
+def test_the_exceptions_are_few(figures: list[Figure]) -> None:
     assert [figure.name for figure in figures if figure.reason] == [
         "step of 1024: overshoot",
         "step of 100: overshoot",
@@ -45,14 +46,14 @@ def test_the_exceptions_are_few(figures: list[fidelity.Figure]) -> None:
     ]
 
 
-def test_the_table_shows_every_figure_and_every_reason(figures: list[fidelity.Figure]) -> None:
+def test_the_table_shows_every_figure_and_every_reason(figures: list[Figure]) -> None:
     text = io.StringIO()
     fidelity.show(Console(file=text, width=120), figures)
     assert all(figure.name in text.getvalue() and figure.reason in text.getvalue() for figure in figures)
 
 
 def test_json_and_picture(
-    figures: list[fidelity.Figure], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    figures: list[Figure], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "steps.png"
     monkeypatch.setattr(fidelity, "figures", lambda: figures[:2])

@@ -17,5 +17,5 @@ def first_poses(pick_place: PickPlace, limits: Mapping[str, JointLimits]) -> lis
 
 if __name__ == "__main__":
     ros_run.GOALS, ros_run.LISTEN_S = 2, 1.0  # type: ignore[misc]
-    run.bench_poses = first_poses
+    run.bench_poses = first_poses  # type: ignore[attr-defined]
     main()

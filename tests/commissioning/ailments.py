@@ -207,7 +207,8 @@ def thin_lead(patient: Patient) -> None:
 
 def sagging_supply(patient: Patient) -> None:
     """Make the supply fail and return repeatedly, like an overloaded supply or an empty battery."""
-    patient.line.rig.plant._after_step = lambda time_s: patient.line.rig.feed(10.0 if time_s % 0.1 < 0.05 else 12.0)
+    plant: Any = patient.line.rig.plant
+    plant._after_step = lambda time_s: patient.line.rig.feed(10.0 if time_s % 0.1 < 0.05 else 12.0)
 
 
 def overload(patient: Patient) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
@@ -105,7 +106,8 @@ def test_a_set_up_servo_with_a_wrong_gear_can_be_reset() -> None:
 
 def test_a_loaded_horn_is_reported_and_the_servo_is_set_up() -> None:
     table = Table()
-    table.box.line.rig.plant.load_nm[JAW] = 0.3
+    plant: Any = table.box.line.rig.plant
+    plant.load_nm[JAW] = 0.3
     audit = table.set_up().run()
     assert [one.gear and one.gear.verdict for one in audit] == ["fits", "not sure"]
     assert "jaw: its gear could not be determined (something pulls at its horn)" in table.said

@@ -1,5 +1,7 @@
 """Behavior of every bus when an adapter stalls and delivers all old replies before the new ones."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -79,10 +81,11 @@ class Stalling:
 
     def stall(self, hold_s: float, cycles: int) -> None:
         """Run ``cycles`` cycles whose replies are delayed by ``hold_s``, and cycles until all of them have arrived."""
-        self.line.port.hold_s = hold_s
+        port: Any = self.line.port
+        port.hold_s = hold_s
         for _ in range(cycles):
             self.cycle()
-        self.line.port.hold_s = 0.0
+        port.hold_s = 0.0
         over_s = self.line.clock.now() + hold_s
         while self.line.clock.now() < over_s:
             self.cycle()

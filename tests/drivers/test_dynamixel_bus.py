@@ -86,7 +86,7 @@ def test_a_silent_servo_does_not_hide_others(silent: int) -> None:
     line = Line()
     line.servos.faults.silence(silent)
     for _ in range(3):
-        states = line.bus.read_states(IDS)
+        states = dict(line.bus.read_states(IDS))
         assert states.pop(silent) == ServoFault("silent", f"servo {silent} does not answer")
         assert len(states) == 2
         assert all(isinstance(state, ServoState) for state in states.values())
@@ -164,7 +164,7 @@ def test_a_silent_bus_costs_at_most_two_waits() -> None:
 def test_a_corrupt_reply_is_reported_and_requested_again_if_there_is_time() -> None:
     line = Line()
     line.servos.faults.corrupt_next(1)
-    states = line.bus.read_states(IDS)
+    states = dict(line.bus.read_states(IDS))
     assert states.pop(1) == ServoFault("corrupt", "servo 1 answered with a wrong checksum")
     assert all(isinstance(state, ServoState) for state in states.values())
     line = Line()

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal
 from drivers.protocol import v2 as wire
+from drivers.protocol.decoder import Reply
 from drivers.servos import x as x_series
 from drivers.servos.x import XL430_W250
 from sim_backend.clock import SimulatedClock
@@ -139,7 +140,7 @@ def test_a_reply_after_noise_is_found(
         for piece in pieces(stream, data.draw(st.lists(st.integers(0, 200), max_size=6)))
         for reply in decoder.feed(piece)
     ]
-    assert wire.Reply(servo_id, error, content) in found
+    assert Reply(servo_id, error, content) in found
 
 
 @given(st.lists(noise, max_size=8))
@@ -165,7 +166,7 @@ def test_a_reply_with_a_flipped_bit_is_not_accepted(content: bytes, bit: int) ->
 def test_a_reply_of_a_different_size_is_skipped(size: int) -> None:
     decoder = wire.ReplyDecoder(4)
     good = status_packet(2, 0, b"good")
-    assert decoder.feed(status_packet(1, 0, bytes(size)) + good) == [wire.Reply(2, 0, b"good")]
+    assert decoder.feed(status_packet(1, 0, bytes(size)) + good) == [Reply(2, 0, b"good")]
 
 
 @pytest.mark.parametrize("size", [0, 1, 247, 248, 251, 300, 1000])

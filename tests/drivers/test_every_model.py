@@ -1,5 +1,7 @@
 """Every supported model on a virtual bus: identification, state and goals. The tests name no model."""
 
+from typing import Any
+
 import pytest
 
 from drivers.bus.bus import Bus
@@ -61,7 +63,7 @@ def table_of(model: ServoModel) -> tuple[tuple[Register, ...], Code | None]:
     ids=lambda m: m.name,
 )
 def test_the_virtual_servo_has_the_table_and_group_read_of_its_series(model: ServoModel) -> None:
-    servo = servo_of(model, 1)
+    servo: Any = servo_of(model, 1)
     table, group_read = table_of(model)
     assert group_read == servo.GROUP_READ
     listed = {place: r for r in table for place in range(r.address, r.address + r.size)}

@@ -363,7 +363,7 @@ def test_a_dead_bus_costs_the_first_wait_only() -> None:
 def test_a_corrupt_reply_is_named_and_the_others_are_read(corrupt: int) -> None:
     line = Line()
     line.servos.faults.corrupt_next(corrupt)
-    readings = line.bus.read_states(IDS)
+    readings = dict(line.bus.read_states(IDS))
     assert readings.pop(corrupt) == ServoFault("corrupt", f"servo {corrupt} answered with a wrong checksum")
     assert all(map(is_state, readings.values()))
     assert all(map(is_state, line.bus.read_states(IDS).values()))

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.protocol import v1 as wire
-from drivers.protocol.v1 import Reply, ReplyDecoder
+from drivers.protocol.decoder import Reply
+from drivers.protocol.v1 import ReplyDecoder
 
 DATA_SIZE = 8
 FRAME_SIZE = DATA_SIZE + wire.OVERHEAD

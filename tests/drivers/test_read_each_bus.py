@@ -202,7 +202,7 @@ def test_silent_servos_do_not_hide_the_others(kind: Kind, silent: tuple[int, ...
 def test_a_corrupt_reply_in_a_group_is_named(kind: Kind) -> None:
     line = Line(kind)
     line.faults.corrupt_next(4)
-    readings = line.bus.read_states(IDS)
+    readings = dict(line.bus.read_states(IDS))
     assert readings.pop(4) == ServoFault("corrupt", "servo 4 answered with a wrong checksum")
     assert all(isinstance(reading, ServoState) for reading in readings.values())
 

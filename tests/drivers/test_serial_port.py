@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import grp
 import os
 import re
 import signal
@@ -9,6 +10,7 @@ import stat
 import struct
 import subprocess
 import sys
+import termios
 import threading
 import tty
 from collections.abc import Callable, Iterator
@@ -74,7 +76,7 @@ class _Refusal:
 
 
 def refuse(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
-    monkeypatch.setattr(serial_port.serial, "Serial", _Refusal(error))
+    monkeypatch.setattr(serial, "Serial", _Refusal(error))
 
 
 def with_errno(number: int) -> serial.SerialException:
@@ -260,7 +262,7 @@ def test_a_killed_program_does_not_block_the_emulators_port(terminal: Terminal) 
 
 def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     refuse(monkeypatch, with_errno(13))
-    monkeypatch.setattr(serial_port.grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "dialout"}))
+    monkeypatch.setattr(grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "dialout"}))
     with pytest.raises(PortDenied) as caught:
         SerialPort(terminal.device)
     assert str(caught.value) == (
@@ -271,7 +273,7 @@ def test_a_denied_port_names_the_group_and_the_command(monkeypatch: pytest.Monke
 
 def test_the_advice_is_never_to_join_the_group_root(monkeypatch: pytest.MonkeyPatch, terminal: Terminal) -> None:
     refuse(monkeypatch, with_errno(13))
-    monkeypatch.setattr(serial_port.grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "root"}))
+    monkeypatch.setattr(grp, "getgrgid", lambda number: type("Group", (), {"gr_name": "root"}))
     with pytest.raises(PortDenied) as caught:
         SerialPort(terminal.device)
     assert str(caught.value) == (
@@ -286,7 +288,7 @@ def test_a_group_without_a_name_is_named_by_its_number(monkeypatch: pytest.Monke
         raise KeyError(number)
 
     refuse(monkeypatch, with_errno(13))
-    monkeypatch.setattr(serial_port.grp, "getgrgid", nameless)
+    monkeypatch.setattr(grp, "getgrgid", nameless)
     with pytest.raises(PortDenied, match=f"the group '{os.stat(terminal.device).st_gid}'"):
         SerialPort(terminal.device)
 
@@ -298,7 +300,7 @@ def test_the_group_is_that_of_the_linked_device(
     link.symlink_to(terminal.device)
     asked: list[int] = []
     refuse(monkeypatch, with_errno(13))
-    monkeypatch.setattr(serial_port.grp, "getgrgid", lambda n: asked.append(n) or type("G", (), {"gr_name": "tty"}))
+    monkeypatch.setattr(grp, "getgrgid", lambda n: asked.append(n) or type("G", (), {"gr_name": "tty"}))
     with pytest.raises(PortDenied, match="'tty'"):
         SerialPort(str(link))
     assert asked == [os.stat(terminal.device).st_gid]
@@ -496,8 +498,8 @@ def test_replies_of_one_size_need_one_kernel_setting(
     """The kernel returns a burst in pieces of 64 bytes, for which no separate waits are needed."""
     port, clock = SerialPort(terminal.device), MonotonicClock()
     settings = []
-    real = serial_port.termios.tcsetattr
-    monkeypatch.setattr(serial_port.termios, "tcsetattr", lambda *what: settings.append(what) or real(*what))
+    real = termios.tcsetattr
+    monkeypatch.setattr(termios, "tcsetattr", lambda *what: settings.append(what) or real(*what))
     answer = bytes(range(size))
     for _ in range(5):
         os.write(terminal.master, answer)

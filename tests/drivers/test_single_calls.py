@@ -1,6 +1,7 @@
 """Requests to a single servo, for every make: late replies and echoes of requests are not accepted as replies."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,7 @@ from drivers.servos.register import Register, ServoModel
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.sts.servo import VirtualServo
 from tests.drivers.ports import WatchedPort
@@ -59,7 +61,7 @@ class Bench:
         self.clock = SimulatedClock(10.0)
         x_series = series_of(case.model).protocol.name == "Dynamixel protocol 2.0"
         of = VirtualDynamixelBus.of if x_series else VirtualBus.of
-        self.servos = of(BenchPlant((1,)), {1: case.model})
+        self.servos: ServoLine[Any] = of(BenchPlant((1,)), {1: case.model})
         self.port = NoisyPort(self.servos, self.clock)
         self.bus: Bus = Bus(self.port, self.clock, {1: case.model})
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from hal.types import FloatArray, JointCommand, JointLimits, JointState
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.packets.instructions import Instruction
 from sim_backend.packets.sts import InstructionParser
@@ -94,7 +96,7 @@ class Bench:
     ) -> None:
         self.clock = clock or SimulatedClock(1000.0)
         self.plant = BenchPlant([joint.servo_id for joint in joints])
-        self.servos = VirtualBus.of(self.plant, variant=variant)
+        self.servos: ServoLine[Any] = VirtualBus.of(self.plant, variant=variant)
         self.place(counts)
         self.opened = 0
         self.watch_next_port: Callable[[int, Instruction], None] = lambda number, instruction: None

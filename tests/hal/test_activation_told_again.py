@@ -8,6 +8,7 @@ import pytest
 from drivers.bus.retry import ATTEMPTS
 from drivers.errors import DriverError
 from drivers.servos import sts
+from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.packets.instructions import Instruction
@@ -40,7 +41,7 @@ def on_first_torque_of(servo_id: int, bench: Bench, act: Callable[[], None]) -> 
 @pytest.mark.parametrize("held", [(1,), (7,), (1, 2)])
 @pytest.mark.parametrize("fails", [sts.torque_limit, sts.torque_enable])
 def test_a_failed_activation_does_not_release_servos_that_had_torque_before(
-    held: tuple[int, ...], fails: sts.Register
+    held: tuple[int, ...], fails: Register
 ) -> None:
     """Only servos that were limp before are released."""
     bench = Bench().configured()

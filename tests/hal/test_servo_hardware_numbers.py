@@ -1,6 +1,7 @@
 """Tests of the duration of reads, goal speeds and signs in a cycle."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,7 +125,7 @@ def test_the_goal_speed_is_limited_to_the_maximum_of_its_register() -> None:
 def test_voltage_and_temperature_belong_to_the_servo_of_the_joint() -> None:
     """Each servo has its own supply voltage and its own temperature."""
     expected = {1: (11.1, 31.0), 2: (11.2, 32.0), 7: (11.7, 37.0)}
-    servos = [servo_of(sts.STS3215, servo_id) for servo_id in expected]
+    servos: list[Any] = [servo_of(sts.STS3215, servo_id) for servo_id in expected]
     for servo in servos:
         servo.firmware.temperature_c = expected[servo.servo_id][1]
     supplies = [Supply(voltage_v, resistance_ohm=0.0) for voltage_v, _ in expected.values()]

@@ -10,6 +10,7 @@ from calibration.eeprom import OPEN
 from drivers.errors import DriverError
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS
+from drivers.servos.register import Register
 from hal.compensation.servo_compliance import compliance_of
 from hal.errors import RobotFileError
 from hal.robot_file.robot_file import load_robot_file
@@ -78,7 +79,7 @@ def test_nothing_is_written_while_a_servo_is_missing() -> None:
     ids=["softer", "slower", "named", "faster than its goal speed", "no effect"],
 )
 def test_gains_unknown_to_the_compensation_are_logged(
-    register: sts.Register,
+    register: Register,
     value: int,
     named: tuple[tuple[str, int], ...],
     expected: str,

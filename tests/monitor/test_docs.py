@@ -3,6 +3,7 @@
 import re
 import shlex
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -67,7 +68,7 @@ def test_a_missing_terminal_is_reported(
 def test_a_missing_textual_is_reported_with_the_command_to_install_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "textual", None)
     assert "-m pip install" in complaint(capsys, monkeypatch, "monitor")
 
 

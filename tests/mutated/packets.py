@@ -31,7 +31,7 @@ class Make:
     line: Callable[[], ServoLine[Any]]
 
 
-def _first(models: dict[str, ServoModel], bulk_read: bool | None = None) -> ServoModel:
+def _first(models: dict[str, Any], bulk_read: bool | None = None) -> ServoModel:
     return next(model for model in models.values() if bulk_read is None or bool(model.bulk_read) is bulk_read)
 
 

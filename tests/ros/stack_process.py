@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from control_msgs.action import FollowJointTrajectory
@@ -103,7 +104,7 @@ class ArmClient:
         future: Future = handle.get_result_async()
         return future
 
-    def wait(self, future: Future) -> object:
+    def wait(self, future: Future) -> Any:
         """Wait for the result of a future. Fail after a timeout."""
         self.spin_until(future.done)
         return future.result()

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,7 +53,7 @@ def test_stack_is_open_only_to_this_machine(
         assert f"programs on this machine with ROS_DOMAIN_ID {unset} can command the arm; --network" in stack.words
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", client_range)
         with arm_client() as client:
-            response: object = client.wait(client.send(READY, seconds=1))
+            response: Any = client.wait(client.send(READY, seconds=1))
             assert response.result.error_code == 0, response
 
 

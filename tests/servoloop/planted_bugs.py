@@ -14,13 +14,15 @@ from controller.motion import Kinematics, motion_to
 from controller.trajectory import active_goal, execution, goal_planner
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import Execution
-from controller.trajectory.goal_result import GoalResult
+from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
+from controller.trajectory.tolerances import excess
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
 from hal.compensation.gravity_compensation import GravityCompensation
+from hal.components.component_lifecycle import deactivate_all
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
 from hal.servos.activation import Activation
@@ -77,10 +79,8 @@ def gate_replaces_nan_by_zero(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("success is true")
 def goal_tolerance_is_ignored(patch: pytest.MonkeyPatch) -> None:
-    found = execution.result_at_end
-
     def wrong(joints: Any, tolerances: Any, path: Any, after_end_s: float, error: FloatArray) -> GoalResult | None:
-        return found(joints, tolerances, path, after_end_s, np.zeros_like(error))
+        return result_at_end(joints, tolerances, path, after_end_s, np.zeros_like(error))
 
     patch.setattr(execution, "result_at_end", wrong)
 
@@ -92,10 +92,8 @@ def path_tolerance_is_ignored(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("every goal ends")
 def goal_time_never_elapses(patch: pytest.MonkeyPatch) -> None:
-    found = execution.result_at_end
-
     def wrong(joints: Any, tolerances: Any, path: Any, after_end_s: float, error: FloatArray) -> GoalResult | None:
-        return found(joints, tolerances, path, min(after_end_s, 1e-9), error)
+        return result_at_end(joints, tolerances, path, min(after_end_s, 1e-9), error)
 
     patch.setattr(execution, "result_at_end", wrong)
 
@@ -112,8 +110,6 @@ def cancels_are_ignored(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("aborts are true")
 def abort_names_the_previous_joint(patch: pytest.MonkeyPatch) -> None:
-    excess = active_goal.excess
-
     def wrong(joints: Sequence[str], *more: Any) -> str:
         text = excess(joints, *more)
         for name, before in zip(joints, (joints[-1], *joints[:-1]), strict=True):
@@ -225,8 +221,7 @@ def arm_is_not_parked(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("ends as chosen")
 def arm_is_not_released(patch: pytest.MonkeyPatch) -> None:
-    switch_off = shutdown.deactivate_all
-    patch.setattr(shutdown, "deactivate_all", lambda hardware, relax: switch_off(hardware, False))
+    patch.setattr(shutdown, "deactivate_all", lambda hardware, relax: deactivate_all(hardware, False))
 
 
 @detected_by("smooth end")

@@ -66,7 +66,7 @@ def takes_the_limits_of_the_joint_before(gate: Any, wanted: FloatArray, last: Fl
 def takes_any_checksum(patch: pytest.MonkeyPatch) -> None:
     """A corrupt reply is accepted."""
 
-    def take(self: v1.ReplyDecoder, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+    def take(self: Any, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         frame = pending[at : at + self.data_size + v1.OVERHEAD]
         if len(frame) < self.data_size + v1.OVERHEAD:
             return None

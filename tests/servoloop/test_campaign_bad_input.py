@@ -8,7 +8,7 @@ from hal.errors import ArmFileError
 from servoloop.campaign import shrink as minimizing
 from servoloop.campaign.campaign import Scenario, ScenarioError, read_scenario, schedule_of
 from servoloop.campaign.shrink import shrink, violated
-from servoloop.simulation.clients import Cancel, Move
+from servoloop.simulation.acts import Cancel, Move
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule
 from sim_backend.faults.text import parse
 from tests.complaint import complaint as refusal

@@ -3,6 +3,7 @@
 import csv
 import json
 import shlex
+import sys
 from collections.abc import Callable
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -22,6 +23,7 @@ from servoloop.campaign.tally import INVARIANTS, Tally
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.schedule import Schedule, schedule_text
 from servoloop.stack.processes import Interrupted
+from servoloop.stack.signals import Signals
 from sim_backend.faults.text import parse
 from tests.complaint import complaint
 
@@ -236,16 +238,14 @@ def test_an_interrupted_campaign_reports_the_completed_runs_and_ends_with_130(
 
 def signals_of_the_command(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return a list that will have the Signals object of the command."""
-    from servoloop.commands import campaign as command
-
     made: list[Any] = []
-    enter = command.Signals.__enter__
+    enter = Signals.__enter__
 
     def enter_and_keep(signals: Any) -> Any:
         made.append(signals)
         return enter(signals)
 
-    monkeypatch.setattr(command.Signals, "__enter__", enter_and_keep)
+    monkeypatch.setattr(Signals, "__enter__", enter_and_keep)
     return made
 
 
@@ -265,7 +265,7 @@ def test_names_are_escaped_on_the_page(tmp_path: Path) -> None:
 def test_a_missing_library_is_reported_with_the_command_that_installs_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(reports, "NEEDED", ("matplotlib", "a_library_that_is_not_there"))
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     (tmp_path / "still.yaml").write_text("seconds: 0.5\n")
     ran = run("--schedule", str(tmp_path / "still.yaml"), "--out", str(tmp_path))
     assert ran.exit_code == 0 and "-m pip install" in ran.output

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from servoloop.simulation.recording import UNKNOWN, between_cycles, following_error, reference_at, worst
+from servoloop.recording.following_error import UNKNOWN, between_cycles, following_error, reference_at, worst
 
 
 def test_the_largest_error_counts_always_and_the_rms_only_while_moving() -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from servoloop.extras import LIBRARIES
+
 ROOT = Path(__file__).parents[2]
 
 PROGRAM = """
@@ -45,16 +47,23 @@ def test_the_tools_for_ports_and_servos_need_no_compiled_packages() -> None:
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
-def test_a_stack_on_real_servos_loads_no_simulation() -> None:
-    """Loading it would take almost a second and 90 MB."""
-    program = "import sys, servoloop.cli, servoloop.up; print([m for m in ('mujoco', 'numba') if m in sys.modules])"
+def test_a_stack_on_real_servos_loads_no_library_of_an_extra() -> None:
+    """Loading the simulation would take almost a second and 90 MB."""
+    heavy = [module for libraries in LIBRARIES.values() for module in libraries]
+    program = f"import sys, servoloop.cli, servoloop.up; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
+def test_servoloop_is_imported_within_300_ms() -> None:
+    program = "import time; begin_s = time.process_time(); import servoloop; print(time.process_time() - begin_s)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert float(done.stdout) < 0.3, done
+
+
 def start(*arguments: str, log: Path | None = None) -> "subprocess.Popen[str]":
     out = log.open("w") if log else subprocess.PIPE
-    command = [sys.executable, "-m", "tests.servoloop.without_ros", *arguments]
+    command = [sys.executable, "-m", "tests.servoloop.without", "ros", *arguments]
     return subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
 
 

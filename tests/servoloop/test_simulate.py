@@ -56,7 +56,8 @@ def test_another_python_prints_the_same_digest(tmp_path: Path) -> None:
     if other is None:
         pytest.skip("there is no other supported Python here")
     subprocess.run([other, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
-    subprocess.run([sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", python, HOME], check=True)
+    install = [sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", python]
+    subprocess.run([*install, "--constraints", HOME / "requirements.lock", f"{HOME}[sim]"], check=True)
     command = ["-m", "servoloop", *SHORT]
     there, here = (
         subprocess.run([one, *command], capture_output=True, text=True, check=True, cwd=tmp_path).stdout

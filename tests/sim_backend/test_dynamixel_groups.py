@@ -5,10 +5,11 @@ import random
 from typing import Any
 
 import pytest
+from fastcrc.crc16 import umts as crc16
 
 from drivers.bus.sdk_adapter import SdkAdapter
 from drivers.port.line import Line
-from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, crc16, packet, span
+from drivers.protocol.v2 import BROADCAST_ID, SYNC_READ, packet, span
 from drivers.servos import x
 from sim_backend.buses.dynamixel import VirtualDynamixelBus
 from sim_backend.buses.port import VirtualPort

@@ -1,6 +1,7 @@
 """Virtual SCS servos: another table, big endian, a potentiometer, no sync read, and the common physics."""
 
 from math import pi
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,7 @@ from drivers.servos import scs
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
 from sim_backend.clock import SimulatedClock
+from sim_backend.line.line import ServoLine
 from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.generic.scs_servo import VirtualScsServo
 
@@ -23,7 +25,7 @@ class Bench:
     def __init__(self, model: str = "scs0009") -> None:
         self.clock = SimulatedClock(10.0)
         self.plant = BenchPlant(IDS)
-        self.servos = VirtualBus.of(self.plant, scs.MODELS[model])
+        self.servos: ServoLine[Any] = VirtualBus.of(self.plant, scs.MODELS[model])
         self.bus = Bus(VirtualPort(self.servos, self.clock), self.clock, dict.fromkeys(IDS, scs.MODELS[model]))
 
     def run(self, seconds: float) -> ServoState:

@@ -13,7 +13,7 @@ from hal.compensation.gravity_compensation import GravityCompensation
 from hal.joint import Joint
 from hal.robot_description.description import Description
 from hal.types import FloatArray
-from servoloop.simulation.recording import FollowingError
+from servoloop.recording.following_error import FollowingError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.hardware import compensation
 from servoloop.stack.robot_files import CONFIG, read_files

@@ -9,6 +9,7 @@ from controller.action_goals import GoalStatus
 from controller.component_transitions import ComponentTransition
 from drivers.servos import sts
 from drivers.servos.catalog import series_of
+from drivers.servos.register import Register
 from hal.errors import ActivationError
 from hal.lifecycle import LifecycleState
 from sim_backend.faults.text import parse
@@ -81,7 +82,7 @@ def test_reactivation_causes_no_jump_of_the_goal() -> None:
     ("register", "value", "says"),
     [(sts.operating_mode, 1, "is not in position mode"), (sts.max_position, 2100, "has position limits ")],
 )
-def test_servo_with_wrong_settings_stays_limp_and_others_hold(register: sts.Register, value: int, says: str) -> None:
+def test_servo_with_wrong_settings_stays_limp_and_others_hold(register: Register, value: int, says: str) -> None:
     rig = lost("brown_out id=3")
     rig.bus.servo(3).memory.put(register, value)
     running = controllers(rig)
