@@ -100,7 +100,7 @@ class McapFile:
 
     def add_message(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Write an encoded message to an existing channel. ``stamp_ns`` is ROS time."""
-        # _errors() is not used, because a context manager takes longer than this call, which runs about 20 times per cycle.
+        # A context manager such as _errors() takes longer than this call, which runs about 20 times per cycle.
         try:
             self._mcap.add_message(topic, stamp_ns, data)
         except OSError as error:
