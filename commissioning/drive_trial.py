@@ -1,4 +1,4 @@
-"""Measure the drive that a joint needs: move it forth and back at two low speeds.
+"""Measure the drive that a joint needs: move it back and forth at two low speeds.
 
 The difference between the two drives depends only on motor and gear: friction and gravity cancel out.
 """
@@ -17,7 +17,7 @@ BEHIND_RAD: Final = 0.25
 full force from 0.19 rad on.
 """
 LEAST_DRIVE: Final = 0.04
-"""Minimum drive that can be evaluated, as a share of full drive. The steps between goals hide a smaller one."""
+"""Minimum drive that can be evaluated, as a share of full drive. The steps between goals hide less drive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class TrialPace:
     """Speeds and times of a trial. In an arm, a joint has less room and settles more slowly than a loose servo."""
 
     slow: float = 0.4
-    """Lower speed, as a share of the higher one. The higher speed is the joint's slow velocity limit."""
+    """Lower speed, as a share of the higher speed. The higher speed is the joint's slow velocity limit."""
     ramp_s: float = 0.1
     """Time at each end of a motion that is ignored because the joint accelerates, in seconds."""
     rest_s: float = 0.8
@@ -88,7 +88,7 @@ class _Sample(NamedTuple):
 
 
 class DriveTrial:
-    """Trial in which one joint moves forth and back at two speeds."""
+    """Trial in which one joint moves back and forth at two speeds."""
 
     def __init__(self, arm: SlowArm, index: int, way: float, pace: TrialPace = TrialPace()) -> None:
         """Prepare the trial; ``way`` is the signed distance from the current goal, in rad or m."""

@@ -116,7 +116,7 @@ class ControlLoop:
     def take_over(self, component: Component, state: JointState, joints: Collection[str] | None = None) -> None:
         """Set the last command of an activated component to its measured positions.
 
-        A position slightly outside the limits becomes the last command, too: the safety gate returns from there
+        A position slightly outside the limits also becomes the last command: the safety gate returns from there
         slowly.
 
         Args:
@@ -192,7 +192,7 @@ class ControlLoop:
     def _read_deadline_s(self) -> float:
         """Return the time until which the read may wait. The rest of the cycle is reserved for the other steps.
 
-        A late cycle has less time, but may still last half a period. The next cycle may then be late, too.
+        A late cycle has less time, but may still last half a period. The next cycle may then also be late.
         """
         now_s, period_s = self.clock.now(), self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)

@@ -190,7 +190,7 @@ class _Up:
             ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
             surface.spin(lambda: run.done or run.hangs())
         finally:
-            run.signals.ask()  # end the loop, too, if ROS fails
+            run.signals.ask()  # also end the loop if ROS fails
             while thread.is_alive() and not run.hangs():
                 thread.join(0.1)
             if thread.is_alive():

@@ -5,7 +5,7 @@ from math import inf
 
 
 class Hang(BaseException):
-    """A simulated program that does not end. It is no Exception: no program under test goes on after it."""
+    """A simulated program that does not end. It is not an Exception, so that no program under test catches it."""
 
 
 class SimulatedClock:

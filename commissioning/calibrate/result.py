@@ -11,7 +11,7 @@ from hal.joint import Joint
 SWEPT_SHARE: Final = 0.8
 """Minimum travel of a joint that was swept from stop to stop, as a share of its range in the URDF."""
 DOUBTFUL_SHARE: Final = 0.03
-"""Maximum difference between travel and URDF range, as a share of the range. A larger one may mean another part."""
+"""Maximum difference between travel and URDF range, as a share of the range. More may mean a wrong part."""
 PRESSED_RAD: Final = 0.08
 """Angle by which hands press a joint into its two stops, both together, rad of the servo's shaft."""
 MISSING_RAD: Final = 0.04

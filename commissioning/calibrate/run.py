@@ -21,7 +21,7 @@ from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question, servo_name, torque_warning
 
 WAY_RAD: Final = 0.2
-"""Angle that each servo turns in the motion test, forth and back, rad."""
+"""Angle that each servo turns in the motion test, back and forth, rad."""
 OFF_SHARE: Final = 0.3
 """Maximum error of a test motion, as a share of its length. It covers friction and the dead band, but not sag,
 because sag is the same at both ends.
@@ -29,7 +29,7 @@ because sag is the same at both ends.
 
 
 def check(arm: SlowArm, say: Callable[[str], None]) -> None:
-    """Move every joint forth and back. Raises CalibrationError naming the joint that does not follow."""
+    """Move every joint back and forth. Raises CalibrationError naming the joint that does not follow."""
     for index, joint in enumerate(arm.joints):
         say(f"{joint.name} moves")
         _there_and_back(arm, index)

@@ -135,7 +135,7 @@ def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
 
 
 def _check(bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration]) -> None:
-    """Check that each servo reports a position within its travel. Raises CalibrationError naming the others."""
+    """Check that each servo reports a position within its travel. Raises CalibrationError otherwise."""
     problems: list[str] = []
     readings = bus.read_states([joint.servo_id for joint in joints])
     for joint in joints:

@@ -1,7 +1,7 @@
 """Record the sweep of joints from stop to stop, in continuous counts.
 
 The sweep may begin in any pose, and the encoder's seam may lie anywhere in the travel. Each reading is interpreted as
-the continuous count that is nearest to the previous one.
+the continuous count that is nearest to the previous reading.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

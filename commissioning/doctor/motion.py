@@ -26,7 +26,7 @@ It returns the motions, and a message if joints were not moved.
 """
 
 WAY_RAD: Final = 0.4
-"""Angle that each servo turns forth and back, twice, rad."""
+"""Angle that each servo turns back and forth, twice, rad."""
 FASTEST_RAD_S: Final = 1.0
 
 

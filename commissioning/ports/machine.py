@@ -13,7 +13,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 RULE_FOLDERS: Final = ("usr/lib/udev/rules.d", "lib/udev/rules.d", "run/udev/rules.d", "etc/udev/rules.d")
-"""Folders of udev rules. A file in a later folder replaces the file of the same name in an earlier one."""
+"""Folders of udev rules. A file in a later folder replaces the file of the same name in an earlier folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Machine:
     """This machine, or a simulated one in tests."""
 
     root: Path = Path("/")
-    """Folder that contains /dev, /sys, /proc and the others."""
+    """Folder that contains /dev, /sys, /proc and other system folders."""
     comports: Callable[[], Iterable[ListPortInfo]] = list_ports.comports
     """Function that lists the ports, as pyserial does."""
     user: User = field(default_factory=User.present)

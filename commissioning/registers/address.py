@@ -205,7 +205,7 @@ def reboot(servo: FoundServo, *, let_go: bool = False) -> RebootReport:
 def _refuse_torque(servo: FoundServo, what: str) -> None:
     if servo.holds_torque():
         raise CommissioningError(
-            f"servo {servo.servo_id}: {what} while its torque is on, because what it holds falls when torque goes off. "
+            f"servo {servo.servo_id}: {what} while its torque is on, because what it holds falls without torque. "
             "Support the arm, then switch the torque off with 'servoloop register write "
             f"--id {servo.servo_id} torque_enable 0'"
         )

@@ -60,7 +60,7 @@ class ServoPlace:
         return self._registers(values)
 
     def wanted(self) -> dict[Register, int]:
-        """Return all EEPROM values of this servo: the basics, the settings in the robot file, and the ID."""
+        """Return all EEPROM values of this servo: basic settings, settings in the robot file, and ID."""
         return self.basics() | self._registers(dict(self.settings) | {"id": self.servo_id})
 
     def _registers(self, values: Mapping[str, int]) -> dict[Register, int]:

@@ -1,4 +1,4 @@
-"""Turn the horn of a loose servo a little, forth and back, to identify its gear. The torque is off afterwards."""
+"""Turn the horn of a loose servo a little, back and forth, to identify its gear. The torque is off afterwards."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -88,9 +88,9 @@ def judge_gear(motion: TrialMotion | None) -> GearResult:
 
 
 WAY_RAD: Final = 0.8
-"""Angle that the horn turns, forth and back."""
+"""Angle that the horn turns, back and forth."""
 FASTEST_RAD_S: Final = 0.8
-"""Speed of the goal. The horn itself turns up to half as fast again, a quarter of the slowest model's no-load speed.
+"""Speed of the goal. The horn itself turns up to 50 % faster, which is a quarter of the slowest model's no-load speed.
 At lower speeds, two gears cannot be distinguished reliably.
 """
 PERIOD_S: Final = 0.04

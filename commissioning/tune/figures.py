@@ -92,7 +92,7 @@ class Following:
     delay_s: float
     """Delay of the measured position after the command."""
     gain: float
-    """Measured amplitude, as a share of the commanded one."""
+    """Measured amplitude, as a share of the commanded amplitude."""
     largest: float
     """Largest following error (command minus position), including sag."""
     rms: float

@@ -2,7 +2,7 @@
 
 At rest, the error beyond the dead zone produces the drive that balances load and friction, so this error is
 proportional to 1/P. At constant speed, the error produces the drive that balances the motor's back-EMF, so this part
-of the delay is proportional to 1/P, too. D only acts on changes of the error, so it affects neither. The overshoot is
+of the delay is also proportional to 1/P. D only acts on changes of the error, so it affects neither. The overshoot is
 simulated in steps of a millisecond, with the loop of an STS and one inertia. The inertia is chosen so that the
 simulation with the present gains overshoots as much as was measured.
 """
@@ -32,7 +32,7 @@ LIGHTEST, HEAVIEST = 1.0e-6, 1.0e-3
 """Range of inertias, in shares of full drive per count/s². A bare STS3215 has 7e-6."""
 HALVINGS: Final = 24
 CLEAR_COUNTS: Final = 2.0
-"""Minimum overshoot from which the inertia can be determined. A smaller one may be caused by the encoder steps."""
+"""Minimum overshoot from which the inertia can be determined. Encoder steps may cause a smaller overshoot."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -206,7 +206,7 @@ class GripperActionController:
             self._end(handle, status, text, stalled=True)
 
     def _stalls(self, now: GripperState, before: GripperState | None, step_s: float) -> bool:
-        """Return whether the fingers have stalled. The change of position counts, too, if the velocity is unknown."""
+        """Return whether the fingers have stalled. If the velocity is unknown, the change of position decides."""
         slowest = self.parameters.stall_velocity_threshold
         moved = 0.0 if before is None else abs(now.position - before.position)
         moves = abs(now.velocity) > slowest or moved > slowest * step_s

@@ -20,7 +20,7 @@ INACTIVE, ACTIVE = LifecycleState.INACTIVE, LifecycleState.ACTIVE
 
 
 class ControllerManager:
-    """The controller manager. ``registry`` holds the loaded controllers, and ``cycle`` runs the active ones.
+    """The controller manager. ``registry`` holds the loaded controllers, and ``cycle`` runs the active controllers.
 
     The thread rules of ``ControllerRegistry`` apply.
     """
@@ -111,7 +111,7 @@ class ControllerManager:
         Args:
             interfaces: Names of the interfaces.
             reason: Why the controllers are deactivated, for the log and the results of goals.
-            states: Whether to deactivate controllers that use one of them as a state interface, too.
+            states: Whether to deactivate also controllers that use one of them as a state interface.
 
         Returns:
             Names of the deactivated controllers.

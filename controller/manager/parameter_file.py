@@ -184,7 +184,7 @@ def read_parameter_file(path: Path, error: type[Exception]) -> tuple[YamlFile, d
         The YAML file, and the ``ros__parameters`` of each node (``arm``, ``/ns/arm``, ``/**``) in the file's order.
 
     Raises:
-        error: The file has mistakes that rcl rejects, too. The message lists all mistakes with their lines.
+        error: The file has mistakes that rcl also rejects. The message lists all mistakes with their lines.
     """
     file = compose(path, error)
     reader = _Reader(file)

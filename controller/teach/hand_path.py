@@ -176,7 +176,7 @@ def smoothed(times_s: FloatArray, position: FloatArray) -> HandPath:
 
 
 def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Clip positions (k, n) to the limits, with a margin so that a thinned path stays within the limits, too."""
+    """Clip positions (k, n) to the limits, with a margin so that a thinned path also stays within the limits."""
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     margin = tolerances(limits)
     clipped: FloatArray = np.clip(position, lower + margin, upper - margin)

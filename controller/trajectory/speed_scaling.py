@@ -10,7 +10,7 @@ from controller.motion import Kinematics
 from hal.types import FloatArray, JointLimits
 
 SHARE: Final = 0.5
-"""Share of the remaining acceleration that a change of speed may use. Lag compensation needs acceleration, too."""
+"""Share of the remaining acceleration that a change of speed may use. Lag compensation also needs acceleration."""
 FASTEST: Final = 5.0
 """Maximum change of the factor, per second."""
 

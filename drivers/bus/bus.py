@@ -99,7 +99,7 @@ class Bus:
 
     @property
     def read_together(self) -> bool:
-        """Whether one packet requests the states of all servos. Otherwise each servo gets a request of its own."""
+        """Whether one packet requests the states of all servos. Otherwise each servo gets its own request."""
         return self._servos.read_together
 
     def request(self, servo_ids: Sequence[int], deadline_s: float) -> None:

@@ -60,7 +60,7 @@ class SingleServo:
         self._sdk.action(self._adapter, self._packets.BROADCAST_ID)
 
     def reboot(self, servo_id: int) -> None:
-        """Restart a servo. Its torque goes off, and it does not answer for up to a second.
+        """Restart a servo. It releases its torque and does not answer for up to a second.
 
         Raise ServoRefused if its protocol has no reboot instruction.
         """
@@ -78,7 +78,7 @@ class SingleServo:
         self._request(servo_id, self._packets.FACTORY_RESET, self._protocol.factory_reset, 0, "a factory reset")
 
     def forget_turns(self, servo_id: int) -> None:
-        """Reset the turn count of a Feetech STS servo to zero. Its torque goes off."""
+        """Reset the turn count of a Feetech STS servo to zero. This releases its torque."""
         self._request(servo_id, self._packets.FORGET_TURNS, b"", 0, "a turn count reset")
 
     def broadcast_ping(self) -> tuple[int, ...]:

@@ -68,7 +68,7 @@ class JointBuses:
         return {joint.name: by_bus[joint.bus][joint.servo_id] for joint in self._joints}
 
     def write_goals(self, goals: Mapping[str, ServoGoal]) -> None:
-        """Send one packet on each bus, for the joints that have a goal. If a bus is lost, the others still get theirs.
+        """Send one packet on each bus, for the joints that have a goal. A lost bus does not affect the others.
 
         Raises:
             PartLost: Some of the buses are lost.

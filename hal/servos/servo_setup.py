@@ -85,7 +85,7 @@ class ServoSetup:
             errors = _failed(joints, bus, _identify)
             silent = [i for i, error in errors.items() if not isinstance(error, ServoRefused)]
             causes = diagnose(bus, silent) if silent else {}
-            # Two servos with the same model and ID return the same model number. Only their states reveal them.
+            # Two servos with the same model and ID return the same model number. Their states show that they are two.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
             found = _states(bus, known)
             causes |= _stateless(bus, found) | _wrong_voltages(joints, bus, found)

@@ -25,7 +25,7 @@ class FairRate:
     def allows(self, client: Hashable, now_s: float) -> bool:
         """Return whether a request of a client is served now."""
         known = self._clients
-        if client not in known:  # Remove inactive clients, too.
+        if client not in known:  # Also remove inactive clients.
             self._clients = known = {name: entry for name, entry in known.items() if now_s - entry[1] <= ACTIVE_S}
         active = sum(now_s - requested_s <= ACTIVE_S for name, (_, requested_s) in known.items() if name != client) + 1
         tokens, requested_s = known.get(client, (float(self._burst), now_s))

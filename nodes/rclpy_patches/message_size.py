@@ -1,6 +1,6 @@
 """Measure the size of a C message before its conversion to Python.
 
-The conversion holds the GIL. It converts a list of numbers without interruption. With 200,000 trajectory points, the
+The conversion holds the GIL. It does not release the GIL within a list of numbers. With 200,000 trajectory points, the
 control cycles compete for the GIL for almost two seconds. The offsets of the fields come from the
 introspection type support. Its structures (message_introspection.h of Jazzy) are defined here.
 """

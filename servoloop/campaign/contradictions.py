@@ -104,7 +104,7 @@ def _never(visit: PromisedVisit, scenario: "Scenario", arms: list[Files]) -> tup
 
 
 def _makes(kind: str | None, files: Files) -> set[str]:
-    """Return the makes of the servos that a kind of fault can affect; None stands for all kinds."""
+    """Return the makes of the servos that a kind of fault can affect; None means all kinds."""
     if kind is None:
         return {series_of(joint.model).make for joint in files.robot.joints} | {NO_SERVO}
     there, makes = inventory_of(files), set[str]()

@@ -37,7 +37,10 @@ def doctor(
         Path | None, typer.Option("--report", help="Markdown file for the full report, to attach to a bug report.")
     ] = None,
     move: Annotated[
-        bool, typer.Option("--move", help="Test gears, gains and gravity hold with small, slow motions, after asking.")
+        bool,
+        typer.Option(
+            "--move", help="Test gears, gains and gravity hold with small, slow motions, after a confirmation."
+        ),
     ] = False,
     yes: YesOption = False,
     json: JsonOption = False,

@@ -33,7 +33,7 @@ def view(
     ] = None,
     bus: Annotated[
         Path | None,
-        typer.Option(help="LINK of a virtual arm that `servoloop emulate` serves without a stack; set --arm too."),
+        typer.Option(help="LINK of a virtual arm that `servoloop emulate` serves without a stack; requires --arm."),
     ] = None,
     port: Annotated[
         int,

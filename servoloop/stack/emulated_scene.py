@@ -1,4 +1,4 @@
-"""The scene of an emulator: latest poses of the things around the arm. Without the imports of the simulation."""
+"""The scene of an emulator: latest poses of the things around the arm. Does not import the simulation."""
 
 import threading
 from collections.abc import Mapping

@@ -95,7 +95,7 @@ class LoopThread:
 def run_beside(run: LoopThread, poll: Callable[[], None]) -> None:
     """Run the loop in its thread and call ``poll`` in this thread until the loop has ended or hangs.
 
-    An error in ``poll`` ends the loop, too.
+    An error in ``poll`` also ends the loop.
     """
     sys.setswitchinterval(0.0001)  # maximum time the loop waits for the interpreter lock, in seconds
     gc.collect()

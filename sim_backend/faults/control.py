@@ -12,7 +12,7 @@ from sim_backend.faults.text import matching, parse, text_of
 def handle_fault_command(
     player: FaultPlayer, now_s: Callable[[], float], other: Handler, command: Command
 ) -> Mapping[str, Any]:
-    """Start a fault, or end faults, and return the active and the coming faults.
+    """Start a fault, or end faults, and return the active and future faults.
 
     Times of the fault count from now. ``other`` handles all other commands. Raises ValueError for an unknown fault, or
     for one that these servos cannot have.

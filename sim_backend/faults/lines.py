@@ -31,7 +31,7 @@ class CableCut(OfBus, Lasting):
     def refuse(self, there: Inventory) -> None:
         super().refuse(there)
         if any(first == len(there.servos[bus]) for bus, first in self._cut(there).items()):
-            raise FaultError(f"servo {self.after} is the last on its line, so nothing follows it: name another")
+            raise FaultError(f"servo {self.after} is the last on its line, so nothing follows it: name another servo")
 
     def _cut(self, there: Inventory) -> dict[str, int]:
         """Return the index of the first servo that is cut off, by line."""

@@ -107,7 +107,7 @@ class Inventory:
         return found[0]
 
     def require_bus(self, bus: str | None) -> None:
-        """Raise FaultError if there is no such line. None stands for all lines."""
+        """Raise FaultError if there is no such line. None means all lines."""
         if not self.servos:
             raise FaultError("there is no line here whose servos could be named (all servos from a box have one ID)")
         if bus is not None and bus not in self.servos:

@@ -17,7 +17,7 @@ BROWN_OUT_V: Final = 3.5
 def feed(line: ServoLine[Any], voltage_v: float | None = None, resistance_ohm: float | None = None) -> None:
     """Feed all servos of the line with this voltage over leads of this resistance from now on.
 
-    None stands for the value with which the line was built. A voltage of 0 stands for a pulled plug.
+    None means the value with which the line was built. A voltage of 0 means a pulled plug.
     """
     line.rig.feed(voltage_v, resistance_ohm)
     for servo in line.servos:

@@ -28,7 +28,7 @@ class Quantity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Deviations of one arm, which depend only on ``seed``. None stands for the nominal arm."""
+    """Deviations of one arm, which depend only on ``seed``. None means the nominal arm."""
 
     seed: int | None = None
 

@@ -1,4 +1,4 @@
-"""Check that a scene matches the robot description, and that it has what a world needs.
+"""Check that a scene matches the robot description, and that it is complete.
 
 MuJoCo also reads the description, so that two models are compared: the place of each body relative to its parent at
 random poses, and ranges, masses and couplings.

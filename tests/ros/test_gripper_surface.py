@@ -154,12 +154,20 @@ def test_gripper_opens_with_feedback_and_result(client: Gripper) -> None:
     client.hand_at(0.05)
 
 
-@pytest.mark.parametrize("position", [0.06, -0.001, math.nan, math.inf])
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [
+        (0.06, "position 0.06 is outside the limits"),
+        (-0.001, "position -0.001 is outside the limits"),
+        (math.nan, f"the position of {HAND} must be finite, not nan"),
+        (math.inf, f"the position of {HAND} must be finite, not inf"),
+    ],
+)
 def test_position_outside_the_limits_is_rejected_with_its_value(
-    client: Gripper, stack: StackProcess, position: float
+    client: Gripper, stack: StackProcess, position: float, words: str
 ) -> None:
     assert not client.offer(client.goal(position)).accepted
-    until(lambda: f"goal rejected: position {position:g}" in stack.words)
+    until(lambda: f"goal rejected: {words}" in stack.words)
 
 
 def test_new_goal_ends_the_old_goal(client: Gripper) -> None:

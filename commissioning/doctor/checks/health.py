@@ -117,7 +117,7 @@ def _torque(bus: BusSnapshot) -> Iterator[Finding]:
 
 
 def _has_forgotten(servo: ServoSnapshot, holding: list[ServoSnapshot]) -> bool:
-    """Whether the servo has its power-on torque limit, although the stack sets a lower one and most others have it."""
+    """Whether the servo has its power-on torque limit, although the stack set a lower limit in most servos."""
     series = series_of(servo.joint.model)
     if series.torque_limit is None or not _is_full(servo):
         return False

@@ -12,7 +12,7 @@ SAG_V: Final = 1.0
 SAG_SHARE: Final = 0.15
 """A supply sags if its voltage drops by more than ``SAG_V`` and this share of the rated voltage."""
 DROP_V: Final = 0.8
-"""Maximum difference between two servos of one bus at rest. A larger one means too much resistance in a cable or plug.
+"""Maximum difference between two servos of one bus at rest. More means that a cable or plug has a high resistance.
 """
 LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "max_voltage_limit"))
 UNIT_V: Final = 0.1

@@ -71,7 +71,7 @@ class StsFirmware:
         self.step(0.0, 0.0, 0.0)  # Compile or load the kernel now, not in the first millisecond of a real-time line.
 
     def work_on(self, states: States) -> None:
-        """Move the state to this record. A line keeps the records of all its servos in one array."""
+        """Move the state into this array. A line keeps the records of all its servos in one array."""
         states[:] = self._states
         self._take(states)
         self._memory.work_on(states)
