@@ -133,6 +133,11 @@ class Arm:
         return self._arm.name
 
     @property
+    def folder(self) -> Path | None:
+        """Folder with the named poses and motions of the arm; None if its files do not belong to an arm."""
+        return self._arm.folder
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the n joints, in the order of arrays and of all mappings."""
         return self._arm.joints

@@ -182,7 +182,7 @@ def test_the_end_of_the_stack_is_reported(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(CommandError, match="has ended") as caught:
         client.request("state")
     assert caught.value.kind == "ended"
-    with pytest.raises(CommandError, match="cannot be opened"):
+    with pytest.raises(CommandError, match="has no command socket: it has ended"):
         CommandClient(client.stack)
 
 
