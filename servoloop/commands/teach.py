@@ -1,6 +1,6 @@
 """``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -22,6 +22,7 @@ from servoloop.stack.arm_folders import OWN, find_arm
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
+    from servoloop.api.arm import Arm
     from servoloop.teach.taught import RecordedMotion
     from servoloop.teleop.arms import Side
 
@@ -108,7 +109,7 @@ def play(
 
     require_keys(hands_free)
     if port is None:
-        _play_on_running_arm(name, arm, speed, hands_free)
+        played_on_running_arm(arm, partial(_saved_motion, name=name), speed, hands_free)
         return
     arm = arm or OWN
     side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
@@ -119,32 +120,44 @@ def play(
     raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
 
 
-def _play_on_running_arm(name: str, arm: str | None, speed: float, hands_free: bool) -> None:
-    """Play a motion on the arm of ``servoloop up`` and print each phase."""
+def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
+    """Return a saved motion of a running arm. Raises TeachError if it does not fit the arm."""
+    from servoloop.teach.taught import MotionStore, TeachError
+
+    if arm.folder is None:
+        raise TeachError(f"the motions of {arm.name} are unknown: its stack does not report its folder")
+    motions = MotionStore(arm.folder)
+    motion = motions.get(name).of(arm.joints, name)
+    motion.check([arm.limits[joint] for joint in arm.joints], str(motions.path(name)))
+    return motion
+
+
+def played_on_running_arm(
+    name: str | None, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
+) -> None:
+    """Play a motion on the arm of ``servoloop up`` and print each phase.
+
+    Args:
+        name: Name, folder or process ID of the running arm. None: the only one.
+        motion_of: Returns the motion for an arm, with its joints in their order.
+        speed: Share of the recorded speed, from 0 to 1.
+        hands_free: Whether to move without a dead-man key.
+    """
     from servoloop.api.arm import Arm
     from servoloop.stack.processes import Interrupted
     from servoloop.stack.signals import Signals
     from servoloop.teach.running_play import RunningPlay
-    from servoloop.teach.taught import MotionStore, TeachError
 
-    with Signals() as signals, Arm.connect(arm) as connected:
-        if connected.folder is None:
-            raise TeachError(
-                f"the motions of {connected.name} are unknown because its stack does not report its folder"
-            )
-        motions = MotionStore(connected.folder)
-        motion = motions.get(name).of(connected.joints, name)
-        motion.check([connected.limits[joint] for joint in connected.joints], str(motions.path(name)))
-        with permission_of(hands_free) as permission:
-            playing, shown = RunningPlay(connected, motion, speed, permission), ""
-            while playing.update():
-                if signals.count:
-                    raise Interrupted("interrupted; the arm has stopped")
-                if playing.phase != shown:
-                    shown = playing.phase
-                    typer.echo(f"{shown}\r", err=True)
-                connected.sleep(PLAY_S)
-        typer.echo(f"{connected.name} holds its position: {playing.phase}")
+    with Signals() as signals, Arm.connect(name) as arm, permission_of(hands_free) as permission:
+        playing, shown = RunningPlay(arm, motion_of(arm), speed, permission), ""
+        while playing.update():
+            if signals.count:
+                raise Interrupted("interrupted; the arm has stopped")
+            if playing.phase != shown:
+                shown = playing.phase
+                typer.echo(f"{shown}\r", err=True)
+            arm.sleep(PLAY_S)
+        typer.echo(f"{arm.name} holds its position: {playing.phase}")
 
 
 @app.command("list")

@@ -1,5 +1,8 @@
 """Playback on an arm whose control loop already runs: the arm moves only while the key is held."""
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,11 @@ from hal.types import FloatArray
 from servoloop import Arm
 from servoloop.teach.play import PlayPhase
 from servoloop.teach.running_play import RunningPlay
-from servoloop.teach.taught import RecordedMotion, TeachError
+from servoloop.teach.taught import MotionStore, RecordedMotion, TeachError
+from tests.command_socket.rig import SocketRig, served
+from tests.command_socket.test_bad_clients import at_rest
+from tests.handling.test_robot_client import files, without_ros
+from tests.pages import commands
 from tests.teach.player import Key
 from tests.teach.rig import FREE
 
@@ -92,3 +99,36 @@ def test_q_ends_the_playback() -> None:
         arm.sleep(1.0)
         held = arm.state.command
         assert arm.step(3).command == pytest.approx(held, abs=1e-6)
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[SocketRig]:
+    with served(monkeypatch, files(tmp_path)) as rig:
+        yield rig
+
+
+PLAY, REPLAY = "servoloop teach play wave", "servoloop replay run.mcap --running"
+
+
+@pytest.mark.runs(PLAY, REPLAY)
+def test_commands_play_on_the_arm_of_a_running_stack_without_ros(rig: SocketRig) -> None:
+    assert {PLAY, REPLAY} <= set(commands("teach.md"))
+    folder, path = rig.stack.files.folder, rig.running.socket.parent / "run.mcap"
+    assert folder is not None
+    with Arm.connect() as arm, arm.record(path):
+        here = np.array([*arm.state.command.values()])
+        arm.move_to({"joint1": 0.2}, duration=1.0)
+        arm.sleep(0.5)
+    poses = np.array([here, here])
+    poses[1, 0] += 0.1
+    motion = RecordedMotion(arm.joints, poses)
+    MotionStore(folder).require_writable()
+    MotionStore(folder).save("wave", motion, {joint.name: joint for joint in rig.stack.files.robot.joints})
+    done = without_ros("teach", "play", "wave", "--hands-free")
+    assert (done.returncode, done.stdout) == (0, "mine holds its position: done\n"), done.stderr
+    assert at_rest(rig)[0] == pytest.approx(poses[1, 0], abs=0.01)
+    done = without_ros("replay", str(path), "--running", "--hands-free")
+    assert (done.returncode, done.stdout) == (0, "mine holds its position: done\n"), done.stderr
+    assert at_rest(rig)[0] == pytest.approx(0.2, abs=0.02)
+    done = without_ros("replay", str(path), "--running", "--port", "x", "--hands-free")
+    assert done.returncode == 1 and "leave out --port" in done.stderr
