@@ -52,6 +52,7 @@ def test_arm_moves_while_a_button_is_held(rig: SocketRig, mover: Mover) -> None:
 
 def test_goal_of_another_program_is_named_and_the_stop_button_ends_it(rig: SocketRig, mover: Mover) -> None:
     goal = rig.stack.go(READY, 3000.0)
+    eventually(lambda: rig.stack.arm.newest_goal is goal)
     hold(mover, 1.0)
     assert "arm_controller has a goal under way: stop it first" in mover.message
     mover.stop()
