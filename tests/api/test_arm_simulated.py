@@ -11,16 +11,13 @@ import pytest
 
 import servoloop
 from servoloop import Arm, ArmEndedError, ArmError, ArmInputError, ArmSetupError, ArmTrajectory, MotionFailedError
-from servoloop.api.options import ArmOptions
-from servoloop.api.simulated_loop import SimulatedLoop
 from servoloop.api.thread_loop import exit_on_signals
 from servoloop.recording.reader import read_recording
 from tests.api.contract import PAN, ArmContract
+from tests.api.loaded_arm import FREE, LoadedArm
 from tests.pages import ROOT
 
 ELBOW = "elbow_flex"
-FREE = {PAN: 0.0, "shoulder_lift": -1.2, ELBOW: 0.5, "wrist_flex": 0.8}
-"""Pose in which the shoulder turns without touching the bins."""
 
 
 @pytest.fixture(scope="module")
@@ -37,15 +34,6 @@ class TestSimulatedArm(ArmContract):
         return simulated_arm
 
 
-class LoadedArm(Arm):
-    """Arm whose world a test changes."""
-
-    def __init__(self) -> None:
-        self.loop = SimulatedLoop(ArmOptions("so101").files(), None, None, 0.0)
-        self._use(self.loop.backend, self.loop.close)
-        self.move_to(FREE, duration=1.5)
-
-
 @pytest.fixture
 def loaded() -> Iterator[LoadedArm]:
     with LoadedArm() as arm:
@@ -55,7 +43,7 @@ def loaded() -> Iterator[LoadedArm]:
 def test_a_blocked_joint_ends_the_motion_with_its_name(loaded: LoadedArm) -> None:
     motion = loaded.move_to({PAN: 1.5}, duration=1.5, wait=False)
     loaded.sleep(0.3)
-    loaded.loop.world.load(PAN, -8.0)
+    loaded.push(PAN, -8.0)
     with pytest.raises(MotionFailedError, match=f"(?s)before its target: .*{PAN}.*holds its position") as caught:
         motion.wait(10.0)
     assert caught.value.joint == PAN and str(motion.failure) == str(caught.value)
@@ -148,8 +136,8 @@ def test_a_hand_guided_path_is_recorded_and_followed(loaded: LoadedArm) -> None:
     loaded.torque(False)
     states = []
     end = loaded.on_state(states.append)
-    for load in (1.0, -1.0, -1.0, 1.0):
-        loaded.loop.world.load(PAN, load)
+    for load in (1.0, 0.0, -1.0, 0.0):
+        loaded.push(PAN, load)
         loaded.sleep(0.5)
     end()
     loaded.torque(True)
@@ -168,7 +156,7 @@ def test_a_recording_without_motion_is_refused(loaded: LoadedArm) -> None:
 
 def test_the_torque_stays_on_if_the_park_pose_is_not_reached(loaded: LoadedArm) -> None:
     loaded.move_to({PAN: 1.0}, speed=0.5)
-    loaded.loop.world.load(PAN, 8.0)
+    loaded.push(PAN, 8.0)
     with pytest.raises(MotionFailedError, match="the park pose was not reached, so the torque stays on"):
         loaded.torque(False)
     loaded.torque(False, park=False)
