@@ -51,6 +51,11 @@ class MotionPart(Protocol):
         """Why the part has failed, if it has."""
         ...
 
+    @property
+    def moves(self) -> bool:
+        """Whether the part is under way and has not been canceled."""
+        ...
+
     def begin_after_arm(self) -> None:
         """Begin just after the trajectory of the same motion."""
         ...
@@ -85,12 +90,14 @@ class RunningMotion:
         return next((part.failure for part in self.parts if part.failure is not None), None)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class TrajectoryPart:
     """Goal of a joint trajectory controller."""
 
     controller: JointTrajectoryController
     handle: GoalHandle
+    canceled: bool = False
+    """Whether a cancellation was requested. The handle is done when the joints are at rest."""
 
     @property
     def done(self) -> bool:
@@ -99,7 +106,13 @@ class TrajectoryPart:
     @property
     def failure(self) -> MotionFailedError | None:
         handle = self.handle
+        if self.canceled and handle.status is GoalStatus.ABORTED:  # Another controller has taken the joints meanwhile.
+            return MotionCanceledError(CANCELED)
         return _failure(handle.status, handle.error_text, self.controller.joints)
+
+    @property
+    def moves(self) -> bool:
+        return not self.handle.done and not self.canceled
 
     def begin_after_arm(self) -> None:
         pass
@@ -109,6 +122,7 @@ class TrajectoryPart:
 
     def cancel(self, replaced: bool = False) -> None:
         if not replaced:  # The controller itself replaces a goal without a stop.
+            self.canceled = True
             self.controller.cancel(self.handle)
 
 
@@ -195,6 +209,10 @@ class ForwardPart:
     start: PartStart = field(default_factory=PartStart)
     faults: FaultTimeout = field(default_factory=lambda: FaultTimeout(()))
 
+    @property
+    def moves(self) -> bool:
+        return not self.done
+
     def begin_after_arm(self) -> None:
         self.start.with_arm = True
 
@@ -273,6 +291,10 @@ class GripperPart:
         if self.canceled is not None or self.handle is None or self.handle.state.stalled:
             return self.canceled
         return _failure(self.handle.status, self.handle.text, (self.controller.joint,))
+
+    @property
+    def moves(self) -> bool:
+        return not self.done
 
     def begin_after_arm(self) -> None:
         self.start.with_arm = True

@@ -11,6 +11,7 @@ import pytest
 
 from servoloop import Arm
 from tests.api.contract import PAN, ArmContract
+from tests.api.loaded_arm import FREE
 from tests.conftest import once_more
 from tests.pages import ROOT
 
@@ -20,6 +21,7 @@ pytestmark = [pytest.mark.slow, once_more]
 @pytest.fixture(scope="module")
 def served_arm() -> Iterator[Arm]:
     with Arm("so101") as arm:
+        arm.move_to(FREE, duration=1.5)
         yield arm
 
 

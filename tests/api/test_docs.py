@@ -21,9 +21,7 @@ class VirtualArmOnPort(LoadedArm):
 
 
 @pytest.mark.runs(*named(PAGE, "python"))
-def test_every_block_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     first, *blocks = codes(PAGE, "python")
     names: dict[str, Any] = {}
