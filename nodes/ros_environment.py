@@ -23,6 +23,8 @@ PACKAGES: Final = (
     "tf2_msgs",
 )
 """Required Python packages: the client library and the message packages of interfaces/."""
+INSTALL: Final = "run 'make setup' and use .venv/bin/servoloop, or source the workspace that contains the package"
+"""Remedy for a missing package."""
 LAST_DOMAIN: Final = 232
 """Highest domain ID that has UDP ports (DDSI-RTPS, 9.6.1.1)."""
 
@@ -31,16 +33,20 @@ class RosError(Exception):
     """ROS 2 is missing, belongs to another distribution, or has invalid settings. The message contains the remedy."""
 
 
+class RosMissing(RosError):
+    """rclpy is not installed. Programs that can work without ROS continue without it."""
+
+
 def require_ros() -> None:
     """Check ROS 2 and the environment of this process before nodes/ is imported.
 
     Raises:
-        RosError: ROS 2 is missing, belongs to another distribution, or has invalid settings.
+        RosMissing: rclpy is not installed.
+        RosError: A part of ROS 2 is missing, it belongs to another distribution, or it has invalid settings.
     """
     if missing := [name for name in PACKAGES if find_spec(name) is None]:
-        raise RosError(
-            f"ROS 2 Jazzy is required, but Python cannot find {missing[0]}: run 'make setup' and use "
-            ".venv/bin/servoloop, or source the workspace that contains the package"
+        raise (RosMissing if missing[0] == PACKAGES[0] else RosError)(
+            f"ROS 2 Jazzy is required, but Python cannot find {missing[0]}: {INSTALL}"
         )
     _check_distribution()
     _check_domain(os.environ)

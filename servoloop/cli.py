@@ -22,7 +22,7 @@ from servoloop.commands.calibrate import calibrate, hand
 from servoloop.commands.campaign import campaign
 from servoloop.commands.doctor import doctor
 from servoloop.commands.emulate import emulate, fault
-from servoloop.commands.jog import jog
+from servoloop.commands.jog import jog, stop
 from servoloop.commands.ports import ports
 from servoloop.commands.record import plot, record, replay
 from servoloop.commands.scan import scan
@@ -40,13 +40,13 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="Control a robot arm on serial bus servos with ROS 2. The servos can be real or virtual.",
+    help="Control a robot arm on serial bus servos, with or without ROS 2. The servos can be real or virtual.",
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
     "Run an arm": (up, pick, demo),
     "Watch and record": (view, monitor, record, plot),
-    "Move an arm manually": (jog, teleop, replay),
+    "Move an arm manually": (jog, stop, teleop, replay),
     "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Work without hardware": (emulate, hand, fault, simulate, campaign),

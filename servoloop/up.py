@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from time import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
-from nodes.ros_environment import require_ros
+from nodes.ros_environment import INSTALL, RosMissing, require_ros
+from servoloop.command_server.server import command_socket
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
 from servoloop.stack.background_worker import BackgroundWorker
@@ -22,14 +23,15 @@ from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.processes import claim_realtime_priority
 from servoloop.stack.robot_files import Files, initial_states, servo_ids
+from servoloop.stack.ros_interface import RosInterface, WithoutRos
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:
     from nodes.stack import Stack
-    from nodes.surface import Surface
     from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
+WORKS: Final = "It has no topics, services and actions; its controllers, recordings, view and command socket work."
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,8 @@ class UpOptions:
     """Simulated time with virtual servos in this process. None: real time."""
     record: Path | None = None
     """Path of a new recording, if any."""
+    ros: bool = True
+    """Whether to serve clients over ROS, if rclpy is installed."""
 
 
 NO_OPTIONS = UpOptions()
@@ -95,7 +99,7 @@ def _devices(
 
 
 class _Up:
-    """Run of the stack with its ROS interface."""
+    """Run of the stack with its clients."""
 
     def __init__(self, setup: HardwareSetup, files: Files, options: UpOptions, recording: StackRecording) -> None:
         simulated = options.simulated
@@ -110,20 +114,41 @@ class _Up:
         """Configure the hardware, serve clients until the end, and return the exit status."""
         thread = LoopThread(self._stack, signals)
         with self._stack.configured(self._initial.unconfigured, self._options.keep_alive, thread.hangs):
-            ros_stack = self._ros_stack()
-            from nodes.surface import Surface
-
+            ros = self._has_ros()
             if self._simulated is None:  # in simulated time no cycle is late, and the clients need the processor
                 claim_realtime_priority()
-            surface = Surface(ros_stack)
+            surface = self._ros_interface() if ros else WithoutRos()
             try:
                 self._record_and_serve(thread, surface, ready)
             finally:
                 surface.close()
         return 1 if thread.failed else 0
 
+    def _has_ros(self) -> bool:
+        """Return whether to serve clients over ROS. Log once if the stack runs without it.
+
+        Raises:
+            RosError: ROS is installed, but cannot be used.
+            DriverError: The options need ROS.
+        """
+        try:
+            if self._options.ros:
+                require_ros()
+                return True
+            reason = "as --no-ros requests"
+        except RosMissing:
+            reason = f"because Python cannot find rclpy ({INSTALL})"
+        if self._simulated is not None and self._simulated.pace.paused:
+            raise DriverError(f"--step needs ROS, but the stack runs without it {reason}: use --rtf instead")
+        LOG.warning("the stack runs without ROS %s. %s", reason, WORKS)
+        return False
+
+    def _ros_interface(self) -> RosInterface:
+        from nodes.surface import Surface
+
+        return Surface(self._ros_stack())
+
     def _ros_stack(self) -> "Stack":
-        require_ros()
         from nodes.stack import Stack
 
         stack, setup, files = self._stack, self._stack.setup, self._stack.files
@@ -140,7 +165,7 @@ class _Up:
             self._simulated.pace if self._simulated else None,
         )
 
-    def _record_and_serve(self, thread: LoopThread, surface: "Surface", ready: Callable[[str], None]) -> None:
+    def _record_and_serve(self, thread: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
         """Activate the hardware and serve clients until the end, while cycles are published and recorded."""
         stack, loop = self._stack, self._stack.loop
         loop.on_cycle = surface.post
@@ -148,12 +173,13 @@ class _Up:
             self._simulated.connect(loop, surface)
             thread.before_cycle = self._simulated.before_cycle
         offset_s = 0.0 if self._simulated else wall_offset_s(loop.clock, time)
-        with self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene):
+        recorded = self._recording.of(loop, stack.files, offset_s, lambda: thread.failed, stack.setup.scene)
+        with recorded, command_socket(stack, self._recording, lambda: thread.done):
             loop.activate(self._initial.inactive)
             self._serve_clients(thread, surface, ready)
 
-    def _serve_clients(self, run: LoopThread, surface: "Surface", ready: Callable[[str], None]) -> None:
-        """Run the loop in its thread and ROS in this thread until the loop has ended or hangs."""
+    def _serve_clients(self, run: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:
+        """Run the loop in its thread and its ROS interface in this thread until the loop has ended or hangs."""
         loop = self._stack.loop
         _prepare_interpreter()
         thread = run.start()

@@ -18,6 +18,7 @@ IN_REAL_TIME = (
     *("tests/api/test_arm_servos", "tests/examples/"),
     *("tests/faults/test_docs", "tests/handling/test_handling_over_ros", "tests/live/test_record_verb"),
     *("tests/commissioning/test_set_up_read_by_others", "tests/servoloop/test_passport_verb", "tests/teleop/test_docs"),
+    "tests/servoloop/test_up_without_ros",
     *("tests/view/test_first_page", "tests/view/test_move_in_chromium", "tests/view/test_page_in_chromium"),
 )
 """Programs with time limits of their own talk to each other here, over ROS or a pseudo-terminal."""

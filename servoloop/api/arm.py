@@ -102,6 +102,26 @@ class Arm:
         arm._use(loop.backend, loop.close)
         return arm
 
+    @classmethod
+    def connect(cls, arm: str | None = None) -> Self:
+        """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
+
+        The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
+        time moves the arm: this one from its first motion until ``close``. Times count real time.
+
+        Args:
+            arm: Name, folder or process ID of the running arm. None: the only running arm.
+
+        Raises:
+            ArmSetupError: No such arm runs, or several do.
+        """
+        from servoloop.api.socket_backend import SocketBackend
+
+        connected = cls.__new__(cls)
+        backend = SocketBackend.find(arm)
+        connected._use(backend, backend.close)
+        return connected
+
     def _use(self, backend: ArmBackend, close: Callable[[], None]) -> None:
         self._backend, self._close, self._arm = backend, close, backend.description
         self.gripper = ArmGripper(self._arm, self.move_to)
@@ -111,6 +131,11 @@ class Arm:
     def name(self) -> str:
         """Name of the arm."""
         return self._arm.name
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder with the named poses and motions of the arm; None if its files do not belong to an arm."""
+        return self._arm.folder
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""``servoloop jog`` and ``pose``: move the joints of a running arm with keys, and save and approach named poses."""
+"""``servoloop jog``, ``stop`` and ``pose``: move a running arm with keys, stop it, and save and approach poses."""
 
 import sys
 from pathlib import Path
@@ -9,16 +9,14 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
-from nodes.ros_environment import require_ros
-from servoloop.commands.options import NetworkOption, set_network
 from servoloop.manual.poses import FILE, Poses
 from servoloop.stack.arm_folders import OWN, find_arm
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from nodes.handling.robot_client import RobotClient
     from servoloop.manual.robot import LiveRobot
+    from servoloop.manual.robot_client import RobotClient
 
 
 TICK_S: Final = 0.04
@@ -26,42 +24,52 @@ TAP_S: Final = 0.1
 """Duration of the motion after a short key press, in seconds."""
 WAYS: Final = {"right": 1.0, "+": 1.0, "left": -1.0, "-": -1.0}
 HELP: Final = "up, down or 1 to 9: choose a joint · hold left or right: move it\nspace: stop everything · q: quit"
+RunningArm = Annotated[
+    str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
+]
 WIDTH: Final = 66
 """Width of the table and its help text, in columns."""
 
 
 def jog(
-    arm: Annotated[
-        str | None, typer.Option(help="Name, folder or process ID of the arm if several are running.")
-    ] = None,
-    network: NetworkOption = False,
+    arm: RunningArm = None,
 ) -> None:
     """Move the joints of a running arm slowly with the arrow keys, through its controllers.
 
     A joint stops when its key is released. Example: `servoloop jog`
     """
-    from nodes.handling.robot import HandlingError
+    from servoloop.manual.joints_now import HandlingError
 
-    require_ros()
     if not sys.stdin.isatty():
         raise HandlingError("jogging needs a keyboard, but stdin is not a terminal; run this command in a terminal")
     from rich.live import Live
 
-    from nodes.client_node import client_node
-    from nodes.handling.robot_client import RobotClient
+    from servoloop.command_socket.client import CommandClient
     from servoloop.manual.robot import LiveRobot
+    from servoloop.manual.robot_client import RobotClient
     from servoloop.stack.signals import Signals
     from servoloop.stack.terminal import raw_keys
 
-    set_network(network)
-    with Signals() as signals, LiveRobot.find(arm) as robot, client_node("servoloop_jog") as (node, executor):
+    with Signals() as signals, LiveRobot.find(arm) as robot, CommandClient(robot.stack, "jog") as commands:
         robot.wait()
-        client = RobotClient(node, executor, robot)
+        client = RobotClient(commands, robot)
         client.connect()
         jogging = Jogging(client, robot)
         with raw_keys(), Live(get_renderable=jogging.table, refresh_per_second=8, transient=True):
             while not (jogging.ended or signals.count):
                 jogging.step()
+
+
+def stop(arm: RunningArm = None) -> None:
+    """Stop all motions of a running arm, also those that ROS clients have started. The arm holds its position.
+
+    Example: `servoloop stop`
+    """
+    from servoloop.command_socket.client import CommandClient
+
+    with CommandClient.find(arm, "stop") as commands:
+        commands.request("stop")
+        typer.echo(f"all motions of {commands.stack.arm} were stopped")
 
 
 class Jogging:
@@ -86,7 +94,7 @@ class Jogging:
 
     def step(self) -> None:
         """Process the pressed keys, and move the chosen joint by one step if its key is held."""
-        from nodes.handling.robot import HandlingError
+        from servoloop.manual.joints_now import HandlingError
         from servoloop.stack.terminal import typed
 
         for key in typed(TICK_S):
@@ -153,9 +161,6 @@ class Jogging:
 app = typer.Typer(no_args_is_help=True, help="Save, list and remove named poses of an arm, and move to them.")
 POLL_S: Final = 0.05
 Name = Annotated[str, typer.Argument(help="Name of the pose.")]
-RunningArm = Annotated[
-    str | None, typer.Option("--arm", help="Name, folder or process ID of the arm if several are running.")
-]
 AnArm = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
 
 
@@ -180,26 +185,24 @@ def save(name: Name, arm: RunningArm = None) -> None:
 
 
 @app.command()
-def go(name: Name, arm: RunningArm = None, network: NetworkOption = False) -> None:
+def go(name: Name, arm: RunningArm = None) -> None:
     """Move a running arm slowly to a saved pose, through its controllers.
 
     The arm stops if the command is interrupted. Example: `servoloop pose go over_the_box`
     """
-    from nodes.client_node import client_node
-    from nodes.handling.robot_client import RobotClient
+    from servoloop.command_socket.client import CommandClient
     from servoloop.manual.robot import LiveRobot
+    from servoloop.manual.robot_client import RobotClient
     from servoloop.stack.processes import Interrupted
     from servoloop.stack.signals import Signals
 
-    require_ros()
-    set_network(network)
     with Signals() as signals, LiveRobot.find(arm) as robot:
         poses = Poses(robot.folder)
         pose = poses.get(name)
         robot.wait()
         poses.check(name, robot.limits)
-        with client_node("servoloop_pose") as (node, executor):
-            client = RobotClient(node, executor, robot)
+        with CommandClient(robot.stack, "pose go") as commands:
+            client = RobotClient(commands, robot)
             client.connect()
             while not client.approach(pose):
                 if signals.count:

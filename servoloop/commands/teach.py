@@ -1,8 +1,8 @@
 """``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -22,10 +22,13 @@ from servoloop.stack.arm_folders import OWN, find_arm
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
+    from servoloop.api.arm import Arm
     from servoloop.teach.taught import RecordedMotion
     from servoloop.teleop.arms import Side
 
 
+PLAY_S: Final = 0.02
+"""Period at which the dead-man key is checked, in seconds."""
 app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
 Name = Annotated[str, typer.Argument(help="Name of the motion.")]
 Port = Annotated[str, typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses.")]
@@ -77,8 +80,20 @@ def record(
 @app.command()
 def play(
     name: Name,
-    port: Port,
-    arm: AnArm = OWN,
+    port: Annotated[
+        str | None,
+        typer.Option(
+            help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses (default: the arm of the running "
+            "`servoloop up`)."
+        ),
+    ] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Arm: a name that `servoloop arms` lists, or an arm folder. Without --port: name, folder or process "
+            "ID of the running arm."
+        ),
+    ] = None,
     speed: SpeedOption = 1.0,
     hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
@@ -87,17 +102,62 @@ def play(
 
     Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
     the motion. It stops when you release the key. At the end it holds or parks, as set by on_exit in its robot file.
+    Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its position.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     from servoloop.teach.taught import MotionStore
 
     require_keys(hands_free)
+    if port is None:
+        played_on_running_arm(arm, partial(_saved_motion, name=name), speed, hands_free)
+        return
+    arm = arm or OWN
     side, motions = side_of(arm, port), MotionStore(find_arm(arm).folder)
     joints = side.files.robot.joints
     motion = motions.get(name).of([joint.name for joint in joints], name)
     motion.check_units(joints, str(motions.path(name)))
     motion.check([joint.limits for joint in joints], str(motions.path(name)))
     raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
+
+
+def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
+    """Return a saved motion of a running arm. Raises TeachError if it does not fit the arm."""
+    from servoloop.teach.taught import MotionStore, TeachError
+
+    if arm.folder is None:
+        raise TeachError(f"the motions of {arm.name} are unknown: its stack does not report its folder")
+    motions = MotionStore(arm.folder)
+    motion = motions.get(name).of(arm.joints, name)
+    motion.check([arm.limits[joint] for joint in arm.joints], str(motions.path(name)))
+    return motion
+
+
+def played_on_running_arm(
+    name: str | None, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
+) -> None:
+    """Play a motion on the arm of ``servoloop up`` and print each phase.
+
+    Args:
+        name: Name, folder or process ID of the running arm. None: the only one.
+        motion_of: Returns the motion for an arm, with its joints in their order.
+        speed: Share of the recorded speed, from 0 to 1.
+        hands_free: Whether to move without a dead-man key.
+    """
+    from servoloop.api.arm import Arm
+    from servoloop.stack.processes import Interrupted
+    from servoloop.stack.signals import Signals
+    from servoloop.teach.running_play import RunningPlay
+
+    with Signals() as signals, Arm.connect(name) as arm, permission_of(hands_free) as permission:
+        playing, shown = RunningPlay(arm, motion_of(arm), speed, permission), ""
+        while playing.update():
+            if signals.count:
+                raise Interrupted("interrupted; the arm has stopped")
+            if playing.phase != shown:
+                shown = playing.phase
+                typer.echo(f"{shown}\r", err=True)
+            arm.sleep(PLAY_S)
+        typer.echo(f"{arm.name} holds its position: {playing.phase}")
 
 
 @app.command("list")

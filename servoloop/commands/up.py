@@ -79,9 +79,10 @@ def up(
     ] = False,
     record: RecordOption = None,
     network: NetworkOption = False,
+    ros: Annotated[bool, typer.Option("--ros/--no-ros", help="Serve ROS 2 clients, if ROS 2 is installed.")] = True,
     ready_file: Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")] = None,
 ) -> None:
-    """Run the control stack of an arm with ROS 2 until Ctrl-C.
+    """Run the control stack of an arm until Ctrl-C, with or without ROS 2.
 
     Example: `servoloop up --port /dev/ttyACM0`; with two buses,
     `servoloop up --port arm=/dev/ttyACM0 --port hand=/dev/ttyUSB0`; with virtual servos at five times real time,
@@ -98,7 +99,7 @@ def up(
         require_writable(ready_file.parent)
     if record is not None:
         check_path(record)
-    options = UpOptions(keep_alive, publish_transforms, _simulated_time(rtf, step), record)
+    options = UpOptions(keep_alive, publish_transforms, _simulated_time(rtf, step), record, ros)
     files = read_arm_files(find_arm(arm), urdf, controllers, robot)
     if not spawn:
         files = replace(files, controllers=replace(files.controllers, controllers=()))

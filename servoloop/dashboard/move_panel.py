@@ -4,7 +4,7 @@ import logging
 import threading
 from collections.abc import Callable
 from html import escape
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import viser
 from viser._messages import RunJavascriptMessage
@@ -12,16 +12,13 @@ from viser._messages import RunJavascriptMessage
 from controller.diagnostics import CONTROLLERS
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from nodes.ros_environment import RosError, require_ros
+from servoloop.command_socket.client import CommandClient
 from servoloop.dashboard.narrow_page import PINNED
 from servoloop.manual.buttons import REPEATS_HZ, Command, GoTo, HeldButtons, Moves, Turn
 from servoloop.manual.poses import CLOSE, NO_TARGETS, OPEN, MoveTargets, find_targets
 from servoloop.manual.robot import LiveRobot
+from servoloop.manual.robot_client import RobotClient
 from servoloop.recording.sources import LiveSource
-
-if TYPE_CHECKING:
-    from nodes.handling.robot_client import RobotClient
-
 
 log = logging.getLogger(__name__)
 TICK_S: Final = 0.04
@@ -30,7 +27,7 @@ RETRY_S: Final = 2.0
 """Interval at which failed work is retried and the list of poses is updated, in seconds."""
 END_S: Final = 8.0
 """Maximum time to wait for the thread to end, in seconds."""
-CONNECTING: Final = "waiting for the controllers of the stack; check that ROS_DOMAIN_ID is the same here and there"
+CONNECTING: Final = "waiting for the controllers of the stack"
 STOPPED: Final = "All motions of all clients were stopped."
 
 
@@ -100,11 +97,10 @@ class Mover:
     def _run(self) -> None:
         while not self._ended.is_set():
             try:
-                require_ros()
                 self._serve_stack()
-            except (DriverError, RosError) as error:
+            except DriverError as error:
                 self._why = str(error)
-            except Exception as error:  # an error of the middleware must not end the view
+            except Exception as error:  # a defect must not end the view
                 log.exception("the arm cannot be moved from the page")
                 self._why = f"the arm cannot be moved: {error}"
             self.targets = NO_TARGETS
@@ -112,30 +108,28 @@ class Mover:
 
     def _serve_stack(self) -> None:
         """Move the joints of the running stack until it ends."""
-        from nodes.client_node import client_node
-        from nodes.handling.robot_client import RobotClient
-
+        self._why = CONNECTING
         if not self._wait_for(lambda: self._source.connected):
             return
-        with client_node("servoloop_view") as (node, executor):
-            client = RobotClient(node, executor, self._robot)
-            self._why = CONNECTING
-            if self._wait_for(lambda: client.found or not self._source.connected) and self._source.connected:
-                self._handling.begin()
-                self._serve(client, lambda: executor.spin_once(timeout_sec=TICK_S))
+        with CommandClient(self._source.stack, "view") as commands:
+            self._handling.begin()
+            self._serve(RobotClient(commands, self._robot))
 
-    def _serve(self, client: "RobotClient", spin: Callable[[], None]) -> None:
+    def _serve(self, client: RobotClient) -> None:
         seen: object = None
         turn = 0
         while self._source.connected and not self._ended.is_set():
-            if self.buttons.command() is None and turn % round(RETRY_S / TICK_S) == 0:
+            idle = self.buttons.command() is None
+            if idle and turn % round(RETRY_S / TICK_S) == 0:
                 active = self._source.robot.state.snapshot.statuses.get(CONTROLLERS)
                 if active is None or active.values != seen:
                     client.connect()
                     seen = active.values if active else None
                 self._update(find_targets(self._source.folder, client.driven, self._robot.limits))
+            if idle:
+                client.listen()
             self._handling.step(client)
-            spin()
+            self._ended.wait(TICK_S)
             turn += 1
 
     def _update(self, now: MoveTargets) -> None:

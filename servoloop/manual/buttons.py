@@ -13,7 +13,7 @@ from drivers.clock import Clock
 
 
 class Moves(Protocol):
-    """Client that moves the arm: nodes.handling.robot_client.RobotClient."""
+    """Client that moves the arm: servoloop.manual.robot_client.RobotClient."""
 
     def jog(self, joint: str, share: float) -> None: ...
     def approach(self, pose: Mapping[str, float], share: float = 1.0) -> bool: ...

@@ -9,10 +9,11 @@ import numpy as np
 from drivers.clock import MonotonicClock
 from hal.robot_description.description import parse_urdf
 from hal.types import FloatArray, JointLimits
-from nodes.handling.robot import HandlingError, JointsNow
+from servoloop.manual.joints_now import HandlingError, JointsNow
 from servoloop.recording.history import Curves
 from servoloop.recording.robot_state import RobotSnapshot, servo_faults
 from servoloop.recording.sources import LiveSource
+from servoloop.recording.stream import RunningStack
 
 ANSWER_S: Final = 5.0
 """Maximum time until the first measurement of a running stack arrives."""
@@ -66,6 +67,11 @@ class LiveRobot:
     def arm(self) -> str:
         """Name of the arm."""
         return self._source.arm
+
+    @property
+    def stack(self) -> RunningStack:
+        """The running stack."""
+        return self._source.stack
 
     @property
     def snapshot(self) -> RobotSnapshot:

@@ -44,6 +44,11 @@ class LiveSource:
         self._thread.start()
 
     @property
+    def stack(self) -> RunningStack:
+        """The stack that the source follows, or has followed last."""
+        return self._found
+
+    @property
     def status(self) -> str:
         """Name of the arm, and whether its stack is running and sends cycles."""
         if not self.connected:

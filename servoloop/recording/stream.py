@@ -21,6 +21,8 @@ class LiveError(DriverError):
 SUFFIX: Final = ".sock"
 FOLDER: Final = ".folder"
 """Suffix of the symbolic link next to the socket, which points to the folder of the arm."""
+COMMANDS: Final = ".command"
+"""Suffix of the command socket of the stack, next to that of its message stream."""
 _NAME: Final = re.compile(rf"(?P<arm>.+)-(?P<pid>\d+){re.escape(SUFFIX)}")
 
 
@@ -32,6 +34,11 @@ class RunningStack(NamedTuple):
     socket: Path
     folder: Path | None = None
     """Folder of the arm, or None if it is unknown."""
+
+    @property
+    def commands(self) -> Path:
+        """Path of the command socket of the stack."""
+        return self.socket.with_suffix(COMMANDS)
 
     @property
     def label(self) -> str:
@@ -108,10 +115,12 @@ def _answering() -> Iterator[RunningStack]:
             probe.settimeout(1.0)
             try:
                 probe.connect(str(path))
-            except OSError:
-                path.unlink(missing_ok=True)  # the program was killed
-                path.with_suffix(FOLDER).unlink(missing_ok=True)
+            except (ConnectionRefusedError, FileNotFoundError):
+                for suffix in (SUFFIX, FOLDER, COMMANDS):  # the program was killed
+                    path.with_suffix(suffix).unlink(missing_ok=True)
                 continue
+            except OSError:
+                pass  # the stack runs, but is paused or too busy to accept another connection
         yield RunningStack(parts["arm"], int(parts["pid"]), path, _folder_of(path))
 
 

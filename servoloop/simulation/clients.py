@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from controller.guided_motion import HORIZON_S, GuidedMotion, JointPositions
 from controller.manager.switch import ManagerError, SwitchRequest
 from controller.motion import Kinematics, MotionError, motion_to
 from controller.teach.freedrive_controller import FreedriveController, guided_joint
@@ -14,7 +15,6 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState
-from nodes.handling.guided_motion import HORIZON_S, GuidedMotion, JointPositions
 from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
 from servoloop.simulation.stack import SimulatedStack
 

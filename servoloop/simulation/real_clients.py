@@ -1,7 +1,6 @@
 """Simulated time for real clients, as used by ``servoloop up --rtf`` and ``--step``."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 from controller.loop import ControlLoop
 from drivers.clock import Clock
@@ -13,12 +12,10 @@ from servoloop.stack import hardware
 from servoloop.stack.background_worker import SameThreadWorker
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.robot_files import Files
+from servoloop.stack.ros_interface import RosInterface
 from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.buses.build import Build
 from sim_backend.clock import SimulatedClock
-
-if TYPE_CHECKING:
-    from nodes.surface import Surface
 
 
 class SimulatedTime:
@@ -35,7 +32,7 @@ class SimulatedTime:
         self._build = build
         self._lines: VirtualLines | None = None
         self._loop: ControlLoop
-        self._surface: Surface
+        self._surface: RosInterface
 
     def hardware(
         self,
@@ -61,7 +58,7 @@ class SimulatedTime:
         devices = self._lines.devices if self._lines is not None else {}
         return hardware.build(kind, files, devices, self.clock, self._lines, tap)
 
-    def connect(self, loop: ControlLoop, surface: "Surface") -> None:
+    def connect(self, loop: ControlLoop, surface: RosInterface) -> None:
         """Set the loop to pace and the ROS interface that publishes its states."""
         self._loop, self._surface = loop, surface
         self.pace.on_done = surface.wake

@@ -1,8 +1,8 @@
 """The figures in docs/handling.md match the code. test_handling_over_ros.py runs the commands of that page."""
 
-from nodes.handling.guided_motion import FURTHEST, HORIZON_S
-from nodes.handling.robot_client import SHARE, SLOW
+from controller.guided_motion import FURTHEST, HORIZON_S
 from servoloop.manual.buttons import BEGIN_S, GOOD_S, LONGEST_S, REPEATS_HZ
+from servoloop.manual.robot_client import SHARE, SLOW
 from tests.pages import DOCS
 
 TEXT = " ".join((DOCS / "handling.md").read_text().split())

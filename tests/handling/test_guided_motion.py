@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nodes.handling.guided_motion import FURTHEST, HORIZON_S, NEAR, GuidedMotion, JointPositions
+from controller.guided_motion import FURTHEST, HORIZON_S, NEAR, GuidedMotion, JointPositions
 
 TICK_S = 0.05
 FASTEST = np.array([0.25, 0.1])

@@ -1,4 +1,4 @@
-"""Joints of a running stack move only while a program keeps commanding them."""
+"""Joints of a stack that also serves ROS clients move only while a program keeps commanding them."""
 
 import os
 import pty
@@ -23,21 +23,22 @@ pytest.importorskip("rclpy")
 from action_msgs.msg import GoalStatus
 from controller_manager_msgs.srv import SwitchController
 
+from controller.guided_motion import HORIZON_S
 from hal.types import JointLimits
 from nodes.client_node import client_node
-from nodes.handling.guided_motion import HORIZON_S
-from nodes.handling.robot import HandlingError, JointsNow, MovableRobot
-from nodes.handling.robot_client import SLOW, RobotClient
+from servoloop.command_socket.client import CommandClient
+from servoloop.manual.joints_now import HandlingError, JointsNow, MovableRobot
 from servoloop.manual.robot import LiveRobot
+from servoloop.manual.robot_client import SLOW, RobotClient
 from servoloop.stack.arm_folders import ARMS
 from tests.live.rig import runtime_folder
 from tests.pages import commands
-from tests.ros.stack_process import PICK, READY, ArmClient, arm_client, emulating, running, until
+from tests.ros.stack_process import PICK, READY, arm_client, emulating, running, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 
 JOINT = "joint1"
-UP, JOG, *POSES = commands("handling.md")
+UP, JOG, STOP, *POSES = commands("handling.md")
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +65,8 @@ def robot(stack: None) -> Iterator[LiveRobot]:
 
 @contextmanager
 def client(robot: MovableRobot) -> Iterator[RobotClient]:
-    with client_node("test_handling") as (node, executor):
-        made = RobotClient(node, executor, robot)
+    with CommandClient.find(name="test") as commands:
+        made = RobotClient(commands, robot)
         made.connect()
         yield made
 
@@ -117,26 +118,22 @@ def speed(robot: LiveRobot, joint: str, since_s: float) -> float:
     return float((np.abs(command[5:] - command[:-5]) / (time_s[5:] - time_s[:-5])).max())
 
 
-def test_running_goal_is_not_replaced_and_stop_cancels_it(robot: LiveRobot) -> None:
-    with client(robot) as moving:
-        arm = ArmClient()
-        try:
-            future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
-            with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
-                for _ in range(40):
-                    time.sleep(0.05)
-                    moving.jog(JOINT, 0.01)
-            moving.stop()
-            assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
-            before = at(robot)
-            for _ in range(30):
-                with suppress(HandlingError):  # until the status reports the end of the goal
-                    moving.jog(JOINT, -1.0)
-                time.sleep(0.04)
-            standstill(robot)
-            assert at(robot) < before - 0.05, "after the goal the arm can be moved again"
-        finally:
-            arm.close()
+def test_running_goal_is_not_replaced_and_stop_ends_it(robot: LiveRobot) -> None:
+    with client(robot) as moving, arm_client() as arm:
+        future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
+        with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
+            for _ in range(40):
+                time.sleep(0.05)
+                moving.jog(JOINT, 0.01)
+        moving.stop()
+        assert arm.wait(future).status == GoalStatus.STATUS_ABORTED  # type: ignore[attr-defined]
+        before = at(robot)
+        for _ in range(30):
+            with suppress(HandlingError):  # until the status reports the end of the goal
+                moving.jog(JOINT, -1.0)
+            time.sleep(0.04)
+        standstill(robot)
+        assert at(robot) < before - 0.05, "after the goal the arm can be moved again"
 
 
 def test_deactivated_controller_is_named_and_others_still_move(robot: LiveRobot) -> None:
@@ -161,9 +158,7 @@ def test_deactivated_controller_is_named_and_others_still_move(robot: LiveRobot)
         time.sleep(0.04)
         return False
 
-    with client_node("test_handling") as (node, executor):
-        moving = RobotClient(node, executor, robot)
-        moving.connect()
+    with client_node("test_handling") as (node, executor), client(robot) as moving:
         service = node.create_client(SwitchController, "/controller_manager/switch_controller")
         assert service.wait_for_service(20.0)
         moving.jog(JOINT, 0.1)
@@ -231,7 +226,7 @@ def test_pose_commands_save_go_list_and_forget(robot: LiveRobot) -> None:
     assert at(robot) == pytest.approx(saved, abs=0.02)
     listed = re.match(r"over_the_box: joint1 (\S+), joint2 ", servoloop(list_, "--arm", "my_arm").stdout)
     assert listed and float(listed[1]) == pytest.approx(saved, abs=0.005)
-    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box is forgotten\n"
+    assert servoloop(remove, "--arm", "my_arm").stdout == "over_the_box was removed\n"
     lost = servoloop(go)
     assert lost.returncode == 1 and "there is no pose over_the_box in" in lost.stderr
 
@@ -271,6 +266,15 @@ class Screen:
         with suppress(OSError):  # The terminal is closed.
             while text := os.read(self._terminal, 65536):
                 self.shown += text
+
+
+@pytest.mark.runs(STOP)
+def test_stop_ends_a_goal_of_a_ros_client(robot: LiveRobot) -> None:
+    with arm_client() as arm:
+        future = arm.send([at(robot) + 0.3, *PICK[1:]], 30)
+        done = servoloop(STOP)
+        assert (done.returncode, done.stdout) == (0, "all motions of my_arm were stopped\n"), done.stderr
+        assert arm.wait(future).status == GoalStatus.STATUS_ABORTED  # type: ignore[attr-defined]
 
 
 @pytest.mark.runs(JOG)

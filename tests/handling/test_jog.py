@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hal.types import JointLimits
-from nodes.handling.robot import HandlingError
 from servoloop.commands import jog
 from servoloop.commands.jog import TAP_S, TICK_S, Jogging
+from servoloop.manual.joints_now import HandlingError
 from servoloop.stack import terminal as keys
 
 JOINTS = ("joint1", "joint2", "hand")

@@ -1,6 +1,6 @@
 """Description of servo faults for a user who wants to move the arm."""
 
-from nodes.handling.robot import describe_faults
+from servoloop.manual.joints_now import describe_faults
 
 
 def test_same_fault_of_several_joints_is_listed_once() -> None:

@@ -221,3 +221,11 @@ def test_live_folder_is_private_to_its_user() -> None:
     live_folder().chmod(0o755)
     with pytest.raises(LiveError, match="other users own or can read"):
         make_live_folder()
+
+
+def test_socket_of_a_paused_stack_stays_while_many_programs_look_for_it() -> None:
+    """Nobody accepts their connections, because no cycle runs."""
+    rig = LiveRig()
+    for _ in range(30):
+        assert len(running_stacks()) == 1
+    rig.feed.close((), failed=False)

@@ -13,10 +13,10 @@ pytest.importorskip("rclpy")
 
 from action_msgs.msg import GoalStatus
 
-from nodes.handling.robot_client import SLOW
 from servoloop.manual.buttons import LONGEST_S
 from servoloop.manual.poses import Poses
 from servoloop.manual.robot import LiveRobot
+from servoloop.manual.robot_client import SLOW
 from servoloop.stack.arm_folders import ARMS
 from sim_backend.control import ask, control_path
 from tests.live.rig import runtime_folder
@@ -154,12 +154,12 @@ def signal_all(pids: list[int], number: int) -> None:
 
 
 def check_stop(shown: OpenPage, robot: LiveRobot, arm: ArmClient) -> None:
-    """A goal of another client is not overridden, and a click on the stop button cancels it."""
+    """A goal of another client is not overridden, and a click on the stop button ends it."""
     future = arm.send([at(robot) + 0.5, *PICK[1:]], 60)
     hold(shown, ON, says(shown, "arm_controller has a goal under way: stop it first"))
     shown.page.mouse.up()
     shown.page.get_by_role("button", name="Stop everything").click()
-    assert arm.wait(future).status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
+    assert arm.wait(future).status == GoalStatus.STATUS_ABORTED  # type: ignore[attr-defined]
     shown.wait_for_text("All motions of all clients were stopped.")
     resting(robot)
 

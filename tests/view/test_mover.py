@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import pytest
 
-from nodes.handling.robot import HandlingError
 from servoloop.dashboard.move_panel import STOPPED, Handling
 from servoloop.manual.buttons import REPEATS_HZ, GoTo, HeldButtons, Turn
+from servoloop.manual.joints_now import HandlingError
 from sim_backend.clock import SimulatedClock
 
 TURN = Turn("joint1", -0.5)

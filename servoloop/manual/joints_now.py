@@ -1,4 +1,4 @@
-"""Define what manual motion needs to know about a robot. Imports no ROS package."""
+"""Define what manual motion needs to know about a robot."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,0 +1,83 @@
+"""Round trip of the command socket of a stack: ``python -m benchmarks.command_socket [--messages 2000]``.
+
+A stack without ROS runs mock hardware in a process of its own, at 20 Hz. One client sends each message after the reply
+to the one before. The median must be at most 1 ms on an idle machine.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.arguments import in_words, positive
+from servoloop.command_socket.client import CommandClient
+from servoloop.recording.stream import LiveError
+
+PATIENCE_S: Final = 60.0
+PAUSE_S: Final = 0.002
+"""Time between two messages, so that their rate is not limited."""
+HAND: Final = "hand_controller"
+
+
+@contextmanager
+def running_stack() -> Iterator[CommandClient]:
+    """Run a stack, and yield a client that has taken the motion."""
+    with tempfile.TemporaryDirectory(prefix="bench") as folder:
+        ready, runtime = Path(folder) / "ready", {**os.environ, "XDG_RUNTIME_DIR": folder}
+        os.environ["XDG_RUNTIME_DIR"] = folder
+        command = [sys.executable, "-m", "servoloop", "up", "--no-ros", "--hardware", "mock"]
+        with subprocess.Popen([*command, "--ready-file", str(ready)], env=runtime, stderr=subprocess.DEVNULL) as stack:
+            try:
+                deadline_s = time.monotonic() + PATIENCE_S
+                while not ready.exists():
+                    if stack.poll() is not None or time.monotonic() > deadline_s:
+                        raise LiveError("the stack does not start: run `servoloop up --no-ros --hardware mock`")
+                    time.sleep(0.05)
+                with CommandClient.find(name="benchmark") as client:
+                    client.request("take")
+                    yield client
+            finally:
+                stack.terminate()
+
+
+def round_trips_ms(client: CommandClient, count: int, op: str, **fields: Any) -> np.ndarray:
+    """Return the times from sending a message to its reply, (count,) in milliseconds."""
+    times = np.empty(count)
+    for index in range(count):
+        began_s = time.perf_counter()
+        client.request(op, **fields)
+        times[index] = (time.perf_counter() - began_s) * 1e3
+        time.sleep(PAUSE_S)
+    return times
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
+    parser.add_argument("--messages", type=positive, default=2000, help="messages of each kind")
+    count = parser.parse_args().messages
+    table = Table("message", "median, ms", "99 %, ms", "longest, ms", title="round trip of the command socket")
+    with in_words(), running_stack() as client:
+        for op, fields in (
+            ("take", {}),
+            ("set_point", {"controller": HAND, "values": [0.02]}),
+            ("state", {}),
+            ("controllers", {}),
+        ):
+            times = round_trips_ms(client, count, op, **fields)
+            figures = (np.median(times), np.percentile(times, 99.0), times.max())
+            table.add_row(op, *(f"{figure:.2f}" for figure in figures))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,275 @@
+"""Backend that moves the arm of another process over its command socket."""
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final, Self
+
+from drivers.clock import MonotonicClock
+from hal.types import JointLimits
+from servoloop.api.backend import ArmDescription, JointGoal, MotionProgress, Observer
+from servoloop.api.checks import check_goal, check_targets
+from servoloop.api.errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
+from servoloop.api.pace import ThreadPace
+from servoloop.api.socket_errors import arm_error
+from servoloop.api.state import ArmState
+from servoloop.command_socket.client import CommandClient
+from servoloop.command_socket.errors import CommandError
+from servoloop.recording.stream import LiveError, RunningStack, find_stack
+
+FIRST_S: Final = 5.0
+"""Maximum time to wait for the first state, in seconds."""
+EVENTS_S: Final = 0.2
+"""Maximum time of one wait for states, in seconds. The thread that waits ends within this time."""
+TORQUE_S: Final = 90.0
+"""Maximum time to move to the park pose and to release the torque, in seconds."""
+FASTEST_HZ: Final = 1000.0
+
+
+class SocketMotion:
+    """Progress of a goal that the stack executes."""
+
+    def __init__(self, backend: "SocketBackend", number: int) -> None:
+        self.number = number
+        self._backend = backend
+
+    @property
+    def done(self) -> bool:
+        """Whether the goal, or the stack, has ended."""
+        return self._backend.result_of(self.number)[0]
+
+    @property
+    def failure(self) -> Exception | None:
+        """Error of a goal that failed. None while it runs and after success."""
+        return self._backend.result_of(self.number)[1]
+
+
+class SocketBackend:
+    """Backend on the command socket of a running stack.
+
+    The program owns the motion from its first motion until ``close``. Timeouts count real time, also if the stack runs
+    in simulated time.
+    """
+
+    def __init__(self, stack: RunningStack) -> None:
+        """Connect to a stack. Raises ArmSetupError."""
+        try:
+            self._commands = CommandClient(stack, "servoloop.Arm")
+            self._watching = CommandClient(stack, "servoloop.Arm, states")
+            self.description = _description(self._commands.request("arm"))
+            self._watching.request("watch", rate_hz=FASTEST_HZ)
+        except CommandError as error:
+            raise ArmSetupError(f"the arm of {stack.label} cannot be used: {error}") from error
+        self._why_ended = ""
+        self._newest: tuple[ArmState, float] | None = None
+        """Newest state and the time of its arrival, in seconds."""
+        self._first = threading.Event()
+        self._results: dict[int, ArmError | None] = {}
+        """Results of the motions that have ended, by number."""
+        self._pace = ThreadPace(MonotonicClock(), self._ended)
+        self._thread = threading.Thread(target=self._watch, name="states of the arm", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def find(cls, arm: str | None) -> Self:
+        """Connect to the only running stack, or to that of an arm. Raises ArmSetupError."""
+        try:
+            return cls(find_stack(arm))
+        except LiveError as error:
+            raise ArmSetupError(str(error)) from error
+
+    def state(self) -> ArmState:
+        """Return the newest state."""
+        self._first.wait(FIRST_S)
+        if self._newest is None:
+            raise self._ended() or ArmError("the arm has sent no measurement: check its power and its cables")
+        state, arrived_s = self._newest
+        if (error := self._ended()) is not None:
+            raise error
+        return _aged(state, monotonic() - arrived_s)
+
+    def observe(self, observer: Observer) -> Callable[[], None]:
+        """Call a function with the newest state after each cycle, and return a function that ends this."""
+        return self._pace.watch(lambda: observer(self.state()))
+
+    def start(self, goal: JointGoal) -> MotionProgress:
+        """Start a motion, as ``ArmBackend.start`` describes."""
+        check_goal(goal, self.description)
+        self._ask("take")
+        reply = self._ask(
+            "move",
+            joints=goal.joints,
+            times_s=goal.times_s,
+            positions=goal.positions,
+            velocities=goal.velocities,
+        )
+        return SocketMotion(self, int(reply["motion"]))
+
+    def cancel(self, progress: MotionProgress) -> None:
+        """Cancel a motion of this backend."""
+        if isinstance(progress, SocketMotion) and not progress.done:
+            self._ask("cancel_move", motion=progress.number)
+
+    def stop(self) -> None:
+        """Cancel all motions, also those of other clients, and end the stream.
+
+        The message has a connection of its own, because a change of the torque may occupy the other one.
+        """
+        try:
+            self._watching.request("stop")
+        except CommandError as error:
+            raise arm_error(error) from error
+
+    def begin_stream(self, max_age_s: float) -> None:
+        """Accept targets, as ``ArmBackend.begin_stream`` describes."""
+        if not (math.isfinite(max_age_s) and max_age_s > 0.0):
+            raise ArmInputError(f"the maximum age of a target must be above 0 s, not {max_age_s}")
+        self._ask("take")
+        self._ask("stream", max_age_s=max_age_s)
+
+    def send(self, targets: Mapping[str, float]) -> None:
+        """Send targets by joint, in rad or m."""
+        check_targets(targets, self.description)
+        try:
+            self._commands.request("targets", positions=dict(targets))
+        except CommandError as error:
+            if error.kind == "not_owner":
+                raise StreamEndedError(f"the stream has ended: {error}") from error
+            raise arm_error(error) from error
+
+    def end_stream(self) -> None:
+        """End the stream, if one is open."""
+        self._ask("stream_end")
+
+    def set_torque(self, on: bool, park: bool = True) -> None:
+        """Release or enable the torque, as ``ArmBackend.set_torque`` describes."""
+        self._ask("take")
+        self._ask("torque", TORQUE_S, on=on, park=park)
+
+    @contextmanager
+    def record(self, path: Path) -> Iterator[None]:
+        """Let the stack record all cycles in a new file for the duration of the context."""
+        where = str(path.absolute())
+        try:
+            self._commands.request("record", path=where)
+        except CommandError as error:
+            raise ArmInputError(str(error)) from error
+        try:
+            yield
+        finally:
+            if self._ended() is None:
+                self._ask("record_end", path=where)
+
+    def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a condition."""
+        return self._pace.wait(until, timeout_s)
+
+    async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for a condition without blocking the event loop."""
+        return await self._pace.wait_async(until, timeout_s)
+
+    def close(self) -> None:
+        """Disconnect. Motions of this program end within their limits, and the arm holds."""
+        self._why_ended = self._why_ended or "the connection to the arm has been closed: connect again"
+        self._commands.close()
+        self._thread.join(2 * EVENTS_S)
+        self._watching.close()
+        self._pace.close()
+
+    def result_of(self, motion: int) -> tuple[bool, ArmError | None]:
+        """Return whether a motion has ended, and its error if it has failed."""
+        if motion not in self._results and not self._why_ended:
+            try:
+                self._keep(self._commands.events())
+            except CommandError as error:
+                self._why_ended = self._why_ended or str(error)
+        if motion in self._results:
+            return True, self._results[motion]
+        return bool(self._why_ended), self._ended()
+
+    def _ended(self) -> ArmEndedError | None:
+        return ArmEndedError(self._why_ended) if self._why_ended else None
+
+    def _ask(self, op: str, timeout_s: float = FIRST_S, **fields: Any) -> dict[str, Any]:
+        if (ended := self._ended()) is not None:
+            raise ended
+        try:
+            return self._commands.request(op, timeout_s, **fields)
+        except CommandError as error:
+            raise arm_error(error) from error
+
+    def _keep(self, events: list[dict[str, Any]]) -> None:
+        """Keep the results of motions among some events."""
+        for event in events:
+            if event["event"] == "moved":
+                error = event["error"]
+                self._results[event["motion"]] = None if error is None else arm_error(CommandError.of(error))
+
+    def _watch(self) -> None:
+        """Receive the states until the connection ends."""
+        try:
+            while not self._why_ended:
+                for event in self._watching.events(EVENTS_S):
+                    if event["event"] == "state":
+                        self._newest = _state(event), monotonic()
+                if self._newest is not None:
+                    self._first.set()
+                self._pace.cycle_done()
+        except CommandError as error:
+            self._why_ended = self._why_ended or str(error)
+        finally:
+            self._first.set()
+            self._pace.cycle_done()
+
+
+def _description(fields: Mapping[str, Any]) -> ArmDescription:
+    """Return the properties of an arm from a reply."""
+    folder, hand = fields["folder"], (fields["hand_open"], fields["hand_closed"])
+    opened, closed = (math.nan if at is None else at for at in hand)
+    limits = {joint: _limits(values) for joint, values in fields["limits"].items()}
+    return ArmDescription(
+        fields["name"],
+        tuple(fields["joints"]),
+        limits,
+        fields["hand"],
+        opened,
+        closed,
+        fields["period_s"],
+        None if folder is None else Path(folder),
+    )
+
+
+def _limits(values: Mapping[str, Any]) -> JointLimits:
+    """Return the limits of a joint from a reply, in which infinity is null."""
+    lower = -math.inf if values["lower"] is None else values["lower"]
+    names = ("upper", "velocity", "acceleration", "jerk", "effort")
+    upper, velocity, acceleration, jerk, effort = (math.inf if values[n] is None else values[n] for n in names)
+    ranges = (None if values[n] is None else tuple(values[n]) for n in ("velocity_range", "effort_range"))
+    return JointLimits(lower, upper, velocity, acceleration, jerk, effort, *ranges)
+
+
+def _state(fields: Mapping[str, Any]) -> ArmState:
+    """Return a state from an event, in which NaN is null."""
+
+    def numbers(name: str) -> dict[str, float]:
+        return {joint: math.nan if at is None else float(at) for joint, at in fields[name].items()}
+
+    return ArmState(
+        fields["time_s"],
+        fields["age_s"],
+        numbers("position"),
+        numbers("velocity"),
+        numbers("effort"),
+        numbers("temperature"),
+        numbers("command"),
+        fields["faults"],
+    )
+
+
+def _aged(state: ArmState, passed_s: float) -> ArmState:
+    """Return a state that is older by some time."""
+    return replace(state, age_s=state.age_s + passed_s)

@@ -1,0 +1,126 @@
+"""Carry out the messages that move the arm as a whole, as ``servoloop.Arm`` does in the process of the loop."""
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from itertools import count
+from typing import Any
+
+from servoloop.api.backend import ArmBackend, JointGoal, MotionProgress
+from servoloop.api.errors import ArmError
+from servoloop.api.socket_errors import command_error
+from servoloop.command_server.ownership import Owner, Ownership
+from servoloop.command_socket import messages
+from servoloop.command_socket.errors import CommandError
+
+LOG = logging.getLogger("servoloop")
+Reply = dict[str, Any]
+
+
+class ArmRequests:
+    """Motions, streams and torque of the arm, for all clients. Any thread may call each method.
+
+    ``handlers`` contains a function for each class of messages. The functions raise ArmError and CommandError.
+    """
+
+    def __init__(self, arm: ArmBackend) -> None:
+        self._arm = arm
+        self._ownership: Ownership | None = None
+        self._lock = threading.RLock()
+        self._motions: dict[Owner, dict[int, MotionProgress]] = {}
+        self._streaming: Owner | None = None
+        self._numbers = count(1)
+        self.handlers: Mapping[type[messages.Message], Callable[[Owner, Any], Reply]] = {
+            messages.DescribeArm: self._describe,
+            messages.Move: self._move,
+            messages.CancelMove: self._cancel,
+            messages.SendTargets: self._targets,
+            messages.CloseStream: self._close_stream,
+        }
+
+    def state(self) -> Reply:
+        """Return the newest state of the arm by joint. Raises ArmError if there is none."""
+        return asdict(self._arm.state())
+
+    def stop(self) -> None:
+        """Stop all motions of the arm, also those of ROS clients."""
+        self._arm.stop()
+        self._streaming = None
+
+    def open_stream(self, client: Owner, message: messages.OpenStream) -> None:
+        """Open a stream. Waits for a cycle. Raises ArmError."""
+        self._arm.begin_stream(message.max_age_s)
+        self._streaming = client
+
+    def set_torque(self, message: messages.Torque) -> None:
+        """Release or enable the torque. Waits until this is done. Raises ArmError."""
+        self._arm.set_torque(message.on, message.park)
+
+    def halt(self, client: Owner) -> None:
+        """Cancel the motions of a client and end its stream. The joints slow down within their limits and hold."""
+        with self._lock:
+            for progress in self._motions.get(client, {}).values():
+                self._arm.cancel(progress)
+            if self._streaming is client:
+                self._end_stream()
+
+    def ended(self, client: Owner) -> Iterator[Reply]:
+        """Yield the result of each motion of a client that has ended since the last call, as an event."""
+        if client not in self._motions:
+            return
+        with self._lock:
+            motions = self._motions[client]
+            for number in [number for number, progress in motions.items() if progress.done]:
+                failure = motions.pop(number).failure
+                yield {"event": "moved", "motion": number, "error": None if failure is None else _as_dict(failure)}
+
+    def forget(self, client: Owner) -> None:
+        """Forget a client that has disconnected, after ``halt``."""
+        with self._lock:
+            self._motions.pop(client, None)
+
+    def _describe(self, client: Owner, message: messages.DescribeArm) -> Reply:
+        arm = self._arm.description
+        return {**asdict(arm), "folder": None if arm.folder is None else str(arm.folder.resolve())}
+
+    def _move(self, client: Owner, message: messages.Move) -> Reply:
+        goal = JointGoal(
+            tuple(message.joints),
+            tuple(message.times_s),
+            tuple(map(tuple, message.positions)),
+            tuple(map(tuple, message.velocities)),
+        )
+        with self._lock:
+            number = next(self._numbers)
+            self._motions.setdefault(client, {})[number] = self._arm.start(goal)
+        return {"motion": number}
+
+    def _cancel(self, client: Owner, message: messages.CancelMove) -> Reply:
+        with self._lock:
+            progress = self._motions.get(client, {}).get(message.motion)
+            if progress is not None:  # a motion that has just ended is not affected
+                self._arm.cancel(progress)
+        return {}
+
+    def _targets(self, client: Owner, message: messages.SendTargets) -> Reply:
+        self._arm.send(message.positions)
+        return {}
+
+    def _close_stream(self, client: Owner, message: messages.CloseStream) -> Reply:
+        with self._lock:
+            if self._streaming is client:
+                self._end_stream()
+        return {}
+
+    def _end_stream(self) -> None:
+        self._streaming = None
+        try:
+            self._arm.end_stream()
+        except ArmError as error:  # a loop that has ended has brought the joints to rest
+            LOG.info("command socket: the stream of a client ended with the loop: %s", error)
+
+
+def _as_dict(failure: Exception) -> Reply:
+    error = command_error(failure) if isinstance(failure, ArmError) else CommandError("internal", str(failure))
+    return error.as_dict()

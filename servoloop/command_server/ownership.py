@@ -1,0 +1,83 @@
+"""Decide which client may move the arm."""
+
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from servoloop.command_socket.errors import CommandError
+
+
+class Owner(Protocol):
+    """Client that can own the motion."""
+
+    @property
+    def name(self) -> str:
+        """Name of the client for messages."""
+        ...
+
+    def post(self, message: dict[str, Any]) -> None:
+        """Send an event to the client without waiting."""
+        ...
+
+
+class Ownership:
+    """The motion of an arm, which at most one client owns. Any thread may call each method.
+
+    ``halt`` ends the motions of a client within their limits.
+    """
+
+    def __init__(self, halt: Callable[[Owner], None]) -> None:
+        self._halt = halt
+        self._lock = threading.RLock()
+        self._owner: Owner | None = None
+
+    @property
+    def owner(self) -> str:
+        """Name of the owner; empty if the motion is free."""
+        owner = self._owner
+        return owner.name if owner is not None else ""
+
+    def take(self, client: Owner, force: bool) -> None:
+        """Make a client the owner.
+
+        Args:
+            client: The client.
+            force: Whether to take the motion from another client, whose motions end.
+
+        Raises:
+            CommandError: Another client is the owner.
+        """
+        with self._lock:
+            if self._owner not in (None, client):
+                if not force:
+                    text = f"{self.owner} has taken the motion: end it, or take the motion by force"
+                    raise CommandError("owned", text)
+                self.end(f"{client.name} has taken the motion by force")
+            self._owner = client
+
+    def release(self, client: Owner) -> None:
+        """End the motions of a client, and free the motion if this client owns it."""
+        with self._lock:
+            self._halt(client)
+            if self._owner is client:
+                self._owner = None
+
+    def end(self, why: str) -> None:
+        """End the motions of the owner, which must take the motion again before it can move the arm."""
+        with self._lock:
+            owner, self._owner = self._owner, None
+            if owner is not None:
+                self._halt(owner)
+                owner.post({"event": "lost", "text": why})
+
+    def require(self, client: Owner) -> None:
+        """Raise CommandError if a client does not own the motion."""
+        self.moving(client, dict)
+
+    def moving(self, client: Owner, move: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Call ``move`` while a client owns the motion. Raises CommandError if it does not own the motion."""
+        with self._lock:
+            if self._owner is not client:
+                owner = f"{self.owner} has it" if self._owner is not None else "send take first"
+                raise CommandError("not_owner", f"this client has not taken the motion, or has lost it: {owner}")
+            return move()

@@ -1,0 +1,239 @@
+"""Carry out the messages of the command socket. Each message returns the fields of its reply or raises an error."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeVar
+
+from controller.gripper.goal import GripperGoal
+from controller.manager.client import ManagerClient
+from controller.manager.requests import Request
+from controller.manager.switch import Loaded, ManagerError, Strictness, SwitchRequest
+from controller.trajectory.goal import GoalPoint
+from drivers.errors import DriverError
+from hal.errors import HalError
+from servoloop.api.backend import ArmBackend
+from servoloop.api.errors import ArmError
+from servoloop.api.socket_errors import command_error
+from servoloop.command_server.arm_requests import ArmRequests
+from servoloop.command_server.motions import Motions
+from servoloop.command_server.ownership import Owner, Ownership
+from servoloop.command_socket import messages
+from servoloop.command_socket.errors import CommandError
+from servoloop.stack.control_stack import ControlStack
+
+Reply = dict[str, Any]
+Result = TypeVar("Result")
+
+STALE_S: Final = 0.5
+"""Maximum age of a command that moves joints, in seconds."""
+FUTURE_S: Final = 0.1
+"""Maximum time by which a command may seem to be sent in the future, in seconds."""
+LOOP_S: Final = 15.0
+"""Maximum time to wait until the loop has carried out a request, in seconds. A component needs at most 10 s."""
+POLL_S: Final = 0.005
+"""Period at which a request to the loop is checked, in seconds."""
+
+
+class Recordings(Protocol):
+    """Recordings of a stack: servoloop.recording.stack_recording.StackRecording."""
+
+    def begin(self, path: Path) -> None:
+        """Begin a recording. Raises RecordingError."""
+        ...
+
+    def end(self, path: Path) -> Request[None]:
+        """Request the end of a recording. Raises RecordingError."""
+        ...
+
+
+class Client(Owner, Protocol):
+    """Connected client, as the messages see it."""
+
+    name: str
+
+    def watch(self, rate_hz: float) -> None:
+        """Send states after each cycle, at most ``rate_hz`` times a second."""
+        ...
+
+
+class StackRequests:
+    """Messages to one stack. Any thread may call ``answer``."""
+
+    def __init__(self, stack: ControlStack, arm: ArmBackend, recordings: Recordings) -> None:
+        self.ownership = Ownership(self._halt)
+        self._motions, self._arm = Motions(stack.loop), ArmRequests(arm)
+        self._stack, self._loop = stack, stack.loop
+        self._recordings = recordings
+        self._manager = ManagerClient(stack.loop, stack.factory)
+        self._handlers: Mapping[type, Callable[[Client, Any], Reply]] = {
+            **self._arm.handlers,
+            messages.Hello: self._hello,
+            messages.GetState: lambda client, message: self.state(),
+            messages.WatchStates: self._watch,
+            messages.ListControllers: self._controllers,
+            messages.Take: self._take,
+            messages.Release: self._release,
+            messages.SendGoal: self._goal,
+            messages.SendGrip: self._grip,
+            messages.SendSetPoint: self._set_point,
+            messages.CancelGoal: self._cancel,
+            messages.Stop: self._stop,
+            messages.SwitchControllers: self._switch,
+            messages.OpenStream: self._open_stream,
+            messages.Torque: self._torque,
+            messages.Record: self._record,
+            messages.EndRecord: self._record_end,
+        }
+
+    def answer(self, client: Client, message: messages.Message) -> Reply:
+        """Carry out a message and return the fields of its reply. Raises CommandError."""
+        handler = self._handlers[type(message)]
+        try:
+            if isinstance(message, messages.MotionMessage):
+                return self.ownership.moving(client, lambda: self._move(client, message))
+            return handler(client, message)
+        except ArmError as error:
+            raise command_error(error) from error
+
+    def _move(self, client: Client, message: messages.MotionMessage) -> Reply:
+        _require_fresh(message.sent_s)
+        return self._handlers[type(message)](client, message)
+
+    def ended(self, client: Client) -> Iterator[Reply]:
+        """Yield the results of a client since the last call, as events."""
+        yield from self._motions.ended(client)
+        yield from self._arm.ended(client)
+
+    def state(self) -> Reply:
+        """Return the newest state of the arm. Raises ArmError if there is none."""
+        return {**self._arm.state(), "owner": self.ownership.owner}
+
+    def disconnect(self, client: Client) -> None:
+        """End the motions of a client that has disconnected, and forget it."""
+        self.ownership.release(client)
+        self._motions.forget(client)
+        self._arm.forget(client)
+
+    def _halt(self, client: Owner) -> None:
+        self._motions.halt(client)
+        self._arm.halt(client)
+
+    def _hello(self, client: Client, message: messages.Hello) -> Reply:
+        client.name = message.client or client.name
+        files, loop = self._stack.files, self._loop
+        folder = None if files.folder is None else str(files.folder.resolve())
+        return {"arm": files.arm, "folder": folder, "rate_hz": 1.0 / loop.period_s}
+
+    def _watch(self, client: Client, message: messages.WatchStates) -> Reply:
+        client.watch(message.rate_hz)
+        return {}
+
+    def _controllers(self, client: Client, message: messages.ListControllers) -> Reply:
+        loaded = self._loop.manager.registry.loaded.values()
+        return {"controllers": [self._controller(client, entry) for entry in loaded]}
+
+    def _controller(self, client: Client, entry: Loaded) -> Reply:
+        return {
+            "name": entry.name,
+            "type": entry.spec.kind,
+            "state": entry.state.name.lower(),
+            "interfaces": list(entry.commands),
+            "busy": self._motions.busy(client, entry),
+        }
+
+    def _take(self, client: Client, message: messages.Take) -> Reply:
+        self.ownership.take(client, message.force)
+        return {}
+
+    def _release(self, client: Client, message: messages.Release) -> Reply:
+        self.ownership.release(client)
+        return {}
+
+    def _goal(self, client: Client, message: messages.SendGoal) -> Reply:
+        points = [
+            GoalPoint(tuple(point.positions), point.time_s, tuple(point.velocities), tuple(point.accelerations))
+            for point in message.points
+        ]
+        return {"goal": self._motions.goal(client, message.controller, message.joints, points)}
+
+    def _grip(self, client: Client, message: messages.SendGrip) -> Reply:
+        goal = GripperGoal(message.position, message.velocity)
+        return {"goal": self._motions.grip(client, message.controller, goal)}
+
+    def _set_point(self, client: Client, message: messages.SendSetPoint) -> Reply:
+        self._motions.set_point(client, message.controller, message.values, message.time_s)
+        return {}
+
+    def _cancel(self, client: Client, message: messages.CancelGoal) -> Reply:
+        self._motions.cancel(client, message.goal)
+        return {}
+
+    def _stop(self, client: Client, message: messages.Stop) -> Reply:
+        self.ownership.end(f"{client.name} has stopped all motions: take the motion again")
+        self._motions.stop()
+        self._arm.stop()
+        return {}
+
+    def _switch(self, client: Client, message: messages.SwitchControllers) -> Reply:
+        switch = SwitchRequest(tuple(message.activate), tuple(message.deactivate), Strictness.STRICT)
+        request = self.ownership.moving(client, lambda: {"asked": self._manager.switch(switch)})["asked"]
+        return {"text": self._wait(request)}
+
+    def _open_stream(self, client: Client, message: messages.OpenStream) -> Reply:
+        self.ownership.require(client)
+        self._arm.open_stream(client, message)  # waits for a cycle, so the motion is not locked
+        return self._still_owned(client)
+
+    def _torque(self, client: Client, message: messages.Torque) -> Reply:
+        self.ownership.require(client)
+        self._arm.set_torque(message)  # waits, so the motion is not locked: other clients can stop the arm
+        return self._still_owned(client)
+
+    def _still_owned(self, client: Client) -> Reply:
+        """Return an empty reply. Raises CommandError if the client has lost the motion meanwhile."""
+        try:
+            self.ownership.require(client)
+        except CommandError:
+            self._halt(client)
+            raise
+        return {}
+
+    def _record(self, client: Client, message: messages.Record) -> Reply:
+        path = Path(message.path)
+        if not path.is_absolute():
+            raise CommandError("malformed", f"record: path: {path} is not absolute: send the absolute path")
+        _attempt(lambda: self._recordings.begin(path))
+        return {}
+
+    def _record_end(self, client: Client, message: messages.EndRecord) -> Reply:
+        self._wait(_attempt(lambda: self._recordings.end(Path(message.path))))
+        return {}
+
+    def _wait(self, request: Request[Result]) -> Result:
+        """Wait until the loop has carried out a request. Raises CommandError."""
+        deadline_s = time.monotonic() + LOOP_S
+        while not request.done:
+            if time.monotonic() > deadline_s:
+                raise CommandError("timeout", f"the control loop did not carry out the request within {LOOP_S:g} s")
+            time.sleep(POLL_S)
+        return _attempt(request.result)
+
+
+def _attempt(work: Callable[[], Result]) -> Result:
+    """Return the result of some work. Errors that the client can correct become errors of the kind ``failed``."""
+    try:
+        return work()
+    except CommandError:
+        raise
+    except (DriverError, HalError, ManagerError, RuntimeError) as error:
+        raise CommandError("failed", str(error)) from error
+
+
+def _require_fresh(sent_s: float) -> None:
+    age_s = time.monotonic() - sent_s
+    if age_s > STALE_S:
+        raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s: it moves nothing")
+    if age_s < -FUTURE_S:
+        text = f"sent_s is {-age_s:.2f} s in the future: use CLOCK_MONOTONIC of this machine, in seconds"
+        raise CommandError("malformed", text)

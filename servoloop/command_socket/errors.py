@@ -1,0 +1,71 @@
+"""Define the typed errors that a stack sends to the clients of its command socket."""
+
+from collections.abc import Mapping
+from typing import Any, Final, Literal
+
+from drivers.errors import DriverError
+
+ErrorKind = Literal[
+    "malformed",
+    "version",
+    "too_large",
+    "too_many",
+    "foreign_user",
+    "stale",
+    "not_owner",
+    "owned",
+    "unknown",
+    "rejected",
+    "failed",
+    "input",
+    "busy",
+    "motion_failed",
+    "motion_canceled",
+    "stream_ended",
+    "timeout",
+    "ended",
+    "internal",
+]
+KINDS: Final[Mapping[ErrorKind, str]] = {
+    "malformed": "The message is not a JSON object, or a field is missing, unknown or invalid.",
+    "version": "The message has another version of this protocol.",
+    "too_large": "The message is too large. The stack closes the connection.",
+    "too_many": "Too many clients are connected. The stack closes the connection.",
+    "foreign_user": "The client belongs to another user. The stack closes the connection.",
+    "stale": "The command was sent too long ago. It moves nothing.",
+    "not_owner": "The client has not taken the motion, or has lost it.",
+    "owned": "Another client has taken the motion.",
+    "unknown": "A controller, joint or goal with this name does not exist. The text lists the names that do.",
+    "rejected": "The controller rejects the goal or command.",
+    "failed": "The hardware, the controller manager or a recording did not carry out the request.",
+    "input": "A target of the arm is invalid. Nothing has moved.",
+    "busy": "The arm cannot be moved now, for example because its torque is off.",
+    "motion_failed": "A motion ended before its target.",
+    "motion_canceled": "A motion was canceled, or another motion has replaced it.",
+    "stream_ended": "No stream is open, or no target has arrived for too long.",
+    "timeout": "The control loop did not carry out the request in time. It may still do so.",
+    "ended": "The stack has ended, or the connection is closed.",
+    "internal": "The stack has a defect. Its log contains the details.",
+}
+"""Meaning of each kind of error."""
+
+
+class CommandError(DriverError):
+    """A stack has refused a message. ``kind`` is its type, the text names the cause and the remedy."""
+
+    def __init__(self, kind: ErrorKind, text: str, joint: str = "") -> None:
+        """``joint`` is the joint that is concerned, if it is a single one."""
+        super().__init__(text)
+        self.kind: ErrorKind = kind
+        self.joint = joint
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the error as part of a reply."""
+        joint = {"joint": self.joint} if self.joint else {}
+        return {"type": self.kind, "text": str(self), **joint}
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Any]) -> "CommandError":
+        """Return the error in a reply of a stack."""
+        kind: ErrorKind = next((kind for kind in KINDS if kind == fields.get("type")), "internal")
+        return cls(kind, str(fields.get("text", "")), str(fields.get("joint", "")))

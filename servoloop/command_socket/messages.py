@@ -1,0 +1,269 @@
+"""Define and check the messages of the command socket: one JSON object per line, with the version of the protocol."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic_core import from_json
+
+from servoloop.command_socket.errors import CommandError
+
+VERSION: Final = 1
+"""Version of the protocol. It changes whenever an older client would misunderstand a message."""
+MAX_LINE_BYTES: Final = 500_000
+"""Maximum size of a message, in bytes. It holds a goal with 5000 points of six joints."""
+LONGEST_TEXT: Final = 500
+"""Maximum length of a name in a message, in characters."""
+
+Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Sent = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+"""Time at which a command was sent: CLOCK_MONOTONIC of this machine, in seconds."""
+
+
+class Message(BaseModel):
+    """Fields of every message to the stack."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    v: Literal[1]
+    id: int | Text
+    """Number or text that the reply repeats."""
+
+
+class Hello(Message):
+    """Request for the description of the arm."""
+
+    op: Literal["hello"]
+    client: Text = ""
+    """Name of the client, for messages to other clients."""
+
+
+class GetState(Message):
+    """Request for the newest state."""
+
+    op: Literal["state"]
+
+
+class WatchStates(Message):
+    """Request for a state event after each cycle, at most ``rate_hz`` times a second. 0 ends the events."""
+
+    op: Literal["watch"]
+    rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)]
+
+
+class ListControllers(Message):
+    """Request for the list of controllers."""
+
+    op: Literal["controllers"]
+
+
+class Take(Message):
+    """Request to become the owner of the motion. ``force`` takes it from another client, whose motions end."""
+
+    op: Literal["take"]
+    force: bool = False
+
+
+class Release(Message):
+    """Give up the motion. Motions of this client end."""
+
+    op: Literal["release"]
+
+
+class MotionMessage(Message):
+    """Message that moves joints. Its age is limited."""
+
+    sent_s: Sent
+
+
+class Point(BaseModel):
+    """Point of a trajectory, in the joint order of its goal: rad or m, rad/s or m/s, and seconds from the start."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    positions: list[FiniteFloat]
+    velocities: list[FiniteFloat] = []
+    accelerations: list[FiniteFloat] = []
+    time_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+
+class SendGoal(MotionMessage):
+    """Goal of a trajectory controller. The result arrives as an event."""
+
+    op: Literal["goal"]
+    controller: Text = ""
+    """Name of the controller. Empty: the active trajectory controller that moves these joints."""
+    joints: list[Text]
+    points: list[Point]
+
+
+class SendGrip(MotionMessage):
+    """Goal of a gripper controller, in rad or m. The result arrives as an event."""
+
+    op: Literal["grip"]
+    controller: Text = ""
+    """Name of the controller. Empty: the only active gripper controller."""
+    position: FiniteFloat
+    velocity: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    """Maximum velocity, in rad/s or m/s. 0: that of the controller."""
+
+
+class SendSetPoint(MotionMessage):
+    """Set point of a forward or trajectory controller, as part of a stream."""
+
+    op: Literal["set_point"]
+    controller: Text
+    values: Annotated[list[FiniteFloat], Field(min_length=1)]
+    """One value for each joint of the controller, in its order."""
+    time_s: Positive = 0.3
+    """Time until a trajectory controller rests at the set point, in seconds. Forward controllers ignore it."""
+
+
+class CancelGoal(Message):
+    """Cancel a goal of this client."""
+
+    op: Literal["cancel"]
+    goal: int
+
+
+class Stop(Message):
+    """Cancel all goals and hold all streams of all clients, also of ROS clients. Every client may send it."""
+
+    op: Literal["stop"]
+
+
+class SwitchControllers(Message):
+    """Activate and deactivate controllers in one cycle."""
+
+    op: Literal["switch"]
+    activate: list[Text] = []
+    deactivate: list[Text] = []
+
+
+class DescribeArm(Message):
+    """Request for the joints, limits and gripper of the arm."""
+
+    op: Literal["arm"]
+
+
+class Move(MotionMessage):
+    """Motion of some joints of the arm, whatever controllers move them. The result arrives as an event."""
+
+    op: Literal["move"]
+    joints: list[Text]
+    times_s: list[FiniteFloat]
+    positions: list[list[float]]
+    velocities: list[list[float]] = []
+
+
+class CancelMove(Message):
+    """Cancel a motion of this client."""
+
+    op: Literal["cancel_move"]
+    motion: int
+
+
+class OpenStream(Message):
+    """Accept targets from now on. The stream ends if no target arrives for ``max_age_s``."""
+
+    op: Literal["stream"]
+    max_age_s: Positive
+
+
+class SendTargets(MotionMessage):
+    """Next targets of the stream, by joint. Joints without a target hold their last one."""
+
+    op: Literal["targets"]
+    positions: dict[str, float]
+
+
+class CloseStream(Message):
+    """End the stream of this client."""
+
+    op: Literal["stream_end"]
+
+
+class Torque(Message):
+    """Release the torque of all servos, after a motion to the park pose of the robot file, or enable it."""
+
+    op: Literal["torque"]
+    on: bool
+    park: bool = True
+
+
+class Record(Message):
+    """Begin a recording. ``path`` is absolute."""
+
+    op: Literal["record"]
+    path: str
+
+
+class EndRecord(Message):
+    """End a recording that a client has begun."""
+
+    op: Literal["record_end"]
+    path: str
+
+
+AnyMessage = (
+    *(Hello, GetState, WatchStates, ListControllers, Take, Release, SendGoal, SendGrip, SendSetPoint),
+    *(DescribeArm, Move, CancelMove, OpenStream, SendTargets, CloseStream, Torque),
+    *(CancelGoal, Stop, SwitchControllers, Record, EndRecord),
+)
+"""Classes of all messages to the stack."""
+OPS: Final = tuple(kind.model_fields["op"].annotation.__args__[0] for kind in AnyMessage)  # type: ignore[union-attr]
+"""Names of all messages, in the order of ``AnyMessage``."""
+_ADAPTERS: Final[Mapping[str, TypeAdapter[Any]]] = {
+    op: TypeAdapter(kind) for op, kind in zip(OPS, AnyMessage, strict=True)
+}
+
+
+def identity(line: bytes) -> int | str | None:
+    """Return the ID of a message that is otherwise invalid, if it has one."""
+    try:
+        found = from_json(line).get("id")
+    except (ValueError, AttributeError):
+        return None
+    return found if isinstance(found, int | str) else None
+
+
+def parse(line: bytes) -> Message:
+    """Parse and check a message. Raises CommandError of the kind ``malformed`` or ``version``."""
+    try:
+        found = from_json(line, allow_inf_nan=False)
+    except ValueError as error:
+        raise CommandError("malformed", f"the message is not JSON ({error}): send one object per line") from None
+    if not isinstance(found, dict):
+        raise CommandError("malformed", "the message is not a JSON object: send one object per line")
+    if found.get("v") != VERSION:
+        text = f"the message has version {found.get('v')!r}: this stack uses version {VERSION}"
+        raise CommandError("version", text)
+    adapter = _ADAPTERS.get(op) if isinstance(op := found.get("op"), str) else None
+    if adapter is None:
+        raise CommandError("malformed", f"op is {str(op)[:LONGEST_TEXT]!r}: use one of {', '.join(OPS)}")
+    try:
+        message: Message = adapter.validate_python(found)
+        return message
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise CommandError("malformed", f"{op}: {place}: {first['msg']}") from None
+
+
+def encode(fields: Mapping[str, Any]) -> bytes:
+    """Return a message as one line, with the version of the protocol. Values that are not finite become null."""
+    return json.dumps({"v": VERSION, **finite(fields)}, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+def finite(value: Any) -> Any:
+    """Return a value of a message with None in place of NaN and infinity."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: finite(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(part) for part in value]
+    return value
