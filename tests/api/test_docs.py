@@ -20,6 +20,14 @@ class VirtualArmOnPort(LoadedArm):
         super().__init__()
 
 
+class ConnectedArm(servoloop.Arm):
+    """Arm whose ``connect`` returns a virtual arm in place of that of a running stack."""
+
+    @classmethod
+    def connect(cls, arm: str | None = None) -> Any:
+        return LoadedArm()
+
+
 @pytest.mark.runs(*named(PAGE, "python"))
 def test_every_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
@@ -29,7 +37,7 @@ def test_every_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         patch.setattr(servoloop, "Arm", VirtualArmOnPort, raising=False)
         exec(first, names)
     assert capsys.readouterr().out.endswith(" {}\n")
-    names["Arm"] = servoloop.Arm
+    names["Arm"] = ConnectedArm
     with LoadedArm() as arm:
         names["arm"] = arm
         for block in blocks:
