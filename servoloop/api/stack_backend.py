@@ -21,23 +21,14 @@ from hal.types import FloatArray, Interface, JointState, joints_of
 from servoloop.api.backend import ArmDescription, JointGoal, MotionProgress, Observer
 from servoloop.api.checks import check_goal, check_targets
 from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
-from servoloop.api.motions import (
-    FORWARD,
-    GRIPPER,
-    TRAJECTORY,
-    ControllerAccess,
-    MotionPart,
-    RunningMotion,
-    joints_of_mover,
-    start_forward,
-    start_gripper,
-    start_trajectory,
-)
+from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
+from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover
 from servoloop.api.pace import POLL_S, Ended, LoopPace
 from servoloop.api.plan import approach_s
 from servoloop.api.state import ArmState
 from servoloop.api.stream_gate import StreamGate
 from servoloop.api.torque import TorqueSwitch
+from servoloop.api.trajectory_part import start_trajectory
 from servoloop.api.user_controllers import active_controller, load_controller
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.recorder import CLOSE_S
