@@ -150,6 +150,7 @@ class JointTrajectoryController:
         self._last_s = state.stamp_s
         self._standstill.reset()
         self.command = command.copy()
+        self._execution.begin_relief()  # The former controller may have pressed a joint against an obstacle.
         self.running = True
 
     def deactivate(self, reason: str = "") -> None:

@@ -133,6 +133,11 @@ class Arm:
         return self._arm.name
 
     @property
+    def folder(self) -> Path | None:
+        """Folder with the named poses and motions of the arm; None if its files do not belong to an arm."""
+        return self._arm.folder
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """Names of the n joints, in the order of arrays and of all mappings."""
         return self._arm.joints
@@ -154,7 +159,7 @@ class Arm:
 
     @property
     def faults(self) -> Mapping[str, str]:
-        """One sentence for each joint with a fault or an alarm. Empty if all servos are well."""
+        """One sentence for each joint with a fault or an alarm. Empty if there is none."""
         return self.state.faults
 
     def move_to(
@@ -170,7 +175,7 @@ class Arm:
 
         Args:
             target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
-                of a saved pose. Joints without a position hold theirs.
+                of a saved pose. Joints without a position do not move.
             duration: Duration of the motion, in seconds. Limits may make it longer.
             speed: Share of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
@@ -239,7 +244,7 @@ class Arm:
     ) -> TargetStream | None:
         """Follow targets that the program computes at its own rate, such as those of a policy at 30 to 50 Hz.
 
-        The arm moves toward the newest target at up to its velocity limits, and holds the last one. If no target
+        The arm moves toward the newest target at up to its velocity limits, and holds the last target. If no target
         arrives for ``max_age`` seconds, the stream ends: the joints slow down within their limits and hold.
 
         Args:

@@ -54,7 +54,7 @@ class ArmDescription:
 class JointGoal:
     """Path of some joints through one or more points, each at its time. The last point is reached at rest.
 
-    A goal with one point is a motion from the present command to this point. Joints without a position hold theirs.
+    A goal with one point is a motion from the present command to this point. Joints without a position do not move.
     """
 
     joints: tuple[str, ...]

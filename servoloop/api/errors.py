@@ -57,4 +57,4 @@ class ArmTimeoutError(ArmError, TimeoutError):
 
 
 class ArmEndedError(ArmError):
-    """The control loop has ended, so the arm cannot be moved any more."""
+    """The control loop has ended, so this program can no longer move the arm."""

@@ -1,7 +1,7 @@
 """Gripper of an arm."""
 
+import math
 from collections.abc import Callable
-from typing import Any
 
 from servoloop.api.backend import ArmDescription
 from servoloop.api.errors import ArmInputError
@@ -21,25 +21,54 @@ class ArmGripper:
             raise ArmInputError(f"{self._arm.name} has no gripper: move its joints with move_to")
         return self._arm.hand
 
-    def open(self, **options: Any) -> ArmMotion:
-        """Open the gripper. The options and the errors are those of ``Arm.move_to``."""
-        return self.move(self._open_position, **options)
+    def open(
+        self,
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        wait: bool = True,
+        timeout: float = math.inf,
+    ) -> ArmMotion:
+        """Open the gripper. Options, result and errors are those of ``Arm.move_to``."""
+        return self.move(self._arm.hand_open, duration=duration, speed=speed, wait=wait, timeout=timeout)
 
-    def close(self, **options: Any) -> ArmMotion:
+    def close(
+        self,
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        wait: bool = True,
+        timeout: float = math.inf,
+    ) -> ArmMotion:
         """Close the gripper until it is closed or holds an object.
 
-        The torque limit in the robot file bounds the force. The options and the errors are those of ``Arm.move_to``.
+        The torque limit in the robot file bounds the force. Options, result and errors are those of ``Arm.move_to``.
         """
-        return self.move(self._closed_position, **options)
+        return self.move(self._arm.hand_closed, duration=duration, speed=speed, wait=wait, timeout=timeout)
 
-    def move(self, position: float, **options: Any) -> ArmMotion:
-        """Move the gripper to a position in rad or m. The options and the errors are those of ``Arm.move_to``."""
-        return self._move({self.joint: position}, **options)
+    def move(
+        self,
+        position: float,
+        *,
+        duration: float | None = None,
+        speed: float | None = None,
+        wait: bool = True,
+        timeout: float = math.inf,
+    ) -> ArmMotion:
+        """Move the gripper.
 
-    @property
-    def _open_position(self) -> float:
-        return self._arm.hand_open
+        Args:
+            position: Target in rad or m.
+            duration: Duration of the motion, in seconds. Limits may make it longer.
+            speed: Share of the velocity limit to use instead of a duration, above 0 and at most 1. Default: 0.25.
+            wait: Whether to wait for the end of the motion.
+            timeout: Maximum time to wait, in seconds.
 
-    @property
-    def _closed_position(self) -> float:
-        return self._arm.hand_closed
+        Returns:
+            Handle of the motion.
+
+        Raises:
+            ArmInputError: The arm has no gripper, or the position is not finite or outside the limits.
+            ArmError: The errors of ``Arm.move_to``.
+        """
+        return self._move({self.joint: position}, duration=duration, speed=speed, wait=wait, timeout=timeout)

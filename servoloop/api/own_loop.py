@@ -1,5 +1,6 @@
 """Control loop that a script runs itself, from its start until ``close``."""
 
+import atexit
 from contextlib import AbstractContextManager, ExitStack
 from typing import Final
 
@@ -48,6 +49,8 @@ class OwnLoop:
         return stack
 
     def _activate(self, stack: ControlStack, recording: AbstractContextManager[None]) -> None:
-        """Record from now on, and enable the torque."""
+        """Record from now on, and enable the torque. A program that does not call ``close`` calls it at its exit."""
         self._exit.enter_context(recording)
         stack.loop.activate(self._initial.inactive)
+        self._exit.callback(atexit.unregister, self.close)
+        atexit.register(self.close)

@@ -81,6 +81,8 @@ class ThreadPace:
         """``clock`` is the clock of the loop, and ``ended`` returns why the loop has ended."""
         self._clock, self._ended = clock, ended
         self._changed = threading.Condition()
+        """Held only for moments, because the thread of the loop needs it in each cycle."""
+        self._cycles = 0
         self._observers = Observers()
         self._due = threading.Event()
         self._thread: threading.Thread | None = None
@@ -88,6 +90,7 @@ class ThreadPace:
 
     def cycle_done(self) -> None:
         with self._changed:
+            self._cycles += 1
             self._changed.notify_all()
         if self._observers:
             self._due.set()
@@ -100,15 +103,18 @@ class ThreadPace:
 
     def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
         end_s = self._clock.now() + timeout_s
-        with self._changed:
-            while not until():
-                left_s = end_s - self._clock.now()
-                if left_s <= 0.0:
-                    return False
-                if error := self._ended():
-                    raise error
-                self._changed.wait(min(left_s, CHECK_S))
-        return True
+        while True:
+            seen = self._cycles
+            if until():
+                return True
+            left_s = end_s - self._clock.now()
+            if left_s <= 0.0:
+                return False
+            if error := self._ended():
+                raise error
+            with self._changed:
+                if self._cycles == seen:
+                    self._changed.wait(min(left_s, CHECK_S))
 
     async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
         end_s = self._clock.now() + timeout_s

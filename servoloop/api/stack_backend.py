@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic, sleep
@@ -21,23 +21,14 @@ from hal.types import FloatArray, Interface, JointState, joints_of
 from servoloop.api.backend import ArmDescription, JointGoal, MotionProgress, Observer
 from servoloop.api.checks import check_goal, check_targets
 from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
-from servoloop.api.motions import (
-    FORWARD,
-    GRIPPER,
-    TRAJECTORY,
-    ControllerAccess,
-    MotionPart,
-    RunningMotion,
-    joints_of_mover,
-    start_forward,
-    start_gripper,
-    start_trajectory,
-)
+from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
+from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover
 from servoloop.api.pace import POLL_S, Ended, LoopPace
 from servoloop.api.plan import approach_s
 from servoloop.api.state import ArmState
 from servoloop.api.stream_gate import StreamGate
 from servoloop.api.torque import TorqueSwitch
+from servoloop.api.trajectory_part import start_trajectory
 from servoloop.api.user_controllers import active_controller, load_controller
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.recorder import CLOSE_S
@@ -104,7 +95,7 @@ class StackBackend:
         """Start a motion, as ``ArmBackend.start`` describes."""
         check_goal(goal, self.description)
         with self._lock:
-            self._require_free()
+            self._require_free(goal.joints)
             movers = self._movers(goal.joints)
             parts = tuple(self._start(controller, goal) for controller in movers)
             if any(controller.kind.endswith(TRAJECTORY) for controller in movers):
@@ -140,8 +131,8 @@ class StackBackend:
         if not (math.isfinite(max_age_s) and max_age_s > 0.0):
             raise ArmInputError(f"the maximum age of a target must be above 0 s, not {max_age_s}")
         with self._lock:
-            self._require_torque()
-            if any(not part.done for part in self._parts):
+            self._require_torque(self.description.joints)
+            if any(part.moves for part in self._parts):
                 raise ArmBusyError("a motion is running: wait for it or call stop() before you open a stream")
         self._stream.begin(max_age_s)
 
@@ -183,7 +174,7 @@ class StackBackend:
         Raises ArmInputError or ArmBusyError.
         """
         with self._lock:
-            self._require_free()
+            self._require_free(())
         made = load_controller(self.stack, name, kind, parameters, self._in_loop)
         with active_controller(self.stack, name, self._in_loop):
             yield made
@@ -258,20 +249,21 @@ class StackBackend:
                 raise ArmBusyError(f"{joint} cannot be moved: {by}. Activate its controller first", joint)
         return movers
 
-    def _require_free(self) -> None:
-        if error := self._ended():
-            raise error
-        self._require_torque()
+    def _require_free(self, joints: Sequence[str]) -> None:
+        """Raise ArmBusyError if a stream is open or the torque of one of these joints is off."""
+        self._require_torque(joints)
         if self._stream.open:
             raise ArmBusyError("a stream is open: close it before you start a motion")
 
-    def _require_torque(self) -> None:
+    def _require_torque(self, joints: Sequence[str]) -> None:
         if error := self._ended():
             raise error
-        if not self._torque.on:
-            lost = [one for one in self.stack.loop.hardware.components if one.error is not None]
-            why = f"{lost[0].name} is lost: {lost[0].error}" if lost else "its torque is off"
-            raise ArmBusyError(f"the arm cannot be moved: {why}. Call arm.torque(True)")
+        hardware = self.stack.loop.hardware
+        for joint in joints:
+            if not hardware.ready(str(Interface(joint, "position"))):
+                lost = [one for one in hardware.lost if joint in one.hardware.joints]
+                why = f"{lost[0].name} is lost ({lost[0].error})" if lost else "its torque is off"
+                raise ArmBusyError(f"{joint} cannot be moved: {why}. Call arm.torque(True)", joint)
 
     def _park(self) -> None:
         """Move to the park pose of the robot file. Raises MotionFailedError."""

@@ -26,4 +26,4 @@ class ArmState:
     command: Mapping[str, float]
     """Positions that the control loop has sent last, in rad or m; NaN before the first command."""
     faults: Mapping[str, str] = field(default_factory=dict)
-    """One sentence for each joint with a fault or an alarm. Empty if all servos are well."""
+    """One sentence for each joint with a fault or an alarm. Empty if there is none."""

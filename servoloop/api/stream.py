@@ -21,7 +21,7 @@ class TargetStream:
 
         Args:
             targets: Positions by joint name, or one position for each of ``Arm.joints``, in rad or m. Joints without a
-                target hold their last one.
+                target hold their last target.
 
         Raises:
             ArmInputError: A joint is unknown, or a target is not finite or outside the limits. The last targets stay.

@@ -32,8 +32,6 @@ class StreamGate:
 
     def begin(self, max_age_s: float) -> None:
         """Switch to the controller of the stream. Raises ArmBusyError."""
-        if self.open:
-            raise ArmBusyError("a stream is already open: close it first")
         self._in_loop(lambda: self._begin(max_age_s))
 
     def send(self, targets: Mapping[str, float]) -> None:
@@ -63,6 +61,8 @@ class StreamGate:
             )
 
     def _begin(self, max_age_s: float) -> None:
+        if self.open:
+            raise ArmBusyError("a stream is already open: close it first")
         loop = self._stack.loop
         if STREAM not in loop.manager.registry.loaded:
             self._load()

@@ -1,6 +1,5 @@
 """Control loop of a script in a thread of its own, on real servos or on virtual servos in a child process."""
 
-import atexit
 import gc
 import signal
 import sys
@@ -72,8 +71,6 @@ class ThreadLoop(OwnLoop):
         gc.collect()
         gc.freeze()
         self._exit.callback(gc.unfreeze)
-        self._exit.callback(atexit.unregister, self.close)
-        atexit.register(self.close)
         self._exit.enter_context(exit_on_signals())
         self._thread = run.start()
         self.backend.state()

@@ -1,5 +1,6 @@
 """Carry out the messages that move the arm as a whole, as ``servoloop.Arm`` does in the process of the loop."""
 
+import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
@@ -13,6 +14,7 @@ from servoloop.command_server.ownership import Owner, Ownership
 from servoloop.command_socket import messages
 from servoloop.command_socket.errors import CommandError
 
+LOG = logging.getLogger("servoloop")
 Reply = dict[str, Any]
 
 
@@ -113,7 +115,10 @@ class ArmRequests:
 
     def _end_stream(self) -> None:
         self._streaming = None
-        self._arm.end_stream()
+        try:
+            self._arm.end_stream()
+        except ArmError as error:  # a loop that has ended has brought the joints to rest
+            LOG.info("command socket: the stream of a client ended with the loop: %s", error)
 
 
 def _as_dict(failure: Exception) -> Reply:

@@ -91,11 +91,14 @@ class StackRequests:
         handler = self._handlers[type(message)]
         try:
             if isinstance(message, messages.MotionMessage):
-                _require_fresh(message.sent_s)
-                return self.ownership.moving(client, lambda: handler(client, message))
+                return self.ownership.moving(client, lambda: self._move(client, message))
             return handler(client, message)
         except ArmError as error:
             raise command_error(error) from error
+
+    def _move(self, client: Client, message: messages.MotionMessage) -> Reply:
+        _require_fresh(message.sent_s)
+        return self._handlers[type(message)](client, message)
 
     def ended(self, client: Client) -> Iterator[Reply]:
         """Yield the results of a client since the last call, as events."""

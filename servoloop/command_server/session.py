@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from servoloop.command_server.requests import StackRequests
+from servoloop.command_socket import messages
 from servoloop.command_socket.errors import CommandError
 from servoloop.command_socket.messages import MAX_LINE_BYTES, encode, identity, parse
 
@@ -21,6 +22,13 @@ MESSAGES_PER_S: Final = 2_000.0
 """Maximum rate of messages that are read from one client. Further messages wait in the socket."""
 BURST: Final = 200
 """Number of messages that a client may send at once."""
+COSTS: Final = {
+    messages.SendGoal: 20.0,
+    messages.SendGrip: 20.0,
+    messages.Move: 20.0,
+    messages.SendSetPoint: 4.0,
+}
+"""Messages that count as several, because they are planned: 100 goals a second, as over ROS."""
 RECEIVED_BYTES: Final = 65_536
 LAST_WORDS_S: Final = 0.2
 """Maximum time to send the last bytes to a client that is disconnected, in seconds."""
@@ -94,10 +102,17 @@ class Session:
         except Exception:  # a defect here must not keep the motions of the client running
             LOG.exception("command socket: internal error while %s was served", self.name)
         finally:
+            self._disconnect()
+
+    def _disconnect(self) -> None:
+        """End the motions of the client, whatever happens, and close the connection."""
+        try:
             self._requests.disconnect(self)
-            self.close()
-            self._connection.close()
-            self.gone = True
+        except Exception:
+            LOG.exception("command socket: internal error at the end of %s", self.name)
+        self.close()
+        self._connection.close()
+        self.gone = True
 
     def _serve(self) -> None:
         received, rate = bytearray(), _Rate()
@@ -106,19 +121,20 @@ class Session:
             while b"\n" in received:
                 line, _, rest = received.partition(b"\n")
                 received = rest
-                rate.wait()
-                self._answer(bytes(line))
+                self._answer(bytes(line), rate)
             if len(received) > MAX_LINE_BYTES:
                 text = f"the message is larger than {MAX_LINE_BYTES} bytes: send smaller messages"
                 self._refuse(None, CommandError("too_large", text))
                 return
 
-    def _answer(self, line: bytes) -> None:
+    def _answer(self, line: bytes, rate: "_Rate") -> None:
         try:
             message = parse(line)
         except CommandError as error:
+            rate.wait(1.0)
             self._refuse(identity(line), error)
             return
+        rate.wait(COSTS.get(type(message), 1.0))
         try:
             reply = self._requests.answer(self, message)
         except CommandError as error:
@@ -153,10 +169,10 @@ class _Rate:
     def __init__(self) -> None:
         self._tokens, self._last_s = float(BURST), time.monotonic()
 
-    def wait(self) -> None:
-        """Wait until the next message may be read."""
+    def wait(self, cost: float) -> None:
+        """Wait until a message may be carried out that counts as ``cost`` messages."""
         now_s = time.monotonic()
-        self._tokens = min(self._tokens + (now_s - self._last_s) * MESSAGES_PER_S, float(BURST)) - 1.0
+        self._tokens = min(self._tokens + (now_s - self._last_s) * MESSAGES_PER_S, float(BURST)) - cost
         self._last_s = now_s
         if self._tokens < 0.0:
             time.sleep(-self._tokens / MESSAGES_PER_S)

@@ -41,6 +41,10 @@ class CommandClient:
         self._socket.settimeout(CONNECT_S)
         try:
             self._socket.connect(str(stack.commands))
+        except FileNotFoundError as error:
+            self._socket.close()
+            text = f"{stack.label} has no command socket: it has ended, or it is not `servoloop up`, which has one"
+            raise CommandError("ended", text) from error
         except OSError as error:
             self._socket.close()
             text = f"the command socket {stack.commands} cannot be opened: {error.strerror or error}"

@@ -1,22 +1,29 @@
 """``servoloop record``, ``plot`` and ``replay``: record a running stack, draw a recording, and repeat its motion."""
 
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from drivers.errors import DriverError
 from drivers.printable import counted
 from servoloop.commands.console import JsonOption, print_json
+from servoloop.commands.option_groups import grouped_options
 from servoloop.commands.options import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
-from servoloop.commands.teach import played
+from servoloop.commands.teach import played, played_on_running_arm
 from servoloop.commands.view import view
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import SUFFIX, check_path
 from servoloop.stack.arm_folders import OWN
 from servoloop.stack.terminal import print_styled
+
+if TYPE_CHECKING:
+    from servoloop.api.arm import Arm
+    from servoloop.teach.taught import RecordedMotion
 
 OUT: Final = Path("out")
 
@@ -92,30 +99,55 @@ def plot(
         )
 
 
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """Speed and supervision of a replayed motion."""
+
+    speed: SpeedOption = 1.0
+    hands_free: UnattendedOption = False
+    rate_hz: RateOption = RATE_HZ
+
+
+@grouped_options
 def replay(
+    *,
     recording: Annotated[Path, typer.Argument(help="MCAP file, from --record.")],
     port: Annotated[
         str | None,
         typer.Option(help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses. Without it, only view."),
     ] = None,
-    arm: Annotated[str, typer.Option(help="Arm: a name that `servoloop arms` lists, or an arm folder.")] = OWN,
-    speed: SpeedOption = 1.0,
-    hands_free: UnattendedOption = False,
-    rate_hz: RateOption = RATE_HZ,
+    running: Annotated[
+        bool, typer.Option("--running", help="Move the arm of the running `servoloop up` instead of one on a port.")
+    ] = False,
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Arm: a name that `servoloop arms` lists, or an arm folder. With --running: name, folder or process "
+            "ID of the running arm."
+        ),
+    ] = None,
+    options: ReplayOptions,
 ) -> None:
     """Repeat the motion of a recording on an arm while you hold a key.
 
     Any key except q works; q ends the command. The arm first moves slowly to the start of the recording. Then it
-    follows the recorded joint positions. Without --port the recording is only shown, as by `servoloop view`.
+    follows the recorded joint positions. Without --port and --running the recording is only shown, as by
+    `servoloop view`.
     Example: `servoloop replay run.mcap --port /dev/ttyACM0 --speed 0.5`
     """
     from servoloop.teach.recorded import recorded_motion
 
+    if running:
+        if port is not None:
+            raise DriverError("--running moves the arm of `servoloop up`, which has the port: leave out --port")
+        require_keys(options.hands_free)
+        played_on_running_arm(arm, partial(_recorded_motion, recording), options.speed, options.hands_free)
+        return
     if port is None:
         view(recording, arm=None, port=8080, host="127.0.0.1", browser=True)
         return
-    require_keys(hands_free)
-    side = side_of(arm, port)
+    require_keys(options.hands_free)
+    side = side_of(arm or OWN, port)
     joints = side.files.robot.joints
     followers = [joint.name for joint in side.files.description.joints.values() if joint.mimic is not None]
     names, limits = [joint.name for joint in joints], [joint.limits for joint in joints]
@@ -123,4 +155,16 @@ def replay(
     motion.check([joint.limits for joint in joints], str(recording))
     for warning in warnings:
         print_styled(f"! {warning}", fg="yellow")
-    raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
+    raise typer.Exit(played(side, motion, options.speed, options.hands_free, options.rate_hz))
+
+
+def _recorded_motion(recording: Path, arm: "Arm") -> "RecordedMotion":
+    """Return the motion of a recording for a running arm. Raises TeachError if it does not fit the arm."""
+    from servoloop.teach.recorded import recorded_motion
+
+    limits = [arm.limits[joint] for joint in arm.joints]
+    motion, warnings = recorded_motion(recording, arm.joints, limits)
+    motion.check(limits, str(recording))
+    for warning in warnings:
+        print_styled(f"! {warning}", fg="yellow")
+    return motion

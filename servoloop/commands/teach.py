@@ -1,9 +1,9 @@
 """``servoloop teach`` and ``teleop``: record motions that you show by hand and play them back, and follow a leader."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -25,10 +25,13 @@ from servoloop.stack.arm_options import ArmOption
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
+    from servoloop.api.arm import Arm
     from servoloop.teach.taught import MotionStore, RecordedMotion
     from servoloop.teleop.arms import Side
 
 
+PLAY_S: Final = 0.02
+"""Period at which the dead-man key is checked, in seconds."""
 app = typer.Typer(no_args_is_help=True, help="Record motions that you show by hand, and play them back.")
 Name = Annotated[str, typer.Argument(help="Name of the motion.")]
 
@@ -89,10 +92,22 @@ def record(
 
 
 @app.command()
-@grouped_options
 def play(
     name: Name,
-    place: ArmAtPort,
+    port: Annotated[
+        str | None,
+        typer.Option(
+            help="Serial port of the arm, or NAME=PATH,NAME=PATH for several buses (default: the arm of the running "
+            "`servoloop up`)."
+        ),
+    ] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Arm: a name that `servoloop arms` lists, or an arm folder. Without --port: name, folder or process "
+            "ID of the running arm."
+        ),
+    ] = None,
     speed: SpeedOption = 1.0,
     hands_free: UnattendedOption = False,
     rate_hz: RateOption = RATE_HZ,
@@ -101,15 +116,59 @@ def play(
 
     Any key except q works; q ends the command. The arm first moves slowly to the start of the motion, then it follows
     the motion. It stops when you release the key. At the end it holds or parks, as set by on_exit in its robot file.
+    Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its position.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
     require_keys(hands_free)
-    side, motions = place.opened()
+    if port is None:
+        played_on_running_arm(arm, partial(_saved_motion, name=name), speed, hands_free)
+        return
+    side, motions = ArmAtPort(port, arm or OWN).opened()
     joints = side.files.robot.joints
     motion = motions.get(name).of([joint.name for joint in joints], name)
     motion.check_units(joints, str(motions.path(name)))
     motion.check([joint.limits for joint in joints], str(motions.path(name)))
     raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
+
+
+def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
+    """Return a saved motion of a running arm. Raises TeachError if it does not fit the arm."""
+    from servoloop.teach.taught import MotionStore, TeachError
+
+    if arm.folder is None:
+        raise TeachError(f"the motions of {arm.name} are unknown: its stack does not report its folder")
+    motions = MotionStore(arm.folder)
+    motion = motions.get(name).of(arm.joints, name)
+    motion.check([arm.limits[joint] for joint in arm.joints], str(motions.path(name)))
+    return motion
+
+
+def played_on_running_arm(
+    name: str | None, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
+) -> None:
+    """Play a motion on the arm of ``servoloop up`` and print each phase.
+
+    Args:
+        name: Name, folder or process ID of the running arm. None: the only one.
+        motion_of: Returns the motion for an arm, with its joints in their order.
+        speed: Share of the recorded speed, from 0 to 1.
+        hands_free: Whether to move without a dead-man key.
+    """
+    from servoloop.api.arm import Arm
+    from servoloop.stack.processes import Interrupted
+    from servoloop.stack.signals import Signals
+    from servoloop.teach.running_play import RunningPlay
+
+    with Signals() as signals, Arm.connect(name) as arm, permission_of(hands_free) as permission:
+        playing, shown = RunningPlay(arm, motion_of(arm), speed, permission), ""
+        while playing.update():
+            if signals.count:
+                raise Interrupted("interrupted; the arm has stopped")
+            if playing.phase != shown:
+                shown = playing.phase
+                typer.echo(f"{shown}\r", err=True)
+            arm.sleep(PLAY_S)
+        typer.echo(f"{arm.name} holds its position: {playing.phase}")
 
 
 @app.command("list")

@@ -82,14 +82,14 @@ class StackRecording:
             offset_s: ROS time minus the time of the loop's clock, in seconds.
             failed: Returns at the end whether the loop failed.
             scene: Returns the objects around the arm. Called in the recorder thread.
-            live: Whether other programs can find the stack and follow it.
+            live: Whether to write fault files, and whether other programs can find the stack and follow it.
 
         Raises:
             RecordingError: The recording cannot be created.
         """
         hardware, shown = loop.hardware, loop.on_cycle
         messages = Messages(files.description, hardware.joints, hardware.command_interfaces, offset_s)
-        sinks: list[Sink] = [FaultFiles(FOLDER, messages)]
+        sinks: list[Sink] = [FaultFiles(FOLDER, messages)] if live else []
         if self._path is not None:
             sinks.append(RecordingFile(self._path, messages))
         sinks += _live_feed(files, messages) if live else []

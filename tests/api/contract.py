@@ -234,7 +234,7 @@ class ArmContract:
 
     def test_released_servos_refuse_motions_until_torque_is_on_again(self, arm: Arm) -> None:
         arm.torque(False)
-        with pytest.raises(ArmBusyError, match=r"its torque is off. Call arm\.torque\(True\)"):
+        with pytest.raises(ArmBusyError, match=r"pan cannot be moved: its torque is off. Call arm\.torque"):
             arm.move_to({PAN: 0.2})
         arm.torque(True)
         arm.move_to({PAN: 0.2}, duration=0.8)

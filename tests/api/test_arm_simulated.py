@@ -1,6 +1,8 @@
 """``Arm.simulated``: the contract of all arms on simulated time, and what simulated time adds."""
 
 import math
+import runpy
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,22 +12,33 @@ import numpy as np
 import pytest
 
 import servoloop
-from servoloop import Arm, ArmEndedError, ArmError, ArmInputError, ArmSetupError, ArmTrajectory, MotionFailedError
-from servoloop.api.options import ArmOptions
-from servoloop.api.simulated_loop import SimulatedLoop
+from servoloop import (
+    Arm,
+    ArmBusyError,
+    ArmEndedError,
+    ArmError,
+    ArmInputError,
+    ArmSetupError,
+    ArmTrajectory,
+    MotionCanceledError,
+    MotionFailedError,
+)
 from servoloop.api.thread_loop import exit_on_signals
+from servoloop.manual.poses import Poses
 from servoloop.recording.reader import read_recording
+from servoloop.stack.arm_folders import ARMS
 from tests.api.contract import PAN, ArmContract
+from tests.api.loaded_arm import FREE, LoadedArm
 from tests.pages import ROOT
 
 ELBOW = "elbow_flex"
-FREE = {PAN: 0.0, "shoulder_lift": -1.2, ELBOW: 0.5, "wrist_flex": 0.8}
-"""Pose in which the shoulder turns without touching the bins."""
+GRIPPER_TYPE = "parallel_gripper_action_controller/GripperActionController"
 
 
 @pytest.fixture(scope="module")
 def simulated_arm() -> Iterator[Arm]:
     with Arm.simulated("so101", backlash_deg=0.0) as arm:
+        arm.move_to(FREE, duration=1.5)
         yield arm
 
 
@@ -37,15 +50,6 @@ class TestSimulatedArm(ArmContract):
         return simulated_arm
 
 
-class LoadedArm(Arm):
-    """Arm whose world a test changes."""
-
-    def __init__(self) -> None:
-        self.loop = SimulatedLoop(ArmOptions("so101").files(), None, None, 0.0)
-        self._use(self.loop.backend, self.loop.close)
-        self.move_to(FREE, duration=1.5)
-
-
 @pytest.fixture
 def loaded() -> Iterator[LoadedArm]:
     with LoadedArm() as arm:
@@ -55,7 +59,7 @@ def loaded() -> Iterator[LoadedArm]:
 def test_a_blocked_joint_ends_the_motion_with_its_name(loaded: LoadedArm) -> None:
     motion = loaded.move_to({PAN: 1.5}, duration=1.5, wait=False)
     loaded.sleep(0.3)
-    loaded.loop.world.load(PAN, -8.0)
+    loaded.push(PAN, -8.0)
     with pytest.raises(MotionFailedError, match=f"(?s)before its target: .*{PAN}.*holds its position") as caught:
         motion.wait(10.0)
     assert caught.value.joint == PAN and str(motion.failure) == str(caught.value)
@@ -96,6 +100,16 @@ def test_a_stream_that_stops_in_motion_ends_within_the_limits(loaded: LoadedArm)
     assert velocity.max() <= limit.velocity * 1.001 and velocity.max() > 1.0
     assert braking.min() >= -limit.acceleration * 1.001
     assert commands[-1] < 1.4 and velocity[-5:] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_joint_that_a_stream_pressed_against_an_obstacle_is_relieved_after_its_end(loaded: LoadedArm) -> None:
+    loaded.push(PAN, -8.0)
+    with loaded.stream(max_age=1.0) as stream:
+        stream.send({PAN: 1.0})
+        loaded.sleep(0.8)
+        assert loaded.state.command[PAN] - loaded.state.position[PAN] > 0.5
+    loaded.sleep(4.0)
+    assert loaded.state.command[PAN] == pytest.approx(loaded.state.position[PAN], abs=0.1)
 
 
 def test_a_streamed_target_is_commanded_in_the_next_cycle(loaded: LoadedArm) -> None:
@@ -148,8 +162,8 @@ def test_a_hand_guided_path_is_recorded_and_followed(loaded: LoadedArm) -> None:
     loaded.torque(False)
     states = []
     end = loaded.on_state(states.append)
-    for load in (1.0, -1.0, -1.0, 1.0):
-        loaded.loop.world.load(PAN, load)
+    for load in (1.0, 0.0, -1.0, 0.0):
+        loaded.push(PAN, load)
         loaded.sleep(0.5)
     end()
     loaded.torque(True)
@@ -168,7 +182,7 @@ def test_a_recording_without_motion_is_refused(loaded: LoadedArm) -> None:
 
 def test_the_torque_stays_on_if_the_park_pose_is_not_reached(loaded: LoadedArm) -> None:
     loaded.move_to({PAN: 1.0}, speed=0.5)
-    loaded.loop.world.load(PAN, 8.0)
+    loaded.push(PAN, 8.0)
     with pytest.raises(MotionFailedError, match="the park pose was not reached, so the torque stays on"):
         loaded.torque(False)
     loaded.torque(False, park=False)
@@ -206,6 +220,49 @@ def test_a_closed_arm_explains_itself() -> None:
 def test_an_arm_that_cannot_start_says_why(name: str, options: dict[str, object], message: str) -> None:
     with pytest.raises(ArmSetupError, match=message):
         Arm.simulated(name, **options)  # type: ignore[arg-type]
+
+
+def test_a_saved_pose_of_an_arm_folder_is_a_target(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(ARMS / "so101", tmp_path / "mine"))
+    Poses(folder).save("free", FREE)
+    Poses(folder).save("far", {PAN: 9.0})
+    with Arm.simulated(folder) as arm:
+        arm.move_to("free", duration=1.5)
+        assert arm.name == "mine" and arm.state.position[ELBOW] == pytest.approx(FREE[ELBOW], abs=0.05)
+        with pytest.raises(ArmInputError, match=r"shoulder_pan: position 9\.0000 is outside"):
+            arm.move_to("far")
+
+
+def test_another_controllers_file_and_a_gripper_with_goals_are_used(tmp_path: Path) -> None:
+    text = (ARMS / "so101" / "controllers.yaml").read_text()
+    text = text.replace("forward_command_controller/ForwardCommandController", GRIPPER_TYPE)
+    text = text.replace("joints: [gripper]\n    interface_name: position", "joint: gripper\n    allow_stalling: true")
+    (tmp_path / "controllers.yaml").write_text(text)
+    with Arm.simulated("so101", controllers=tmp_path / "controllers.yaml") as arm:
+        arm.gripper.open()
+        arm.gripper.move(0.2, duration=1.0)
+        assert arm.state.position["gripper"] == pytest.approx(0.2, abs=0.05)
+        motion = arm.gripper.move(1.5, duration=3.0, wait=False)
+        arm.sleep(0.5)
+        motion.cancel()
+        with pytest.raises(MotionCanceledError):
+            motion.wait(2.0)
+        arm.move_to({**FREE, "gripper": 0.8}, duration=1.5)
+        assert arm.state.position["gripper"] == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_controller_of_ones_own_needs_valid_parameters_and_gives_its_joints_back(loaded: LoadedArm) -> None:
+    own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
+    with pytest.raises(ArmInputError, match="joint: Field required"):
+        loaded.controller(own).__enter__()
+    with pytest.raises(ArmInputError, match=r"own_controller\.joint names elbow"):
+        loaded.controller(own, joint="elbow").__enter__()
+    for _ in range(2):
+        with loaded.controller(own, joint=ELBOW):
+            loaded.sleep(0.3)
+            with pytest.raises(ArmBusyError, match="elbow_flex cannot be moved: own_controller drives it"):
+                loaded.move_to({ELBOW: 0.0})
+        loaded.move_to({ELBOW: 0.5}, duration=0.5)
 
 
 def test_a_port_that_does_not_exist_is_named() -> None:

@@ -3,10 +3,12 @@
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from servoloop import Arm, ArmBusyError, ArmEndedError, ArmSetupError, StreamEndedError
@@ -76,3 +78,23 @@ def test_the_end_of_the_stack_is_an_error(tmp_path: Path, monkeypatch: pytest.Mo
         with pytest.raises(ArmEndedError):
             arm.move_to({PAN: 0.0})
         arm.close()
+
+
+def test_a_policy_at_fifty_hertz_loses_no_target(stack: None) -> None:
+    """No target is refused, and each is on its way within one cycle of the loop."""
+    with Arm.connect() as arm:
+        arm.move_to({PAN: 0.0}, speed=0.5)
+        sent: dict[float, float] = {}
+        seen: dict[float, float] = {}
+        end = arm.on_state(lambda state: seen.setdefault(round(state.command[PAN], 6), time.monotonic()))
+        with arm.stream() as stream:
+            for number in range(500):
+                target = round(0.0004 * number, 6)
+                sent[target] = time.monotonic()
+                stream.send({PAN: target})
+                arm.sleep(0.02)
+            arm.step(2)
+            assert arm.state.command[PAN] == pytest.approx(target, abs=1e-6)
+        end()
+        waited_s = [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
+        assert len(waited_s) > 100 and np.median(waited_s) < 1.2 / arm.rate_hz

@@ -71,6 +71,7 @@ def test_joint_and_hand_move_only_while_commanded(rig: SocketRig) -> None:
 def test_running_goal_of_another_program_is_not_replaced_and_stop_cancels_it(rig: SocketRig) -> None:
     with mover(rig) as client, rig.client("other") as other:
         goal = rig.stack.go(READY, 3000.0)
+        eventually(lambda: rig.stack.arm.newest_goal is goal)
         with pytest.raises(HandlingError, match="arm_controller has a goal under way: stop it first"):
             hold(client, JOINT)
         other.request("stop")

@@ -65,7 +65,7 @@ LEAVES_TORQUE = {
     "replay": "ends as up does",
     "teach play": "ends as up does",
     **dict.fromkeys(("ports", "scan", "register list", "register read", "passport save", "passport diff"), "reads"),
-    **dict.fromkeys(("jog", "pick", "pose save", "pose go"), "is a client of a running stack"),
+    **dict.fromkeys(("jog", "stop", "pick", "pose save", "pose go"), "is a client of a running stack"),
     **dict.fromkeys(("view", "monitor", "record", "plot"), "shows"),
     **dict.fromkeys(("demo", "emulate", "hand", "fault", "simulate", "campaign"), "has virtual servos"),
     **dict.fromkeys(("pose list", "pose remove", "teach list", "teach remove"), "opens no port"),

@@ -26,7 +26,7 @@ from tests.servoloop.served import eventually
 from tests.teleop.test_docs import run, started
 
 TEXT = (DOCS / "teach.md").read_text()
-REAL, VIRTUAL, REPLAY = (block.commands for block in blocks("teach.md"))
+REAL, VIRTUAL, _, REPLAY = (block.commands for block in blocks("teach.md"))
 EMULATE, RECORD, BEND, TURN, RELEASE, PLAY = VIRTUAL
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
@@ -144,7 +144,7 @@ def test_documented_replay_moves_the_virtual_arm(tmp_path: Path) -> None:
     for sample in rig.run(2.4):
         file.write(sample)
     file.close((), failed=False)
-    onto, shown = REPLAY
+    onto, _, shown = REPLAY
     assert shlex.split(shown) == shlex.split(onto)[:3]
     with started("servoloop emulate ./bus", tmp_path, "ready"):
         replayed = run(f"{of_mine(onto)} --hands-free", tmp_path)

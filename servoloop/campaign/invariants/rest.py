@@ -119,6 +119,9 @@ class NothingPresses(Invariant):
         self._before: dict[str, float] = {}
         self._guided = False
         """Whether a hand has moved the arm since the last goal."""
+        self._streamed = False
+        """Whether another controller has driven joints of the arm since the last goal."""
+        self._last: object = None
 
     def on_state(self, state: JointState) -> None:
         period_s = self.stack.loop.period_s
@@ -133,19 +136,29 @@ class NothingPresses(Invariant):
             return
         last = ended[-1].handle
         running = self.stack.manager.registry.loaded[self.stack.arm.name].active
-        waited = running and not state.faults and (last.status is GoalStatus.CANCELED or "is off by" in last.error_text)
+        streamed = self._driven_by_others()
+        self._streamed = bool(streamed) or (self._streamed and last is self._last)
+        self._last = last
+        relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
+        waited = running and relieved and not (state.faults or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         for joint, place in self._places.items():
             known = joint not in state.faults and not self.deceived(joint) and self.torque_of(joint)
             creeps = abs(true[joint] - self._before.get(joint, true[joint])) > CREEPS * period_s
             off = not creeps and abs(self.stack.loop.command[place] - true[joint]) > self._allowed[joint]
             self.examined += known
-            self._off_s[joint] = self._off_s[joint] + period_s if known and off else 0.0
+            pressed = known and off and joint not in streamed
+            self._off_s[joint] = self._off_s[joint] + period_s if pressed else 0.0
             if self._off_s[joint] > relieved_s and not self._pulled(joint):
                 command = self.stack.loop.command[place]
                 self.say(f"{joint} is blocked at {true[joint]:.4f} but commanded to {command:.4f} without a goal")
 
         self._before = true
+
+    def _driven_by_others(self) -> set[str]:
+        """Return the joints of the arm that another controller drives, whose client may press."""
+        owners, arm = self.stack.manager.registry.claimed, self.stack.arm.name
+        return {joint for joint in self._places if owners.get(f"{joint}/position", arm) != arm}
 
     def _pulled(self, joint: str) -> bool:
         """Return whether a fault other than jammed gears affects the joint now."""

@@ -1,0 +1,197 @@
+"""Parts of a motion that controllers of hands execute: forward command controllers and gripper controllers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from controller.action_goals import DEACTIVATED
+from controller.fault_timeout import FaultTimeout
+from controller.forward.forward_command_controller import ForwardCommandController
+from controller.gripper.goal import GripperGoal, GripperHandle
+from controller.gripper.gripper_action_controller import GripperActionController
+from controller.trajectory.execution import RECALL_S
+from hal.types import FloatArray, JointState
+from servoloop.api.backend import JointGoal
+from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError
+from servoloop.api.motions import CANCELED, REPLACED, failed_text, failure_of
+
+CYCLES_AFTER: Final = 3
+"""Number of cycles by which a hand begins after the arm of the same motion, at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerAccess:
+    """Access to the loop of a controller that has no goals of its own."""
+
+    period_s: float
+    """Period of the loop, in seconds."""
+    active: Callable[[], bool]
+    """Returns whether the controller is active."""
+    brake: Callable[[], None]
+    """Requests that the joints of the controller slow down within their limits."""
+
+
+@dataclass(slots=True)
+class PartStart:
+    """Start of a part that moves a hand.
+
+    A trajectory controller may wait until other controllers have settled before it begins (``wait_for``). The hand of
+    the same motion therefore begins just after the arm, and catches up.
+    """
+
+    with_arm: bool = False
+    """Whether a trajectory controller moves other joints in the same motion."""
+    begun_s: float | None = None
+    """Time of the first cycle of the motion, in seconds."""
+    cycles: int = 0
+
+    def elapsed_s(self, now_s: float) -> float:
+        """Return the time since the first cycle of the motion, in seconds. Call this in each cycle."""
+        self.begun_s = now_s if self.begun_s is None else self.begun_s
+        self.cycles += 1
+        return now_s - self.begun_s
+
+    def due(self, now_s: float) -> bool:
+        """Return whether the hand may move."""
+        return not self.with_arm or (self.cycles > CYCLES_AFTER and now_s - (self.begun_s or 0.0) > RECALL_S)
+
+
+@dataclass(slots=True)
+class ForwardPart:
+    """Path of a forward command controller for positions: its command follows the path in each cycle."""
+
+    controller: ForwardCommandController
+    times_s: FloatArray
+    """Times (k,) of the points since the start, beginning with 0."""
+    positions: FloatArray
+    """Points (k, n) in the order of the controller's joints, in rad or m, beginning with the present command."""
+    access: ControllerAccess
+    sent_last: bool = False
+    """Whether the last point has been sent."""
+    done: bool = False
+    failure: MotionFailedError | None = None
+    start: PartStart = field(default_factory=PartStart)
+    faults: FaultTimeout = field(default_factory=lambda: FaultTimeout(()))
+
+    @property
+    def moves(self) -> bool:
+        return not self.done
+
+    def begin_after_arm(self) -> None:
+        self.start.with_arm = True
+
+    def update(self, state: JointState, now_s: float) -> None:
+        if self.done:
+            return
+        if not self.access.active():
+            self._end(MotionFailedError(failed_text(DEACTIVATED)))
+            return
+        if lasting := self.faults.lasting(state.faults, self.access.period_s):
+            self._end(MotionFailedError(failed_text(lasting), next(iter(self.faults.cycles))))
+            return
+        elapsed_s = self.start.elapsed_s(now_s) + self.access.period_s
+        if not self.start.due(now_s):
+            return
+        if not self.sent_last:
+            self.sent_last = bool(elapsed_s >= self.times_s[-1])
+            self.controller.submit(self._at(elapsed_s))
+        elif self.controller.settled():
+            self._end(None)
+
+    def cancel(self, replaced: bool = False) -> None:
+        if not self.done:
+            if not replaced:
+                self.access.brake()
+            self._end(MotionCanceledError(REPLACED if replaced else CANCELED))
+
+    def _at(self, elapsed_s: float) -> list[float]:
+        return [float(np.interp(elapsed_s, self.times_s, column)) for column in self.positions.T]
+
+    def _end(self, failure: MotionFailedError | None) -> None:
+        self.failure = failure
+        self.done = True  # Other threads poll this flag, so it is set last.
+
+
+def start_forward(
+    controller: ForwardCommandController, goal: JointGoal, held: FloatArray, access: ControllerAccess
+) -> ForwardPart:
+    """Start a path of a forward command controller.
+
+    Args:
+        controller: The controller, which drives at least one joint of the goal.
+        goal: A checked goal.
+        held: Commanded positions (n,) of the joints of the controller.
+        access: Access to the loop of the controller.
+    """
+    rows, held = np.array(goal.positions), np.where(np.isfinite(controller.command), controller.command, held)
+    points = np.tile(held, (len(rows) + 1, 1))
+    for column, joint in enumerate(controller.joints):
+        if joint in goal.joints:
+            points[1:, column] = rows[:, goal.joints.index(joint)]
+    times_s = np.append(0.0, goal.times_s)
+    first = int(times_s[1] == 0.0)
+    return ForwardPart(
+        controller, times_s[first:], points[first:], access, faults=FaultTimeout(tuple(controller.joints))
+    )
+
+
+@dataclass(slots=True)
+class GripperPart:
+    """Path of a gripper action controller: one goal after the other. A gripper that holds an object has arrived."""
+
+    controller: GripperActionController
+    goals: list[GripperGoal]
+    start: PartStart = field(default_factory=PartStart)
+    handle: GripperHandle | None = None
+    canceled: MotionCanceledError | None = None
+
+    @property
+    def done(self) -> bool:
+        over = self.handle is not None and self.handle.done
+        return self.canceled is not None or (over and (not self.goals or self.failure is not None))
+
+    @property
+    def failure(self) -> MotionFailedError | None:
+        if self.canceled is not None or self.handle is None or self.handle.state.stalled:
+            return self.canceled
+        return failure_of(self.handle.status, self.handle.text, (self.controller.joint,))
+
+    @property
+    def moves(self) -> bool:
+        return not self.done
+
+    def begin_after_arm(self) -> None:
+        self.start.with_arm = True
+
+    def update(self, state: JointState, now_s: float) -> None:
+        self.start.elapsed_s(now_s)
+        if self.start.due(now_s) and self.goals and not self.done and (self.handle is None or self.handle.done):
+            self.handle = self.controller.submit(self.goals[0])
+            del self.goals[0]  # Other threads read both: a finished goal with none after it is the end.
+
+    def cancel(self, replaced: bool = False) -> None:
+        if not self.done:
+            self.canceled = MotionCanceledError(REPLACED if replaced else CANCELED)
+            if self.handle is not None and not replaced:
+                self.controller.cancel(self.handle)
+
+
+def start_gripper(controller: GripperActionController, goal: JointGoal, held: FloatArray) -> GripperPart:
+    """Start a path of a gripper action controller.
+
+    The arguments and the errors are those of ``start_trajectory``.
+    """
+    column = goal.joints.index(controller.joint)
+    points = [(0.0, float(held[0])), *((t, row[column]) for t, row in zip(goal.times_s, goal.positions, strict=True))]
+    still = controller.parameters.stall_velocity_threshold
+    goals = [
+        GripperGoal(after[1], max(abs(after[1] - before[1]) / max(after[0] - before[0], 1e-3), 2.0 * still))
+        for before, after in pairwise(points)
+    ]
+    for one in goals:
+        if reason := controller.check(one):
+            raise ArmInputError(f"the gripper does not accept the motion: {reason}", controller.joint)
+    return GripperPart(controller, goals)
