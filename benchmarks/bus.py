@@ -1,7 +1,8 @@
 """Ours against the servo makers' SDKs and rustypot: one bus, one run, without and with the wire's own time.
 
 ``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``. The clients take
-turns, round by round, so that whatever else the machine does hits all of them; the median round is shown.
+turns, round by round, so that whatever else the machine does hits all of them; the median round is shown. The last
+table shows what a silent servo costs the others (``silent_servo``).
 """
 
 import argparse
@@ -20,6 +21,7 @@ from benchmarks import clients, dynamixel_clients
 from benchmarks.arguments import in_words, positive
 from benchmarks.children import child
 from benchmarks.peers import Client
+from benchmarks.silent_servo import show_silent
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS
 from servoloop.stack.processes import on_one_processor
@@ -113,7 +115,7 @@ def wire_us(make: str, servos: int) -> float:
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--make", choices=tuple(CLIENTS), default="feetech")
     parser.add_argument("--cycles", type=positive, default=1000)
@@ -129,6 +131,7 @@ def main() -> None:
     on_wire_us = wire_us(arguments.make, arguments.servos)
     paced = compare(*sizes, "--paced", str(BAUD))
     show(console, f"paced at {BAUD} bit/s: the wire itself {on_wire_us:.0f} us", paced, on_wire_us)
+    show_silent(console, arguments.servos)
 
 
 if __name__ == "__main__":

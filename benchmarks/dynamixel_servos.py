@@ -1,5 +1,7 @@
 """X series servos for ``benchmarks.simulator``: indirect registers and group reads, without physics."""
 
+from itertools import takewhile
+
 from fastcrc.crc16 import umts as crc16
 
 from drivers.protocol import v2 as wire
@@ -62,10 +64,12 @@ class DynamixelServos:
     def _replies(self, servo_id: int, code: int, parameters: bytes) -> bytes:
         address, size = (int.from_bytes(parameters[at : at + 2], "little") for at in (0, 2))
         if code in (wire.SYNC_READ, wire.FAST_SYNC_READ):
-            asked = [i for i in parameters[4:] if i in self._tables and i not in self.silent]
+            asked = parameters[4:]
+            # Each servo waits for the reply of the servo before it, so a silent servo silences those after it.
+            heard = list(takewhile(lambda i: i in self._tables and i not in self.silent, asked))
             if code == wire.FAST_SYNC_READ:
-                return self._fast(asked, address, size)
-            return b"".join(self._reply(i, self._shown(i, address, size)) for i in asked)
+                return self._fast(heard, wire.fast_head(len(asked), size), address, size) if heard else b""
+            return b"".join(self._reply(i, self._shown(i, address, size)) for i in heard)
         if servo_id not in self._tables or servo_id in self.silent:
             return b""
         if code == WRITE:
@@ -77,8 +81,8 @@ class DynamixelServos:
     def _reply(self, servo_id: int, content: bytes) -> bytes:
         return wire.packet(servo_id, wire.STATUS, b"\0" + content)
 
-    def _fast(self, servo_ids: list[int], address: int, size: int) -> bytes:
-        reply = wire.fast_head(len(servo_ids), size)
+    def _fast(self, servo_ids: list[int], head: bytes, address: int, size: int) -> bytes:
+        reply = head
         for servo_id in servo_ids:
             reply += bytes((0, servo_id)) + self._shown(servo_id, address, size)
             reply += crc16(reply).to_bytes(2, "little")
