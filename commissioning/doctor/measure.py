@@ -13,7 +13,7 @@ from drivers.bus.retry import retry
 from drivers.clock import Clock
 from drivers.errors import PortBusy, PortDenied, PortError, PortLost, PortMissing, PortNotSerial, ServoError
 from drivers.port import Port
-from drivers.servos.catalog import Make, series_of
+from drivers.servos.catalog import UNKNOWN_MODEL, Make, known_as, series_of, unsupported
 from drivers.servos.register import Access, ByteOrder, Register
 from drivers.servos.series import Series
 from hal.joint import Joint
@@ -157,10 +157,20 @@ def _measured(snapshot: BusSnapshot, port: Port, joints: Sequence[Joint], clock:
     return replace(snapshot, servos=tuple(servos), strangers=found.strangers, line=line)
 
 
+def _is_unknown(number: int | None, joint: Joint) -> bool:
+    """Whether no control table has this model number, so that all values were read from the wrong addresses."""
+    if number is None:
+        return False
+    series = series_of(joint.model)
+    return known_as(number, series) == UNKNOWN_MODEL or bool(unsupported(number, series))
+
+
 def _servo(bus: Bus, joint: Joint, hearing: Hearing) -> ServoSnapshot:
     registers: Mapping[str, int] = {}
     if hearing.states:
         registers = read_table(bus, joint.servo_id, series_of(joint.model))
+        if _is_unknown(registers.get("model_number"), joint):
+            return ServoSnapshot(joint, hearing.heard, {"model_number": registers["model_number"]}, (), bus.name)
     states = [
         one._replace(position_counts=counts_at_activation(joint.model, registers, one.position_counts))
         for one in hearing.states

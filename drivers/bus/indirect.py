@@ -36,9 +36,11 @@ class IndirectMaps:
         """Map the indirect registers of an identified servo. If a ServoError occurs, the direct block stays in use."""
         self._servos.unmap(servo_id)
         try:
-            # Only in these models does the address of the cells depend on the firmware.
-            read_version = partial(self._single.read, servo_id, x.firmware_version)
-            block = block_for(model, retry(read_version) if x.has_short_map(model) else 0)
+            block = None
+            if isinstance(model, x.XModel):
+                version = retry(partial(self._single.read, servo_id, x.firmware_version))
+                self._servos.set_firmware(servo_id, version)
+                block = block_for(model, version)
             why = self._map(servo_id, block) if block else ""
         except ServoError as error:
             why = error.text

@@ -10,6 +10,7 @@ from drivers.protocol import v1
 from drivers.servos.catalog import series_of, wire_protocol
 from drivers.servos.dynamixel import X
 from drivers.servos.feetech import STS, STS_PROTOCOL
+from drivers.servos.firmware import reads_fast
 from drivers.servos.register import ServoModel
 from drivers.servos.series import Series, StateBlock
 
@@ -28,6 +29,8 @@ class KnownServos:
         self._usual = next(iter(map(series_of, models.values())), STS if self.protocol is STS_PROTOCOL else X)
         self.mapped: dict[int, tuple[StateBlock, ...]] = {}
         """State blocks of the servos whose states are read through indirect registers, by ID."""
+        self.firmware: dict[int, int] = {}
+        """Firmware versions of the Dynamixel X servos that were identified, by ID."""
         self.separate: set[int] = set()
         """Servos that do not support group reads, so each gets a read of its own."""
         self.written_alone: set[int] = set()
@@ -105,9 +108,20 @@ class KnownServos:
         """Return the plan of a fast sync read, or None if the servos have different blocks or do not support it."""
         if servo_ids not in self._fast:
             block, *others = {self.blocks(i)[0] for i in servo_ids}
-            alike = block.fast and not others and self.separate.isdisjoint(servo_ids)
+            alike = block.fast and not others and all(map(self._may_read_fast, servo_ids))
             self._fast[servo_ids] = fast_plan(block, self._scales(servo_ids)) if alike else None
         return self._fast[servo_ids]
+
+    def _may_read_fast(self, servo_id: int) -> bool:
+        """Whether a fast sync read of this servo may work, as far as its firmware version is known."""
+        known = reads_fast(self.model(servo_id), self.firmware.get(servo_id))
+        return known is not False and servo_id not in self.separate
+
+    def set_firmware(self, servo_id: int, version: int) -> None:
+        """Record the firmware version that a servo reports."""
+        if self.firmware.get(servo_id) != version:
+            self.firmware[servo_id] = version
+            self._forget_plans()
 
     def _scales(self, servo_ids: tuple[int, ...]) -> dict[int, float | None]:
         """Return the scale of each servo. The current unit of a Dynamixel X is unknown until it is identified."""

@@ -14,6 +14,9 @@ MODELS: Final[dict[str, ServoModel]] = {model.name: model for series in SERIES f
 """All supported servo models, by their name in robot files."""
 
 
+UNKNOWN_MODEL: Final = "unknown"
+"""Name of a model number that no control table has."""
+
 UNSUPPORTED: Final[Mapping[int, str]] = {
     2000: "PH42-020-S300", 2010: "PH54-100-S500", 2020: "PH54-200-S500",
     2100: "PM42-010-S260", 2110: "PM54-040-S250", 2120: "PM54-060-S250",
@@ -101,7 +104,7 @@ def wire_protocol(models: Mapping[int, ServoModel]) -> WireProtocol:
 def known_as(number: int, series: Series) -> str:
     """Return the names of the manufacturer's models with this number, in either byte order."""
     names = [model.name for model in _numbered(number, series)]
-    return " or ".join(names) or unsupported(number, series) or "unknown"
+    return " or ".join(names) or unsupported(number, series) or UNKNOWN_MODEL
 
 
 def unsupported(number: int, series: Series) -> str:

@@ -35,6 +35,7 @@ class Activation:
         buses: JointBuses,
         clock: Clock,
         measured: Callable[[Mapping[str, Reading]], object],
+        restarted: Callable[[], object] = lambda: None,
     ) -> None:
         """Prepare an activation.
 
@@ -43,11 +44,12 @@ class Activation:
             buses: Buses of the joints.
             clock: Clock of the control loop.
             measured: Function that is called with each measurement of all joints.
+            restarted: Function that is called after servos were restarted, so that their positions may have changed.
         """
         self._joints = tuple(joints)
         self._buses = buses
         self._setup = ServoSetup(buses)
-        self._clock, self._measured = clock, measured
+        self._clock, self._measured, self._restarted = clock, measured, restarted
         self._measured_s = 0.0
         self._goals: dict[str, int] = {}
         self._limp: list[Joint] = []
@@ -105,6 +107,7 @@ class Activation:
             ]
             if not any(restarted):
                 return
+            self._restarted()
             states = self._measure_all()
 
     def _take_goals(self, joints: Sequence[Joint]) -> None:

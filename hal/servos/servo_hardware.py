@@ -74,7 +74,10 @@ class ServoHardware:
         require(self.state, LifecycleState.INACTIVE, "activate")
         buses = self._opened("activate")
         self._states.faults.forget()
-        activation = Activation(self._joints, buses, self._clock, lambda readings: self._states.update(readings, buses))
+        states = self._states
+        activation = Activation(
+            self._joints, buses, self._clock, lambda readings: states.update(readings, buses), states.reset
+        )
         held = activation.run()
         try:
             self._goals.hold(held)

@@ -13,6 +13,7 @@ from commissioning.scan.find import FoundServo, find_servo
 from drivers.servos import sts, x
 from drivers.servos.register import Register, ServoModel
 from tests.commissioning.lines import ToolLine
+from tests.commissioning.patient import Patient
 from tests.commissioning.served import run, served
 
 PH54_100, YM070 = 2010, 4000
@@ -137,3 +138,14 @@ def test_a_name_and_an_address_exclude_each_other(
 ) -> None:
     assert run(monkeypatch, "register", *arguments, "--id", "1", "--port", "./none") != 0
     assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_doctor_draws_no_conclusions_from_another_model_s_table() -> None:
+    patient = Patient("robot_arm_dynamixel")
+    patient.put(3, x.model_number, PH54_100)
+    patient.put(3, x.max_voltage_limit, 100)
+    report = patient.examine()
+    (found,) = report.findings
+    assert (found.id, found.place.servo_id) == ("wrong_model", 3)
+    (servo,) = [one for one in report.buses[0].servos if one.servo_id == 3]
+    assert (servo.voltage_v, servo.registers) == (None, {})

@@ -100,6 +100,17 @@ def test_a_servo_that_was_turned_by_hand_is_activated_where_it_stands(
     assert arm.shaft - before == pytest.approx(nearer - reads, abs=20)
 
 
+def test_dropped_turns_are_not_reported_as_a_leap(caplog: pytest.LogCaptureFixture) -> None:
+    arm = Turned(3, 0, 2)
+    with caplog.at_level(logging.INFO):
+        arm.activate()
+    assert [message for message in caplog.messages if "whole turns" in message] == [
+        "wrist (servo 1) has counted whole turns while it was limp: it is restarted"
+    ]
+    assert not [message for message in caplog.messages if "from the previous reading" in message]
+    assert arm.hardware.read().faults == {}
+
+
 def test_a_lost_restart_is_repeated() -> None:
     arm = Turned(3, 0, 2)
     reboot, lost = arm.bus.reboot, list[int]()

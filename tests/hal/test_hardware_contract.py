@@ -52,6 +52,8 @@ MODELS = (sts.STS3215, scs.SCS15, dynamixel1.AX_12A, dynamixel1.MX_28, x_series.
 
 def driven(joint: Joint, model: ServoModel) -> Joint:
     """Return the joint with another servo model. The zero of a servo without a full turn is mid-range."""
+    if model == dynamixel1.MX_28:  # the factory's gain would let the arm sink onto the stand
+        return replace(joint, model=model, settings=((dynamixel1.p_gain.name, 96),))
     if model.positions is None:
         return replace(joint, model=model)
     zero = model.positions // 2 + round((joint.zero_counts / 4096 - 0.5) * model.counts_per_turn)
@@ -78,9 +80,6 @@ def driven_by(model: ServoModel) -> Callable[[Clock], Hardware]:
             line = VirtualDynamixelBus.of(plant, models)
         else:
             line = VirtualBus.of(plant, models)
-        if model == dynamixel1.MX_28:
-            for servo in line.servos:  # the factory's gain would let the arm sink onto the stand
-                servo.write(dynamixel1.p_gain.address, b"\x60")
         return ServoHardware("arm", joints, lambda: Bus(VirtualPort(line, clock), clock, models), clock)
 
     return make

@@ -1,0 +1,36 @@
+"""Differences between the firmware versions of Dynamixel X servos, as far as the driver uses them.
+
+Source: ROBOTIS e-manual, "Fast Sync Read", and the release notes on the models' pages. The version is in register 6.
+- Fast sync read since version 45 or 46, depending on the model.
+- XL330 and XC330 have other indirect registers since version 53 (drivers/servos/indirect.py).
+- Since version 42 a factory reset that is sent to all IDs is ignored. The driver sends it to single IDs only.
+"""
+
+from typing import Final
+
+from drivers.servos import x
+from drivers.servos.register import ServoModel
+
+_FAST_READ_SINCE: Final = 45
+_FAST_READ_SINCE_X330: Final = 46
+"""First firmware version with fast sync reads, of XL330, XC330 and XC335."""
+
+
+def _fast_read_since(model: ServoModel) -> int | None:
+    if not isinstance(model, x.XModel) or x.acceleration_limit in model.own:  # an MX is not in the e-manual's list
+        return None
+    return _FAST_READ_SINCE_X330 if x.pwm_slope in model.own else _FAST_READ_SINCE
+
+
+def reads_fast(model: ServoModel, version: int | None) -> bool | None:
+    """Return whether a servo supports fast sync reads.
+
+    Args:
+        model: Model of the servo.
+        version: Firmware version that it reports; None if it was not read.
+
+    Returns:
+        Whether it supports them; None if this is unknown, so that only a trial can show it.
+    """
+    since = _fast_read_since(model)
+    return None if since is None or version is None else version >= since
