@@ -11,11 +11,15 @@ from typing import Final
 from drivers.servos import x
 from drivers.servos.register import ServoModel
 
-_X330_SINCE: Final = 46
-_FAST_READ_SINCE: Final = {
-    name: _X330_SINCE for name, model in x.MODELS.items() if x.has_short_map(model)
-} | dict.fromkeys((model.name for model in (x.XL430_W250, x.XC430_W150, x.XC430_W240, x.XM430_W210, x.XM430_W350)), 45)
-"""First firmware version with fast sync reads, for the models in the e-manual's list."""
+_FAST_READ_SINCE: Final = 45
+_FAST_READ_SINCE_X330: Final = 46
+"""First firmware version with fast sync reads, of XL330, XC330 and XC335."""
+
+
+def _fast_read_since(model: ServoModel) -> int | None:
+    if not isinstance(model, x.XModel) or x.acceleration_limit in model.own:  # an MX is not in the e-manual's list
+        return None
+    return _FAST_READ_SINCE_X330 if x.pwm_slope in model.own else _FAST_READ_SINCE
 
 
 def reads_fast(model: ServoModel, version: int | None) -> bool | None:
@@ -28,5 +32,5 @@ def reads_fast(model: ServoModel, version: int | None) -> bool | None:
     Returns:
         Whether it supports them; None if this is unknown, so that only a trial can show it.
     """
-    since = _FAST_READ_SINCE.get(model.name)
+    since = _fast_read_since(model)
     return None if since is None or version is None else version >= since

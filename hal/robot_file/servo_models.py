@@ -15,6 +15,7 @@ from drivers.protocol import v1
 from drivers.servos import catalog
 from drivers.servos.register import Access, Register, ServoModel, between, merged
 from drivers.servos.series import Series
+from drivers.servos.voltage import voltage_range
 from hal.errors import RobotFileError
 from hal.plausible import NoTruth
 from hal.yaml_file import load_with_lines
@@ -205,7 +206,8 @@ def _figures(described: ModelFile) -> dict[str, Any]:
 def _model(name: str, described: ModelFile) -> ServoModel:
     """Return the model that the file describes."""
     like = catalog.MODELS[described.like]
-    figures = _figures(described)
+    figures: dict[str, Any] = {"supply_v": voltage_range(like)} if described.rated_voltage_v is None else {}
+    figures |= _figures(described)
     if described.sensor_deg is not None and like.positions is not None:
         figures["counts_per_turn"] = round(like.positions * 360.0 / described.sensor_deg)
     own = merged(like.own, [one.register(key) for key, one in described.registers.items()])

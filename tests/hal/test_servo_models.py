@@ -154,3 +154,13 @@ def test_a_mistake_is_one_sentence_with_file_and_line(tmp_path: Path, text: str,
 def test_a_variant_may_have_the_number_of_its_model(tmp_path: Path) -> None:
     loaded(tmp_path, "slow:\n  like: mx-28\n  number: 29\n  no_load_speed_rad_s: 3.0\n")
     assert ax_mx.speed_unit_counts_s(MODELS["slow"]) == ax_mx.MX_28.speed_unit_counts_s
+
+
+def test_the_supply_is_that_of_the_similar_model_unless_its_voltage_differs(tmp_path: Path) -> None:
+    loaded(
+        tmp_path,
+        "same:\n  like: sts3215_c001\n  number: 1545\n"
+        "other:\n  like: sts3215_c001\n  number: 1546\n  rated_voltage_v: 12.0\n",
+    )
+    assert voltage_range(MODELS["same"]) == voltage_range(sts.STS3215_C001)
+    assert voltage_range(MODELS["other"]) == (9.0, 15.0)

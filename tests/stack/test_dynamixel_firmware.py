@@ -1,10 +1,11 @@
-"""Dynamixel arms whose servos have old firmware, which the robot file names."""
+"""Jobs of Dynamixel arms with old firmware, which the robot file names, and with a servo that is silent at times."""
 
 from pathlib import Path
 
 import pytest
 import yaml
 
+from controller.action_goals import GoalStatus
 from drivers.servos import x
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.robot_files import CONFIG, read_files
@@ -53,3 +54,31 @@ def test_one_servo_with_old_firmware_ends_the_use_of_fast_sync_reads(tmp_path: P
     rig = stack_with(tmp_path, {joints()[3]: 44}).up()
     rig.run(1.0)
     assert rig.loop.figures.missed == 0
+
+
+class Interrupted(UnpacedJob):
+    """Job in which one servo is silent for 0.2 s, again and again."""
+
+    def __init__(self, rig: SimulatedStack, grade: str, servo_id: int) -> None:
+        super().__init__(rig, grade)
+        self._bus, self._clock, self._servo_id = rig.bus, rig.clock, servo_id
+        self._begin_s = rig.clock.now()
+
+    def react(self) -> None:
+        super().react()
+        faults, since_s = self._bus.faults, self._clock.now() - self._begin_s
+        (faults.silence if since_s % 2.0 < 0.2 else faults.restore)(self._servo_id)
+
+
+@pytest.mark.parametrize("firmware", [None, 44], ids=["fast sync read", "sync read"])
+@pytest.mark.parametrize("servo_id", [4, *(pytest.param(i, marks=pytest.mark.slow) for i in (1, 7))])
+def test_the_job_succeeds_although_a_servo_is_silent_for_a_moment(
+    tmp_path: Path, servo_id: int, firmware: int | None
+) -> None:
+    rig = stack_with(tmp_path, {} if firmware is None else dict.fromkeys(joints(), firmware)).up()
+    rig.run(0.2)
+    job = Interrupted(rig, "B", servo_id)
+    job.run()
+    rig.run(1.0)
+    assert [handle.status for handle in job.handles] == [GoalStatus.SUCCEEDED] * 4
+    assert rig.world.cube_bin() == "B"
