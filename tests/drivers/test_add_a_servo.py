@@ -20,6 +20,8 @@ from sim_backend.mechanics.plant import BenchPlant
 from tests.pages import codes
 
 ROOT = Path(__file__).parents[2]
+SOURCES = Path(drivers.__file__).parents[1]
+"""Folder of the packages, in the checkout or where they are installed."""
 PAGE = "add-a-servo.md"
 BLOCKS = codes(PAGE, "python")
 PLACED = [block for block in BLOCKS if block.startswith("# drivers/")]
@@ -66,7 +68,9 @@ def in_the_place_of_its_own(code: str, text: str) -> str:
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Create a copy of the package in which the page was followed."""
     copy = tmp_path_factory.mktemp("package")
-    for folder in ("drivers", "calibration", "sim_backend", "tests/drivers", "tests/sim_backend"):
+    for folder in ("drivers", "calibration", "sim_backend"):
+        shutil.copytree(SOURCES / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in ("tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
     for name in (
         "conftest.py",
