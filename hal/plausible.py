@@ -31,10 +31,12 @@ RANGES: Final = {
     "rate": Range(0.0, 1000.0, "Hz"),
     "action_monitor_rate": Range(0.1, 1000.0, "Hz"),
     "time": Range(0.0, 1_000_000.0, "s"),
+    "clock": Range(0.0, 1e10, "s"),
     "duration": Range(1e-6, 1_000_000.0, "s"),
     "delay": Range(1e-6, 60.0, "s"),
     "speed": Range(0.0, 10_000.0, "rad/s or m/s"),
     "any_velocity": Range(-10_000.0, 10_000.0, "rad/s or m/s"),
+    "any_acceleration": Range(-100_000.0, 100_000.0, "rad/s² or m/s²"),
     "deceleration": Range(0.0, 100_000.0, "rad/s² or m/s²"),
     "tolerance": Range(0.0, 100_000.0, "rad or m"),
     "factor": Range(0.0, 1000.0, "(1 is unchanged)"),
@@ -43,6 +45,7 @@ RANGES: Final = {
     "backlash": Range(0.0, 10.0, "degrees"),
     "share": Range(1e-6, 1.0, "(1 is all)"),
     "voltage": Range(0.0, 60.0, "V"),
+    "current": Range(0.0, 1000.0, "A"),
     "resistance": Range(0.0, 100.0, "ohm"),
     "temperature": Range(0.0, 200.0, "°C"),
     "number": Range(0, 1_000_000, "(whole)"),
@@ -104,10 +107,12 @@ MaxMessageSize = Annotated[int, NoTruth, _is("max_message_size")]
 Rate = Annotated[float, NotNegative, _is("rate"), NoTruth]
 MonitorRate = Annotated[float, Finite, _is("action_monitor_rate"), NoTruth]
 Time = Annotated[float, NotNegative, _is("time"), NoTruth]
+ClockTime = Annotated[float, NotNegative, _is("clock"), NoTruth]
 Duration = Annotated[float, Positive, _is("duration"), NoTruth]
 Delay = Annotated[float, Positive, _is("delay"), NoTruth]
 Speed = Annotated[float, NotNegative, _is("speed"), NoTruth]
 AnyVelocity = Annotated[float, Finite, _is("any_velocity"), NoTruth]
+AnyAcceleration = Annotated[float, Finite, _is("any_acceleration"), NoTruth]
 Deceleration = Annotated[float, NotNegative, _is("deceleration"), NoTruth]
 Tolerance = Annotated[float, NotNegative, _is("tolerance"), NoTruth]
 Effort = Annotated[float, NotNegative, _is("effort"), NoTruth]
@@ -119,6 +124,7 @@ FaultCount = Annotated[int, Field(ge=0), _is("number_of_faults"), NoTruth]
 Backlash = Annotated[float, NotNegative, _is("backlash"), NoTruth]
 Chance = Annotated[float, Share, _is("share"), NoTruth]
 Volts = Annotated[float, NotNegative, _is("voltage"), NoTruth]
+Amperes = Annotated[float, NotNegative, _is("current"), NoTruth]
 Ohms = Annotated[float, NotNegative, _is("resistance"), NoTruth]
 Celsius = Annotated[float, NotNegative, _is("temperature"), NoTruth]
 Seed = Annotated[int, Field(ge=0), _is("seed"), NoTruth]

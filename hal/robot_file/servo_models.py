@@ -17,7 +17,7 @@ from drivers.servos.register import Access, Register, ServoModel, between, merge
 from drivers.servos.series import Series
 from drivers.servos.voltage import voltage_range
 from hal.errors import RobotFileError
-from hal.plausible import NoTruth
+from hal.plausible import Amperes, NoTruth, RegisterValue, Speed, Torque, Volts
 from hal.yaml_file import load_with_lines
 from hal.yaml_nodes import YamlFile
 
@@ -27,7 +27,7 @@ _LAST_ADDRESS: Final = {True: 255, False: 167}
 """Largest address of a register, by whether the protocol is 1.0. Indirect registers of an X begin at 168."""
 
 Whole = Annotated[int, NoTruth]
-Positive = Annotated[float, NoTruth, Field(gt=0.0, allow_inf_nan=False)]
+Angle = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -38,13 +38,13 @@ class RegisterFile(_Strict):
     """A register that the model has in addition, or instead of the register of the same name."""
 
     address: Whole = Field(ge=0, le=255)
-    size: Whole
+    size: Whole = Field(ge=0, le=255)
     read_only: bool = False
     eeprom: bool = False
     signed: bool = False
     """Whether it holds a two's complement number."""
     sign_bit: Whole | None = Field(None, ge=1, le=31)
-    values: tuple[Whole, Whole] | None = None
+    values: tuple[RegisterValue, RegisterValue] | None = None
     """Smallest and largest value that the servo accepts."""
 
     @field_validator("size")
@@ -88,13 +88,13 @@ class ModelFile(_Strict):
 
     like: str
     number: Whole = Field(ge=0, le=65535)
-    rated_voltage_v: Positive | None = None
-    supply_v: tuple[Positive, Positive] | None = None
-    stall_torque_nm: Positive | None = None
-    stall_current_a: Positive | None = None
-    no_load_speed_rad_s: Positive | None = None
-    current_unit_a: Positive | None = None
-    sensor_deg: Positive | None = Field(None, le=360.0)
+    rated_voltage_v: Volts | None = Field(None, gt=0)
+    supply_v: tuple[Volts, Volts] | None = None
+    stall_torque_nm: Torque | None = Field(None, gt=0)
+    stall_current_a: Amperes | None = Field(None, gt=0)
+    no_load_speed_rad_s: Speed | None = Field(None, gt=0)
+    current_unit_a: Amperes | None = Field(None, gt=0)
+    sensor_deg: Angle | None = Field(None, gt=0, le=360)
     """Angle that the positions of the sensor cover, for a potentiometer."""
     registers: dict[str, RegisterFile] = {}
 

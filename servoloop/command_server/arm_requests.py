@@ -33,7 +33,7 @@ class ArmRequests:
         self._numbers = count(1)
         self.handlers: Mapping[type[messages.Message], Callable[[Owner, Any], Reply]] = {
             messages.DescribeArm: self._describe,
-            messages.Move: self._move,
+            messages.MoveJoints: self._move,
             messages.CancelMove: self._cancel,
             messages.SendTargets: self._targets,
             messages.CloseStream: self._close_stream,
@@ -84,7 +84,7 @@ class ArmRequests:
         arm = self._arm.description
         return {**asdict(arm), "folder": None if arm.folder is None else str(arm.folder.resolve())}
 
-    def _move(self, client: Owner, message: messages.Move) -> Reply:
+    def _move(self, client: Owner, message: messages.MoveJoints) -> Reply:
         goal = JointGoal(
             tuple(message.joints),
             tuple(message.times_s),

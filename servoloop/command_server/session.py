@@ -25,7 +25,7 @@ BURST: Final = 200
 COSTS: Final = {
     messages.SendGoal: 20.0,
     messages.SendGrip: 20.0,
-    messages.Move: 20.0,
+    messages.MoveJoints: 20.0,
     messages.SendSetPoint: 4.0,
 }
 """Messages that count as several, because they are planned: 100 goals a second, as over ROS."""

@@ -5,9 +5,10 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import from_json
 
+from hal.plausible import AnyAcceleration, AnyVelocity, ClockTime, Duration, NoTruth, Position, Rate, Seed, Speed, Time
 from servoloop.command_socket.errors import CommandError
 
 VERSION: Final = 1
@@ -18,9 +19,8 @@ LONGEST_TEXT: Final = 500
 """Maximum length of a name in a message, in characters."""
 
 Text = Annotated[str, Field(max_length=LONGEST_TEXT)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Sent = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-"""Time at which a command was sent: CLOCK_MONOTONIC of this machine, in seconds."""
+Number = Seed
+"""Number of a message, a goal or a motion."""
 
 
 class Message(BaseModel):
@@ -28,8 +28,8 @@ class Message(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-    v: Literal[1]
-    id: int | Text
+    v: Annotated[int, NoTruth, Field(ge=VERSION, le=VERSION)]
+    id: Number | Text
     """Number or text that the reply repeats."""
 
 
@@ -51,7 +51,7 @@ class WatchStates(Message):
     """Request for a state event after each cycle, at most ``rate_hz`` times a second. 0 ends the events."""
 
     op: Literal["watch"]
-    rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)]
+    rate_hz: Rate
 
 
 class ListControllers(Message):
@@ -76,7 +76,8 @@ class Release(Message):
 class MotionMessage(Message):
     """Message that moves joints. Its age is limited."""
 
-    sent_s: Sent
+    sent_s: ClockTime
+    """Time at which the message was sent: CLOCK_MONOTONIC of this machine, in seconds."""
 
 
 class Point(BaseModel):
@@ -84,10 +85,10 @@ class Point(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-    positions: list[FiniteFloat]
-    velocities: list[FiniteFloat] = []
-    accelerations: list[FiniteFloat] = []
-    time_s: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    positions: list[Position]
+    velocities: list[AnyVelocity] = []
+    accelerations: list[AnyAcceleration] = []
+    time_s: Time
 
 
 class SendGoal(MotionMessage):
@@ -106,8 +107,8 @@ class SendGrip(MotionMessage):
     op: Literal["grip"]
     controller: Text = ""
     """Name of the controller. Empty: the only active gripper controller."""
-    position: FiniteFloat
-    velocity: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+    position: Position
+    velocity: Speed = 0.0
     """Maximum velocity, in rad/s or m/s. 0: that of the controller."""
 
 
@@ -116,9 +117,9 @@ class SendSetPoint(MotionMessage):
 
     op: Literal["set_point"]
     controller: Text
-    values: Annotated[list[FiniteFloat], Field(min_length=1)]
+    values: Annotated[list[AnyVelocity], Field(min_length=1)]
     """One value for each joint of the controller, in its order."""
-    time_s: Positive = 0.3
+    time_s: Duration = 0.3
     """Time until a trajectory controller rests at the set point, in seconds. Forward controllers ignore it."""
 
 
@@ -126,7 +127,7 @@ class CancelGoal(Message):
     """Cancel a goal of this client."""
 
     op: Literal["cancel"]
-    goal: int
+    goal: Number
 
 
 class Stop(Message):
@@ -149,35 +150,35 @@ class DescribeArm(Message):
     op: Literal["arm"]
 
 
-class Move(MotionMessage):
+class MoveJoints(MotionMessage):
     """Motion of some joints of the arm, whatever controllers move them. The result arrives as an event."""
 
     op: Literal["move"]
     joints: list[Text]
-    times_s: list[FiniteFloat]
-    positions: list[list[float]]
-    velocities: list[list[float]] = []
+    times_s: list[Time]
+    positions: list[list[Position]]
+    velocities: list[list[AnyVelocity]] = []
 
 
 class CancelMove(Message):
     """Cancel a motion of this client."""
 
     op: Literal["cancel_move"]
-    motion: int
+    motion: Number
 
 
 class OpenStream(Message):
     """Accept targets from now on. The stream ends if no target arrives for ``max_age_s``."""
 
     op: Literal["stream"]
-    max_age_s: Positive
+    max_age_s: Duration
 
 
 class SendTargets(MotionMessage):
     """Next targets of the stream, by joint. Joints without a target hold their last one."""
 
     op: Literal["targets"]
-    positions: dict[str, float]
+    positions: dict[str, Position]
 
 
 class CloseStream(Message):
@@ -210,7 +211,7 @@ class EndRecord(Message):
 
 AnyMessage = (
     *(Hello, GetState, WatchStates, ListControllers, Take, Release, SendGoal, SendGrip, SendSetPoint),
-    *(DescribeArm, Move, CancelMove, OpenStream, SendTargets, CloseStream, Torque),
+    *(DescribeArm, MoveJoints, CancelMove, OpenStream, SendTargets, CloseStream, Torque),
     *(CancelGoal, Stop, SwitchControllers, Record, EndRecord),
 )
 """Classes of all messages to the stack."""

@@ -23,7 +23,7 @@ from sim_backend.faults.events import FaultEvent
 from sim_backend.faults.player import require_possible
 from sim_backend.faults.targets import HOLD_S, ClientFault, ControllerFault, Inventory
 
-ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.014}
+ACTIVATED_S: Final = {"feetech": 0.0063, "dynamixel": 0.0169}
 """Time to configure and activate one servo, in seconds, by make."""
 
 GOAL_ATTRIBUTES: Final = ("joints", "check", "submit", "cancel", "parameters.tolerances")

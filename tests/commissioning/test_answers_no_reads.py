@@ -9,7 +9,7 @@ from commissioning.errors import CommissioningError
 from commissioning.registers.access import read_register, write_register
 from commissioning.registers.mute import answer_reads
 from commissioning.scan.find import find_servo
-from commissioning.scan.scan import scan
+from commissioning.scan.scan import ScanScope, scan
 from drivers.servos import ax_mx, sts, x, xl320
 from drivers.servos.catalog import series_of
 from drivers.servos.register import ServoModel
@@ -31,7 +31,7 @@ def muted(model: ServoModel) -> ToolLine:
 
 def test_a_servo_without_group_reads_is_scanned_with_single_reads() -> None:
     line = PlainLine({1: x.XL430_W250, 2: x.XL430_W250}, (1,))
-    plain, usual = scan(line.port, line.clock, bauds=[1_000_000]).servos
+    plain, usual = scan(line.port, line.clock, ScanScope(bauds=[1_000_000])).servos
     assert (plain.model, plain.voltage_v, plain.torque) == ("xl430-w250", 12.0, False)
     (problem,) = plain.problems
     assert problem.kind == "no_group_reads"
@@ -89,7 +89,7 @@ def test_a_mute_servo_answers_reads_again(model: ServoModel) -> None:
 def _muted_xl320() -> Any:
     line = PlainLine({1: xl320.XL320}, ())
     line.servos.servo(1).memory.put(xl320.status_return_level, 0)
-    line.scan = lambda **options: scan(line.port, line.clock, **options)  # type: ignore[attr-defined]
+    line.scan = lambda **options: scan(line.port, line.clock, ScanScope(**options))  # type: ignore[attr-defined]
     return line
 
 

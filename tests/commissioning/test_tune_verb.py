@@ -137,7 +137,7 @@ def test_a_failed_plot_does_not_hide_the_figures(
             "gains can only be given after --write: --write P=24",
         ),
         ("tune shoulder_lift --arm so101 --port ./bus --apply --write P=24", "use only one of them"),
-        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 255, not 999"),
+        ("tune shoulder_lift --arm so101 --port ./bus --write P=999", "P must be 1 to 254, not 999"),
         ("tune shoulder_lift --arm so101 --port ./bus --at 3 --yes", "cannot move to 3.000"),
         ("tune shoulder_lift --arm so101 --port ./bus --out . --yes", ". is a folder: choose the name of a file"),
     ],
@@ -151,13 +151,15 @@ def test_mistakes_are_reported_before_any_motion(
 
 
 def test_the_figures_of_the_page_are_those_of_the_code() -> None:
-    assert f"goes {plan.LIFT_RAD} rad towards the middle" in TEXT and f"slowly {plan.STEP_RAD} rad further" in TEXT
-    assert f"rests {trial.REST_S} s each time" in TEXT and f"less than {plan.LEAST_RAD} rad" in TEXT
+    assert (
+        f"moves by {plan.LIFT_RAD} rad toward the middle" in TEXT and f"slowly by another {plan.STEP_RAD} rad" in TEXT
+    )
+    assert f"a rest of {trial.REST_S} s after each step" in TEXT and f"less than {plan.LEAST_RAD} rad" in TEXT
     assert f"above {propose.ALLOWED_REST_COUNTS:.0f} counts" in TEXT
     assert f"above {propose.ALLOWED_OVERSHOOT:.0%} of the step".replace("%", " %") in TEXT
     assert propose.MOST_D_TO_P == 2.0 and "at most twice P" in TEXT
     assert propose.CALMER == 0.75 and f"not below {propose.LEAST_P}" in TEXT
-    assert f"above the factory's {propose.FACTORY_P}" in TEXT
+    assert f"above the factory value of {propose.FACTORY_P}" in TEXT
     assert f"stays {trial.BEHIND_RAD} rad behind" in TEXT
     assert law.CLEAR_COUNTS == 2.0
 

@@ -75,6 +75,11 @@ class Kind:
     def model(self) -> ServoModel:
         return self.models[IDS[0]]
 
+    @property
+    def waits(self) -> bool:
+        """Whether a servo waits for the reply of the servo named before it."""
+        return series_of(self.model).protocol.waits_for_silent
+
     @cached_property
     def table(self) -> Table:
         return TABLES[series_of(self.model).protocol.name]

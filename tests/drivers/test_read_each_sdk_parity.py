@@ -66,10 +66,19 @@ def test_scs_goals(model: ServoModel, goals: dict[int, tuple[int, int]]) -> None
     assert tape.sent == sdk_sync_write("scs", scs.goal_position.address, 6, data)
 
 
+UNITS = {
+    **dict.fromkeys(("ax-12a", "ax-12w", "ax-18a", "rx-24f", "rx-28", "rx-64"), (0.111, 1023)),
+    "ex-106+": (0.111, 4095),
+    "mx-12w": (0.916, 4095),
+    **dict.fromkeys(("mx-28", "mx-64", "mx-106"), (0.114, 4095)),
+}
+"""Unit of the speed in rpm, and the largest position, as the e-manual states them."""
+
+
 @pytest.mark.parametrize("model", dxl.MODELS.values(), ids=lambda m: m.name)
 @given(data=st.data())
 def test_dynamixel_goals(model: ServoModel, data: st.DataObject) -> None:
-    rpm, last = {"ax-12a": (0.111, 1023), "mx-28": (0.114, 4095)}[model.name]
+    rpm, last = UNITS[model.name]
     wanted = st.tuples(st.integers(0, last), st.integers(0, 9000))
     goals = data.draw(st.dictionaries(st.integers(0, 0xFD), wanted, min_size=1, max_size=20))
     bus, tape = bus_of(dict.fromkeys(goals, model))

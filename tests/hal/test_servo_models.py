@@ -105,7 +105,7 @@ REGISTER = "a:\n  like: sts3215\n  number: 1545\n  registers:\n    {}\n"
         ),
         ("sts3215:\n  like: sts3250\n  number: 1\n", "servo_models.yaml:3: sts3215 is a model of servoloop"),
         ("a:\n  like: sts3215\n  number: -1\n", "servo_models.yaml:3: a.number: "),
-        ("a:\n  number: 5\n", "a.like: Field required"),
+        ("a:\n  number: 5\n", "a.like: is missing: add it"),
         (
             "a:\n  like: sts3215\n  number: 1\n  stall_current_a: 2.0\n",
             "servo_models.yaml:4: sts3215 has no stall_current_a: remove it",

@@ -13,5 +13,5 @@ def test_figures_match_the_code() -> None:
     assert SHARE == 0.1 and "a tenth of the joint's velocity limit" in TEXT
     assert f"a motion of {HORIZON_S} s that ends at rest" in TEXT
     assert f"further than {FURTHEST} rad" in TEXT
-    assert f"repeats {REPEATS_HZ:.0f} times a second" in TEXT and f"good for {GOOD_S} s" in TEXT
+    assert f"repeats {REPEATS_HZ:.0f} times a second" in TEXT and f"valid for {GOOD_S} s" in TEXT
     assert f"longer than {LONGEST_S:.0f} s" in TEXT and f"move nothing ({BEGIN_S} s)" in TEXT
