@@ -17,6 +17,7 @@ PROTOCOL_1: Final = WireProtocol(
     byte_order="little",
     sdk=Protocol1PacketHandler,
     group_read="bulk",
+    waits_for_silent=True,
     refusals=ax_mx.REFUSALS,
     refusal=lambda bits: f"refused the instruction ({' and '.join(ax_mx.alarms(bits))} error)",
     arrived_corrupt=lambda bits: bool(bits & ax_mx.CORRUPT_PACKET),

@@ -39,14 +39,16 @@ def test_thousands_of_cycles_with_line_errors(kind: Kind, share: float) -> None:
         account = line.account(servo_id)
         dropped, flipped = done.done["drop", servo_id], done.done["flip", servo_id]
         # After four consecutive losses, the next reply may answer any of these requests and counts as late.
-        doubtful = math.ceil(CYCLES / 2500)
+        # A servo that was silenced by another one may still answer, so its next reply may count as late, too.
+        doubtful = math.ceil(CYCLES / 2500) + (math.ceil(CYCLES / 150) if kind.waits else 0)
         assert 0 <= account.silent + account.corrupt + account.late - dropped - flipped <= doubtful
         # In a group read, garbage may be attributed to the wrong one of two missing servos.
         assert account.silent == pytest.approx(dropped, rel=0.0 if kind.one_by_one else 0.05, abs=doubtful)
         assert account.retries > 0 and account.alarms == 0
     noise = sum(count for (what, _), count in done.done.items() if what == "noise")
     assert line.bus.counters.noise == pytest.approx(noise, rel=0.05)
-    assert states > 0.99 * CYCLES * len(IDS)
+    # One of 20 replies is lost, which in protocol 2.0 silences the servos after it until the next request.
+    assert states > (0.93 if kind.waits else 0.99) * CYCLES * len(IDS)
 
 
 @every_kind

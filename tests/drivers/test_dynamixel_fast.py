@@ -276,7 +276,7 @@ def test_thousands_of_fast_cycles_with_line_errors() -> None:
         assert all(reading == good[i] for i, reading in readings.items() if isinstance(reading, ServoState))
         clock.sleep_until(clock.now() + 0.015)
     assert bus._reader._group.fast.known
-    assert missing < 20
+    assert missing < 50  # of 14,000: a lost reply also silences the servos after it
     faults = bus.counters.faults()
     assert faults["silent"] + faults["corrupt"] + faults["noise"] > sum(done.done.values()) / 2
     for servo_id in ids:
