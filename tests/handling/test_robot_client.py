@@ -147,7 +147,7 @@ def test_the_end_of_the_stack_ends_the_motion(monkeypatch: pytest.MonkeyPatch, t
 
 def without_ros(*words: str) -> "subprocess.CompletedProcess[str]":
     """Run a command in a process that finds no rclpy."""
-    command = [sys.executable, "-m", "tests.servoloop.without_ros", *words]
+    command = [sys.executable, "-m", "tests.servoloop.without", "ros", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=60.0, cwd=Path(__file__).parents[2])
 
 

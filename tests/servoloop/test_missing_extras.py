@@ -45,6 +45,8 @@ LINES: Final = (
     Line("record run.mcap"),
     Line("plot missing.mcap", ("report",)),
     Line("jog"),
+    Line("stop"),
+    Line("register tables"),
     Line(f"teleop {PORT} {PORT}8"),
     Line("replay missing.mcap", ("view",)),
     Line(f"replay missing.mcap --port {PORT}"),

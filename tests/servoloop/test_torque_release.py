@@ -68,7 +68,7 @@ LEAVES_TORQUE = {
     **dict.fromkeys(("jog", "stop", "pick", "pose save", "pose go"), "is a client of a running stack"),
     **dict.fromkeys(("view", "monitor", "record", "plot"), "shows"),
     **dict.fromkeys(("demo", "emulate", "hand", "fault", "simulate", "campaign"), "has virtual servos"),
-    **dict.fromkeys(("pose list", "pose remove", "teach list", "teach remove"), "opens no port"),
+    **dict.fromkeys(("pose list", "pose remove", "teach list", "teach remove", "register tables"), "opens no port"),
     **dict.fromkeys(("calibration import", "calibration export", "calibration show"), "opens no port"),
 }
 
