@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from servoloop.api.arm import Arm
+    from servoloop.api.backend import ArmState
     from servoloop.api.errors import (
         ArmBusyError,
         ArmEndedError,
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
         StreamEndedError,
     )
     from servoloop.api.motion import ArmMotion
-    from servoloop.api.state import ArmState
     from servoloop.api.stream import TargetStream
     from servoloop.api.trajectory import ArmTrajectory
 
@@ -45,7 +45,7 @@ __all__ = [
 _MODULES = {
     "Arm": "arm",
     "ArmMotion": "motion",
-    "ArmState": "state",
+    "ArmState": "backend",
     "ArmTrajectory": "trajectory",
     "TargetStream": "stream",
 }

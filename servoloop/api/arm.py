@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, overload
 
 from hal.types import JointLimits
-from servoloop.api.backend import ArmBackend, JointGoal, Observer
+from servoloop.api.backend import ArmBackend, ArmState, JointGoal, Observer
 from servoloop.api.checks import check_goal, check_joints
 from servoloop.api.errors import ArmInputError
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion
-from servoloop.api.plan import approach_s
-from servoloop.api.state import ArmState
 from servoloop.api.stream import TargetStream
-from servoloop.api.targets import Positions, by_joint, duration_of, goal_of, pose_named
+from servoloop.api.targets import Positions, approach_s, by_joint, duration_of, goal_of, pose_named
 from servoloop.api.trajectory import ArmTrajectory
 
 if TYPE_CHECKING:

@@ -3,10 +3,9 @@
 import logging
 from pathlib import Path
 
-from servoloop.api.describe import describe
 from servoloop.api.errors import ArmError
 from servoloop.api.options import setup_errors
-from servoloop.api.own_loop import CLOSED, OwnLoop, ended_by
+from servoloop.api.own_loop import CLOSED, OwnLoop, describe, ended_by
 from servoloop.api.pace import SimulatedPace
 from servoloop.api.stack_backend import StackBackend
 from servoloop.recording.stack_recording import StackRecording

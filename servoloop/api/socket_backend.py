@@ -11,12 +11,11 @@ from typing import Any, Final, Self
 
 from drivers.clock import MonotonicClock
 from hal.types import JointLimits
-from servoloop.api.backend import ArmDescription, JointGoal, MotionProgress, Observer
+from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
 from servoloop.api.checks import check_goal, check_targets
 from servoloop.api.errors import ArmEndedError, ArmError, ArmInputError, ArmSetupError, StreamEndedError
 from servoloop.api.pace import ThreadPace
 from servoloop.api.socket_errors import arm_error
-from servoloop.api.state import ArmState
 from servoloop.command_socket.client import CommandClient
 from servoloop.command_socket.errors import CommandError
 from servoloop.recording.stream import LiveError, RunningStack, find_stack

@@ -18,15 +18,14 @@ from controller.manager.switch import ManagerError, SwitchRequest
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.errors import DriverError
 from hal.types import FloatArray, Interface, JointState, joints_of
-from servoloop.api.backend import ArmDescription, JointGoal, MotionProgress, Observer
+from servoloop.api.backend import ArmDescription, ArmState, JointGoal, MotionProgress, Observer
 from servoloop.api.checks import check_goal, check_targets
 from servoloop.api.errors import ArmBusyError, ArmError, ArmInputError, MotionFailedError
 from servoloop.api.hand_parts import ControllerAccess, start_forward, start_gripper
 from servoloop.api.motions import FORWARD, GRIPPER, TRAJECTORY, MotionPart, RunningMotion, joints_of_mover
 from servoloop.api.pace import POLL_S, Ended, LoopPace
-from servoloop.api.plan import approach_s
-from servoloop.api.state import ArmState
 from servoloop.api.stream_gate import StreamGate
+from servoloop.api.targets import approach_s
 from servoloop.api.torque import TorqueSwitch
 from servoloop.api.trajectory_part import start_trajectory
 from servoloop.api.user_controllers import active_controller, load_controller

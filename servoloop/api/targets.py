@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Union
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final, Union
 
+from hal.types import JointLimits
 from servoloop.api.backend import ArmDescription, JointGoal
 from servoloop.api.errors import ArmInputError
 from servoloop.api.trajectory import ArmTrajectory
 
 if TYPE_CHECKING:
     from hal.types import FloatArray
+
 
 Positions = Union[Mapping[str, float], Sequence[float], "FloatArray"]
 """Positions by joint name, or one position for each of ``Arm.joints``, in rad or m."""
@@ -84,3 +87,35 @@ def _number(joint: str, value: Any) -> float:
 
 SPEED = 0.25
 """Share of the velocity limits that a motion uses if neither a duration nor a speed is given."""
+SHORTEST_S: Final = 1e-3
+"""Duration of a motion whose joints are at their targets already, in seconds."""
+
+
+def approach_s(
+    target: Mapping[str, float], start: Mapping[str, float], limits: Mapping[str, JointLimits], speed: float
+) -> float:
+    """Return the duration of a jerk-limited motion between two poses at rest, in seconds.
+
+    Args:
+        target: Target positions by joint, in rad or m.
+        start: Start positions by joint, in rad or m. Joints with an unknown start are ignored.
+        limits: Limits by joint.
+        speed: Share of the velocity limits, above 0 and at most 1.
+
+    Raises:
+        ArmInputError: No motion within the limits connects the poses.
+    """
+    import numpy as np
+
+    from controller.motion import Kinematics, MotionError, motion_to
+
+    joints = [joint for joint in target if math.isfinite(start[joint])]
+    if not joints:
+        return SHORTEST_S
+    slower = [replace(limits[joint], velocity=speed * limits[joint].velocity) for joint in joints]
+    here = Kinematics.at_rest(np.array([start[joint] for joint in joints]))
+    there = Kinematics.at_rest(np.array([target[joint] for joint in joints]))
+    try:
+        return max(motion_to(here, there, slower, 0.0, joints).duration_s, SHORTEST_S)
+    except MotionError as error:
+        raise ArmInputError(f"the arm cannot move to the target: {error}") from error

@@ -12,10 +12,9 @@ from types import FrameType
 from typing import Final
 
 from drivers.clock import MonotonicClock, wall_offset_s
-from servoloop.api.describe import describe
 from servoloop.api.errors import ArmEndedError, ArmError
 from servoloop.api.options import setup_errors
-from servoloop.api.own_loop import CLOSED, OwnLoop, ended_by
+from servoloop.api.own_loop import CLOSED, OwnLoop, describe, ended_by
 from servoloop.api.pace import ThreadPace
 from servoloop.api.stack_backend import StackBackend
 from servoloop.recording.stack_recording import StackRecording

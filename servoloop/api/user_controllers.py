@@ -10,7 +10,7 @@ from controller.interface import Controller, ControllerType
 from controller.manager.controllers_file import claim_mistakes
 from controller.manager.switch import ManagerError
 from servoloop.api.errors import ArmEndedError, ArmInputError
-from servoloop.api.takeover import InLoop, Takeover
+from servoloop.api.stream_gate import InLoop, Takeover
 from servoloop.stack.control_stack import ControlStack
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Final
 
 from hal.types import JointState
-from servoloop.api.describe import describe
 from servoloop.api.errors import ArmEndedError
+from servoloop.api.own_loop import describe
 from servoloop.api.pace import ThreadPace
 from servoloop.api.stack_backend import StackBackend
 from servoloop.command_server.requests import StackRequests

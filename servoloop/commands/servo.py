@@ -9,16 +9,17 @@ import typer
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
 from servoloop.commands.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
 from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.register_address import (
+from servoloop.commands.registers import (
+    ModelOption,
     RegisterAddress,
     name_and_value,
     name_to_read,
     print_address,
+    tables,
     whole_number,
     write_at,
+    write_status_level,
 )
-from servoloop.commands.register_mute import ModelOption, write_status_level
-from servoloop.commands.register_tables import tables
 
 if TYPE_CHECKING:
     from commissioning.registers.values import RegisterValue

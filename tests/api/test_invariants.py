@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 
 from servoloop import Arm, ArmError
-from servoloop.api.describe import describe
+from servoloop.api.own_loop import describe
 from servoloop.api.pace import SimulatedPace
 from servoloop.api.stack_backend import StackBackend
 from servoloop.campaign.invariants.watch import Watch

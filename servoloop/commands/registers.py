@@ -1,4 +1,4 @@
-"""``servoloop register read`` and ``write`` with ``--address``, for registers that have no name here."""
+"""Options and output of ``servoloop register``: tables, registers without a name, and servos that answer only pings."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.errors import CommissioningError
-from servoloop.commands.console import confirm, print_json
+from servoloop.commands.console import JsonOption, confirm, print_json, print_table
+from servoloop.commands.line_options import interruptible
 
 if TYPE_CHECKING:
     from commissioning.scan.find import FoundServo
+
 
 Span = tuple[int, int]
 """Address and size of a register."""
@@ -87,3 +89,70 @@ def write_at(servo: "FoundServo", span: Span, value: int, yes: bool, json: bool)
     same = "; nothing was written because the value is the same"
     was = same if written.before == written.after else f", previously {written.before}"
     typer.echo(f"servo {servo.servo_id}: address {written.address} is {written.after}{was}")
+
+
+ModelOption = Annotated[
+    str | None,
+    typer.Option("--model", help="Model of a servo that answers no reads, to write its status level without a reply."),
+]
+
+
+def write_status_level(port: str | None, servo_id: int, baud: int | None, model: str, words: list[str]) -> None:
+    """Let a servo answer reads again. Raises CommissioningError if anything but its status level is to be written."""
+    from commissioning.ports.adapters import only_port
+    from commissioning.registers.mute import answer_reads
+    from drivers.clock import MonotonicClock
+    from drivers.port.serial_port import SerialPort
+    from drivers.servos.catalog import MODELS, series_of
+
+    if model not in MODELS:
+        raise CommissioningError(f"--model {model} is unknown: use one of {', '.join(sorted(MODELS))}")
+    series = series_of(MODELS[model])
+    if words != [series.status_level.name, str(series.answers_all)]:
+        raise CommissioningError(
+            f"with --model, only '{series.status_level.name} {series.answers_all}' can be written. Omit --model for a "
+            "servo that answers reads"
+        )
+    clock = MonotonicClock()
+    line = SerialPort(port or only_port(), baud or 1_000_000, clock)
+    try:
+        with interruptible():
+            level = answer_reads(line, clock, servo_id, MODELS[model], (baud,) if baud else ())
+    finally:
+        line.close()
+    typer.echo(f"servo {servo_id} answers reads; its {series.status_level.name} is {level}")
+
+
+def tables(
+    model: Annotated[str | None, typer.Argument(help="Model whose registers are listed (default: all models).")] = None,
+    json: JsonOption = False,
+) -> None:
+    """List all servo models, or the control table of one model. No servo is needed.
+
+    The servo models of the present folder are included (servo_models.yaml, see docs/add-a-servo.md).
+    Example: `servoloop register tables xl430-w250`
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from commissioning.registers.listing import listed_models, listed_registers
+
+    if model is None:
+        models = listed_models()
+        if json:
+            print_json(models)
+            return
+        table = Table("model", "number", "series", "registers", "source", title="servo models")
+        for one in models:
+            table.add_row(one.name, str(one.number), one.series, str(one.registers), one.source)
+        print_table(Console(), table, "series")
+        return
+    registers = listed_registers(model)
+    if json:
+        print_json(registers)
+        return
+    table = Table("register", "address", "size", "access", "memory", "values", "unit", title=model)
+    for row in registers:
+        access, kept = "read, write" if row.writable else "read", "EEPROM" if row.persistent else "RAM"
+        table.add_row(row.name, str(row.address), str(row.size), access, kept, row.values, row.unit)
+    print_table(Console(), table, "values")
