@@ -24,7 +24,7 @@ help:
 	@echo 'make setup   everything into .venv; a second time within seconds'
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
 	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
-	@echo 'make test-sample  a slow test of two files of each folder'
+	@echo 'make test-sample  a slow test of each folder'
 	@echo 'make test-all  the others too, before a release; make test-slow: only those'
 	@echo 'make test-lowest  the fast tests of the core, with the lowest versions that pyproject.toml allows'
 	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'

@@ -67,9 +67,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option with which CI runs a part of the slow tests."""
-    parser.addoption(
-        "--sample", action="store_true", help="run the first of the selected tests of two files of each folder"
-    )
+    parser.addoption("--sample", action="store_true", help="run the first of the selected tests of each folder")
 
 
 def _has_a_word_of(marker: str, path: Path) -> bool:

@@ -3,7 +3,6 @@
 Of a long test (long_tests.txt), `make test` runs the first case.
 """
 
-from collections import Counter
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -12,8 +11,6 @@ from typing import Final
 import pytest
 
 LIST = Path(__file__).with_name("long_tests.txt")
-FILES_OF_A_FOLDER: Final = 2
-"""Number of files in each folder from which CI runs a slow test."""
 ALWAYS: Final = "tests/ros/test_readme.py"
 """File with the commands of the README, from which CI always runs a test."""
 
@@ -41,16 +38,12 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
 
 
 def sample(items: list[pytest.Item]) -> list[pytest.Item]:
-    """Return the first test of each of the first ``FILES_OF_A_FOLDER`` files of each folder, in order.
+    """Return the first test of each folder, and the first test of ``ALWAYS``.
 
-    Long tests are excluded, because `make test` runs a case of each.
+    Long tests are left out: `make test` has a case of each.
     """
-    slow = [item for item in items if item.nodeid.partition("[")[0] not in long_tests()]
-    first = list({item.path: item for item in reversed(slow)}.values())[::-1]
-    in_folder = Counter[Path]()
-    kept: list[pytest.Item] = []
-    for item in first:
-        in_folder[item.path.parent] += 1
-        if in_folder[item.path.parent] <= FILES_OF_A_FOLDER or item.path.match(ALWAYS):
-            kept.append(item)
-    return kept
+    first: dict[Path, pytest.Item] = {}
+    for item in items:
+        if item.nodeid.partition("[")[0] not in long_tests():
+            first.setdefault(item.path if item.path.match(ALWAYS) else item.path.parent, item)
+    return list(first.values())
