@@ -3,7 +3,7 @@
 import sys
 import threading
 
-from commissioning.calibrate.run import calibrate
+from commissioning.calibrate.run import JointsToCalibrate, calibrate
 from drivers.clock import MonotonicClock
 from drivers.port.serial_port import SerialPort
 from servoloop.stack.arm_folders import find_arm, read_arm_servos
@@ -40,7 +40,8 @@ def main(folder, port, person, open_port=SerialPort, clock=None):
     def open_bus():
         return servo_bus(robot.file, open_port(port, baud, clock), clock)
 
-    outcome = calibrate(arm.robot, joints, arm.file.calibration.joints, open_bus, person, clock)
+    plans = JointsToCalibrate(arm.robot, joints, arm.file.calibration.joints)
+    outcome = calibrate(plans, open_bus, person, clock)
     print(f"stored in {outcome.path}" if outcome.stored else "nothing was stored")
 
 
