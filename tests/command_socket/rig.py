@@ -25,6 +25,8 @@ class SocketRig:
         self.stack = stack
         self.ended = threading.Event()
         self.errors: list[BaseException] = []
+        self.pause_s = 0.002
+        """Pause after each cycle, in which the threads of the socket run. A longer pause makes the arm slower."""
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     @cached_property
@@ -53,7 +55,7 @@ class SocketRig:
         try:
             while not self.ended.is_set():
                 self.stack.run(self.stack.loop.period_s)
-                time.sleep(0.002)
+                time.sleep(self.pause_s)
         except BaseException as error:
             self.errors.append(error)
 

@@ -114,6 +114,7 @@ def test_a_stream_moves_the_arm_and_the_hand(client: CommandClient, rig: SocketR
 
 
 def test_a_stream_that_is_released_brakes_within_the_limits_and_holds(client: CommandClient, rig: SocketRig) -> None:
+    rig.pause_s = 0.05  # The release must arrive while the hand moves.
     client.request("take")
     client.request("set_point", controller="hand_controller", values=[0.05])
     hand: list[float] = []
