@@ -5,12 +5,12 @@ from typing import Final
 
 from commissioning.errors import CommissioningError
 from commissioning.registers.access import CORRECTS_S
-from commissioning.scan.find import answers
+from commissioning.scan.find import answering_step
 from commissioning.scan.identify import retry_often
 from commissioning.scan.steps import steps
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
-from drivers.errors import PortError, PortLost, ServoError
+from drivers.errors import PortLost, ServoError
 from drivers.port import Port
 from drivers.servos.catalog import known_as, series_of
 from drivers.servos.register import ServoModel
@@ -79,15 +79,6 @@ def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel)
 def _find(port: Port, clock: Clock, servo_id: int, model: ServoModel, bauds: tuple[int, ...]) -> None:
     """Set the port to the baud rate at which the servo answers pings."""
     series = series_of(model)
-    for step in steps((series.make,), bauds):
-        if step.packets is not series.protocol.packets:
-            continue
-        try:
-            port.set_baud(step.baud)
-        except PortLost:
-            raise
-        except PortError:  # The adapter does not support this rate.
-            continue
-        if answers(port, clock, step.packets, servo_id):
-            return
-    raise CommissioningError(f"no servo with ID {servo_id} answers pings. Check its power, its cable and its ID")
+    tried = (step for step in steps((series.make,), bauds) if step.packets is series.protocol.packets)
+    if answering_step(port, clock, servo_id, tried) is None:
+        raise CommissioningError(f"no servo with ID {servo_id} answers pings. Check its power, its cable and its ID")

@@ -94,9 +94,9 @@ def answers(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> boo
     return any(servo_id in heard.whole | heard.broken for heard in (wire.ping(servo_id) for _ in range(PINGS)))
 
 
-def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ()) -> FoundServo:
-    """Find the servo with this ID like ``find_servo``, but leave the port at its baud rate."""
-    for step in steps(bauds=bauds):
+def answering_step(port: Port, clock: Clock, servo_id: int, tried: Iterable[Step]) -> Step | None:
+    """Return the first step in which a servo answers pings, or None. The port is left at its baud rate."""
+    for step in tried:
         try:
             port.set_baud(step.baud)
         except PortLost:
@@ -104,7 +104,14 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
         except PortError:  # The adapter does not support this rate.
             continue
         if answers(port, clock, step.packets, servo_id):
-            return _sole(port, clock, step, servo_id)
+            return step
+    return None
+
+
+def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ()) -> FoundServo:
+    """Find the servo with this ID like ``find_servo``, but leave the port at its baud rate."""
+    if step := answering_step(port, clock, servo_id, steps(bauds=bauds)):
+        return _sole(port, clock, step, servo_id)
     tried = f"{' or '.join(map(str, bauds))} baud" if bauds else "any baud rate"
     raise CommissioningError(
         f"no servo with ID {servo_id} answers at {tried}. Check its power and its cable, and list the servos on "
