@@ -200,6 +200,7 @@ class DeviationEnds(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._off_s = defaultdict[str, float](float)
+        self._reference = read_reference(stack.files)
 
     def on_state(self, state: JointState) -> None:
         arm, period_s = self.stack.arm, self.stack.loop.period_s
@@ -217,11 +218,17 @@ class DeviationEnds(Invariant):
             if allowed <= 0.0 or self.deceived(joint):
                 continue
             self.examined += 1
-            off = abs(float(reference.position[place]) - true[joint]) > allowed + lag + DEVIATION
+            off = self._deviation(joint, float(reference.position[place]), true[joint]) > allowed + lag + DEVIATION
             self._off_s[joint] = self._off_s[joint] + period_s if off else 0.0
             if self._off_s[joint] > DEVIATES_S:
                 wanted = f"its reference is at {reference.position[place]:.3f}"
                 self.say(f"a goal continues although {joint} is at {true[joint]:.3f} and {wanted}")
+
+    def _deviation(self, joint: str, wanted: float, true: float) -> float:
+        """Return the distance between the reference and the joint, as small as the servo may report it."""
+        known = self._reference.get(joint)
+        readings = [true] if known is None else known.readings(true, 0.0)
+        return min(abs(wanted - reading) for reading in readings)
 
 
 class GoalsAreJudged(Invariant):

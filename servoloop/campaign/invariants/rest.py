@@ -10,6 +10,7 @@ import numpy as np
 from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
 from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.clients import FREEDRIVE
 from servoloop.simulation.faulty_stack import FaultyStack
 
@@ -39,11 +40,17 @@ class _End:
     here: FloatArray
     """Joint positions in the previous cycle."""
 
-    def extend(self, here: FloatArray, period_s: float) -> None:
-        """Extend the range to the positions of joints at rest: they may be blocked, and their commands may give way."""
+    def extend(self, here: FloatArray, reported: FloatArray, period_s: float) -> None:
+        """Extend the range to the positions of joints at rest: they may be blocked, and their commands may give way.
+
+        Args:
+            here: True positions, shape (n,).
+            reported: Lowest and highest position that the servos may report for them, shape (2, n).
+            period_s: Time since the previous cycle.
+        """
         rests = np.abs(here - self.here) < RESTS * period_s
-        self.lowest = np.where(rests, np.minimum(self.lowest, here), self.lowest)
-        self.highest = np.where(rests, np.maximum(self.highest, here), self.highest)
+        self.lowest = np.where(rests, np.minimum(self.lowest, reported[0]), self.lowest)
+        self.highest = np.where(rests, np.maximum(self.highest, reported[1]), self.highest)
         self.here = here
 
 
@@ -59,6 +66,7 @@ class NothingTravels(Invariant):
         self._range = np.array([min(limit.upper - limit.lower, 7.0) for limit in limits])
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
+        self._reference = read_reference(stack.files)
         self._end: _End | None = None
 
     def on_state(self, state: JointState) -> None:
@@ -71,7 +79,8 @@ class NothingTravels(Invariant):
             self._end = self._begun(command, loop.previous_command[self._places])
         if self._end is None:
             return
-        self._end.extend(self._true(), self.stack.loop.period_s)
+        here = self._true()
+        self._end.extend(here, self._reported(here), self.stack.loop.period_s)
         self.examined += 1
         slack = STAYS * self._range
         away = (command < self._end.lowest - slack) | (command > self._end.highest + slack)
@@ -101,6 +110,15 @@ class NothingTravels(Invariant):
     def _true(self) -> FloatArray:
         true = self.true_positions()
         return np.array([true[joint] for joint in self.stack.arm.joints])
+
+    def _reported(self, here: FloatArray) -> FloatArray:
+        """Return the lowest and the highest position (2, n) that the servos may report for true positions (n,)."""
+        ends = []
+        for joint, true in zip(self.stack.arm.joints, here.tolist(), strict=True):
+            known = self._reference.get(joint)
+            readings = [true] if known is None else known.readings(true, 0.0)
+            ends.append((min(readings), max(readings)))
+        return np.array(ends).T
 
 
 class NothingPresses(Invariant):
