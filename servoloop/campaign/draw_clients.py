@@ -5,7 +5,19 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
-from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
+from servoloop.simulation.acts import (
+    Act,
+    Cancel,
+    GuideArm,
+    Jog,
+    Move,
+    MoveHand,
+    Plan,
+    Reactivate,
+    Stream,
+    Switch,
+    Waypoints,
+)
 
 BEYOND: Final = 0.08
 """Share of goals with a position beyond a limit. The controller must reject such a goal."""
@@ -36,6 +48,8 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
     at_s = random.uniform(0.0, 0.3)
     while at_s < seconds:
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
+        if isinstance(acts[-1], Waypoints):
+            at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
         at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0)])
     return tuple(acts)
 
@@ -75,7 +89,20 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
         return Cancel(at_s=at_s)
     if draw < 0.35 and hand:
         return MoveHand(at_s=at_s, share=round(random.random(), 3))
+    if draw < 0.55:
+        return _waypoints(random, joints, at_s)
     return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
+
+
+def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> Act:
+    """Draw up to four points for joints in any order, mostly near zero, sometimes with a stamp in the future."""
+    mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
+    anywhere = random.random() < 0.1
+    points = tuple(
+        {name: _position(random, limit, anywhere) for name, limit in mixed.items()} for _ in range(random.randint(1, 4))
+    )
+    delay_s = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.3 else 0.0
+    return Waypoints(at_s=at_s, points=points, seconds=round(random.uniform(0.3, 0.8), 2), delay_s=delay_s)
 
 
 def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:

@@ -34,6 +34,18 @@ class Plan(_Act):
     """Share of the velocity limits that the planner uses."""
 
 
+class Waypoints(_Act):
+    """Send a goal with several points without velocities, with the joints in the order of the first point."""
+
+    kind: Literal["waypoints"] = "waypoints"
+    points: Annotated[tuple[dict[str, Position], ...], Field(min_length=1)]
+    """Positions of some joints at each point. The other joints stay at their previous point."""
+    seconds: Duration = 1.0
+    """Time between two points."""
+    delay_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
+    """Time from now to the stamp of the trajectory, in seconds; 0 sends no stamp."""
+
+
 class Stream(_Act):
     """Stream points on a straight line to ``positions`` to the controller's topic, in every second cycle."""
 
@@ -90,5 +102,6 @@ class GuideArm(_Act):
 
 
 Act = Annotated[
-    Move | Plan | Stream | Cancel | MoveHand | Switch | Reactivate | Jog | GuideArm, Field(discriminator="kind")
+    Move | Plan | Waypoints | Stream | Cancel | MoveHand | Switch | Reactivate | Jog | GuideArm,
+    Field(discriminator="kind"),
 ]

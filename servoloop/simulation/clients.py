@@ -15,7 +15,19 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState
-from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
+from servoloop.simulation.acts import (
+    Act,
+    Cancel,
+    GuideArm,
+    Jog,
+    Move,
+    MoveHand,
+    Plan,
+    Reactivate,
+    Stream,
+    Switch,
+    Waypoints,
+)
 from servoloop.simulation.stack import SimulatedStack
 
 LOG = logging.getLogger("servoloop")
@@ -66,6 +78,7 @@ class SimulatedClients:
         actions: Mapping[str, Callable[[Any], None]] = {
             "move": self._move,
             "plan": self._plan,
+            "waypoints": self._waypoints,
             "stream": self._stream,
             "cancel": self._cancel,
             "hand": self._hand,
@@ -99,6 +112,14 @@ class SimulatedClients:
         )
         times_s = [*np.arange(TABLE_S, motion.duration_s, TABLE_S).tolist(), max(motion.duration_s, TABLE_S / 2.0)]
         self._send(TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s)))
+
+    def _waypoints(self, act: Waypoints) -> None:
+        names = tuple(dict.fromkeys((*act.points[0], *self._arm.joints)))
+        here, points = dict(zip(self._arm.joints, self._here().tolist(), strict=True)), []
+        for number, positions in enumerate(act.points, 1):
+            here |= positions
+            points.append(GoalPoint(tuple(here[name] for name in names), number * act.seconds))
+        self._send(TrajectoryGoal(names, tuple(points), delay_s=act.delay_s))
 
     def _stream(self, act: Stream) -> None:
         self._streams.append(self._points(act))

@@ -32,8 +32,9 @@ DEVIATES_S: Final = 0.6
 """Time in which a goal with a larger deviation ends, in seconds."""
 BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be accepted or rejected, as a share of the joint's range."""
-HISTORY: Final = 44
-"""Number of cycles before the end of a goal that are searched for a deviation: the goal ends once its joints rest."""
+HISTORY: Final = 150
+"""Number of cycles before the end of a goal that are searched for a deviation: the goal ends once its joints rest and
+are relieved."""
 
 
 class GoalsEnd(Invariant):

@@ -22,7 +22,7 @@ CREEPS: Final = 0.01
 """Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
 """Factor on the shortest braking time of the slowest joint: the others brake with it along the path."""
-PRESSES_SHARE: Final = 0.02
+PRESSES_SHARE: Final = 0.03
 """Allowed distance between command and joint, as a share of its range: servos give way, and relief is not exact."""
 RELIEVED_S: Final = 0.3
 """Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
@@ -80,7 +80,7 @@ class NothingTravels(Invariant):
         if self._end is None:
             return
         here = self._true()
-        self._end.extend(here, self._reported(here), self.stack.loop.period_s)
+        self._end.extend(here, self._reported(here, state), self.stack.loop.period_s)
         self.examined += 1
         slack = STAYS * self._range
         away = (command < self._end.lowest - slack) | (command > self._end.highest + slack)
@@ -111,12 +111,14 @@ class NothingTravels(Invariant):
         true = self.true_positions()
         return np.array([true[joint] for joint in self.stack.arm.joints])
 
-    def _reported(self, here: FloatArray) -> FloatArray:
+    def _reported(self, here: FloatArray, state: JointState) -> FloatArray:
         """Return the lowest and the highest position (2, n) that the servos may report for true positions (n,)."""
         ends = []
         for joint, true in zip(self.stack.arm.joints, here.tolist(), strict=True):
             known = self._reference.get(joint)
             readings = [true] if known is None else known.readings(true, 0.0)
+            if self.deceived(joint):
+                readings.append(float(state.position[self.stack.loop.hardware.joints.index(joint)]))
             ends.append((min(readings), max(readings)))
         return np.array(ends).T
 
@@ -139,6 +141,8 @@ class NothingPresses(Invariant):
         """Whether a hand has moved the arm since the last goal."""
         self._streamed = False
         """Whether another controller has driven joints of the arm since the last goal."""
+        self._deactivated = False
+        """Whether the controller has been inactive since the end of the last goal, so that the relief began late."""
         self._last: object = None
 
     def on_state(self, state: JointState) -> None:
@@ -156,9 +160,10 @@ class NothingPresses(Invariant):
         running = self.stack.manager.registry.loaded[self.stack.arm.name].active
         streamed = self._driven_by_others()
         self._streamed = bool(streamed) or (self._streamed and last is self._last)
+        self._deactivated = not running or (self._deactivated and last is self._last)
         self._last = last
         relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
-        waited = running and relieved and not (state.faults or self._streamed)
+        waited = relieved and not (self._deactivated or state.faults or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         for joint, place in self._places.items():
             known = joint not in state.faults and not self.deceived(joint) and self.torque_of(joint)
