@@ -36,8 +36,8 @@ def joint_scales(arm: Mapping[str, Any], joints: list[str], use_degrees: bool) -
     Args:
         arm: Reply to the message ``arm``.
         joints: Names of the joints.
-        use_degrees: Whether values are in degrees. Otherwise, -100 to 100 is the range between the limits. The gripper
-            has 0 (closed) to 100 (open) in both cases.
+        use_degrees: Whether values are in degrees. Otherwise, -100 to 100 is the range between the limits. In both
+            cases, the gripper has 0 to 100, from its closed limit to its open limit.
 
     Raises:
         StackError: The arm has no joint of this name, or a joint has no limits to which values can refer.
@@ -52,11 +52,18 @@ def _scale(arm: Mapping[str, Any], joint: str, use_degrees: bool) -> JointScale:
     limits = arm["limits"][joint]
     lower = -math.inf if limits["lower"] is None else float(limits["lower"])
     upper = math.inf if limits["upper"] is None else float(limits["upper"])
-    if joint == arm["hand"] and arm["hand_open"] is not None and arm["hand_closed"] is not None:
-        closed = float(arm["hand_closed"])
-        return JointScale(closed, (float(arm["hand_open"]) - closed) / 100.0, lower, upper)
-    if use_degrees:
+    gripper = joint == arm["hand"]
+    if use_degrees and not gripper:
         return JointScale(0.0, math.radians(1.0), lower, upper)
     if not math.isfinite(upper - lower):
-        raise StackError("input", f"{joint} has no limits, so it cannot use -100 to 100: set use_degrees to true")
+        raise StackError("input", f"{joint} has no limits, so its values cannot be shares of its range: leave it out")
+    if gripper:
+        closed, opened = (upper, lower) if _opens_downward(arm) else (lower, upper)
+        return JointScale(closed, (opened - closed) / 100.0, lower, upper)
     return JointScale((lower + upper) / 2.0, (upper - lower) / 200.0, lower, upper)
+
+
+def _opens_downward(arm: Mapping[str, Any]) -> bool:
+    """Return whether the gripper opens towards lower positions. Grippers of unknown direction open upwards."""
+    opened, closed = arm["hand_open"], arm["hand_closed"]
+    return opened is not None and closed is not None and opened < closed

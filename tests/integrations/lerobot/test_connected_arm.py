@@ -66,8 +66,17 @@ def test_values_have_the_units_of_lerobot() -> None:
     shares = joint_scales(ARM_REPLY, ["turn", "hand"], False)
     assert [shares["turn"].value(at) for at in (-1.0, 0.5, 2.0)] == pytest.approx([-100.0, 0.0, 100.0])
     for scales in (degrees, shares):
-        assert [scales["hand"].value(at) for at in (0.0, 0.04)] == pytest.approx([0.0, 100.0])
-    assert "use_degrees" in refused("input", lambda: joint_scales(ARM_REPLY, ["endless"], False))
+        assert [scales["hand"].value(at) for at in (0.0, 0.05)] == pytest.approx([0.0, 100.0])
+    assert "endless" in refused("input", lambda: joint_scales(ARM_REPLY, ["endless"], False))
+
+
+@pytest.mark.parametrize(
+    ("opened", "closed", "values"), [(0.0, 0.04, [100.0, 0.0]), (0.04, 0.0, [0.0, 100.0]), (None, None, [0.0, 100.0])]
+)
+def test_a_gripper_has_zero_where_it_is_closed(opened: float | None, closed: float | None, values: list[float]) -> None:
+    arm = {**ARM_REPLY, "hand_open": opened, "hand_closed": closed}
+    scale = joint_scales(arm, ["hand"], True)["hand"]
+    assert [scale.value(at) for at in (0.0, 0.05)] == pytest.approx(values)
 
 
 @pytest.mark.parametrize(("value", "position"), [(20.0, 0.2), (-500.0, -1.0), (500.0, 2.0)])
