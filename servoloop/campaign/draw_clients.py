@@ -5,6 +5,7 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
+from servoloop.campaign.draw_socket_act import draw_socket_act
 from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
 
 BEYOND: Final = 0.08
@@ -119,6 +120,10 @@ def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: 
     return GuideArm(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
 
 
+def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    return draw_socket_act(random, _positions(random, joints), at_s)
+
+
 DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {
     "moves": _move,
     "plans": _plan,
@@ -126,4 +131,5 @@ DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, flo
     "switches": _switch,
     "jogs": _jog,
     "guides": _guide,
+    "sockets": _socket,
 }

@@ -28,6 +28,9 @@ from hal.joint import Joint
 from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.types import FloatArray, JointState
+from servoloop.api.stream_gate import StreamGate
+from servoloop.command_server import requests
+from servoloop.command_server.requests import StackRequests
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
@@ -238,3 +241,18 @@ def arm_is_taken_over_at_zero(patch: pytest.MonkeyPatch) -> None:
         loop.command = np.zeros_like(loop.command)
 
     patch.setattr(ControlLoop, "take_over", wrong)
+
+
+@detected_by("goals are judged")
+def stale_commands_are_carried_out(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(requests, "STALE_S", 100.0)
+
+
+@detected_by("every goal ends")
+def silent_streams_continue(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StreamGate, "update", lambda gate, now_s: None)
+
+
+@detected_by("cancels are followed")
+def motions_of_dead_programs_continue(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StackRequests, "disconnect", lambda requests, client: None)
