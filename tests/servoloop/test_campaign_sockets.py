@@ -93,6 +93,12 @@ def test_the_motion_of_a_program_that_dies_slows_down_and_holds(act: Act, share:
     assert -share * limit.acceleration <= braking.min() < -1.0
 
 
+def test_a_stream_with_a_far_first_target_does_not_jump() -> None:
+    path, limit = path_of(STREAM.model_copy(update={"leaps": True})), files_of("robot_arm").limits[JOINT]
+    assert path[-1] == pytest.approx(TARGET, abs=1e-6)
+    assert np.abs(np.diff(path, 2)).max() <= 1.001 * limit.acceleration * PERIOD_S**2
+
+
 def test_a_stream_that_falls_silent_ends_within_its_age() -> None:
     path = path_of(STREAM.model_copy(update={"for_s": 0.4}), MOVE.model_copy(update={"at_s": 1.5}), seconds=4.0)
     assert np.ptp(path[25:29]) == 0.0 and path[-1] == pytest.approx(TARGET, abs=1e-6)
