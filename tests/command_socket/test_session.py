@@ -13,6 +13,7 @@ from servoloop.command_server.requests import StackRequests
 from servoloop.command_server.session import Session
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.simulation.stack import SimulatedStack
+from sim_backend.packets.sts import Code
 from tests.stack.rig import READY
 
 
@@ -105,3 +106,22 @@ def test_too_large_a_message_is_refused_and_nothing_after_it_is_carried_out(clie
     (reply,) = client.write(b"x" * 500_001)
     assert reply["error"]["type"] == "too_large" and client.session.refused
     assert client.write(b"\n" + client.line("take")) == []
+
+
+def test_a_streamed_target_is_in_the_goals_on_the_bus_within_one_cycle(client: Client) -> None:
+    loop, joint = client.stack.loop, client.stack.files.robot.joints[0]
+
+    def next_goal(after_s: float) -> tuple[float, int]:
+        """Return the time of the next group write, in seconds, and the goal of the first servo in it, in counts."""
+        sent = client.stack.port.sent
+        time_s, data = next((at_s, data) for at_s, data in sent if at_s > after_s and data[4] == Code.SYNC_WRITE)
+        return time_s, int.from_bytes(data[9:11], "little")  # the acceleration comes first
+
+    client.write(client.line("take"))
+    client.write(client.line("stream", max_age_s=1.0))
+    for target in (0.01, 0.02, 0.03):
+        now_s = client.requests.time.now()
+        assert client.write(client.line("targets", positions={joint.name: target}, sent_s=now_s))[0]["ok"]
+        client.wait_s(loop.period_s)
+        written_s, goal = next_goal(now_s)
+        assert written_s - now_s <= loop.period_s and goal == joint.counts(target)
