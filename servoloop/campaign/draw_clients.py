@@ -5,6 +5,7 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
+from servoloop.campaign.draw_socket_act import draw_socket_act
 from servoloop.simulation.acts import (
     Act,
     Cancel,
@@ -27,6 +28,8 @@ AT_LIMIT: Final = 0.3
 """Share of positions of these goals that are exactly at a limit."""
 NEAR: Final = 0.3
 """Largest position of all other goals, as a share of the distance from zero to the limit."""
+PAUSE_S: Final = 6.0
+"""Longest time between two acts, in seconds. Goals without a result need it to end."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
 
@@ -50,7 +53,7 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
         if isinstance(acts[-1], Waypoints):
             at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
-        at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0)])
+        at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)])
     return tuple(acts)
 
 
@@ -146,6 +149,10 @@ def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: 
     return GuideArm(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
 
 
+def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    return draw_socket_act(random, _positions(random, joints), at_s)
+
+
 DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {
     "moves": _move,
     "plans": _plan,
@@ -153,4 +160,5 @@ DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, flo
     "switches": _switch,
     "jogs": _jog,
     "guides": _guide,
+    "sockets": _socket,
 }

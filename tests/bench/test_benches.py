@@ -48,6 +48,7 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
         (("benchmarks.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
         (("benchmarks.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
         (("benchmarks.command_socket", "--messages", "50"), ("set_point", "median, ms")),
+        (("benchmarks.stream", "--seconds", "2"), ("call to bytes", "100 targets; ", " 0 lost")),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )

@@ -31,6 +31,9 @@ from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
 from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointState
+from servoloop.api.stream_gate import StreamGate
+from servoloop.command_server import requests
+from servoloop.command_server.requests import StackRequests
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
@@ -307,3 +310,18 @@ def replaced_goals_continue(patch: pytest.MonkeyPatch) -> None:
 @detected_by("forwarded values are followed")
 def hand_stays_where_it_is(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(ForwardCommandController, "_go", lambda controller, wanted: None)
+
+
+@detected_by("goals are judged")
+def stale_commands_are_carried_out(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(requests, "STALE_S", 100.0)
+
+
+@detected_by("every goal ends")
+def silent_streams_continue(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StreamGate, "update", lambda gate, now_s: None)
+
+
+@detected_by("cancels are followed")
+def motions_of_dead_programs_continue(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StackRequests, "disconnect", lambda requests, client: None)

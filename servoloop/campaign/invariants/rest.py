@@ -9,6 +9,7 @@ import numpy as np
 
 from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
+from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.clients import FREEDRIVE
@@ -55,7 +56,7 @@ class _End:
 
 
 class NothingTravels(Invariant):
-    """After a goal has ended, commands only brake the joints or give way to an obstacle."""
+    """After a goal or a stream of targets has ended, commands only brake the joints or give way to an obstacle."""
 
     name = "nothing travels after the end"
 
@@ -68,14 +69,17 @@ class NothingTravels(Invariant):
         self._jerk = np.array([limit.jerk for limit in limits])
         self._reference = read_reference(stack.files)
         self._end: _End | None = None
+        self._streamed = False
+        """Whether a stream has driven the arm in the previous cycle."""
 
     def on_state(self, state: JointState) -> None:
         loop = self.stack.loop
         command = loop.command[self._places]
+        streamed, self._streamed = self._streamed, self._streams()
         if self._disturbed(state):
             self._end = None
             return
-        if any(one.controller == self.stack.arm.name for one in self.stack.ended_goals):
+        if streamed or any(one.controller == self.stack.arm.name for one in self.stack.ended_goals):
             self._end = self._begun(command, loop.previous_command[self._places])
         if self._end is None:
             return
@@ -90,6 +94,11 @@ class NothingTravels(Invariant):
             self.say(
                 f"{joint} is commanded to {command[away][0]:.4f} without a goal, {after_s:.2f} s after the last one"
             )
+
+    def _streams(self) -> bool:
+        """Return whether a stream of targets drives the arm."""
+        stream = self.stack.manager.registry.loaded.get(STREAM)
+        return stream is not None and stream.active
 
     def _disturbed(self, state: JointState) -> bool:
         """Return whether a goal, a fault or an activation moves the arm."""
