@@ -179,7 +179,8 @@ class ServoFaults:
         Returns:
             Faults by joint name.
         """
-        back = [joint for joint in self._joints if joint.name in self._faults and joint.name in measured]
+        faults = self._faults
+        back = [joint for joint in self._joints if joint.name in faults and joint.name in measured] if faults else []
         for joint in back:
             if joint.name not in self.withheld:  # the next silence starts a new period
                 self._measured_s.pop(joint.name, None)
@@ -194,13 +195,17 @@ class ServoFaults:
                 )  # replaces the fault if the servo was silent meanwhile
             begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
-            self._ask([joint for joint in back if joint.name not in self._released], buses, until_s)
+            if back:
+                self._ask([joint for joint in back if joint.name not in self._released], buses, until_s)
             due = self._due(measured, 0.0 if late else MISSED * WATCH_S)
             due = [joint for joint in due if joint.name not in self._faults]
-            self._watch(due[:1] if late and self._quick else due, buses, until_s)
+            if due:
+                self._watch(due[:1] if late and self._quick else due, buses, until_s)
             if late:
                 was_quick, self._quick = self._quick, self._clock.now() - begin_s < QUICK_S
                 self._next_late_s = begin_s + (0.0 if was_quick else LATEST * WATCH_S)
+        if not self._faults:
+            return {}
         unasked = {
             joint.name: JointFault("no_torque", f"{_servo_label(joint, buses)} {_UNASKED}")
             for joint in back
@@ -255,6 +260,8 @@ class ServoFaults:
     def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
         """Return the joints whose torque has not been checked for ``for_s`` seconds, the longest time first."""
         until_s, checked, faults = self._clock.now() - for_s, self._checked_s, self._faults
+        if min(checked.values(), default=math.inf) > until_s:  # usual, and much faster
+            return []
         limp = {name for name, fault in faults.items() if fault.kind == "no_torque"}
         unseen = [joint for joint in self._joints if joint.name in measured and joint.name not in limp]
         return sorted((one for one in unseen if checked[one.name] <= until_s), key=lambda joint: checked[joint.name])
