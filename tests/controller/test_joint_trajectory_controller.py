@@ -63,6 +63,16 @@ def test_a_goal_that_is_too_fast_takes_longer_and_reports_it(caplog: pytest.LogC
     assert_smooth(bench.path())
 
 
+def test_a_stream_of_trajectories_that_are_too_fast_is_reported_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench().up()
+    for number in range(130):
+        bench.send(replace(to(1.9 if number % 2 else 0.0, 0.0, after_s=0.1), from_topic=True))
+        bench.cycle(10)
+    begin, minute = (text for text in caplog.messages if "stretch the motion" in text)
+    assert "more since" not in begin
+    assert minute.endswith("(120 more since the last warning about the topic)")
+
+
 @pytest.mark.parametrize("after_s", [0.0, -1.0, 0.01])
 def test_a_goal_without_a_duration_moves_as_fast_as_the_limits_allow(after_s: float) -> None:
     bench = Bench().up()

@@ -23,7 +23,7 @@ from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import excess
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
-from hal.compensation.gravity_compensation import GravityCompensation
+from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
@@ -186,8 +186,8 @@ def lost_torque_is_not_detected(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("goals mean commands", "safe wire")
 def gravity_offsets_are_eight_times_too_large(patch: pytest.MonkeyPatch) -> None:
-    sag = GravityCompensation._sag
-    patch.setattr(GravityCompensation, "_sag", lambda compensation, position: 8.0 * sag(compensation, position))
+    sag = JointOffset._sag
+    patch.setattr(JointOffset, "_sag", lambda offset, torque: 8.0 * sag(offset, torque))
 
 
 @detected_by("safe wire", "goals mean commands")
