@@ -5,9 +5,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from controller.fault_timeout import FAULT_CYCLES
 from drivers.printable import counted
 from hal.components.component_set import ComponentSet
+from hal.fault_timeout import FAULT_CYCLES
 from hal.types import JointState
 
 LOG = logging.getLogger("servoloop.controller")
