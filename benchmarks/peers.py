@@ -59,7 +59,10 @@ def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
     ids, goals = list(servo_ids), [list(work.goal) for _ in servo_ids]
 
     def cycle() -> bool:
-        found: Any = controller.sync_read_raw_data(ids, work.state_address, work.state_size)
+        try:
+            found: Any = controller.sync_read_raw_data(ids, work.state_address, work.state_size)
+        except RuntimeError:  # a timeout, because the machine is busy
+            return False
         controller.sync_write_raw_data(ids, work.goal_address, goals)
         return len(found) == len(ids)
 

@@ -1,7 +1,7 @@
 """The Dynamixel series with protocol 2.0: the wire protocol, and the encoding of states and goals."""
 
-import math
 from functools import partial
+from math import ceil
 from struct import Struct
 from typing import Final
 
@@ -40,16 +40,21 @@ def alarmed(error: int) -> tuple[str, ...]:
 
 # X series.
 
-LARGEST_PROFILE: Final = 32767
+LARGEST_PROFILE: Final = x.profile_velocity.largest
+# Constants of this module are found faster than those of another, and ranges are checked faster than by ``check``.
+_LOWEST, _HIGHEST = x.goal_position.smallest, x.goal_position.largest
+_VELOCITY_COUNTS_S: Final = x.VELOCITY_UNIT_COUNTS_S
+_VOLTAGE_V: Final = x.VOLTAGE_UNIT_V
+_FULL_PWM: Final = x.FULL_PWM
 
 
-def x_state(unit_a: float | None, alarms: tuple[str, ...], numbers: tuple[int, ...]) -> ServoState:
-    """Convert the register values of an X series servo to a state.
+def x_state(unit_a: float | None, alarms: tuple[str, ...], *numbers: int) -> ServoState:
+    """Convert the register values of an X series servo to a state. A control cycle does so for each servo.
 
     Args:
         unit_a: Unit of the current, in A; None if the servo does not measure it.
         alarms: Names of the alarms.
-        numbers: PWM, current or load, velocity, position, voltage and temperature.
+        *numbers: PWM, current or load, velocity, position, voltage and temperature.
 
     Returns:
         The state, in the units of ``ServoState``.
@@ -57,9 +62,9 @@ def x_state(unit_a: float | None, alarms: tuple[str, ...], numbers: tuple[int, .
     pwm, current, velocity, position, voltage, temperature = numbers
     fields = (
         position,
-        round(velocity * x.VELOCITY_UNIT_COUNTS_S),
-        pwm / x.FULL_PWM,
-        voltage * x.VOLTAGE_UNIT_V,
+        round(velocity * _VELOCITY_COUNTS_S),
+        pwm / _FULL_PWM,
+        voltage * _VOLTAGE_V,
         float(temperature),
         alarms,
         None if unit_a is None else current * unit_a,
@@ -68,19 +73,20 @@ def x_state(unit_a: float | None, alarms: tuple[str, ...], numbers: tuple[int, .
 
 
 def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    return x_state(unit_a, alarmed(error), numbers)
+    return x_state(unit_a, alarmed(error), *numbers)
 
 
 def profile_units(velocity_counts_s: int) -> int:
     """Convert a velocity to profile_velocity, rounded up so that the servo is not slower than requested. 0 stays 0."""
-    return min(math.ceil(velocity_counts_s / x.VELOCITY_UNIT_COUNTS_S), LARGEST_PROFILE)
+    return min(ceil(velocity_counts_s / _VELOCITY_COUNTS_S), LARGEST_PROFILE)
 
 
 def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
     position, velocity = wanted
-    x.goal_position.check(position)
-    x.profile_velocity.check(velocity)  # a small negative velocity would become 0, which means maximum velocity
-    return profile_units(velocity), position
+    if not (_LOWEST <= position <= _HIGHEST and 0 <= velocity <= LARGEST_PROFILE):
+        x.goal_position.check(position)
+        x.profile_velocity.check(velocity)  # a small negative velocity would become 0, which means maximum velocity
+    return ceil(velocity / _VELOCITY_COUNTS_S), position
 
 
 def _x_config_error(model: ServoModel, read: Read) -> str | None:

@@ -51,10 +51,9 @@ MAP_REGISTER: Final = Register("indirect addresses", POINTERS, len(MAP))
 _ALARMS: Final = tuple(map(x.alarms, range(256)))
 
 
-def _state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    hardware_error = numbers[1]
+def _state(unit_a: float | None, error: int, first: int, hardware_error: int, *numbers: int) -> ServoState:
     alarms = _ALARMS[hardware_error] if hardware_error else alarmed(error)
-    return x_state(unit_a, alarms, numbers[2:-1])
+    return x_state(unit_a, alarms, *numbers[:-1])
 
 
 def _block(address: int) -> StateBlock:
