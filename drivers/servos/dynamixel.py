@@ -46,34 +46,37 @@ _LOWEST, _HIGHEST = x.goal_position.smallest, x.goal_position.largest
 _VELOCITY_COUNTS_S: Final = x.VELOCITY_UNIT_COUNTS_S
 _VOLTAGE_V: Final = x.VOLTAGE_UNIT_V
 _FULL_PWM: Final = x.FULL_PWM
+_ALARMS: Final = tuple(map(x.alarms, range(256)))
+"""Names of the alarms by hardware error."""
 
 
-def x_state(unit_a: float | None, alarms: tuple[str, ...], *numbers: int) -> ServoState:
+def x_state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
     """Convert the register values of an X series servo to a state. A control cycle does so for each servo.
 
     Args:
         unit_a: Unit of the current, in A; None if the servo does not measure it.
-        alarms: Names of the alarms.
-        *numbers: PWM, current or load, velocity, position, voltage and temperature.
+        error: Error byte of the reply.
+        *numbers: Numbers of a mapped block: first proof, hardware error, PWM, current or load, velocity, position,
+            voltage, temperature and last proof.
 
     Returns:
         The state, in the units of ``ServoState``.
     """
-    pwm, current, velocity, position, voltage, temperature = numbers
+    _, hardware_error, pwm, current, velocity, position, voltage, temperature, _ = numbers
     fields = (
         position,
         round(velocity * _VELOCITY_COUNTS_S),
         pwm / _FULL_PWM,
         voltage * _VOLTAGE_V,
         float(temperature),
-        alarms,
+        _ALARMS[hardware_error] if hardware_error or not error else alarmed(error),
         None if unit_a is None else current * unit_a,
     )
     return _new(ServoState, fields)
 
 
 def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    return x_state(unit_a, alarmed(error), *numbers)
+    return x_state(unit_a, error, 0, 0, *numbers, 0)
 
 
 def profile_units(velocity_counts_s: int) -> int:
