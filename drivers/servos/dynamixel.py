@@ -94,7 +94,7 @@ def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
 
 def _x_config_error(model: ServoModel, read: Read) -> str | None:
     mode = read(x.operating_mode)
-    if mode not in (x.POSITION_MODE, x.EXTENDED_POSITION_MODE):
+    if mode not in (x.POSITION_MODE, *x.MODES_WITH_TURNS):
         return f"is in operating mode {mode}: {_mode_advice(read(x.homing_offset))}"
     drive = read(x.drive_mode)
     if drive & x.TIME_BASED_PROFILE:

@@ -24,9 +24,11 @@ from hal.servos.servo_faults import REBOOT
 from hal.servos.servo_gains import write_gains_in_ram
 from hal.servos.servo_settings import (
     apply_settings,
+    check_goal_current,
     check_homing_offset,
     check_mode,
     warn_of_extended_position,
+    warn_of_goal_current,
     warn_of_other_gains,
 )
 
@@ -55,7 +57,7 @@ class ServoSetup:
             raise DriverError("\n".join(problems))
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
-                for warn in (warn_of_extended_position, warn_of_other_gains):
+                for warn in (warn_of_extended_position, warn_of_goal_current, warn_of_other_gains):
                     _failed(self._buses.joints_on[name], bus, warn)  # errors are ignored for these warnings
 
     def problems(self) -> list[str]:
@@ -196,6 +198,7 @@ def _identify(joint: Joint, bus: Bus) -> None:
     bus.identify(joint.servo_id, joint.model)
     check_mode(joint, bus)
     check_homing_offset(joint, bus)
+    check_goal_current(joint, bus)
 
 
 def _settle(joint: Joint, bus: Bus) -> None:
