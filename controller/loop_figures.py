@@ -4,10 +4,10 @@ import logging
 import math
 from dataclasses import dataclass, field
 
-from controller.fault_timeout import FAULT_CYCLES
 from controller.missed_cycles import REPORT_AGAIN_S, CycleTimes, MissedCycles
 from drivers.printable import counted
 from hal.components.component_set import ComponentSet
+from hal.fault_timeout import FAULT_CYCLES
 from hal.types import JointState
 
 LOG = logging.getLogger("servoloop.controller")

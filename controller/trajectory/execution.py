@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final
 
 from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
-from controller.fault_timeout import FaultTimeout
 from controller.interface import Settled
 from controller.motion import Path, stretched
 from controller.trajectory.active_goal import ActiveGoal, Cycle, commands_timed_out
@@ -25,6 +24,7 @@ from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.stretch_log import StretchLog
 from controller.trajectory.tolerances import Tolerances, excess, resolve
+from hal.fault_timeout import FaultTimeout
 
 LOG = logging.getLogger("servoloop.controller")
 

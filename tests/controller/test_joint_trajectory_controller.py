@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from controller.fault_timeout import FAULT_CYCLES
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.goal_planner import PathPlan
 from controller.trajectory.goal_result import ErrorCode
+from hal.fault_timeout import FAULT_CYCLES
 from hal.types import FloatArray, JointFault, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controller.fault_timeout import FAULT_CYCLES
 from controller.loop import ControlLoop
 from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
@@ -16,6 +15,7 @@ from drivers.errors import PortLost
 from hal.components.component_lifecycle import configure_all
 from hal.components.component_set import ComponentSet
 from hal.errors import ActivationError
+from hal.fault_timeout import FAULT_CYCLES
 from hal.lifecycle import LifecycleState
 from hal.mock_hardware import MockHardware
 from hal.types import FloatArray, JointFault, JointLimits, JointState

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from controller import shutdown
-from controller.fault_timeout import FaultTimeout
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, motion_to
@@ -25,6 +24,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
 from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
+from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
 from hal.servos.activation import Activation
