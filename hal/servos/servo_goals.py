@@ -4,6 +4,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Self
 
+from calibration.angles import unwrap
 from drivers.bus.types import ServoGoal
 from hal.gate import RETURN_SHARE
 from hal.joint import Joint
@@ -71,7 +72,8 @@ class ServoGoals:
             if joint.name in withheld:  # a joint without torque cannot press
                 self._watch.restart((joint.name,))
                 continue
-            held, here = self._goals[joint.name].position_counts, measured.get(joint.name)
+            held = self._goals[joint.name].position_counts
+            here = _as_compared(joint, measured.get(joint.name), held)
             lower, upper = self._ranges[joint.name]
             # A joint that was activated outside its limits has its goal there and must return slowly.
             share = 1.0 if lower <= held <= upper else RETURN_SHARE
@@ -119,6 +121,17 @@ class ServoGoals:
             limit = joint.limits.velocity / abs(joint.units_per_count)
             speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))
         return min(round(speed), 32767)
+
+
+def _as_compared(joint: Joint, measured: int | None, goal: int) -> int | None:
+    """Return the measured counts as the servo compares them with its goal.
+
+    A servo with disabled position limits counts turns in its goal, but reports its position within one turn. The turn
+    nearest to the goal is the right turn, because the goal of such a servo is never half a turn ahead.
+    """
+    if measured is None or not joint.seam_inside:
+        return measured
+    return unwrap(goal, measured, joint.model.counts_per_turn)
 
 
 class _Lead(NamedTuple):
