@@ -4,6 +4,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple, Self
 
+from calibration.angles import unwrap
 from drivers.bus.types import ServoGoal
 from hal.gate import RETURN_SHARE
 from hal.joint import Joint
@@ -64,15 +65,16 @@ class ServoGoals:
         goals: dict[str, ServoGoal] = {}
         watch = self._watch
         for servo, position in zip(self._servos, positions, strict=True):
-            name, here = servo.name, measured.get(servo.name)
+            name, reading = servo.name, measured.get(servo.name)
             if name in withheld:  # a joint without torque cannot press
                 watch.restart((name,))
             else:
+                here = _as_compared(servo.joint, reading, servo.goal.position_counts)
                 command = servo.joint.counts(position)
                 eased = watch.goal(servo.joint, command, here, loads.get(name, math.nan), period_s)
                 goals[name] = servo.towards(command, eased, here, period_s)
-            if here is not None:
-                servo.measured = here
+            if reading is not None:
+                servo.measured = reading
         if watch.log.events:
             watch.log.flush()
         return goals
@@ -142,6 +144,17 @@ class _Servo:
             return wanted
         self.behind += 1
         return wanted if self.behind < BLOCKED_CYCLES else wanted - int(math.copysign(excess, ahead))
+
+
+def _as_compared(joint: Joint, measured: int | None, goal: int) -> int | None:
+    """Return the measured counts as the servo compares them with its goal.
+
+    A servo with disabled position limits counts turns in its goal, but reports its position within one turn. The turn
+    nearest to the goal is the right turn, because the goal of such a servo is never half a turn ahead.
+    """
+    if measured is None or not joint.seam_inside:
+        return measured
+    return unwrap(goal, measured, joint.model.counts_per_turn)
 
 
 class _Lead(NamedTuple):

@@ -1,7 +1,7 @@
 """One loose servo on its own bus in simulated time, with a freely turning horn."""
 
 from collections.abc import Callable
-from math import tau
+from math import inf, tau
 
 from commissioning.drive_trial import TrialMotion
 from commissioning.set_up.only_one import ServoPlace
@@ -20,19 +20,26 @@ from tests.commissioning.box import Port
 
 
 class Plant(BenchPlant):
-    """A shaft that records its highest speed and its outermost angles, in rad."""
+    """A shaft that records its highest speed and its outermost angles, in rad. It turns freely between its stops."""
 
     def __init__(self, angle_rad: float) -> None:
         super().__init__([1])
         self.place([angle_rad])
         self.fastest = 0.0
         self.ends = [angle_rad, angle_rad]
+        self.stops = -inf, inf
 
     def advance(self) -> None:
         super().advance()
+        self._stop()
         angle = float(self.joints.position[0])
         self.fastest = max(self.fastest, abs(float(self.joints.velocity[0])))
         self.ends = [min(self.ends[0], angle), max(self.ends[1], angle)]
+
+    def _stop(self) -> None:
+        angle = float(self.joints.position[0])
+        if not self.stops[0] <= angle <= self.stops[1]:
+            self.place([min(max(angle, self.stops[0]), self.stops[1])])
 
 
 class Loose:
