@@ -311,11 +311,10 @@ class Bus:
         held = self._reader.registers({i: one.torque_state for i, one in series.items()}, deadline_s)
         return {i: series[i].drives(value, self._limits.get(i)) for i, value in held.items()}
 
-    def torque_on(self, servo_id: int) -> None:
-        """Enable the torque of a servo. Write its goal first.
+    def prepare_torque(self, servo_id: int) -> None:
+        """Write the registers that a servo needs before its torque is enabled.
 
-        The torque switch is written only once. If a servo does not acknowledge it, it may have been reset and lost
-        its goal.
+        Lost requests are repeated, which takes up to a second each. Measure the position of a limp joint after this.
 
         Args:
             servo_id: ID of the servo.
@@ -327,7 +326,20 @@ class Bus:
             self._write_with_retries(servo_id, register, value)
         if servo_id in self._position_p and series.position_p is not None:
             self._write_with_retries(servo_id, series.position_p, self._position_p[servo_id])
-        self.write(servo_id, series.torque_enable, 1)
+
+    def torque_on(self, servo_id: int, *, prepared: bool = False) -> None:
+        """Enable the torque of a servo. Write its goal first.
+
+        The torque switch is written only once. If a servo does not acknowledge it, it may have been reset and lost
+        its goal.
+
+        Args:
+            servo_id: ID of the servo.
+            prepared: Whether ``prepare_torque`` was called before the goal was written.
+        """
+        if not prepared:
+            self.prepare_torque(servo_id)
+        self.write(servo_id, self._servos.series(servo_id).torque_enable, 1)
 
     def torque_off(self, servo_ids: Sequence[int]) -> list[ServoError]:
         """Release the torque of servos. Every servo is tried, whichever fails.

@@ -41,6 +41,8 @@ class GroupRead:
         """Whether bytes kept arriving until the end of the last wait."""
         self.timeout = AdaptiveTimeout()
         self.fast = FastReads(line)
+        self._prompt = False
+        """Whether complete replies have arrived within ``GROUP_WAIT_S`` since the last read without any reply."""
         self.complete = False
         """Whether the last read returned a state of every servo."""
         self.fast_replies = 0
@@ -104,9 +106,21 @@ class GroupRead:
             self.fast_replies = replies_in(plan, data)
             self.fast.failed()
             return {}
-        if not data and responsive and not self.adaptive:
+        if self._chain_has_ended(plan, len(data) < expected):
+            deadline_s = min(deadline_s, line.now())
+        elif not data and responsive and not self.adaptive:
             data = self._wait_for_slow_adapter(expected, deadline_s)
+        elif len(data) >= expected and line.now() <= until_s:
+            self._prompt = True
+        self._prompt = self._prompt and bool(data)
         return self._decode_separately(plan, responsive, data, wait_s, due_s, deadline_s)
+
+    def _chain_has_ended(self, plan: ReadPlan, missing: bool) -> bool:
+        """Whether no more replies can come, because a silent servo silences the servos after it.
+
+        The adapter must be known to be prompt. Otherwise the missing replies may still be on their way.
+        """
+        return missing and self._prompt and self._protocol.waits_for_silent and len(plan.servo_ids) > 1
 
     def abandon(self, plan: ReadPlan) -> None:
         """Give up the last request, whose replies may still arrive."""
@@ -130,8 +144,11 @@ class GroupRead:
         if self._late.open:
             for servo_id in plan.servo_ids:
                 self._late.answered(servo_id, line.now())
+        self._prompt = True
         if self.adaptive:
-            self.timeout.reply_received(line.now() - due_s)
+            took_s = line.now() - due_s
+            self.timeout.reply_received(took_s)
+            self._prompt = took_s <= GROUP_WAIT_S
         if plan.fast:
             self.fast.succeeded()
         accounts = self._counters_of.get(plan.servo_ids)
@@ -161,7 +178,7 @@ class GroupRead:
             self.timeout.reply_received(self._line.now() - due_s)
         elif self.adaptive:
             self.timeout.no_reply()
-        results, noise = self._judge(plan, assembler, "silent" if deadline_s >= due_s + TURNAROUND_S else "no_time")
+        results, noise = self._judge(plan, assembler, self._had_time(plan, assembler, due_s, deadline_s))
         self._line.clean = len(assembler.answered) == len(plan.servo_ids) and not noise
         return self._count(plan, results, noise)
 
@@ -185,7 +202,26 @@ class GroupRead:
             if not data or self._flooded:
                 return
 
-    def _judge(self, plan: ReadPlan, assembler: ReplyAssembler, nothing: Missed) -> tuple[dict[int, ReadResult], int]:
+    def _had_time(self, plan: ReadPlan, assembler: ReplyAssembler, due_s: float, deadline_s: float) -> Collection[int]:
+        """Return the servos that had time to reply before the deadline.
+
+        If the deadline came before the last reply was due, each servo is judged by its own place in the order. If no
+        servo replied, the cause may be the adapter, except in reads in which the first servo can silence all others.
+        """
+        if deadline_s >= due_s + TURNAROUND_S:
+            return plan.servo_ids
+        if not assembler.answered and not self._protocol.waits_for_silent:
+            return ()
+        size, in_time = 0, []
+        for servo_id in plan.servo_ids:
+            size += plan.sizes[servo_id] + plan.overhead
+            if self._sent_s + size * self._line.byte_s + TURNAROUND_S <= deadline_s:
+                in_time.append(servo_id)
+        return in_time
+
+    def _judge(
+        self, plan: ReadPlan, assembler: ReplyAssembler, had_time: Collection[int]
+    ) -> tuple[dict[int, ReadResult], int]:
         """Return a value or a fault for every requested servo, and the number of runs of noise."""
         results: dict[int, ReadResult] = {}
         late: set[int] = set()
@@ -203,7 +239,7 @@ class GroupRead:
         self.hidden = self._after_silent(plan, results.keys() | corrupt)
         for servo_id in plan.servo_ids:
             if servo_id not in results:
-                missed: FaultKind = "no_time" if servo_id in self.hidden else nothing
+                missed: FaultKind = "silent" if servo_id in had_time and servo_id not in self.hidden else "no_time"
                 results[servo_id] = "corrupt" if servo_id in corrupt else "late" if servo_id in late else missed
         return results, noise
 

@@ -80,6 +80,7 @@ class Activation:
         try:
             for joint in self._joints:
                 self._setup.limit_torque(joint)
+                self._setup.prepare_torque(joint)
             self._take_fresh_goals(self._joints)  # a limp arm may have sunk meanwhile
             self._hold_goals()
             for joint in self._joints:
@@ -241,6 +242,7 @@ class Activation:
                 return
             except (ServoSilent, ServoCorrupt):
                 self._confirm_goal(joint)
+                self._setup.prepare_torque(joint)
                 self._retake_goals(joint)
         self._renew_goals(joint)
         self._setup.torque_on(joint)

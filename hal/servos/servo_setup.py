@@ -155,8 +155,15 @@ class ServoSetup:
         for joint in joints:
             self._ask(joint, lambda bus, i=joint.servo_id: bus.write_goals_alone([i], alone))  # type: ignore[misc]
 
+    def prepare_torque(self, joint: Joint) -> None:
+        """Write the gains and other registers that a servo keeps in RAM and needs before its torque is enabled.
+
+        Measure the position of a limp joint after this, because repeated requests take long.
+        """
+        self._ask(joint, partial(_prepare_torque, joint))
+
     def torque_on(self, joint: Joint) -> None:
-        """Enable the torque of a servo."""
+        """Enable the torque of a prepared servo."""
         self._ask(joint, lambda bus: _torque_on(joint, bus))
 
     def _ask(self, joint: Joint, question: Callable[[Bus], Result]) -> Result:
@@ -230,11 +237,15 @@ def forget_turns(joint: Joint, log: FaultLog, bus: Bus) -> None:
         log.note(logging.WARNING, joint.name, joint.servo_id, text)
 
 
-def _torque_on(joint: Joint, bus: Bus) -> None:
-    """Write the gains and enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
+def _prepare_torque(joint: Joint, bus: Bus) -> None:
     write_gains_in_ram(joint, bus)
+    bus.prepare_torque(joint.servo_id)
+
+
+def _torque_on(joint: Joint, bus: Bus) -> None:
+    """Enable torque. If a Dynamixel has shut down and refuses, add the alarms to the error."""
     try:
-        bus.torque_on(joint.servo_id)
+        bus.torque_on(joint.servo_id, prepared=True)
     except ServoRefused as error:
         source = series_of(joint.model).hardware_error
         alarms = source[1](retry(partial(bus.read, joint.servo_id, source[0]))) if source else ()

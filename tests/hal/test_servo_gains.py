@@ -5,12 +5,14 @@ import logging
 import pytest
 
 from drivers.bus.bus import Bus
+from drivers.protocol import v1
 from drivers.servos import ax_mx, x, xl320
 from drivers.servos.catalog import MODELS, series_of
 from drivers.servos.dynamixel import PROTOCOL_2
 from drivers.servos.ram_gains import ram_gains
 from drivers.servos.register import Register, ServoModel
 from hal.joint import Joint
+from hal.servos.activation import FRESH_S
 from hal.servos.servo_gains import wanted_gains
 from hal.servos.servo_hardware import ServoHardware
 from hal.servos.servo_settings import mistakes
@@ -23,6 +25,7 @@ from sim_backend.mechanics.plant import BenchPlant
 from sim_backend.servos.dynamixel.models import factory_of
 
 LIMITS = JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0)
+GAIN = ax_mx.cw_compliance_slope
 GRIPPER = Joint("gripper", 1, x.XL330_M288, LIMITS)
 
 
@@ -37,7 +40,8 @@ class Arm:
         self.memory = self.line.servo(1).memory
         for register, value in left.items():
             self.memory.put(register, value)
-        bus = Bus(VirtualPort(self.line, clock), clock, {1: joint.model})
+        self.clock, self.port = clock, VirtualPort(self.line, clock)
+        bus = Bus(self.port, clock, {1: joint.model})
         self.hardware = ServoHardware("arm", [joint], lambda: bus, clock)
 
     def activated(self) -> "Arm":
@@ -105,6 +109,30 @@ def test_gains_of_the_robot_file_are_written(caplog: pytest.LogCaptureFixture) -
 def test_gains_of_the_other_dynamixels_are_replaced(model: ServoModel, register: Register, right: int) -> None:
     joint = Joint("joint", 1, model, JointLimits(-2.6, 2.6, 4.0, 12.0, 120.0), zero_counts=(model.last_count + 1) // 2)
     assert Arm(joint, {register: 5}).activated().held(register) == [right]
+
+
+@pytest.mark.parametrize("lost", [1, 3])
+def test_a_lost_reply_about_a_gain_does_not_make_the_measured_position_old(lost: int) -> None:
+    """The joint is limp and may sink while requests for gains are repeated."""
+    joint = Joint("joint", 1, ax_mx.AX_12A, JointLimits(-2.6, 2.6, 4.0, 12.0, 120.0), zero_counts=512)
+    arm = Arm(joint, {})
+    packets: list[tuple[float, int, int]] = []
+    port = arm.port
+    send = port.write
+
+    def write(data: bytes) -> None:
+        packets.append((arm.clock.now(), data[4], data[5]))
+        gain_requests = [place for _, code, place in packets if (code, place) == (v1.READ, GAIN.address)]
+        concerned = (data[4], data[5]) == (v1.READ, GAIN.address) and len(gain_requests) <= lost
+        (arm.line.faults.silence if concerned else arm.line.faults.restore)(1)
+        send(data)
+
+    port.write = write  # type: ignore[method-assign]
+    arm.activated()
+    (switched_s,) = [at_s for at_s, *packet in packets if packet == [v1.WRITE, ax_mx.torque_enable.address]]
+    measured = [at_s for at_s, *packet in packets if packet == [v1.READ, ax_mx.present_position.address]]
+    assert switched_s - max(at_s for at_s in measured if at_s < switched_s) < FRESH_S
+    assert arm.held(ax_mx.torque_enable) == [1]
 
 
 def test_a_servo_that_loses_its_gains_gets_them_again() -> None:

@@ -465,7 +465,7 @@ def test_a_refused_torque_is_reported_as_the_servo_reports_it(monkeypatch: pytes
     """Not every make has a register with the reason."""
     bench = Bench().configured()
 
-    def refuse(bus: Bus, servo_id: int) -> None:
+    def refuse(bus: Bus, servo_id: int, *, prepared: bool) -> None:
         raise ServoRefused(servo_id, "answered an error")
 
     monkeypatch.setattr(Bus, "torque_on", refuse)
