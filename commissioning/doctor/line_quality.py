@@ -45,8 +45,11 @@ def line_figures(
         echoes: Whether the adapter echoes every request; copied to the result.
     """
     before, noise = _counted(bus, models), bus.counters.noise + bus.counters.strange
+    cycles_s: list[float] = []
     for _ in range(CYCLES if models else 0):
-        bus.read_states(tuple(models), clock.now() + CYCLE_S)
+        begin_s = clock.now()
+        bus.read_states(tuple(models), begin_s + CYCLE_S)
+        cycles_s.append(clock.now() - begin_s)
     after = _counted(bus, models)
     ended = {kind: after[kind] - before[kind] for kind in COUNTED}
     times = _round_trips(bus, models, clock)
@@ -61,6 +64,7 @@ def line_figures(
         wire_s=READ_BYTES[protocol_1] * BITS_PER_BYTE / bus.baud,
         delay_s=max(delays, default=0) * RETURN_DELAY_UNIT_S,
         echoes=echoes,
+        cycle_s=median(cycles_s) if cycles_s else None,
     )
 
 

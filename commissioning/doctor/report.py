@@ -167,6 +167,9 @@ def _bus_lines(bus: BusFigures) -> Iterator[str]:
         )
         if line.round_trip_s is not None:
             yield f"- a read takes {1e3 * line.round_trip_s:.2f} ms, of which its bytes need {1e3 * line.wire_s:.2f} ms"
+        if line.cycle_s:
+            most_hz = 1.0 / line.cycle_s
+            yield f"- reading all states takes {1e3 * line.cycle_s:.2f} ms: update_rate must be below {most_hz:.0f}"
     yield from (f"- unexpected servo: ID {one.servo_id}, {one.model or 'unknown model'}" for one in bus.strangers)
     yield from ("", "| joint | ID | model | heard | firmware | position | V | °C | load | torque | alarms |")
     yield "|---|---|---|---|---|---|---|---|---|---|---|"

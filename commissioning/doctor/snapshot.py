@@ -85,6 +85,8 @@ class LineFigures:
     """Longest return delay set in a servo."""
     echoes: bool = False
     """Whether the adapter echoes every request."""
+    cycle_s: float | None = None
+    """Median time of reading the states of all servos. The control loop also sends goals and computes."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ class ControllerNode:
         """The original specification and those made by parameter changes. The loop may not yet use the newest."""
         self.controller: Controller | None = None
         """Controller to which the interface belongs."""
-        self._interface: ControllerInterfaceNode | None = None
+        self._set_interface(None)
         self._interface_entities: NodeEntities | None = None
         self._cycles_left = LAST_CYCLES
         try:
@@ -75,14 +75,14 @@ class ControllerNode:
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]]) -> None:
         """Publish cycles with their stamps. ``stamp`` is the stamp of the newest cycle."""
         try:
-            if isinstance(self._interface, EveryCycleNode):
+            if self._every_cycle is not None:
                 for cycle in cycles:
-                    self._interface.publish_cycle(*cycle)
-            if isinstance(self._interface, NewestCycleNode):
-                self._interface.publish(stamp)
+                    self._every_cycle.publish_cycle(*cycle)
+            if self._newest_cycle is not None:
+                self._newest_cycle.publish(stamp)
         except Exception:  # The other controllers must still publish.
             LOG.exception("controller %s stops publishing after this error", self.node.get_name())
-            self._interface = None
+            self._set_interface(None)
 
     def publish_transition(self, transition: Transition) -> None:
         """Publish the two events of a transition."""
@@ -103,7 +103,7 @@ class ControllerNode:
         if controller is not None:
             self._interface_entities = NodeEntities(self.node)
             try:
-                self._interface = interface_node_of(self.node, controller)
+                self._set_interface(interface_node_of(self.node, controller))
             except Exception:  # A plug-in may raise any exception.
                 LOG.exception(_INCOMPLETE, controller.name)
 
@@ -112,10 +112,17 @@ class ControllerNode:
         self._remove_interface()
         self.node.destroy_node()
 
+    def _set_interface(self, interface: ControllerInterfaceNode | None) -> None:
+        """Set the interface. Its protocols are checked once, because these checks are slow."""
+        self._interface = interface
+        self._every_cycle = interface if isinstance(interface, EveryCycleNode) else None
+        self._newest_cycle = interface if isinstance(interface, NewestCycleNode) else None
+
     def _remove_interface(self) -> None:
         if self._interface_entities is not None:
             self._interface_entities.remove()
-        self.controller = self._interface = self._interface_entities = None
+        self.controller = self._interface_entities = None
+        self._set_interface(None)
         self._cycles_left = LAST_CYCLES
 
 

@@ -121,6 +121,14 @@ def test_the_report_contains_no_user_host_or_home_names() -> None:
     assert "mira" not in markdown(patient.examine(), "mira")
 
 
+def test_the_report_contains_the_highest_rate_that_the_bus_allows() -> None:
+    """Request and replies of seven servos take 1.13 ms on the wire at 1 Mbit/s."""
+    report = Patient().examine()
+    cycle_s = report.buses[0].line.cycle_s if report.buses[0].line else None
+    assert cycle_s is not None and 0.001 < cycle_s < 0.01
+    assert f"update_rate must be below {1.0 / cycle_s:.0f}" in markdown(report, "")
+
+
 def verbs() -> dict[str, Any]:
     return dict(typer.main.get_command(cli.app).commands)  # type: ignore[attr-defined]
 
