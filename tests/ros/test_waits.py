@@ -23,8 +23,8 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
 """Exit statuses after two simultaneous signals, either of which may be handled first."""
 
-LEAVE_S = 1.0
-"""Maximum time in which a command leaves ROS 2 and ends, in seconds."""
+LEAVE_S = 5.0
+"""Time in which a command ends on a busy machine, in seconds. It takes one second on a quiet machine, and ten if it waits."""
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_signal_cancels_the_job_of_pick(cell: Cell, pick: StackProcess, number: 
     assert cell.below().canceled == 1
 
 
-def test_first_signal_ends_pick_within_a_second_after_its_node_is_killed(cell: Cell, pick: StackProcess) -> None:
+def test_first_signal_ends_pick_without_a_wait_after_its_node_is_killed(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGKILL)
     time.sleep(1.0)
     begin_s = time.monotonic()
