@@ -1,6 +1,6 @@
 """Compare our driver with the manufacturers' SDKs and rustypot on one bus, with and without transmission time.
 
-``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7]``.
+``python -m benchmarks.bus [--make feetech|dynamixel] [--cycles 1000] [--rounds 5] [--servos 7] [--baud 1000000 ...]``.
 
 The clients take turns in rounds, so that other load on the machine affects all of them. The table shows the median
 round. The last table shows how a silent servo affects the others (``silent_servo``).
@@ -11,7 +11,7 @@ import gc
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,18 +21,16 @@ from rich.table import Table
 from benchmarks import clients, dynamixel_clients
 from benchmarks.arguments import in_words, positive
 from benchmarks.children import child
-from benchmarks.peers import Client
+from benchmarks.peers import Driver
 from benchmarks.silent_servo import show_silent
-from drivers.servos.dynamixel import X
-from drivers.servos.feetech import STS
 from servoloop.stack.processes import on_one_processor
 
-BAUD = 1_000_000
-CLIENTS: Mapping[str, Mapping[str, Callable[[str, int, Sequence[int]], Client]]] = {
+BAUDS = {"feetech": (1_000_000,), "dynamixel": (1_000_000, 3_000_000, 4_000_000)}
+"""Default baud rates of the paced tables."""
+CLIENTS: Mapping[str, Mapping[str, Driver]] = {
     "feetech": clients.CLIENTS,
     "dynamixel": dynamixel_clients.CLIENTS,
 }
-SERIES = {"feetech": STS, "dynamixel": X}
 MOST_SERVOS = {"feetech": 31, "dynamixel": 100}
 """Maximum number of servos whose goals every client can send in one packet."""
 WARM_UP = 50
@@ -69,15 +67,18 @@ def one_round(cycle: Callable[[], bool], cycles: int) -> Round:
     return statistics.median(took_s) * 1e6, cpu_s / cycles * 1e6, failed
 
 
-def compare(make: str, servos: int, cycles: int, rounds: int, *options: str) -> dict[str, Round]:
-    """Return the median round of every client on one simulated bus."""
-    makers = CLIENTS[make]
+def compare(make: str, servos: int, cycles: int, rounds: int, baud: int | None = None) -> dict[str, Round]:
+    """Return the median round of every client on one simulated bus.
+
+    Transmission takes the time of this baud rate, or no time without it.
+    """
     ids = list(range(1, servos + 1))
-    found: dict[str, list[Round]] = {name: [] for name in makers}
-    with simulator(f"1-{servos}", "--make", make, *options) as device:
+    found: dict[str, list[Round]] = {name: [] for name in CLIENTS[make]}
+    paced = ("--paced", str(baud)) if baud else ()
+    with simulator(f"1-{servos}", "--make", make, *paced) as device:
         for _ in range(rounds):
-            for name, maker in makers.items():
-                cycle, close = maker(device, BAUD, ids)
+            for name, driver in CLIENTS[make].items():
+                cycle, close = driver.open(device, baud or BAUDS[make][0], ids)
                 try:
                     with on_one_processor():
                         found[name].append(one_round(cycle, cycles))
@@ -94,25 +95,23 @@ def _middle(rounds: list[Round]) -> Round:
     )
 
 
-def show(console: Console, title: str, found: dict[str, Round], on_wire_us: float | None) -> None:
-    """Print one row per client. The last column compares its speed with rustypot or with the wire."""
-    table = Table("client", "us a cycle", "CPU us", "cycles/s to rustypot's", "to the wire", "failed", title=title)
+def show(console: Console, title: str, found: dict[str, Round], on_wire_us: Mapping[str, float]) -> None:
+    """Print one row per client. The last columns compare its speed with rustypot and with the wire.
+
+    Args:
+        console: Output.
+        title: Title of the table.
+        found: Median round of each client.
+        on_wire_us: Transmission time of a cycle of each client, in microseconds; empty if it takes no time.
+    """
+    columns = "client", "us a cycle", "CPU us", "cycles/s to rustypot's", "us on the wire", "to the wire", "failed"
+    table = Table(*columns, title=title)
     theirs_us = found["rustypot"][0]
     for name, (cycle_us, cpu_us, failed) in found.items():
-        to_wire = f"{cycle_us / on_wire_us:.3f}" if on_wire_us else "-"
-        table.add_row(name, f"{cycle_us:.1f}", f"{cpu_us:.1f}", f"{theirs_us / cycle_us:.2f}", to_wire, str(failed))
+        wire_us = on_wire_us.get(name)
+        wire = (f"{wire_us:.0f}", f"{cycle_us / wire_us:.3f}") if wire_us else ("-", "-")
+        table.add_row(name, f"{cycle_us:.1f}", f"{cpu_us:.1f}", f"{theirs_us / cycle_us:.2f}", *wire, str(failed))
     console.print(table)
-
-
-def wire_us(make: str, servos: int) -> float:
-    """Return the transmission time of one cycle with plain packets (goals, request, replies), in microseconds."""
-    series = SERIES[make]
-    block, packets = series.blocks[0], series.protocol.packets
-    entry = bytes(1 + series.goal_size)
-    goals = len(packets.sync_write(series.goal_address, series.goal_size, entry * servos))
-    question = len(packets.sync_read(range(1, servos + 1), block.address, block.size))
-    bits: float = 10.0 * (goals + question + (block.size + packets.OVERHEAD) * servos)
-    return bits * 1e6 / BAUD
 
 
 def main() -> None:
@@ -122,17 +121,18 @@ def main() -> None:
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--rounds", type=positive, default=5)
     parser.add_argument("--servos", type=positive, default=7)
+    parser.add_argument("--baud", type=positive, nargs="+", help="baud rates of the paced tables, in bit/s")
     arguments = parser.parse_args()
     most = MOST_SERVOS[arguments.make]
     if arguments.servos > most:
         parser.error(f"--servos must be 1 to {most} for {arguments.make}, not {arguments.servos}")
-    console = Console(width=110)
-    sizes = arguments.make, arguments.servos, arguments.cycles, arguments.rounds
-    show(console, "no wire time", compare(*sizes), None)
-    on_wire_us = wire_us(arguments.make, arguments.servos)
-    paced = compare(*sizes, "--paced", str(BAUD))
-    show(console, f"paced at {BAUD} bit/s: transmission takes {on_wire_us:.0f} us", paced, on_wire_us)
-    show_silent(console, arguments.servos)
+    console, servos = Console(width=110), arguments.servos
+    sizes = arguments.make, servos, arguments.cycles, arguments.rounds
+    show(console, "no wire time", compare(*sizes), {})
+    for baud in arguments.baud or BAUDS[arguments.make]:
+        on_wire_us = {name: driver.wire_us(servos, baud) for name, driver in CLIENTS[arguments.make].items()}
+        show(console, f"paced at {baud} bit/s", compare(*sizes, baud), on_wire_us)
+    show_silent(console, servos)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """Feetech clients under comparison: each reads an eight-byte state from every servo and writes a goal to it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from benchmarks import peers
 from benchmarks.bare import bare
-from benchmarks.peers import Client, Work
+from benchmarks.peers import Client, Driver, Work, cycle_size
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
@@ -53,9 +53,10 @@ def feetech_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
     return peers.makers_sdk(sdk, 0, device, baud, servo_ids, WORK)
 
 
-CLIENTS: dict[str, Callable[[str, int, Sequence[int]], Client]] = {
-    "system calls alone": no_driver,
-    "servoloop": ours,
-    "rustypot": rustypot,
-    "feetech-servo-sdk": feetech_sdk,
+_SIZE = cycle_size(STS, STS.blocks[0])
+CLIENTS: dict[str, Driver] = {
+    "system calls alone": Driver(no_driver, _SIZE),
+    "servoloop": Driver(ours, _SIZE),
+    "rustypot": Driver(rustypot, _SIZE),
+    "feetech-servo-sdk": Driver(feetech_sdk, _SIZE),
 }

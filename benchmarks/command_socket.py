@@ -30,24 +30,30 @@ HAND: Final = "hand_controller"
 
 
 @contextmanager
-def running_stack() -> Iterator[CommandClient]:
-    """Run a stack, and yield a client that has taken the motion."""
+def started_stack(*arguments: str) -> Iterator[None]:
+    """Run ``servoloop up --no-ros`` in a process of its own, which clients of this process find."""
     with tempfile.TemporaryDirectory(prefix="bench") as folder:
         ready, runtime = Path(folder) / "ready", {**os.environ, "XDG_RUNTIME_DIR": folder}
         os.environ["XDG_RUNTIME_DIR"] = folder
-        command = [sys.executable, "-m", "servoloop", "up", "--no-ros", "--hardware", "mock"]
+        command = [sys.executable, "-m", "servoloop", "up", "--no-ros", *arguments]
         with subprocess.Popen([*command, "--ready-file", str(ready)], env=runtime, stderr=subprocess.DEVNULL) as stack:
             try:
                 deadline_s = time.monotonic() + PATIENCE_S
                 while not ready.exists():
                     if stack.poll() is not None or time.monotonic() > deadline_s:
-                        raise LiveError("the stack does not start: run `servoloop up --no-ros --hardware mock`")
+                        raise LiveError(f"the stack does not start: run `servoloop up --no-ros {' '.join(arguments)}`")
                     time.sleep(0.05)
-                with CommandClient.find(name="benchmark") as client:
-                    client.request("take")
-                    yield client
+                yield
             finally:
                 stack.terminate()
+
+
+@contextmanager
+def running_stack() -> Iterator[CommandClient]:
+    """Run a stack on mock hardware, and yield a client that has taken the motion."""
+    with started_stack("--hardware", "mock"), CommandClient.find(name="benchmark") as client:
+        client.request("take")
+        yield client
 
 
 def round_trips_ms(client: CommandClient, count: int, op: str, **fields: Any) -> np.ndarray:

@@ -1,17 +1,19 @@
 """Dynamixel clients under comparison: each reads the state of every servo and writes a goal to it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from struct import pack
 
 from benchmarks import peers
 from benchmarks.bare import bare
-from benchmarks.peers import Client, Work
+from benchmarks.peers import Client, Driver, Work, cycle_size
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
 from drivers.servos.dynamixel import X
+from drivers.servos.indirect import AT_224
 from drivers.servos.x import XL430_W250
 
 WORK = Work(
@@ -69,10 +71,20 @@ def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
 
 
-CLIENTS: dict[str, Callable[[str, int, Sequence[int]], Client]] = {
-    "system calls alone": no_driver,
-    "servoloop": ours,
-    "servoloop, same bytes": ours_plain,
-    "rustypot": rustypot,
-    "dynamixel-sdk": dynamixel_sdk,
+def fast_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """Use a fast sync read of the servo maker's own driver."""
+    import dynamixel_sdk as sdk
+
+    return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, replace(WORK, fast=True))
+
+
+_PLAIN, _FAST = cycle_size(X, X.blocks[0]), cycle_size(X, X.blocks[0], fast=True)
+_MAPPED = cycle_size(X, AT_224, fast=True)
+CLIENTS: dict[str, Driver] = {
+    "system calls alone": Driver(no_driver, _MAPPED),
+    "servoloop": Driver(ours, _MAPPED),
+    "servoloop, same bytes": Driver(ours_plain, _PLAIN),
+    "rustypot": Driver(rustypot, _PLAIN),
+    "dynamixel-sdk": Driver(dynamixel_sdk, _PLAIN),
+    "dynamixel-sdk, fast sync read": Driver(fast_sdk, _FAST),
 }

@@ -6,10 +6,40 @@ In each cycle, they read a block from every servo and write a goal to it.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
+
+from drivers.bus.fast_read import fast_plan
+from drivers.bus.read_plan import state_plan
+from drivers.servos.series import Series, StateBlock
 
 Client = tuple[Callable[[], bool], Callable[[], None]]
 """Function that runs one cycle and returns whether every servo was read, and function that closes the port."""
+
+
+class Driver(NamedTuple):
+    """A driver under comparison."""
+
+    open: Callable[[str, int, Sequence[int]], Client]
+    """Opens a device at a baud rate for the servos with these IDs."""
+    cycle_size: Callable[[int], int]
+    """Returns the number of bytes of a cycle with this number of servos: request, replies and goals."""
+
+    def wire_us(self, servos: int, baud: int) -> float:
+        """Return the transmission time of a cycle, in microseconds."""
+        return 10.0 * self.cycle_size(servos) * 1e6 / baud
+
+
+def cycle_size(series: Series, block: StateBlock, *, fast: bool = False) -> Callable[[int], int]:
+    """Return ``Driver.cycle_size`` of a driver that reads this block, with a fast sync read if ``fast``."""
+    goal_size = len(series.protocol.packets.sync_write(series.goal_address, series.goal_size, b""))
+
+    def size(servos: int) -> int:
+        scales = dict.fromkeys(range(1, servos + 1))
+        plain = state_plan(series.protocol, dict.fromkeys(scales, block), scales)
+        plan = fast_plan(block, scales) if fast else plain
+        return plan.exchange_size + goal_size + (1 + series.goal_size) * servos
+
+    return size
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +50,8 @@ class Work:
     state_size: int
     goal_address: int
     goal: bytes
+    fast: bool = False
+    """Whether the maker's SDK uses fast sync reads."""
 
 
 def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
@@ -27,7 +59,10 @@ def rustypot(controller: Any, servo_ids: Sequence[int], work: Work) -> Client:
     ids, goals = list(servo_ids), [list(work.goal) for _ in servo_ids]
 
     def cycle() -> bool:
-        found: Any = controller.sync_read_raw_data(ids, work.state_address, work.state_size)
+        try:
+            found: Any = controller.sync_read_raw_data(ids, work.state_address, work.state_size)
+        except RuntimeError:  # a timeout, because the machine is busy
+            return False
         controller.sync_write_raw_data(ids, work.goal_address, goals)
         return len(found) == len(ids)
 
@@ -45,8 +80,10 @@ def makers_sdk(
     for servo_id in servo_ids:
         states.addParam(servo_id)
 
+    read = states.fastSyncRead if work.fast else states.txRxPacket
+
     def cycle() -> bool:
-        result = states.txRxPacket()
+        result = read()
         for servo_id in servo_ids:
             goals.addParam(servo_id, list(work.goal))
         goals.txPacket()

@@ -1,8 +1,13 @@
 """Run seven servos on one port at rates from 20 to 500 Hz: ``python -m benchmarks.rates [--cycles 1000]``.
 
-The servos answer on a pseudo-terminal at 1 Mbit/s, in their own process. The serial port, bus, hardware component and
-loop are those of ``servoloop up``. A value is missing if a cycle ended without the state of a servo. For comparison,
-system calls alone send the same bytes at the same rate in the same run; cycles that they miss are due to the machine.
+The servos answer on a pseudo-terminal at 1 Mbit/s, in their own process. There are three rows for each rate:
+
+- ``servoloop up``: the whole stack as a process, with the shipped controllers, ROS and a subscriber (``--seconds``).
+- Loop alone: the serial port, bus, hardware component and loop of the stack, without controllers and ROS.
+- System calls alone: they send the same bytes at the same rate. Cycles that they miss are due to the machine.
+
+A value is missing if a cycle ended without the state of a servo. "Threads" is the processor time of the main thread,
+which serves ROS clients, and of the three busiest other threads: usually the loop, the publisher of cycles and DDS.
 """
 
 import argparse
@@ -16,7 +21,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import two_ports
+from benchmarks import stack_rates, two_ports
 from benchmarks.arguments import free_path, in_words, positive
 from benchmarks.children import child
 from benchmarks.clients import no_driver
@@ -104,20 +109,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--cycles", type=positive, default=1000)
     parser.add_argument("--serve", type=free_path, help=argparse.SUPPRESS)
+    parser.add_argument("--seconds", type=float, default=20.0, help="duration of servoloop up at each rate")
+    parser.add_argument("--rates", type=float, nargs="+", default=RATES_HZ, metavar="HZ")
     arguments = parser.parse_args()
     if arguments.serve:
-        two_ports.serve(arguments.serve, IDS)
+        two_ports.serve(arguments.serve, IDS, stack_rates.StoringServos)
     title = f"{len(IDS)} STS3215 on one port, {two_ports.BAUD} bit/s"
-    columns = "rate", "cycles", "missed cycles", "by system calls alone", "without a value", "missing values", "CPU"
+    columns = "rate", "program", "cycles", "missed cycles", "missing values", "CPU", "threads"
     table = Table(*columns, title=title)
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "line") as device:
         claim_realtime_priority()
-        for rate_hz in RATES_HZ:
+        for rate_hz in arguments.rates:
+            whole = stack_rates.measure(device, rate_hz, arguments.seconds, Path(folder))
             of = run(device, rate_hz, arguments.cycles)
             bare = missed_without_driver(device, rate_hz, arguments.cycles)
-            shares = f"{of.missing:.2%}", f"{of.cpu_share:.1%}"
-            table.add_row(f"{rate_hz} Hz", str(of.cycles), str(of.missed), str(bare), str(of.unmeasured), *shares)
-    Console(width=100).print(table)
+            threads = " ".join(f"{share:.1%}" for share in whole.thread_shares[:4])
+            shares = f"{whole.missing:.2%}", f"{whole.cpu_share:.1%}", threads
+            table.add_row(f"{rate_hz:g} Hz", "servoloop up", str(whole.cycles), str(whole.missed), *shares)
+            alone = f"{of.missing:.2%}", f"{of.cpu_share:.1%}"
+            table.add_row("", "loop alone", str(of.cycles), str(of.missed), *alone)
+            table.add_row("", "system calls alone", str(arguments.cycles), str(bare))
+    Console(width=120).print(table)
 
 
 if __name__ == "__main__":

@@ -62,8 +62,11 @@ class Servos:
         content = b""
         if code in (READ, wire.SYNC_READ):
             address, size = packet[5], packet[6]
-            content = bytes(TABLE[address : address + size])
+            content = bytes(self._table(servo_id)[address : address + size])
         return wire.packet(servo_id, 0, content)
+
+    def _table(self, servo_id: int) -> bytearray:
+        return TABLE
 
 
 class Line:

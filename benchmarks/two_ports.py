@@ -9,7 +9,7 @@ time.
 import argparse
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,14 +77,16 @@ class Figures:
     faults: dict[str, int]
 
 
-def serve(link: Path, servo_ids: Sequence[int] = IDS) -> None:
-    """Serve the servos of one port in the calling process until the process is ended."""
+def serve(
+    link: Path, servo_ids: Sequence[int] = IDS, kind: Callable[[list[int]], simulator.Servos] = simulator.Servos
+) -> None:
+    """Serve the servos of one port, which ``kind`` makes, in the calling process until the process is ended."""
     # The servos accept no goals and report the goals of the benchmark, so that torque may be enabled.
     address = sts.goal_position.address
     simulator.TABLE[address : address + 2] = MIDDLE_COUNTS.to_bytes(2, "little")
     simulator.TABLE[sts.torque_enable.address] = 1
     claim_realtime_priority()
-    line = simulator.Line(link, simulator.Servos(list(servo_ids)), BAUD)
+    line = simulator.Line(link, kind(list(servo_ids)), BAUD)
     print("ready", flush=True)
     while True:
         line.serve_once()

@@ -4,7 +4,8 @@
         memory.write(sts.max_torque, 800)
 
 The lock is opened before the first necessary write, and it is closed when the ``with`` block ends for any reason.
-Every write is verified by a read and not by its reply, so that a lost reply does not cause a second EEPROM write.
+Every write is verified by a read and not by its reply, so that a lost reply does not cause a second EEPROM write. A
+write that did not arrive is repeated.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -14,7 +15,7 @@ from functools import partial
 
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
-from drivers.errors import DriverError, PortLost, ServoError, ServoSilent
+from drivers.errors import DriverError, PortLost, ServoCorrupt, ServoError, ServoSilent
 from drivers.servos.register import Access, Register
 
 LARGEST_ID = 253
@@ -106,16 +107,25 @@ class Eeprom:
         )
 
     def _put_once(self, register: Register, value: int) -> None:
-        self._becoming = (register, value) if register.name == "id" else None
-        failure = self._try_write(register, value)
-        if register.name == "id":
-            held = self._follow(register, value)
-            self._becoming = None
-        else:
+        """Write a setting and read it back. Repeat a write that was not acknowledged and has changed nothing."""
+        for _ in range(TRIES):
+            self._becoming = (register, value) if register.name == "id" else None
+            failure = self._try_write(register, value)
+            held = self._read_back(register, value)
+            if held == value:
+                return
+            if not isinstance(failure, ServoSilent | ServoCorrupt):
+                break
+        raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
+
+    def _read_back(self, register: Register, value: int) -> int:
+        """Return the value that a servo holds after a write. The servo may have a new ID."""
+        if register.name != "id":
             read = partial(self.bus.read, self.servo_id, register)
-            held = self._ask(read, register, f"may have changed to {value}, but cannot be read back")
-        if held != value:
-            raise EepromError(self.servo_id, register, f"stays {held}, not {value}: {_why(failure)}") from failure
+            return self._ask(read, register, f"may have changed to {value}, but cannot be read back")
+        held = self._follow(register, value)
+        self._becoming = None
+        return held
 
     def _is_open(self, lock: Register, register: Register) -> bool:
         """Whether the lock is still open after a write. Otherwise the value is lost at power-off."""

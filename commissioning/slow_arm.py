@@ -11,6 +11,7 @@ from drivers.bus.bus import Bus
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from hal.confirm import confirmed_positions
+from hal.fault_timeout import FaultTimeout
 from hal.gate import SafetyGate
 from hal.joint import Joint
 from hal.lifecycle import LifecycleState
@@ -27,8 +28,6 @@ SETTLE_S: Final = 0.3
 STANDS_RAD: Final = 0.003
 """Maximum angle that a servo's shaft at rest turns within ``SETTLE_S``: two counts of an STS."""
 LONGEST_SETTLE_S: Final = 2.0
-PATIENCE_S: Final = 0.2
-"""Time for which faults are tolerated, so that a lost packet or a short delay does not stop the arm."""
 SINK_SHARES: Final = (0.3, 0.2, 0.12, 0.06)
 """Torque limits before the torque is released, as shares of full drive. They make a raised arm sink instead of fall."""
 SINK_STEP_S: Final = 0.4
@@ -78,7 +77,7 @@ class SlowArm:
         self._hardware = ServoHardware("arm", self.joints, self._opened, clock)
         self._gate = SafetyGate([joint.limits for joint in self.joints])
         self._state: JointState | None = None
-        self._faulty_cycles = 0
+        self._fault_timeout = FaultTimeout(self._hardware.joints)
         self.command: FloatArray = np.zeros(len(joints))
         """Current goals of the joints, shape (n,)."""
 
@@ -186,9 +185,8 @@ class SlowArm:
         self._clock.sleep_until(self._clock.now() + self.period_s)
         self.asked_s = self._clock.now()
         self._state = self._hardware.read()
-        self._faulty_cycles = self._faulty_cycles + 1 if self._state.faults else 0
-        if self._faulty_cycles > round(PATIENCE_S / self.period_s):
-            raise StoppedError("; ".join(fault.text for fault in self._state.faults.values()))
+        if fault := self._fault_timeout.lasting(self._state.faults, self.period_s):
+            raise StoppedError(fault)
 
     def _sink(self) -> None:
         """Reduce the torque limits step by step. A servo that does not accept them is released with the others."""

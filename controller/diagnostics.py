@@ -71,6 +71,9 @@ def _loop_status(loop: ControlLoop, hardware_id: str) -> Status:
         longest_cycle_ms=f"{figures.longest_cycle_s * 1e3:.3f}",
         mean_cycle_ms=f"{figures.busy_s / max(1, figures.cycles) * 1e3:.3f}",
     )
+    kept_hz = figures.recent.kept_hz
+    if kept_hz is not None:
+        values["kept_rate_hz"] = f"{kept_hz:g}"
     return Status(level, LOOP, figures.summary, hardware_id, values)
 
 

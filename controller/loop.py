@@ -12,7 +12,7 @@ from controller.gate_log import log_gate
 from controller.loop_figures import LoopFigures
 from controller.manager.manager import ControllerManager
 from controller.manager.requests import Requests
-from drivers.clock import Clock
+from drivers.clock import Clock, computing_time
 from hal.components.component import Component
 from hal.components.component_lifecycle import activate_all, undo_all
 from hal.components.component_set import ComponentSet
@@ -172,8 +172,10 @@ class ControlLoop:
             self.requests.serve()
         if transitions.asked or transitions.returned:
             transitions.begin_cycle()
-        state = self.hardware.read(self._read_deadline_s())
+        begin_s = self.clock.now()
+        state = self.hardware.read(self._read_deadline_s(begin_s))
         read_s = self.clock.now()
+        self.figures.last_read_s = read_s - begin_s
         if state.faults or self.figures.unmeasured_in_a_row:
             self.figures.count_unmeasured(state, self.hardware)
         if self._drives_speeds:
@@ -189,12 +191,12 @@ class ControlLoop:
         self._after_read_s = max(self.clock.now() - read_s, REMEMBERED * self._after_read_s)
         return state
 
-    def _read_deadline_s(self) -> float:
+    def _read_deadline_s(self, now_s: float) -> float:
         """Return the time until which the read may wait. The rest of the cycle is reserved for the other steps.
 
         A late cycle has less time, but may still last half a period. The next cycle may then also be late.
         """
-        now_s, period_s = self.clock.now(), self.period_s
+        period_s = self.period_s
         end_s = now_s + period_s if self._due_s is None else max(self._due_s + period_s, now_s + 0.5 * period_s)
         return end_s - min(max(self._after_read_s, LEAST_RESERVE * period_s), 0.5 * period_s)
 
@@ -226,12 +228,13 @@ class ControlLoop:
         Args:
             stop: Called before each cycle; the loop ends when it returns True.
         """
-        due_s = self.clock.now()
+        due_s, computing_s = self.clock.now(), computing_time(self.clock)
         while not stop():
             self.clock.sleep_until(due_s)
-            woke_s, self._due_s = self.clock.now(), due_s
+            woke_s, self._due_s, began_s = self.clock.now(), due_s, computing_s()
             self.step()
-            due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s)
+            computed_s = computing_s() - began_s
+            due_s = self.figures.count_cycle(due_s, woke_s, self.clock.now(), self.period_s, computed_s)
 
     def _log_gate(self, reasons: dict[int, str]) -> None:
         """Log each change by the gate once, not in every cycle in which it continues."""

@@ -2,18 +2,15 @@
 
 import logging
 import math
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
 
-from controller.fault_timeout import FAULT_CYCLES
+from controller.missed_cycles import REPORT_AGAIN_S, CycleTimes, MissedCycles
 from drivers.printable import counted
 from hal.components.component_set import ComponentSet
+from hal.fault_timeout import FAULT_CYCLES
 from hal.types import JointState
 
 LOG = logging.getLogger("servoloop.controller")
-
-WARN_AGAIN_S: Final = 1.0
-"""Minimum time between two warnings about missed cycles, in seconds. More warnings would make the loop even later."""
 
 
 @dataclass(slots=True)
@@ -33,12 +30,14 @@ class LoopFigures:
     """Duration of the last cycle, in seconds."""
     observer_errors: int = 0
     unmeasured_in_a_row: int = 0
-    _warned_s: float = -math.inf
-    """Time of the last warning about missed cycles."""
-    _warned: int = 0
-    """Number of missed cycles in the last warning."""
-    _unreported: int = 0
-    """Number of cycles missed since the last warning."""
+    last_read_s: float = 0.0
+    """Duration of the last read, in seconds."""
+    _return_logged_s: float = -math.inf
+    """Time at which the log last reported that joints are measured again, in seconds."""
+    _unlogged_returns: int = 0
+    """Number of episodes without a measurement that ended since then."""
+    recent: MissedCycles = field(default_factory=MissedCycles)
+    """Missed cycles since the last report, and the highest rate of the recent cycles."""
 
     @property
     def summary(self) -> str:
@@ -47,11 +46,18 @@ class LoopFigures:
         parts += [f"{counted(self.unmeasured, 'cycle')} without a measurement"] if self.unmeasured else []
         return ", ".join(parts) or "every cycle on time"
 
-    def count_cycle(self, due_s: float, woke_s: float, now_s: float, period_s: float) -> float:
-        """Count a cycle that was due at ``due_s``, started at ``woke_s`` and ends at ``now_s``.
+    def count_cycle(self, due_s: float, woke_s: float, now_s: float, period_s: float, computed_s: float) -> float:
+        """Count a cycle and return the time at which the next cycle is due.
 
-        Returns the time at which the next cycle is due. Missed cycles are skipped with a warning, never run in a
-        burst, as with ros2_control's ``overruns.manage: true``.
+        Missed cycles are skipped with a warning, never run in a burst, as with ros2_control's
+        ``overruns.manage: true``.
+
+        Args:
+            due_s: Time at which the cycle was due, in seconds.
+            woke_s: Time at which it started.
+            now_s: Time at which it ends.
+            period_s: Period of the loop, in seconds.
+            computed_s: Processor time of the cycle, in seconds. The time of the read may be included.
         """
         late_s, busy_s = woke_s - due_s, now_s - woke_s
         self.cycles += 1
@@ -59,23 +65,16 @@ class LoopFigures:
         self.latest_wake_up_s = max(self.latest_wake_up_s, late_s)
         self.longest_cycle_s = max(self.longest_cycle_s, busy_s)
         self.busy_s += busy_s
+        self.recent.add(late_s + busy_s)
         missed = int((late_s + busy_s) / period_s)
         if missed:
             self.missed += missed
-            self._warn(missed, now_s)
+            after_read_s = max(busy_s - self.last_read_s, 0.0)
+            computing_s = min(computed_s, after_read_s)
+            self.recent.miss(missed, CycleTimes(late_s + after_read_s - computing_s, self.last_read_s, computing_s))
+        if report := self.recent.report(now_s, period_s):
+            LOG.warning("%s", report)
         return due_s + (1 + missed) * period_s
-
-    def _warn(self, missed: int, now_s: float) -> None:
-        """Log missed cycles, unless a recent warning reported a stall of at least the same length."""
-        if now_s - self._warned_s < WARN_AGAIN_S and missed <= self._warned:
-            self._unreported += missed
-            return
-        before = f" ({self._unreported} more since the last warning)" if self._unreported else ""
-        late_ms, busy_ms = self.last_late_s * 1e3, self.last_busy_s * 1e3
-        LOG.warning(
-            "missed %s: the loop was %.0f ms late, busy %.0f ms%s", counted(missed, "cycle"), late_ms, busy_ms, before
-        )
-        self._warned_s, self._warned, self._unreported = now_s, missed, 0
 
     def count_unmeasured(self, state: JointState, hardware: ComponentSet) -> None:
         """Count a cycle in which no joint was measured, if at least one component could have been read.
@@ -90,7 +89,14 @@ class LoopFigures:
                 why = next(iter(state.faults.values())).text
                 LOG.warning("no joint has been measured for %d cycles: %s", FAULT_CYCLES, why)
         elif asked and self.unmeasured_in_a_row:
-            LOG.warning(
-                "joints are measured again after %s without a measurement", counted(self.unmeasured_in_a_row, "cycle")
-            )
-            self.unmeasured_in_a_row = 0
+            self._log_return(state.stamp_s)
+
+    def _log_return(self, now_s: float) -> None:
+        """Log that joints are measured again, at most once a second."""
+        self._unlogged_returns += 1
+        if now_s - self._return_logged_s >= REPORT_AGAIN_S:
+            cycles, more = counted(self.unmeasured_in_a_row, "cycle"), self._unlogged_returns - 1
+            before = f" ({counted(more, 'earlier episode')} not logged)" if more else ""
+            LOG.warning("joints are measured again after %s without a measurement%s", cycles, before)
+            self._return_logged_s, self._unlogged_returns = now_s, 0
+        self.unmeasured_in_a_row = 0

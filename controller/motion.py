@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
-from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
+from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range, clipped
 
 _ROUNDING = 1e-6
 """Rounding tolerance of positions (rad, m) and times (s)."""
@@ -153,8 +153,7 @@ def within_reach(wanted: FloatArray, last: FloatArray, velocity: FloatArray, per
     the result.
     """
     reach = velocity * period_s
-    reached: FloatArray = np.clip(wanted, last - reach, last + reach)
-    return reached
+    return clipped(wanted, last - reach, last + reach)
 
 
 def swing_limits(start: FloatArray, limits: Sequence[JointLimits]) -> tuple[FloatArray, FloatArray]:

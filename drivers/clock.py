@@ -32,6 +32,18 @@ class MonotonicClock:
             time.sleep(remaining_s)
 
 
+def computing_time(clock: Clock) -> Callable[[], float]:
+    """Return a function that measures how long the calling thread computes, in seconds.
+
+    Args:
+        clock: Clock of the thread.
+
+    Returns:
+        The processor time of the thread. A simulated thread computes all the time, so its clock is returned.
+    """
+    return time.thread_time if isinstance(clock, MonotonicClock) else clock.now
+
+
 def wall_offset_s(clock: Clock, wall: Callable[[], float]) -> float:
     """Return the offset from ``clock`` to the time of day, in seconds, from the fastest of five readings."""
     readings = [(clock.now(), wall(), clock.now()) for _ in range(5)]

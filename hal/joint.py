@@ -1,7 +1,7 @@
 """A joint with its servo, and the conversion between servo counts and joint positions."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from drivers.servos.register import ServoModel
 from hal.compensation.servo_compliance import Compliance, compliance_of
@@ -44,6 +44,14 @@ class Joint:
     stops: tuple[float, float] | None = None
     """Ends of the joint's travel, in rad or m, if a <command_interface> narrows ``limits``; otherwise None."""
 
+    _units_per_count: float = field(init=False, repr=False, compare=False)
+    _counts_range: tuple[int, int] | None = field(init=False, repr=False, compare=False, default=None)
+    """Range of the servo within the limits, once it is known: each cycle needs it."""
+
+    def __post_init__(self) -> None:
+        units = self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn
+        object.__setattr__(self, "_units_per_count", units)
+
     def between_stops(self) -> "Joint":
         """Return the joint with its whole travel as its limits, as calibration measures it.
 
@@ -62,7 +70,7 @@ class Joint:
     @property
     def units_per_count(self) -> float:
         """Signed change of the joint position per count, in rad or m."""
-        return self.sign * self.transmission * 2.0 * math.pi / self.model.counts_per_turn
+        return self._units_per_count
 
     @property
     def full_effort(self) -> float:
@@ -119,9 +127,10 @@ class Joint:
         Returns:
             The lowest and the highest count within the limits.
         """
-        ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)
-        # 1e-9: a limit that is a whole number of counts must not change by one through rounding errors.
-        return (
-            math.ceil(min(ends) - 1e-9) + self.zero_counts,
-            math.floor(max(ends) + 1e-9) + self.zero_counts,
-        )
+        if self._counts_range is None:
+            ends = (self.limits.lower / self.units_per_count, self.limits.upper / self.units_per_count)
+            # 1e-9: a limit that is a whole number of counts must not change by one through rounding errors.
+            lowest, highest = math.ceil(min(ends) - 1e-9), math.floor(max(ends) + 1e-9)
+            object.__setattr__(self, "_counts_range", (lowest + self.zero_counts, highest + self.zero_counts))
+        assert self._counts_range is not None
+        return self._counts_range

@@ -40,7 +40,7 @@ class Plausibility:
             turn: Distance after which positions repeat, in rad or m.
         """
         self._driven_speed, self._limp_speed = driven_speed, max(driven_speed, limp_speed)
-        self._slack, self._turn = slack, turn
+        self._slack, self._turn, self._straight = slack, turn, math.isinf(turn)
         self._accepted = self._rejected = math.nan
         self._accepted_s = self._rejected_s = -math.inf
 
@@ -75,12 +75,11 @@ class Plausibility:
             previous reading.
         """
         speed = self._driven_speed if driven else self._limp_speed
-        away = self._distance(self._accepted, position)
-        confirmed = abs(self._distance(self._rejected, position)) <= self._reach(speed, now_s - self._rejected_s)
+        away = position - self._accepted if self._straight else self._distance(self._accepted, position)
         # The first reading is accepted: the distance from NaN is NaN, which is not above the reach.
-        if confirmed or not abs(away) > self._reach(speed, now_s - self._accepted_s):
-            self._accepted, self._accepted_s = position, now_s
-            self._rejected = math.nan
+        plausible = not abs(away) > self._reach(speed, now_s - self._accepted_s)
+        if plausible or abs(self._distance(self._rejected, position)) <= self._reach(speed, now_s - self._rejected_s):
+            self._accepted, self._accepted_s, self._rejected = position, now_s, math.nan
             return None
         self._rejected, self._rejected_s = position, now_s
         return away
@@ -88,7 +87,7 @@ class Plausibility:
     def _distance(self, start: float, end: float) -> float:
         """Return the signed distance between two readings; if positions repeat, the shorter one."""
         distance = end - start
-        return distance if math.isinf(self._turn) or math.isnan(distance) else math.remainder(distance, self._turn)
+        return distance if self._straight or math.isnan(distance) else math.remainder(distance, self._turn)
 
     def _reach(self, speed: float, elapsed_s: float) -> float:
         return speed * (min(elapsed_s, LONGEST_S) + SAMPLING_S) + self._slack

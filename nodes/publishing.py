@@ -1,9 +1,12 @@
 """Shared QoS profiles and a rate limiter for publishers."""
 
+from array import array
 from typing import Final
 
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from hal.types import FloatArray
 
 LATCHED: Final = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Publisher profile of ros2_control: a late subscriber immediately receives the newest message."""
@@ -13,6 +16,12 @@ ANY_CLIENT: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFO
 """Subscriber profile of ros2_control. It also accepts best-effort publishers: the next command replaces a lost one."""
 EVERY_CALL: Final = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL)
 """Service profile that keeps every call of a burst."""
+
+
+def numbers(values: FloatArray) -> "array[float]":
+    """Convert values (n,) to an array. rclpy assigns arrays directly, but checks every element of a list."""
+    return array("d", values.tobytes())
+
 
 EARLY = 0.25
 """Fraction of the interval by which a cycle may come early, because cycles are not spaced exactly evenly."""

@@ -1,8 +1,11 @@
-"""Run all ROS nodes of a stack on one executor. The control loop posts its cycles here without waiting."""
+"""Run all ROS nodes of a stack on one executor, and publish the cycles of the control loop beside it.
+
+The executor wakes only when a client sends something or expects an answer. Its callbacks and the publication of cycles
+take turns, so that both can use the nodes.
+"""
 
 import logging
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from time import monotonic
@@ -14,6 +17,7 @@ from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaste
 from controller.manager.client import ManagerClient
 from hal.types import JointState
 from nodes.controllers.controller_nodes import ControllerNodes
+from nodes.cycle_publisher import CyclePublisher
 from nodes.manager.controller_manager_node import ManagerNode
 from nodes.manager.hardware_nodes import HardwareNodes
 from nodes.manager.hardware_services import HardwareServices
@@ -28,12 +32,18 @@ from nodes.simulation_node import SimulationNode
 from nodes.stack import Stack
 
 FINISH_S = 0.2
+WAKE_S = 0.1
+"""Time after which the executor wakes without a reason, in seconds, to check for the end and to send late answers."""
 
 LOG = logging.getLogger("servoloop.nodes")
 
 
 class Surface:
-    """ROS 2 interface of one stack. The loop thread calls ``post``; all other methods belong to the ROS thread."""
+    """ROS 2 interface of one stack.
+
+    The loop thread calls ``post`` and ``wait_until_published``. A thread of its own publishes the cycles. All other
+    methods belong to the ROS thread.
+    """
 
     def __init__(self, stack: Stack) -> None:
         patches = usable_patches()
@@ -43,18 +53,19 @@ class Surface:
             self._send_delayed = gil_release.send_delayed
         LOG.info("%s", init_rclpy())
         self._stack = stack
-        self._cycles: deque[JointState] = deque(maxlen=100)
-        self._posted = self._published = 0
-        """Numbers of posted and published cycles. Each counter is written by one thread only."""
+        self._turn = threading.Lock()
+        """Held by the thread that uses the nodes: the executor in its callbacks, or the publisher of cycles."""
+        self._publisher = CyclePublisher(self._publish_cycles)
         self._woken = False
-        self._caught_up = threading.Condition()
         self._pending = PendingRequests()
         self._ros_time = ros_time = RosTime(stack.loop.clock, stack.simulation is not None)
         manager_client = ManagerClient(stack.loop, stack.factory)
         with rcl_errors():  # If the first node starts, the others start too.
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
         supported = cycle_executor.PATCH in patches
-        self._executor = cycle_executor.CycleExecutor() if supported else PlainExecutor(self._manager.node)
+        self._executor = (
+            cycle_executor.CycleExecutor(self._turn) if supported else PlainExecutor(self._manager.node, self._turn)
+        )
         HardwareServices(self._manager.node, stack, self._pending)
         self._hardware = HardwareNodes(stack, ros_time)
         self._robot_state_publisher = RobotStatePublisher(stack, ros_time) if stack.publish_transforms else None
@@ -66,12 +77,11 @@ class Surface:
         for node in self._own_nodes:
             self._executor.add_node(node)
         self._synchronize()
+        self._publisher.start()
 
     def post(self, state: JointState) -> None:
-        """Pass a completed cycle to the ROS thread and wake it, without blocking."""
-        self._cycles.append(state)
-        self._posted += 1
-        self._executor.post()
+        """Pass a completed cycle to its publisher, without blocking."""
+        self._publisher.post(state)
 
     def wake(self) -> None:
         """Wake the ROS thread to respond to clients whose requests are complete. Does not block."""
@@ -84,18 +94,18 @@ class Surface:
         Returns:
             Whether they were published within ``longest_s`` seconds.
         """
-        with self._caught_up:
-            return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
+        return self._publisher.wait_until_published(longest_s)
 
     def spin(self, stop: Callable[[], bool]) -> None:
         """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
         while not stop() and rclpy.ok():
             try:
                 with _errors_logged():
-                    # Clients are also served if the next cycle has already arrived.
-                    self._executor.serve(0.1, behind=bool(self._cycles))
-                with _errors_logged():
-                    self._publish_cycles()
+                    self._executor.serve(WAKE_S)
+                with _errors_logged(), self._turn:
+                    if self._woken:
+                        self._woken = False
+                        self._synchronize()
                 with _errors_logged():
                     self._send_delayed()
             except ExternalShutdownException:
@@ -103,33 +113,32 @@ class Surface:
 
     def finish(self) -> None:
         """Send results and responses to clients after the control loop has ended."""
-        self._controllers.publish(self._manager.node.get_clock().now().to_msg())
-        self._pending.resume_done()
+        self._publisher.stop()
+        with self._turn:
+            self._controllers.publish(self._manager.node.get_clock().now().to_msg())
+            self._pending.resume_done()
         deadline_s = monotonic() + FINISH_S
         self.spin(lambda: monotonic() > deadline_s)
 
     def close(self) -> None:
         """Remove all nodes from the graph."""
         with exit_watchdog():
+            self._publisher.stop()
             self._executor.shutdown(timeout_sec=1.0)
             self._controllers.close()
             for node in self._own_nodes:
                 node.destroy_node()
             rclpy.try_shutdown()
 
-    def _publish_cycles(self) -> None:
-        if not self._cycles:
-            if self._woken:
-                self._woken = False
-                self._synchronize()
-            return
-        states = [self._cycles.popleft() for _ in range(len(self._cycles))]
-        try:
+    def _publish_cycles(self, states: Sequence[JointState]) -> None:
+        """Publish cycles, and wake the executor if clients expect an answer or nodes have to be made."""
+        with _errors_logged(), self._turn:
             self._publish(states)
-        finally:
-            with self._caught_up:
-                self._published += len(states)
-                self._caught_up.notify_all()
+        with _errors_logged(), self._turn:
+            if self._pending.any_done or not self._controllers.current:
+                self.wake()
+            else:
+                self._manager.publish()
 
     def _publish(self, states: Sequence[JointState]) -> None:
         offset_s = self._ros_time.offset_s()
@@ -142,7 +151,6 @@ class Surface:
         for broadcaster in self._broadcasters:
             if self._robot_state_publisher is not None and broadcaster.state is not None:
                 self._robot_state_publisher.publish(broadcaster.sample(state), stamp)
-        self._synchronize()
 
     def _synchronize(self) -> None:
         """Create the node of a loaded controller before its client receives the response."""

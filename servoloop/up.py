@@ -3,8 +3,7 @@
 import gc
 import logging
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from time import time
 from typing import TYPE_CHECKING, Final
@@ -18,7 +17,7 @@ from servoloop.stack import hardware
 from servoloop.stack.arm_options import BACKLASH_DEG
 from servoloop.stack.background_worker import BackgroundWorker
 from servoloop.stack.control_stack import ControlStack
-from servoloop.stack.emulator_process import virtual_servos
+from servoloop.stack.device_choice import chosen_devices
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
 from servoloop.stack.processes import claim_realtime_priority
@@ -62,7 +61,7 @@ def up(
         setup = simulated.hardware(kind, ports, files, recording.tap)
         with Signals(LEFT) as signals:
             return _Up(setup, files, options, recording, simulated).run(signals, ready)
-    with Signals(LEFT) as signals, _devices(kind, ports, files, signals) as devices:
+    with Signals(LEFT) as signals, chosen_devices(kind, ports, files, lambda: signals.count) as devices:
         setup = hardware.build(kind, files, devices, MonotonicClock(), tap=recording.tap)
         return _Up(setup, files, options, recording).run(signals, ready)
 
@@ -77,22 +76,6 @@ def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
 
     pace = Pace(parse_factor("max" if options.rtf is None else options.rtf), paused=options.step)
     return SimulatedTime(pace, Build(BACKLASH_DEG))
-
-
-@contextmanager
-def _devices(
-    kind: HardwareKind | None, ports: Mapping[str, str] | None, files: Files, signals: Signals
-) -> Iterator[Mapping[str, str]]:
-    """Yield the devices to open: the given ones, or those of a new emulator."""
-    kinds = [hardware.choose(kind, component) for component in files.description.components]
-    if HardwareKind.SERVOS not in kinds and ports:
-        raise DriverError("--port was given, but no component uses servos: leave out --port or --hardware")
-    if HardwareKind.SERVOS not in kinds or ports is not None:
-        yield ports or {}
-        return
-    with virtual_servos(files, lambda: signals.count) as devices:
-        yield devices
-    LOG.info("the virtual servos have been shut down")
 
 
 class _Up:

@@ -40,7 +40,7 @@ def mark_long(items: Iterable[pytest.Item]) -> None:
 def sample(items: list[pytest.Item]) -> list[pytest.Item]:
     """Return the first test of each folder, and the first test of ``ALWAYS``.
 
-    Long tests are left out: `make test` has a case of each.
+    The tests of the list are left out: `make test` has a case of each, or they take too long.
     """
     first: dict[Path, pytest.Item] = {}
     for item in items:

@@ -67,8 +67,8 @@ def counting_of(bus: Bus, joint: Joint) -> Counting:
 
 
 def is_extended(bus: Bus, joint: Joint) -> bool:
-    """Whether the joint's Dynamixel X is in extended position mode. Raises ServoError."""
-    return retry(partial(bus.read, joint.servo_id, x.operating_mode)) == x.EXTENDED_POSITION_MODE
+    """Whether the joint's Dynamixel X is in a mode that counts turns. Raises ServoError."""
+    return retry(partial(bus.read, joint.servo_id, x.operating_mode)) in x.MODES_WITH_TURNS
 
 
 def write_counting(bus: Bus, joint: Joint, wanted: Counting) -> tuple[Change, ...]:

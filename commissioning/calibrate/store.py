@@ -1,6 +1,7 @@
 """Store a calibration: write the file, then the homing offsets of the servos, then restart the servos."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,8 +12,8 @@ from commissioning.atomic_write import cannot_write, write_whole
 from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.calibrate.seam import can_move_seam, write_counting
 from drivers.bus.bus import Bus
-from drivers.bus.retry import retry
-from drivers.bus.types import ServoState
+from drivers.bus.retry import ATTEMPTS, retry
+from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
@@ -83,6 +84,8 @@ def set_aside(robot: Path) -> str:
 
 RESTART_S: Final = 1.5
 """Time that a servo gets to restart, in seconds. It needs 0.8 s."""
+AGAIN_S: Final = 0.1
+"""Time after which a silent servo is read again, in seconds."""
 SLACK_COUNTS: Final = 40
 """Tolerance of the travel in counts, because a stop gives way a little and the torque is off."""
 
@@ -103,7 +106,7 @@ def store(
         for joint in joints:
             changes[joint.name] = write_counting(bus, joint, made[joint.name].counting)
         restart(bus, joints, clock)
-        _check(bus, joints, made)
+        _check(joints, _readings(bus, joints, clock), made)
         save(robot, content)
     except BaseException as error:
         error.add_note(_half_stored(path, list(changes), [j.name for j in joints if j.name not in changes]))
@@ -125,7 +128,7 @@ def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
     """
     turned = [joint for joint in joints if can_move_seam(joint.model)]
     for joint in turned:
-        bus.reboot(joint.servo_id)
+        retry(partial(bus.reboot, joint.servo_id))
     if turned:
         clock.sleep_until(clock.now() + RESTART_S)
     for joint in turned:
@@ -134,10 +137,22 @@ def restart(bus: Bus, joints: Sequence[Joint], clock: Clock) -> None:
             bus.identify(joint.servo_id, joint.model)  # Tells the bus the operating mode, on which the counts depend.
 
 
-def _check(bus: Bus, joints: Sequence[Joint], made: Mapping[str, JointCalibration]) -> None:
+def _readings(bus: Bus, joints: Sequence[Joint], clock: Clock) -> dict[int, Reading]:
+    """Read the states of servos. A servo that is silent for a moment is read again."""
+    missing = [joint.servo_id for joint in joints]
+    readings = dict(bus.read_states(missing))
+    for _ in range(ATTEMPTS - 1):
+        missing = [i for i, reading in readings.items() if not isinstance(reading, ServoState)]
+        if not missing:
+            break
+        clock.sleep_until(clock.now() + AGAIN_S)
+        readings |= bus.read_states(missing)
+    return readings
+
+
+def _check(joints: Sequence[Joint], readings: Mapping[int, Reading], made: Mapping[str, JointCalibration]) -> None:
     """Check that each servo reports a position within its travel. Raises CalibrationError otherwise."""
     problems: list[str] = []
-    readings = bus.read_states([joint.servo_id for joint in joints])
     for joint in joints:
         reading, travel = readings[joint.servo_id], made[joint.name]
         if not isinstance(reading, ServoState):

@@ -116,8 +116,8 @@ class Snapshot:
 
 
 def counts_turns(registers: Mapping[str, int]) -> bool:
-    """Whether these registers are those of a Dynamixel X in extended position mode, which ignores position limits."""
-    return "drive_mode" in registers and registers.get("operating_mode") == x.EXTENDED_POSITION_MODE
+    """Whether these registers are those of a Dynamixel X in a mode that counts turns and ignores position limits."""
+    return "drive_mode" in registers and registers.get("operating_mode") in x.MODES_WITH_TURNS
 
 
 def counts_at_activation(model: ServoModel, registers: Mapping[str, int], counts: int) -> int:

@@ -88,9 +88,11 @@ class Passport(_Strict):
 def read_passport(path: Path) -> Passport:
     """Read a passport. Raises PassportError listing all mistakes."""
     passport = load(path, Passport, PassportError)
-    if not read_text(path, PassportError).endswith(END):
+    text = read_text(path, PassportError)
+    if not text.endswith(END):
         raise PassportError(
-            f"{path} is truncated: its last line is not {END.strip()}. Use another copy, or save the passport again"
+            f"{path}:{len(text.splitlines())}: the file is truncated, because its last line is not {END.strip()}. Use "
+            "another copy, or save the passport again"
         )
     return passport
 

@@ -6,10 +6,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from controller.forward.approach import Approach
 from controller.forward.commands import ForwardParameters, Inbox
 from controller.forward.rate_command_controller import RateCommandController
 from controller.interface import Controller, ControllerContext, indices, limits_of
-from controller.motion import within_reach
 from controller.parameters import Parameters
 from controller.settling import Settling
 from hal.types import FloatArray, JointLimits, JointState, position_interfaces
@@ -20,8 +20,8 @@ LOG = logging.getLogger("servoloop.controller")
 class ForwardCommandController:
     """Controller that moves joints to the positions of the latest message.
 
-    Before the first message, the controller holds the position. The command moves to the goal at the velocity limits of
-    the joints.
+    Before the first message, the controller holds the position. The command approaches the goal within the velocity and
+    acceleration limits of the joints.
     """
 
     kind: ClassVar[str] = "forward_command_controller/ForwardCommandController"
@@ -44,7 +44,7 @@ class ForwardCommandController:
         self.command: FloatArray = np.full(len(joints), np.nan)
         self._lower = np.array([limit.lower for limit in limits])
         self._upper = np.array([limit.upper for limit in limits])
-        self._velocity = np.array([limit.velocity for limit in limits])
+        self._approach = Approach(limits)
         self._goal = self.command
         """Goal of the command (n,)."""
         self._inbox = Inbox(joints, strict)
@@ -75,6 +75,7 @@ class ForwardCommandController:
     def activate(self, state: JointState, command: FloatArray) -> None:
         self._inbox.clear()
         self.command = self._goal = command.copy()
+        self._approach.begin(command)
         self._settling.begin()
 
     def deactivate(self, reason: str = "") -> None:
@@ -84,7 +85,7 @@ class ForwardCommandController:
         wanted = self._inbox.take()
         if wanted is not None:
             self._go(wanted)
-        self.command = within_reach(self._goal, self.command, self._velocity, period_s)
+        self.command = self._approach.step(self._goal, period_s)
         self._settling.update(self._goal, self.command, state, period_s)
 
     def settled(self) -> bool:

@@ -12,7 +12,6 @@ from typing import ClassVar
 import numpy as np
 
 from controller.action_goals import DEACTIVATED, LONGEST_STEP, NOT_RUNNING, PREEMPTED, GoalStatus
-from controller.fault_timeout import FaultTimeout
 from controller.gripper.goal import (
     GripperGoal,
     GripperHandle,
@@ -26,6 +25,7 @@ from controller.motion import Kinematics, Motion, MotionError, motion_to, plan_s
 from controller.parameters import Parameters
 from controller.settling import Settling
 from controller.unmeasured import Unmeasured
+from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointLimits, JointState, apart
 
 LOG = logging.getLogger("servoloop.controller")

@@ -54,11 +54,8 @@ class ControllerRegistry:
         """All loaded controllers by name, in the order of loading."""
         self.running: tuple[Running, ...] = ()
         """The active controllers, in the order of loading."""
-
-    @property
-    def controllers(self) -> Mapping[str, Controller]:
+        self.controllers: Mapping[str, Controller] = {}
         """All configured controllers, by name."""
-        return {name: entry.controller for name, entry in self.loaded.items() if entry.controller is not None}
 
     @property
     def claimed(self) -> Mapping[str, str]:
@@ -131,6 +128,7 @@ class ControllerRegistry:
 
     def _hold(self, loaded: Mapping[str, Loaded]) -> None:
         self.loaded = loaded
+        self.controllers = {name: entry.controller for name, entry in loaded.items() if entry.controller is not None}
         self.running = tuple(
             Running(entry.spec, entry.controller, entry.index)
             for entry in loaded.values()

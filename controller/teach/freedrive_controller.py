@@ -8,7 +8,7 @@ import numpy as np
 
 from controller.interface import indices
 from controller.parameters import Parameters
-from hal.compensation.gravity_compensation import FADE_IN_S
+from hal.compensation.joint_offset import FADE_IN_S
 from hal.compensation.servo_compliance import Compliance, lags
 from hal.joint import Joint
 from hal.types import FloatArray, JointLimits, JointState, position_interfaces

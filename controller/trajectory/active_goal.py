@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from controller.fault_timeout import FaultTimeout
 from controller.motion import Kinematics
 from controller.trajectory.goal import GoalHandle
 from controller.trajectory.goal_planner import Plan
@@ -15,6 +14,7 @@ from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.rest import HELD_S, LONGEST_REST_S, RESTS_S, Rest
 from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import Tolerances, excess
+from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointState
 
 NEAR: Final = 3.0

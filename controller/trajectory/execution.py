@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Final
 
 from controller.action_goals import DEACTIVATED, PREEMPTED, GoalStatus
-from controller.fault_timeout import FaultTimeout
 from controller.interface import Settled
 from controller.motion import Path, stretched
 from controller.trajectory.active_goal import ActiveGoal, Cycle, commands_timed_out
@@ -23,7 +22,9 @@ from controller.trajectory.goal_result import (
 )
 from controller.trajectory.relief import Relief
 from controller.trajectory.sampler import TrajectorySampler
+from controller.trajectory.stretch_log import StretchLog
 from controller.trajectory.tolerances import Tolerances, excess, resolve
+from hal.fault_timeout import FaultTimeout
 
 LOG = logging.getLogger("servoloop.controller")
 
@@ -45,6 +46,7 @@ class Execution:
         self._joints = tuple(joints)
         self._sampler = sampler
         self._relief = Relief(name, joints, sampler)
+        self._stretches = StretchLog(name)
         self._unmeasured = FaultTimeout(self._joints)
         """Fault timeout for joints that are relieved without a goal."""
         self._others_settled = settled
@@ -182,8 +184,7 @@ class Execution:
             self._finish(active, cannot_begin(self._name, error), now)
             return
         if stretched(path):
-            text = "%s: the joint limits stretch the motion from %.2f s to %.2f s"
-            LOG.warning(text, self._name, path.asked_s, path.duration_s)
+            self._stretches.log(active.handle.goal, path, now.state.stamp_s)
         active.begun, self._relief.due = True, False
         self._sampler.follow(path, now.reference)
 

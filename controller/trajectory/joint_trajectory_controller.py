@@ -64,7 +64,7 @@ class JointTrajectoryController:
         self.scaling = self._sampler.scaling
         self._velocity = np.array([limit.velocity for limit in limits])
         self._lead_s = parameters.command_lead
-        self._index = indices(self.joints, hardware_joints)
+        self._index = np.array(indices(self.joints, hardware_joints), dtype=np.intp)
         self._execution = Execution(name, self.joints, self._sampler, settled)
         self._planned: tuple[TrajectoryGoal, Plan] | None = None
         self._planning = Lock()
@@ -191,7 +191,7 @@ class JointTrajectoryController:
         """Advance the reference to this cycle and compare the joints with it."""
         step_s, self._last_s = min(now_s - self._last_s, LONGEST_STEP * period_s), now_s
         parameters, sampler, standstill = self.parameters, self._sampler, self._standstill
-        measured, velocity = state.position[self._index], state.velocity[self._index]
+        measured, velocity = state.position.take(self._index), state.velocity.take(self._index)
         if state.faults or standstill.cycles:
             step_s = standstill.step(state.faults, step_s, self.command, measured, parameters)
         reference = sampler.advance(step_s)

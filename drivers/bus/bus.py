@@ -241,7 +241,7 @@ class Bus:
     def _is_extended(self, servo_id: int, model: ServoModel) -> bool:
         if series_of(model) is not X:
             return False
-        return self._read_with_retries(servo_id, x.operating_mode) == x.EXTENDED_POSITION_MODE
+        return self._read_with_retries(servo_id, x.operating_mode) in x.MODES_WITH_TURNS
 
     def check_settings(self, servo_id: int, model: ServoModel) -> None:
         """Check that the settings of a servo allow driving it.
@@ -276,7 +276,7 @@ class Bus:
 
         Returns:
             The lowest and the highest goal, in counts. None if there are no limits: the servo has no such setting,
-            both are 0 (as in a simulator), or it ignores them in extended position mode.
+            both are 0 (as in a simulator), or it ignores them in a mode that counts turns.
         """
         if self._turns and servo_id in self._turns:
             return None

@@ -25,6 +25,9 @@ FAST_TRIES: Final = 5
 FAST_TRIAL_S: Final = 0.005
 """Timeout of the trial of a fast sync read in addition to the transmission time, in seconds."""
 
+_EXECUTED: Final = frozenset((0, v2.ALERT))
+"""Error bytes of a servo that has executed the instruction."""
+
 
 def fast_plan(block: StateBlock, scales: Mapping[int, float | None]) -> ReadPlan:
     servo_ids = tuple(scales)
@@ -48,21 +51,27 @@ def replies_in(plan: ReadPlan, data: bytes) -> int:
 
 
 def _decoder(block: StateBlock, scales: Mapping[int, float | None]) -> Decode:
-    """Return a decoder for the whole reply. Only the last checksum is checked, because it covers the whole packet."""
-    head = v2.fast_head(len(scales), block.size)
-    piece = Struct(f"<BB{block.at}x{block.fields.format[1:]}H")
-    size = len(head) + piece.size * len(scales)
+    """Return a decoder for the whole reply. Only the last checksum is checked, because it covers the whole packet.
+
+    It works on the fields of all servos together, because a loop over the servos takes twice as long.
+    """
+    servo_ids, units = tuple(scales), tuple(scales.values())
+    head, state = v2.fast_head(len(servo_ids), block.size), block.state
+    piece = f"BB{block.at}x{block.fields.format[1:]}H"  # error, ID, fields of the state, checksum
+    unpack, width = Struct(f"<{piece * len(servo_ids)}").unpack_from, len(block.fields.unpack(bytes(block.fields.size)))
+    size, step = len(head) + Struct(f"<{piece}").size * len(servo_ids), width + 3
+    proof = block.proof and tuple((value,) * len(servo_ids) for value in block.proof)
 
     def decode_all(data: bytes) -> Mapping[int, ServoState] | None:
         if len(data) != size or not data.startswith(head) or crc16(data[:-2]) != int.from_bytes(data[-2:], "little"):
             return None
-        states: dict[int, ServoState] = {}
-        parts = piece.iter_unpack(data[len(head) :])
-        for (servo_id, scale), (error, said_id, *numbers, _) in zip(scales.items(), parts, strict=True):
-            if said_id != servo_id or error & ~v2.ALERT or not block.proved(numbers):
-                return None
-            states[servo_id] = block.state(scale, error, *numbers)
-        return states
+        numbers = unpack(data, len(head))
+        errors, fields = numbers[::step], [numbers[at::step] for at in range(2, width + 2)]
+        if numbers[1::step] != servo_ids or not _EXECUTED.issuperset(errors):
+            return None
+        if proof and (fields[0], fields[-1]) != proof:
+            return None
+        return dict(zip(servo_ids, map(state, units, errors, *fields), strict=True))
 
     return decode_all
 

@@ -1,7 +1,7 @@
 """The Dynamixel series with protocol 2.0: the wire protocol, and the encoding of states and goals."""
 
-import math
 from functools import partial
+from math import ceil
 from struct import Struct
 from typing import Final
 
@@ -40,52 +40,61 @@ def alarmed(error: int) -> tuple[str, ...]:
 
 # X series.
 
-LARGEST_PROFILE: Final = 32767
+LARGEST_PROFILE: Final = x.profile_velocity.largest
+# Constants of this module are found faster than those of another, and ranges are checked faster than by ``check``.
+_LOWEST, _HIGHEST = x.goal_position.smallest, x.goal_position.largest
+_VELOCITY_COUNTS_S: Final = x.VELOCITY_UNIT_COUNTS_S
+_VOLTAGE_V: Final = x.VOLTAGE_UNIT_V
+_FULL_PWM: Final = x.FULL_PWM
+_ALARMS: Final = tuple(map(x.alarms, range(256)))
+"""Names of the alarms by hardware error."""
 
 
-def x_state(unit_a: float | None, alarms: tuple[str, ...], numbers: tuple[int, ...]) -> ServoState:
-    """Convert the register values of an X series servo to a state.
+def x_state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
+    """Convert the register values of an X series servo to a state. A control cycle does so for each servo.
 
     Args:
         unit_a: Unit of the current, in A; None if the servo does not measure it.
-        alarms: Names of the alarms.
-        numbers: PWM, current or load, velocity, position, voltage and temperature.
+        error: Error byte of the reply.
+        *numbers: Numbers of a mapped block: first proof, hardware error, PWM, current or load, velocity, position,
+            voltage, temperature and last proof.
 
     Returns:
         The state, in the units of ``ServoState``.
     """
-    pwm, current, velocity, position, voltage, temperature = numbers
+    _, hardware_error, pwm, current, velocity, position, voltage, temperature, _ = numbers
     fields = (
         position,
-        round(velocity * x.VELOCITY_UNIT_COUNTS_S),
-        pwm / x.FULL_PWM,
-        voltage * x.VOLTAGE_UNIT_V,
+        round(velocity * _VELOCITY_COUNTS_S),
+        pwm / _FULL_PWM,
+        voltage * _VOLTAGE_V,
         float(temperature),
-        alarms,
+        _ALARMS[hardware_error] if hardware_error or not error else alarmed(error),
         None if unit_a is None else current * unit_a,
     )
     return _new(ServoState, fields)
 
 
 def _x_direct(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    return x_state(unit_a, alarmed(error), numbers)
+    return x_state(unit_a, error, 0, 0, *numbers, 0)
 
 
 def profile_units(velocity_counts_s: int) -> int:
     """Convert a velocity to profile_velocity, rounded up so that the servo is not slower than requested. 0 stays 0."""
-    return min(math.ceil(velocity_counts_s / x.VELOCITY_UNIT_COUNTS_S), LARGEST_PROFILE)
+    return min(ceil(velocity_counts_s / _VELOCITY_COUNTS_S), LARGEST_PROFILE)
 
 
 def _x_goal(wanted: ServoGoal) -> tuple[int, ...]:
     position, velocity = wanted
-    x.goal_position.check(position)
-    x.profile_velocity.check(velocity)  # a small negative velocity would become 0, which means maximum velocity
-    return profile_units(velocity), position
+    if not (_LOWEST <= position <= _HIGHEST and 0 <= velocity <= LARGEST_PROFILE):
+        x.goal_position.check(position)
+        x.profile_velocity.check(velocity)  # a small negative velocity would become 0, which means maximum velocity
+    return ceil(velocity / _VELOCITY_COUNTS_S), position
 
 
 def _x_config_error(model: ServoModel, read: Read) -> str | None:
     mode = read(x.operating_mode)
-    if mode not in (x.POSITION_MODE, x.EXTENDED_POSITION_MODE):
+    if mode not in (x.POSITION_MODE, *x.MODES_WITH_TURNS):
         return f"is in operating mode {mode}: {_mode_advice(read(x.homing_offset))}"
     drive = read(x.drive_mode)
     if drive & x.TIME_BASED_PROFILE:

@@ -17,9 +17,8 @@ from itertools import chain
 from struct import Struct, pack
 from typing import Final
 
-from drivers.bus.types import ServoState
 from drivers.servos import x
-from drivers.servos.dynamixel import alarmed, x_state
+from drivers.servos.dynamixel import x_state
 from drivers.servos.register import Register, ServoModel
 from drivers.servos.series import StateBlock
 
@@ -48,18 +47,10 @@ MAP: Final = pack(f"<{_SIZE}H", *_PLACES)
 MAP_REGISTER: Final = Register("indirect addresses", POINTERS, len(MAP))
 """All indirect addresses as one register, which is written and read back in one piece."""
 
-_ALARMS: Final = tuple(map(x.alarms, range(256)))
-
-
-def _state(unit_a: float | None, error: int, *numbers: int) -> ServoState:
-    hardware_error = numbers[1]
-    alarms = _ALARMS[hardware_error] if hardware_error else alarmed(error)
-    return x_state(unit_a, alarms, numbers[2:-1])
-
 
 def _block(address: int) -> StateBlock:
     proof = (_FIRST_PROOF & 0xFF, _LAST_PROOF & 0xFF)
-    return StateBlock(address, _SIZE, _FIELDS, 0, _state, fast=True, proof=proof)
+    return StateBlock(address, _SIZE, _FIELDS, 0, x_state, fast=True, proof=proof)
 
 
 AT_208: Final = _block(208)

@@ -22,17 +22,30 @@ _X_PID: Final = {
     x.XM430_W210.name: (800, 0, 0),
     x.XM430_W350.name: (800, 0, 0),
     x.XH430_W210.name: (900, 0, 0),
+    x.XH430_W350.name: (900, 0, 0),
+    x.XH430_V210.name: (800, 0, 0),
     x.XH430_V350.name: (800, 0, 0),
+    x.XD430_T210.name: (900, 0, 0),
+    x.XD430_T350.name: (900, 0, 0),
+    x.XM540_W150.name: (800, 0, 0),
     x.XM540_W270.name: (800, 0, 0),
-    x.XD540_T270.name: (800, 0, 0),
+    x.XH540_W150.name: (800, 0, 0),
+    x.XH540_W270.name: (800, 0, 0),
     x.XH540_V150.name: (800, 0, 0),
+    x.XH540_V270.name: (800, 0, 0),
+    x.XD540_T150.name: (800, 0, 0),
+    x.XD540_T270.name: (800, 0, 0),
+    x.XW540_T140.name: (800, 0, 0),
+    x.XW540_T260.name: (800, 0, 0),
     x.XW540_H260.name: (800, 0, 0),
     x.XW430_T333.name: (900, 0, 0),
     x.TWO_XL430_W250.name: (640, 0, 4000),
+    x.TWO_XC430_W250.name: (700, 0, 0),
     x.MX_28_2.name: (850, 0, 0),
     x.MX_64_2.name: (850, 0, 0),
+    x.MX_106_2.name: (850, 0, 0),
 }
-"""Position P, I and D gain of the models of the X series whose table was read."""
+"""Position P, I and D gain of the models of the X series that have a table in the e-manual."""
 _FEED_FORWARD: Final = {x.feedforward_2nd_gain: 0, x.feedforward_1st_gain: 0}
 _MX: Final = {ax_mx.p_gain: 32, ax_mx.i_gain: 0, ax_mx.d_gain: 0}
 _AX: Final = {

@@ -121,7 +121,10 @@ BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_
 
 POSITION_MODE: Final = 3
 EXTENDED_POSITION_MODE: Final = 4
-"""Mode in which goals and positions count several turns and position limits are ignored."""
+CURRENT_POSITION_MODE: Final = 5
+"""Extended position mode with ``goal_current`` as the limit of the current. Only models with current have it."""
+MODES_WITH_TURNS: Final = (EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
+"""Modes in which goals and positions count several turns and position limits are ignored."""
 LARGEST_OFFSET_OF_POSITION_MODE: Final = 1024
 """Largest homing offset in position mode. A larger offset is ignored completely."""
 STARTUP_TORQUE_ON: Final = 1 << 0

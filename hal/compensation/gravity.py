@@ -40,8 +40,14 @@ class Gravity:
         Returns:
             Torques or forces of shape (n,), in N m or N.
         """
-        # Plain floats are faster here than arrays of three elements.
-        places, torques = position.tolist(), [0.0] * self._joints
+        return np.array(self.torques_at(position.tolist()))
+
+    def torques_at(self, places: Sequence[float]) -> list[float]:
+        """Compute the torques as ``torques`` does, from and to plain floats.
+
+        They are faster here than arrays of three elements.
+        """
+        torques = [0.0] * self._joints
         turned: list[Matrix] = []
         slid: list[float] = []
         up: list[Vector] = []
@@ -58,7 +64,7 @@ class Gravity:
                 torques[joint.leader] += joint.multiplier * _held(joint, moment, up[index])
             if joint.parent >= 0:
                 moments[joint.parent] = _carried(joint, turned[index], slid[index], moment, moments[joint.parent])
-        return np.array(torques)
+        return torques
 
 
 def _orientation(joint: MovingJoint, q: float) -> Matrix:

@@ -34,6 +34,8 @@ class ComponentSet:
         self.command_interfaces = tuple(name for one in hardware for name in one.command_interfaces)
         self.failures: list[Component] = []
         """Components that have failed since the list was last cleared."""
+        self._requests = {one.name: one.request for one in hardware if isinstance(one, Requesting)}
+        """Functions that send the request of a component, by its name. Checks for a protocol are slow."""
         self._homes = {joint: component for component in self.components for joint in component.hardware.joints}
         self._clock = clock
         self._cycle = 0
@@ -138,9 +140,10 @@ class ComponentSet:
             raise
 
     def _request(self, component: Component, deadline_s: float | None) -> None:
-        if isinstance(component.hardware, Requesting):
+        request = self._requests.get(component.hardware.name)
+        if request is not None:
             try:
-                component.hardware.request(deadline_s)
+                request(deadline_s)
             except Exception as error:  # see _read
                 self.lose(component, error)
 

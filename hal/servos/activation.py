@@ -80,7 +80,7 @@ class Activation:
         try:
             for joint in self._joints:
                 self._setup.limit_torque(joint)
-            self._take_goals(self._joints)  # a limp arm may have sunk meanwhile
+            self._take_fresh_goals(self._joints)  # a limp arm may have sunk meanwhile
             self._hold_goals()
             for joint in self._joints:
                 self._torque_on(joint)
@@ -114,6 +114,16 @@ class Activation:
         """Use the measured positions of joints as goals. Raises ActivationError if a position must not be held."""
         states = self._confirmed()
         self._goals |= {joint.name: self._start_goal(joint, states[joint.name]) for joint in joints}
+
+    def _take_fresh_goals(self, joints: Sequence[Joint]) -> None:
+        """Take goals that are not old when they are written. A late reply to a check of the joints delays the write.
+
+        On a slow bus the last of several measurements is used.
+        """
+        for _ in range(ATTEMPTS):
+            self._take_goals(joints)
+            if not self._old():
+                return
 
     def _confirmed(self) -> dict[str, ServoState]:
         """Measure until two consecutive readings agree, because a corrupted reply may have a correct checksum."""
@@ -199,7 +209,7 @@ class Activation:
             if not wrong:
                 return
             if self._old():
-                self._take_goals([joint for joint in wrong if not self._setup.torque_is_on(joint)])
+                self._take_fresh_goals([joint for joint in wrong if not self._setup.torque_is_on(joint)])
         self._write_alone(wrong)
 
     def _write_alone(self, joints: Sequence[Joint]) -> None:
@@ -252,8 +262,8 @@ class Activation:
         packet.
         """
         later = self._joints[self._joints.index(joint) :]
-        self._take_goals([one for one in later if not self._setup.torque_is_on(one)])
         self._setup.limit_torque(joint)
+        self._take_fresh_goals([one for one in later if not self._setup.torque_is_on(one)])
         self._hold_goals()
 
     def _called(self, joint: Joint) -> str:

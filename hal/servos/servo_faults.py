@@ -38,6 +38,10 @@ RELEASING_ALARMS: Final = ("current", "temperature")
 """Alarms with which a servo disables its torque. A goal would enable it again at once or after it has cooled down."""
 REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is free once this program has ended"
 """Remedy for a servo that has shut down and refuses to enable torque until a reboot."""
+NO_TIME_AGAIN_S: Final = 1.0
+"""Minimum time between two log lines about cycles that had no time left for servos, in seconds.
+
+At a rate that the bus does not keep, such cycles are frequent, and each log line takes more time."""
 _UNASKED: Final = "answers again, but its torque has not been checked yet: it gets no goals until then"
 
 
@@ -60,6 +64,10 @@ class ServoFaults:
         """Messages for servos that have disabled their torque to protect themselves, by joint name."""
         self._latched: dict[str, str] = {}
         """Alarms that last until a reboot, by joint name."""
+        self._unlogged: set[str] = set()
+        """Joints without a measurement for want of time, of which the log contains nothing."""
+        self._no_time_logged_s = -math.inf
+        """Time of the first measurement of the cycle in which the log last reported a want of time, in seconds."""
         self._measured_s: dict[str, float] = {}
         """Time of the last measurement of missing servos, by joint name."""
         self._checked_s: dict[str, float] = {}
@@ -75,6 +83,7 @@ class ServoFaults:
         self._released.clear()
         self._latched.clear()
         self._measured_s.clear()
+        self._unlogged.clear()
         self.withheld.clear()
 
     @property
@@ -89,6 +98,7 @@ class ServoFaults:
         for name in names:
             for facts in (self._faults, self._released, self._latched, self._measured_s):
                 facts.pop(name, None)
+            self._unlogged.discard(name)
             self.withheld.discard(name)
             self._checked_s[name] = self._clock.now()
         if names:
@@ -123,12 +133,24 @@ class ServoFaults:
         found = JointFault(fault.kind, fault.text)
         if found.kind == "implausible" and name in self._faults and self._faults[name].kind == "no_torque":
             return  # a limp joint may be moved by hand, and must keep its fault no_torque
-        if name not in self._faults and found not in self._faults.values():  # the fault of a whole bus is logged once
-            self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, found.text)
+        begins = name not in self._faults or (name in self._unlogged and found.kind != "no_time")
+        if begins:
+            self._log_missing(joint, found, measured_s, buses)
         self._faults[name] = found
         self._checked_s[name] = self._clock.now()
         if self._clock.now() - self._measured_s.setdefault(name, measured_s) >= RESET_S:
             self.withheld.add(name)
+
+    def _log_missing(self, joint: Joint, found: JointFault, measured_s: float, buses: JointBuses) -> None:
+        """Log a new fault. A want of time is logged at most once a second, for all joints of the cycle."""
+        if found.kind == "no_time":
+            if 0.0 < measured_s - self._no_time_logged_s < NO_TIME_AGAIN_S:
+                self._unlogged.add(joint.name)
+                return
+            self._no_time_logged_s = measured_s
+        self._unlogged.discard(joint.name)
+        if found not in self._faults.values():  # the fault of a whole bus is logged once
+            self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, found.text)
 
     def note_alarms(self, joint: Joint, alarms: Sequence[str], buses: JointBuses) -> None:
         """Record the alarms of a servo in an active component. With some alarms a servo disables its torque."""
@@ -157,7 +179,8 @@ class ServoFaults:
         Returns:
             Faults by joint name.
         """
-        back = [joint for joint in self._joints if joint.name in self._faults and joint.name in measured]
+        faults = self._faults
+        back = [joint for joint in self._joints if joint.name in faults and joint.name in measured] if faults else []
         for joint in back:
             if joint.name not in self.withheld:  # the next silence starts a new period
                 self._measured_s.pop(joint.name, None)
@@ -172,13 +195,17 @@ class ServoFaults:
                 )  # replaces the fault if the servo was silent meanwhile
             begin_s, late = self._clock.now(), self._overdue(measured)
             until_s = begin_s + LATE_S if late else ask_until_s
-            self._ask([joint for joint in back if joint.name not in self._released], buses, until_s)
+            if back:
+                self._ask([joint for joint in back if joint.name not in self._released], buses, until_s)
             due = self._due(measured, 0.0 if late else MISSED * WATCH_S)
             due = [joint for joint in due if joint.name not in self._faults]
-            self._watch(due[:1] if late and self._quick else due, buses, until_s)
+            if due:
+                self._watch(due[:1] if late and self._quick else due, buses, until_s)
             if late:
                 was_quick, self._quick = self._quick, self._clock.now() - begin_s < QUICK_S
                 self._next_late_s = begin_s + (0.0 if was_quick else LATEST * WATCH_S)
+        if not self._faults:
+            return {}
         unasked = {
             joint.name: JointFault("no_torque", f"{_servo_label(joint, buses)} {_UNASKED}")
             for joint in back
@@ -201,7 +228,8 @@ class ServoFaults:
         for name, driven in self._driven(back, buses, ask_until_s).items():
             joint, called = joints[name], _servo_label(joints[name], buses)
             if driven:
-                self.log.note(logging.WARNING, buses.label(joint), joint.servo_id, f"{called} answers again")
+                if name not in self._unlogged:
+                    self.log.note(logging.WARNING, buses.label(joint), joint.servo_id, f"{called} answers again")
                 self._rejoin(name)
             else:
                 why = self._latched.get(name, "power dip?")
@@ -232,6 +260,8 @@ class ServoFaults:
     def _unseen(self, for_s: float, measured: Mapping[str, int]) -> list[Joint]:
         """Return the joints whose torque has not been checked for ``for_s`` seconds, the longest time first."""
         until_s, checked, faults = self._clock.now() - for_s, self._checked_s, self._faults
+        if min(checked.values(), default=math.inf) > until_s:  # usual, and much faster
+            return []
         limp = {name for name, fault in faults.items() if fault.kind == "no_torque"}
         unseen = [joint for joint in self._joints if joint.name in measured and joint.name not in limp]
         return sorted((one for one in unseen if checked[one.name] <= until_s), key=lambda joint: checked[joint.name])
@@ -239,6 +269,7 @@ class ServoFaults:
     def _rejoin(self, name: str) -> None:
         del self._faults[name]
         self._measured_s.pop(name, None)
+        self._unlogged.discard(name)
         self.withheld.discard(name)
 
     def _refuse(self, joint: Joint, buses: JointBuses, reason: str) -> None:
@@ -249,6 +280,7 @@ class ServoFaults:
             self.log.note(logging.ERROR, buses.label(joint), joint.servo_id, text)
             self._faults[name] = JointFault("no_torque", text)
         self._measured_s[name] = -math.inf
+        self._unlogged.discard(name)
         self.withheld.add(name)
 
 

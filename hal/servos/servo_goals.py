@@ -33,26 +33,21 @@ class ServoGoals:
     """
 
     def __init__(self, joints: Sequence[Joint]) -> None:
-        self._joints = tuple(joints)
-        self._leads = {joint.name: _Lead.of(joint) for joint in joints}
-        self._ranges = {joint.name: joint.counts_range() for joint in joints}
-        self._behind = {joint.name: 0 for joint in joints}
-        self._watch = StallWatch({name: lead.at_rest for name, lead in self._leads.items()})
+        self._servos = tuple(_Servo(joint) for joint in joints)
+        self._watch = StallWatch({servo.name: servo.lead.at_rest for servo in self._servos})
         self.stalls = self._watch.stalls
         """Joints that press without motion, by name. The drive of joints with a torque limit is reduced."""
-        self._goals: dict[str, ServoGoal] = {}
-        self._measured: dict[str, int] = {}
-        """Measured counts of the previous cycle, by joint name."""
 
     def hold(self, counts: Mapping[str, int]) -> None:
         """Set the goals (counts by joint name) that the servos hold after activation. Other joints keep their goals."""
-        self._goals |= {name: ServoGoal(count) for name, count in counts.items()}
-        self._behind |= dict.fromkeys(counts, 0)
+        for servo in self._servos:
+            if servo.name in counts:
+                servo.goal, servo.behind = ServoGoal(counts[servo.name]), 0
         self._watch.restart(counts)
 
     def forget_stalls(self) -> None:
         """Discard all stalls, because the component has become inactive."""
-        self._watch.restart([joint.name for joint in self._joints])
+        self._watch.restart([servo.name for servo in self._servos])
 
     def towards(
         self,
@@ -68,59 +63,87 @@ class ServoGoals:
         full drive, both by joint name. Joints in ``withheld`` get no goal.
         """
         goals: dict[str, ServoGoal] = {}
-        for joint, position in zip(self._joints, positions, strict=True):
-            if joint.name in withheld:  # a joint without torque cannot press
-                self._watch.restart((joint.name,))
-                continue
-            held = self._goals[joint.name].position_counts
-            here = _as_compared(joint, measured.get(joint.name), held)
-            lower, upper = self._ranges[joint.name]
-            # A joint that was activated outside its limits has its goal there and must return slowly.
-            share = 1.0 if lower <= held <= upper else RETURN_SHARE
-            reach = math.ceil(share * joint.limits.velocity * period_s / abs(joint.units_per_count))
-            command = joint.counts(position)
-            eased = self._watch.goal(joint, command, here, loads.get(joint.name, math.nan), period_s)
-            wanted = self._within_pull(joint, command, here, reach, period_s) if eased is None else eased
-            wanted = min(max(wanted, lower), upper)
-            counts = min(max(wanted, held - reach), held + reach)
-            goals[joint.name] = ServoGoal(counts, self._speed(joint, counts, here, period_s))
-        if self._watch.log.events:
-            self._watch.log.flush()
-        self._goals |= goals
-        self._measured |= measured
+        watch = self._watch
+        for servo, position in zip(self._servos, positions, strict=True):
+            name, here = servo.name, measured.get(servo.name)
+            if name in withheld:  # a joint without torque cannot press
+                watch.restart((name,))
+            else:
+                here = _as_compared(servo.joint, here, servo.goal.position_counts)
+                command = servo.joint.counts(position)
+                eased = watch.goal(servo.joint, command, here, loads.get(name, math.nan), period_s)
+                goals[name] = servo.towards(command, eased, here, period_s)
+            if here is not None:
+                servo.measured = here
+        if watch.log.events:
+            watch.log.flush()
         return goals
 
-    def _within_pull(self, joint: Joint, wanted: int, measured: int | None, reach: int, period_s: float) -> int:
+
+class _Servo:
+    """Goal of one servo. Each cycle uses the numbers of its joint, which are therefore computed only once."""
+
+    __slots__ = ("behind", "fastest", "goal", "joint", "lead", "lower", "measured", "name", "turn", "upper")
+
+    def __init__(self, joint: Joint) -> None:
+        self.joint, self.name = joint, joint.name
+        self.lead = _Lead.of(joint)
+        self.lower, self.upper = joint.counts_range()
+        self.turn = joint.model.counts_per_turn
+        self.fastest = joint.limits.velocity / abs(joint.units_per_count)
+        """Velocity limit of the joint, in counts/s."""
+        self.behind = 0
+        """Number of consecutive cycles in which the goal was too far ahead of the joint."""
+        self.goal: ServoGoal
+        """Last goal. It exists once the joint is activated."""
+        self.measured: int | None = None
+        """Last measured counts."""
+
+    def towards(self, command: int, eased: int | None, here: int | None, period_s: float) -> ServoGoal:
+        """Return the next goal, and keep it.
+
+        Args:
+            command: Commanded position, in counts.
+            eased: Goal of a joint whose drive is reduced, in counts; None if it is not reduced.
+            here: Measured position, in counts; None if the joint was not measured.
+            period_s: Period of the control loop, in seconds.
+        """
+        held, former = self.goal
+        # A joint that was activated outside its limits has its goal there and must return slowly.
+        share = 1.0 if self.lower <= held <= self.upper else RETURN_SHARE
+        joint = self.joint
+        reach = math.ceil(share * joint.limits.velocity * period_s / abs(joint.units_per_count))
+        wanted = self._within_pull(command, here, reach, period_s) if eased is None else eased
+        wanted = min(max(wanted, self.lower), self.upper)
+        counts = min(max(wanted, held - reach), held + reach)
+        # The speed follows from the distance to the last goal. A servo that was silent or blocked is further behind,
+        # and catches up in CATCH_UP_S within the joint's velocity limit.
+        speed = abs(counts - held) / period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
+        speed = max(speed, former * (1.0 - min(period_s / SLOWING_S, 1.0)))
+        if here is not None:
+            speed = max(speed, min(abs(counts - here) / CATCH_UP_S, self.fastest))
+        self.goal = goal = ServoGoal(counts, min(round(speed), 32767))
+        return goal
+
+    def _within_pull(self, wanted: int, here: int | None, reach: int, period_s: float) -> int:
         """Limit how far the goal of a blocked or overloaded joint is ahead of its position.
 
         The limit is the largest lag of a free joint at this speed. A goal further ahead would not increase the torque,
         and the joint would jump when it comes free.
         """
-        turn = joint.model.counts_per_turn
-        travel = measured - self._measured.get(joint.name, measured) if measured is not None else 0
-        travel -= round(travel / turn) * turn
-        lead = self._leads[joint.name].counts(abs(travel) / period_s) + reach
-        # The servo compares the same counts: it does not take the shorter way around either.
-        ahead = wanted - measured if measured is not None else 0
-        excess = max(abs(ahead) - lead, 0)
-        self._behind[joint.name] = self._behind[joint.name] + 1 if excess else 0
-        if self._behind[joint.name] < BLOCKED_CYCLES:
+        if here is None:
+            self.behind = 0
             return wanted
-        return wanted - int(math.copysign(excess, ahead))
-
-    def _speed(self, joint: Joint, counts: int, measured: int | None, period_s: float) -> int:
-        """Return the goal speed in counts/s.
-
-        It follows from the distance to the last goal. A servo that was silent or blocked is further behind, and catches
-        up in ``CATCH_UP_S`` within the joint's velocity limit.
-        """
-        held, former = self._goals[joint.name]
-        speed = abs(counts - held) / period_s * INTERPOLATION_MARGIN + INTERPOLATION_FLOOR_COUNTS_S
-        speed = max(speed, former * (1.0 - min(period_s / SLOWING_S, 1.0)))
-        if measured is not None:
-            limit = joint.limits.velocity / abs(joint.units_per_count)
-            speed = max(speed, min(abs(counts - measured) / CATCH_UP_S, limit))
-        return min(round(speed), 32767)
+        travel = here - self.measured if self.measured is not None else 0
+        travel -= round(travel / self.turn) * self.turn
+        # The servo compares the same counts: it does not take the shorter way around either.
+        ahead = wanted - here
+        excess = abs(ahead) - self.lead.counts(abs(travel) / period_s) - reach
+        if excess <= 0:
+            self.behind = 0
+            return wanted
+        self.behind += 1
+        return wanted if self.behind < BLOCKED_CYCLES else wanted - int(math.copysign(excess, ahead))
 
 
 def _as_compared(joint: Joint, measured: int | None, goal: int) -> int | None:

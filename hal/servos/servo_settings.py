@@ -109,12 +109,45 @@ def warn_of_extended_position(joint: Joint, bus: Bus) -> None:
         return
     held = retry(partial(bus.read, joint.servo_id, x.operating_mode))
     offset = retry(partial(bus.read, joint.servo_id, x.homing_offset))
-    if held == x.EXTENDED_POSITION_MODE and x.needs_extended_position(offset):
+    if held in x.MODES_WITH_TURNS and x.needs_extended_position(offset):
         LOG.warning(
-            "%s (servo %d) is in extended position mode with a homing_offset of %d, which only this mode applies: it "
-            "is used in this mode. Calibrate the arm with servoloop calibrate, because its zero is not known",
+            "%s (servo %d) is in extended position mode with a homing_offset of %d, which position mode would ignore: "
+            "it is used in this mode. Calibrate the arm with servoloop calibrate, because its zero is not known",
             *(joint.name, joint.servo_id, offset),
         )
+
+
+def check_goal_current(joint: Joint, bus: Bus) -> None:
+    """Raise ServoRefused if the goal current of a Dynamixel X in current-based position mode leaves it no torque."""
+    if _goal_current(joint, bus) == 0:
+        raise ServoRefused(
+            joint.servo_id,
+            "would have no torque: its goal_current is 0 in current-based position mode (5): reboot it (servoloop "
+            "reboot), which restores the current limit",
+        )
+
+
+def warn_of_goal_current(joint: Joint, bus: Bus) -> None:
+    """Log a warning if another program has limited the current of a servo. The limit is kept, because it protects."""
+    held = _goal_current(joint, bus)
+    if held is None:
+        return
+    limit = retry(partial(bus.read, joint.servo_id, x.current_limit))
+    if held < limit:
+        LOG.warning(
+            "%s (servo %d) is in current-based position mode, and another program has set its goal_current to %d of "
+            "%d: the joint is weaker than usual. To restore the current limit, reboot the servo (servoloop reboot)",
+            *(joint.name, joint.servo_id, held, limit),
+        )
+
+
+def _goal_current(joint: Joint, bus: Bus) -> int | None:
+    """Return the goal current if it limits the servo; None in other modes and for servos without current."""
+    if x.current_unit_a(joint.model) is None:
+        return None
+    if retry(partial(bus.read, joint.servo_id, x.operating_mode)) != x.CURRENT_POSITION_MODE:
+        return None
+    return abs(retry(partial(bus.read, joint.servo_id, x.goal_current)))
 
 
 def wanted_mode(joint: Joint, offset: int) -> int:
@@ -127,7 +160,7 @@ def wanted_mode(joint: Joint, offset: int) -> int:
 def mode_mistake(joint: Joint, held: int, offset: int) -> str | None:
     """Return the error message if ``held`` is the wrong operating mode for the joint's Dynamixel X; otherwise None."""
     wanted = wanted_mode(joint, offset)
-    if held == wanted or (held == x.EXTENDED_POSITION_MODE and joint.homing_offset is None):
+    if held == wanted or (held in x.MODES_WITH_TURNS and (joint.homing_offset is None or joint.extended)):
         return None
     if held == x.POSITION_MODE and not joint.extended:
         return None  # It ignores the offset in this mode, as it did when its zero was entered in the robot file.

@@ -24,9 +24,11 @@ from hal.servos.servo_faults import REBOOT
 from hal.servos.servo_gains import write_gains_in_ram
 from hal.servos.servo_settings import (
     apply_settings,
+    check_goal_current,
     check_homing_offset,
     check_mode,
     warn_of_extended_position,
+    warn_of_goal_current,
     warn_of_other_gains,
 )
 
@@ -55,7 +57,7 @@ class ServoSetup:
             raise DriverError("\n".join(problems))
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
-                for warn in (warn_of_extended_position, warn_of_other_gains):
+                for warn in (warn_of_extended_position, warn_of_goal_current, warn_of_other_gains):
                     _failed(self._buses.joints_on[name], bus, warn)  # errors are ignored for these warnings
 
     def problems(self) -> list[str]:
@@ -87,8 +89,8 @@ class ServoSetup:
             causes = diagnose(bus, silent) if silent else {}
             # Two servos with the same model and ID return the same model number. Their states show that they are two.
             known = [joint.servo_id for joint in joints if joint.servo_id not in errors]
-            found = _states(bus, known)
-            causes |= _stateless(bus, found) | _wrong_voltages(joints, bus, found)
+            found, stateless = _explained_states(bus, known)
+            causes |= stateless | _wrong_voltages(joints, bus, found)
         if len(causes) == len(joints) and all(NO_BAUD_RATE in text for text in causes.values()):
             which = f" (bus {name})" if len(self._buses.buses) > 1 else ""
             return [f"no servo answers on {bus.name}{which} at any baud rate: check the servos' power and their IDs"]
@@ -102,8 +104,7 @@ class ServoSetup:
         readings: dict[str, Mapping[int, Reading]] = {}
         for name, bus in self._buses.buses.items():
             with self._buses.named(name):
-                found = _states(bus, [joint.servo_id for joint in self._buses.joints_on[name]])
-                causes = _stateless(bus, found)
+                found, causes = _explained_states(bus, [joint.servo_id for joint in self._buses.joints_on[name]])
                 readings[name] = {i: _with_cause(reading, causes.get(i)) for i, reading in found.items()}
         return self._buses.by_joint(readings)
 
@@ -197,6 +198,7 @@ def _identify(joint: Joint, bus: Bus) -> None:
     bus.identify(joint.servo_id, joint.model)
     check_mode(joint, bus)
     check_homing_offset(joint, bus)
+    check_goal_current(joint, bus)
 
 
 def _settle(joint: Joint, bus: Bus) -> None:
@@ -253,10 +255,18 @@ def _states(bus: Bus, servo_ids: Sequence[int]) -> dict[int, Reading]:
     return found
 
 
-def _stateless(bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:
-    """Return the likely cause for each identified servo that gave no state, if it can be found."""
-    missing = [i for i, reading in readings.items() if isinstance(reading, ServoFault)]
-    return diagnose_known(bus, missing) if missing else {}
+def _explained_states(bus: Bus, servo_ids: Sequence[int]) -> tuple[dict[int, Reading], dict[int, str]]:
+    """Read the states of servos. Return them with the likely causes, as far as found, of those that are missing.
+
+    A silent servo is read again after the diagnosis, which takes half a second.
+    """
+    found = _states(bus, servo_ids)
+    missing = {i: reading for i, reading in found.items() if isinstance(reading, ServoFault)}
+    if not missing:
+        return found, {}
+    causes = diagnose_known(bus, tuple(missing))
+    silent = [i for i, fault in missing.items() if fault.kind == "silent" and i not in causes]
+    return found | (_states(bus, silent) if silent else {}), causes
 
 
 def _wrong_voltages(joints: Sequence[Joint], bus: Bus, readings: Mapping[int, Reading]) -> dict[int, str]:

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from drivers.bus.counters import ServoCounters
 from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
 from hal.joint import Joint
@@ -29,9 +29,7 @@ class ServoStates:
         self.faults = ServoFaults(joints, clock)
         self._supply = SupplyWatch(joints, clock, self.faults.log)
         self._joints = tuple(joints)
-        self._zero = np.array([joint.zero_counts for joint in joints])
-        self._units_per_count = np.array([joint.units_per_count for joint in joints])
-        self._signed_effort = np.array([joint.full_effort * joint.sign for joint in joints])
+        self._signed_effort = [joint.full_effort * joint.sign for joint in joints]
         self._clock = clock
         self._last = self._unknown()
         self._plausibility = self._unread()
@@ -54,62 +52,53 @@ class ServoStates:
             ask_until_s: Clock time until which servos may be asked whether their torque is enabled. None if the
                 component is not active.
         """
-        now_s = self._clock.now()
-        raw = np.full((3, len(self._joints)), np.nan)  # counts, counts/s, share of full drive
-        health = dict(self._last.health)
+        now_s, last = self._clock.now(), self._last
+        # Plain floats are faster here than arrays of a few joints. Joints without a reading keep their last values.
+        position, velocity, effort = last.position.tolist(), last.velocity.tolist(), last.effort.tolist()
+        health = dict(last.health)
         counters = buses.counters()
         self.measured.clear()
         for index, joint in enumerate(self._joints):
             account = counters[joint.bus].servos[joint.servo_id]
             reading: Reading | JointFault = readings[joint.name]
             if isinstance(reading, ServoState):
-                reading = self._believed(index, reading, buses, now_s, driven=ask_until_s is not None)
-            if isinstance(reading, ServoState):
-                self.measured[joint.name] = reading.position_counts
-                self.loads[joint.name] = reading.load
-                if reading.alarms and ask_until_s is not None:
-                    self.faults.note_alarms(joint, reading.alarms, buses)
-                raw[:, index] = reading.position_counts, reading.velocity_counts_s, reading.load
-                load = reading.load * joint.sign
-                current_a = math.nan if reading.current_a is None else reading.current_a * joint.sign
-                health[joint.name] = ServoHealth(
-                    *(reading.voltage_v, reading.temperature_c, reading.alarms, account, load, current_a),
-                    supply=self._supply.check(joint, reading.voltage_v, buses.label(joint)),
-                    stall=self.stalls.get(joint.name),
-                )
-                continue
+                at = joint.position(reading.position_counts)
+                leap = self._plausibility[index].leap(at, now_s, ask_until_s is not None)
+                if leap is None:
+                    position[index], velocity[index] = at, reading.velocity_counts_s * joint.units_per_count
+                    effort[index] = reading.load * self._signed_effort[index]
+                    health[joint.name] = self._measure(joint, reading, account, buses)
+                    if reading.alarms and ask_until_s is not None:
+                        self.faults.note_alarms(joint, reading.alarms, buses)
+                    continue
+                reading = _implausible(joint, reading, leap, buses)
             account.implausible += reading.kind == "implausible"
-            self.faults.note_missing(joint, reading, self._last.stamp_s, buses)
+            self.faults.note_missing(joint, reading, last.stamp_s, buses)
             if joint.name in health:  # the counters of a silent servo must be up to date
-                health[joint.name] = replace(health[joint.name], counters=account)
+                health[joint.name] = health[joint.name]._replace(counters=account)
         try:
             faults = self.faults.present(self.measured, buses, ask_until_s)
         finally:
             if self.faults.log.events:
                 self.faults.log.flush()
         lines = {buses.port(name): account for name, account in counters.items()}
-        last = self._last
-        answered = ~np.isnan(raw[0])
-        position = np.where(answered, (raw[0] - self._zero) * self._units_per_count, last.position)
-        velocity = np.where(answered, raw[1] * self._units_per_count, last.velocity)
-        effort = np.where(answered, raw[2] * self._signed_effort, last.effort)
-        self._last = JointState(self._clock.now(), position, velocity, effort, faults, health, lines=lines)
+        arrays = np.array(position), np.array(velocity), np.array(effort)
+        self._last = JointState(self._clock.now(), *arrays, faults, health, lines=lines)
         return self._last
 
-    def _believed(
-        self, index: int, reading: ServoState, buses: JointBuses, now_s: float, driven: bool
-    ) -> ServoState | JointFault:
-        """Return the reading, or a fault if the joint cannot have reached the position."""
-        joint = self._joints[index]
-        position = (reading.position_counts - joint.zero_counts) * float(self._units_per_count[index])
-        leap = self._plausibility[index].leap(position, now_s, driven)
-        if leap is None:
-            return reading
-        return JointFault(
-            "implausible",
-            f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "
-            "the previous reading. No joint moves that fast, so the position is ignored until a second reading "
-            "confirms it",
+    def _measure(self, joint: Joint, reading: ServoState, account: ServoCounters, buses: JointBuses) -> ServoHealth:
+        """Note the counts and the drive of a servo that answered, and return its health."""
+        name, load, current_a = joint.name, reading.load, reading.current_a
+        self.measured[name], self.loads[name] = reading.position_counts, load
+        return ServoHealth(
+            reading.voltage_v,
+            reading.temperature_c,
+            reading.alarms,
+            account,
+            load * joint.sign,
+            math.nan if current_a is None else current_a * joint.sign,
+            self._supply.check(joint, reading.voltage_v, buses.label(joint)),
+            self.stalls.get(name),
         )
 
     def _unread(self) -> list[Plausibility]:
@@ -118,3 +107,13 @@ class ServoStates:
     def _unknown(self) -> JointState:
         unknown = np.full(len(self._joints), np.nan)
         return JointState(self._clock.now(), unknown, unknown, unknown)
+
+
+def _implausible(joint: Joint, reading: ServoState, leap: float, buses: JointBuses) -> JointFault:
+    """Return the fault of a joint that cannot have reached its position."""
+    return JointFault(
+        "implausible",
+        f"{buses.label(joint)}: servo {joint.servo_id} reports {reading.position_counts} counts, {leap:+.4f} from "
+        "the previous reading. No joint moves that fast, so the position is ignored until a second reading "
+        "confirms it",
+    )

@@ -142,8 +142,8 @@ class StallWatch:
         return press
 
     def _presses_too_long(self, press: _Press, joint: Joint, here: int, load: float, period_s: float) -> bool:
-        still = abs(here - press.anchor) <= STILL_TURNS * joint.model.counts_per_turn
-        if not still or not abs(load) >= PRESSING * joint.torque_limit:  # also true for NaN
+        presses = abs(load) >= PRESSING * joint.torque_limit  # not for NaN
+        if not presses or abs(here - press.anchor) > STILL_TURNS * joint.model.counts_per_turn:
             press.anchor, press.pressed_s = here, 0.0
             return False
         press.pressed_s += period_s

@@ -1,6 +1,7 @@
 """Track the running goals of one action. They are accepted here, and the control loop decides their results."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -52,12 +53,20 @@ def make_action_server(
         result_service_qos_profile=EVERY_CALL,
         result_timeout=RESULT_TIMEOUT_S,
     )
+    goals.wake = partial(_wake, node)
     CLIENT_LIMITS.add_action(server, node.resolve_topic_name(name))
     return server
 
 
+def _wake(node: Node) -> None:
+    """Wake the executor of a node, because a callback can continue."""
+    post = getattr(node.executor, "post", None)
+    if post is not None:
+        post()
+
+
 class ActionGoals(Generic[Handle]):
-    """Goals of one action. All calls come from the ROS thread.
+    """Goals of one action. Only one thread at a time may call the methods.
 
     ``cancel`` forwards a cancel request to the controller, and ``result`` creates the result of the action.
     """
@@ -67,6 +76,8 @@ class ActionGoals(Generic[Handle]):
         self._result = result
         self._handles: dict[bytes, Handle] = {}
         self._undecided: dict[bytes, tuple[ServerGoalHandle, Future]] = {}
+        self.wake: Callable[[], None] = lambda: None
+        """Wakes the executor, which then sends results."""
 
     @property
     def waiting(self) -> bool:
@@ -96,9 +107,12 @@ class ActionGoals(Generic[Handle]):
 
     def finish_decided(self) -> None:
         """End the decided goals."""
-        for key in [key for key in self._undecided if self._handles[key].done]:
+        decided = [key for key in self._undecided if self._handles[key].done]
+        for key in decided:
             _, future = self._undecided.pop(key)
             future.set_result(None)
+        if decided:
+            self.wake()
 
     async def execute(self, server_goal: ServerGoalHandle) -> Any:
         """Wait for the decision without blocking the executor (``execute_callback`` of the server)."""

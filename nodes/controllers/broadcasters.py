@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState as JointStateMessage
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster, JointStates
 from controller.broadcasters.servo_state_broadcaster import ServoStateBroadcaster
-from hal.types import FloatArray, JointState
-from nodes.publishing import LATCHED, LATCHED_WHILE_NEW
+from hal.types import JointState
+from nodes.publishing import LATCHED, LATCHED_WHILE_NEW, numbers
 
 
 class HasInterfaces(Protocol):
@@ -89,14 +89,9 @@ class JointStateNode:
         if (known != self._known).any():
             message.name = [name for name, is_known in zip(states.names, known, strict=True) if is_known]
             self._known = known
-        message.position = _numbers(states.position[known])
-        message.velocity = _numbers(states.velocity[known])
-        message.effort = _numbers(states.effort[known])
-
-
-def _numbers(values: FloatArray) -> "array[float]":
-    """Convert the values to an array. rclpy assigns arrays directly, but checks every element of a list."""
-    return array("d", values.tobytes())
+        message.position = numbers(states.position[known])
+        message.velocity = numbers(states.velocity[known])
+        message.effort = numbers(states.effort[known])
 
 
 class ServoStateNode:

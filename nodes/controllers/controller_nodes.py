@@ -120,7 +120,7 @@ class ControllerNode:
 
 
 class ControllerNodes:
-    """ROS nodes of all loaded controllers. All calls come from the ROS thread."""
+    """ROS nodes of all loaded controllers. Only one thread at a time may call the methods."""
 
     def __init__(
         self, manager: ControllerManager, manager_client: ManagerClient, executor: Executor, ros_time: RosTime
@@ -141,6 +141,11 @@ class ControllerNodes:
         """Controllers whose nodes have their interfaces."""
         return (node.controller for node in self._nodes.values() if node.controller is not None)
 
+    @property
+    def current(self) -> bool:
+        """Whether the graph matches the manager."""
+        return self._manager.registry.loaded is self._synchronized_with and self._complete
+
     def publish(self, stamp: Time, cycles: Sequence[tuple[JointState, Time]] = ()) -> None:
         """Publish the cycles since the last call with their stamps. ``stamp`` is the stamp of the newest cycle."""
         for node in (*self._nodes.values(), *self._unloaded.values()):
@@ -148,7 +153,7 @@ class ControllerNodes:
 
     def synchronize(self) -> bool:
         """Update the graph to match the manager. Return False if another cycle is needed to complete it."""
-        if self._manager.registry.loaded is self._synchronized_with and self._complete:
+        if self.current:
             return True
         loaded = self._manager.registry.loaded
         for name in [name for name, node in self._nodes.items() if not node.belongs_to(loaded.get(name))]:

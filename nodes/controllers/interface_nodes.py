@@ -49,10 +49,10 @@ class EveryCycleNode(Protocol):
 ControllerInterfaceNode = NewestCycleNode | EveryCycleNode
 """An interface node with one or both of these methods. ``publish`` is called after ``publish_cycle`` of all cycles.
 
-An interface node belongs to the ROS thread and exists from the configuration of its controller to the cleanup. It is
-created as ``Class(node, controller)``. The manager creates ``node`` with its name, parameters and remappings when the
-controller is loaded and keeps it until the controller is unloaded. At cleanup it removes everything that the interface
-node has added to ``node``.
+Its methods never run at the same time as a callback of a node. It exists from the configuration of its controller to
+the cleanup. It is created as ``Class(node, controller)``. The manager creates ``node`` with its name, parameters and
+remappings when the controller is loaded and keeps it until the controller is unloaded. At cleanup it removes everything
+that the interface node has added to ``node``.
 """
 
 

@@ -1,7 +1,8 @@
 """Publish states and feedback of the joint trajectory controller. Its goals are in trajectory_goals.py."""
 
-from collections.abc import Sequence
+from typing import Final
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState, SpeedScalingFactor
@@ -15,7 +16,10 @@ from controller.trajectory.sampler import Tracking
 from drivers.printable import printable
 from hal.types import FloatArray, JointState
 from nodes.controllers.trajectory_goals import TrajectoryGoals
-from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter
+from nodes.publishing import ANY_CLIENT, LATCHED_WHILE_NEW, RateLimiter, numbers
+
+NOTHING: Final = np.empty(0)
+"""Value of a field that a message leaves empty."""
 
 
 class TrajectoryNode:
@@ -100,9 +104,9 @@ def _kinematics(state: Kinematics) -> JointTrajectoryPoint:
 
 
 def _point(
-    position: FloatArray | Sequence[float],
-    velocity: FloatArray | Sequence[float] = (),
-    acceleration: FloatArray | Sequence[float] = (),
+    position: FloatArray, velocity: FloatArray = NOTHING, acceleration: FloatArray = NOTHING
 ) -> JointTrajectoryPoint:
-    """Create a trajectory point from arrays of shape (n,) or empty sequences."""
-    return JointTrajectoryPoint(positions=list(position), velocities=list(velocity), accelerations=list(acceleration))
+    """Create a trajectory point from arrays of shape (n,) or empty arrays."""
+    return JointTrajectoryPoint(
+        positions=numbers(position), velocities=numbers(velocity), accelerations=numbers(acceleration)
+    )

@@ -10,7 +10,7 @@ Result = TypeVar("Result")
 
 
 class PendingRequests:
-    """Requests that the loop has not completed. All calls come from the ROS thread."""
+    """Requests that the loop has not completed. Only one thread at a time may call the methods."""
 
     def __init__(self) -> None:
         self._pending: list[tuple[Request[object], Future]] = []
@@ -22,6 +22,11 @@ class PendingRequests:
             self._pending.append((request, future))  # type: ignore[arg-type]
             await future
         return request.result()
+
+    @property
+    def any_done(self) -> bool:
+        """Whether the callback of a completed request has not been resumed yet."""
+        return any(request.done for request, _ in self._pending)
 
     def resume_done(self) -> None:
         """Resume the callbacks of completed requests in the next turn of the executor. Called after each cycle."""

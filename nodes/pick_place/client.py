@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sorting_arm_interfaces.action import PickPlace
 
+from nodes.pick_place.pulse import ServerPulse
 from nodes.ros_process import spin_until_done
 
 ACTION: Final = "/sorting/arm/pick_place"
@@ -20,9 +21,11 @@ ANSWER_S: Final = 5.0
 CANCEL_S: Final = 10.0
 """Maximum time for the result after a cancel, in seconds. The node needs up to 3 s for the response to its goal and 2 s
 for the confirmation that the arm has stopped."""
-GONE_S: Final = 2.0
-"""Time for which the server must be missing from the graph to count as gone, in seconds. A killed node leaves the graph
-only when its liveliness lease ends, after 20 s (Fast DDS)."""
+GONE_S: Final = 3.5
+"""Time without an answer after which the server counts as gone, in seconds. A killed node leaves the graph only when
+its liveliness lease ends, after 20 s (Fast DDS)."""
+GONE_CANCELED_S: Final = 0.8
+"""Same time after a cancel, in seconds, because the user waits for the end of the program."""
 QUIET_S: Final = 120.0
 """Maximum time without feedback, in seconds. By default, the node sends feedback before each motion and waits at most
 15 s for a motion. A node that hangs or was restarted never sends feedback for the old goal."""
@@ -43,6 +46,7 @@ class PickClient:
     def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
         self._client = ActionClient(node, PickPlace, ACTION)
         self._executor = executor
+        self._pulse = ServerPulse(node, ACTION)
         self._feedback_s = 0.0
 
     def wait(self, timeout_s: float, stop: Callable[[], bool] = lambda: False) -> bool:
@@ -78,13 +82,11 @@ class PickClient:
 
     def _wait_for_result(self, handle: ClientGoalHandle, stop: Callable[[], bool]) -> PickOutcome:
         result: Future = handle.get_result_async()
-        seen_s = monotonic()
+        self._pulse.begin()
         while not result.done():
             if stop():
                 return self._cancel(handle, result)
-            if self._client.server_is_ready():
-                seen_s = monotonic()
-            if monotonic() - seen_s > GONE_S:
+            if self._pulse.silent_s() > GONE_S:
                 return PickOutcome(False, f"{ACTION} is gone: the node has ended; check its log. {_REMAINING_MOTION}")
             if monotonic() - self._feedback_s > QUIET_S:
                 self._cancel(handle, result)
@@ -94,11 +96,15 @@ class PickClient:
 
     def _cancel(self, handle: ClientGoalHandle, result: Future) -> PickOutcome:
         handle.cancel_goal_async()
-        if spin_until_done(self._executor, result, CANCEL_S):
-            return _outcome(result)
-        return PickOutcome(
-            False, f"canceled, but {ACTION} did not confirm it within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
-        )
+        end_s = monotonic() + CANCEL_S
+        while not result.done():
+            if self._pulse.silent_s() > GONE_CANCELED_S:
+                return PickOutcome(False, f"canceled, but {ACTION} does not respond. {_REMAINING_MOTION}")
+            if monotonic() > end_s:
+                text = f"canceled, but {ACTION} did not confirm it within {CANCEL_S:.0f} s. {_REMAINING_MOTION}"
+                return PickOutcome(False, text)
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+        return _outcome(result)
 
 
 _REMAINING_MOTION: Final = "The arm finishes its current motion and holds its position"

@@ -1,23 +1,29 @@
-"""Executor for rclpy versions that cycle_executor.py does not support. It wakes rclpy's executor for each cycle."""
+"""Executor for rclpy versions that cycle_executor.py does not support. It is rclpy's own executor."""
 
-from rclpy.executors import SingleThreadedExecutor
+from contextlib import AbstractContextManager
+
+from rclpy.executors import ConditionReachedException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 
 
 class PlainExecutor(SingleThreadedExecutor):
     """rclpy's executor with the methods ``post`` and ``serve`` of ``CycleExecutor``."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, turn: AbstractContextManager[object]) -> None:
         super().__init__()
+        self._turn = turn
         self._posted = node.create_guard_condition(lambda: None)
 
     def post(self) -> None:
-        """Make ``serve`` return because a cycle is complete. Thread-safe and non-blocking."""
+        """Make ``serve`` return because a client expects an answer. Thread-safe and non-blocking."""
         self._posted.trigger()
 
-    def serve(self, timeout_s: float, behind: bool = False) -> None:
-        """Serve until one callback has run or the timeout has passed. A posted cycle counts as a callback.
-
-        ``behind`` has no effect, because clients and cycles are served in turn.
-        """
-        self.spin_once(timeout_sec=timeout_s)
+    def serve(self, timeout_s: float) -> None:
+        """Serve until one callback has run or the timeout has passed. Exceptions propagate."""
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=timeout_s)
+        except (ShutdownException, TimeoutException, ConditionReachedException):
+            return
+        with self._turn:
+            handler()
+        handler.result()  # Raise the exception of the callback.

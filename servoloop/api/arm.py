@@ -242,8 +242,9 @@ class Arm:
     ) -> TargetStream | None:
         """Follow targets that the program computes at its own rate, such as those of a policy at 30 to 50 Hz.
 
-        The arm moves toward the newest target at up to its velocity limits, and holds the last target. If no target
-        arrives for ``max_age`` seconds, the stream ends: the joints slow down within their limits and hold.
+        The arm moves toward the newest target within its velocity and acceleration limits, and holds the last target.
+        If no target arrives for ``max_age`` seconds, the stream ends: the joints slow down within their limits and
+        hold.
 
         Args:
             targets: Targets to send, one after the other. None: return an open stream to send them with.

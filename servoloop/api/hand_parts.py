@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from controller.action_goals import DEACTIVATED
-from controller.fault_timeout import FaultTimeout
 from controller.forward.forward_command_controller import ForwardCommandController
 from controller.gripper.goal import GripperGoal, GripperHandle
 from controller.gripper.gripper_action_controller import GripperActionController
 from controller.trajectory.execution import RECALL_S
+from hal.fault_timeout import FaultTimeout
 from hal.types import FloatArray, JointState
 from servoloop.api.backend import JointGoal
 from servoloop.api.errors import ArmInputError, MotionCanceledError, MotionFailedError

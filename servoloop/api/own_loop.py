@@ -2,6 +2,7 @@
 
 import atexit
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from typing import Final
@@ -30,7 +31,7 @@ def ended_by(error: Exception | None) -> str:
     return f"the control loop has ended{why}. {LEFT.capitalize()}; create a new Arm"
 
 
-class OwnLoop:
+class OwnLoop(ABC):
     """Stack of one arm with its loop, from its start until ``close``."""
 
     def __init__(self, files: Files) -> None:
@@ -46,9 +47,10 @@ class OwnLoop:
         """Return why the loop has ended, or None while it runs."""
         return ArmEndedError(self._why_ended) if self._why_ended else None
 
+    @abstractmethod
     def close(self) -> None:
         """Shut the arm down by the rules of its robot file. Raises ArmError if a step fails."""
-        raise NotImplementedError
+        ...
 
     def _build(self, setup: HardwareSetup, clock: Clock, worker: BackgroundWorker) -> ControlStack:
         stack = ControlStack.build(setup, self._files, clock, worker)

@@ -17,7 +17,7 @@ class TargetStream:
         backend.begin_stream(max_age_s)
 
     def send(self, targets: Positions) -> None:
-        """Send the next targets. The next cycle moves toward them at up to the velocity limits.
+        """Send the next targets. The next cycle moves toward them within the velocity and acceleration limits.
 
         Args:
             targets: Positions by joint name, or one position for each of ``Arm.joints``, in rad or m. Joints without a

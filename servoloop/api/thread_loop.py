@@ -5,7 +5,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -20,10 +20,10 @@ from servoloop.api.stack_backend import StackBackend
 from servoloop.recording.stack_recording import StackRecording
 from servoloop.stack import hardware
 from servoloop.stack.background_worker import BackgroundWorker
+from servoloop.stack.device_choice import chosen_devices
 from servoloop.stack.devices import parse_ports
-from servoloop.stack.emulator_process import virtual_servos
-from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.loop_thread import LEFT, LoopThread
+from servoloop.stack.processes import PRIORITY, realtime_priority
 from servoloop.stack.robot_files import Files
 from servoloop.stack.signals import Signals
 
@@ -57,7 +57,8 @@ class ThreadLoop(OwnLoop):
 
     def _start(self, ports: Sequence[str], recording: StackRecording) -> None:
         files, clock = self._files, MonotonicClock()
-        devices = self._devices(ports)
+        given = parse_ports(ports, files.robot.file.lines())
+        devices = self._exit.enter_context(chosen_devices(None, given, files))
         setup = hardware.build(None, files, devices, clock, tap=recording.tap)
         stack = self._build(setup, clock, BackgroundWorker())
         self._run = run = LoopThread(stack, self._signals)
@@ -71,17 +72,9 @@ class ThreadLoop(OwnLoop):
         gc.freeze()
         self._exit.callback(gc.unfreeze)
         self._exit.enter_context(exit_on_signals())
-        self._thread = run.start()
+        with realtime_priority(PRIORITY):  # for the thread of the loop only, because the program may compute for long
+            self._thread = run.start()
         self.backend.state()
-
-    def _devices(self, ports: Sequence[str]) -> Mapping[str, str]:
-        """Return the devices to open: the given ones, or those of a new emulator."""
-        files = self._files
-        devices = parse_ports(ports, files.robot.file.lines())
-        kinds = [hardware.choose(None, component) for component in files.description.components]
-        if HardwareKind.SERVOS not in kinds or devices is not None:
-            return devices or {}
-        return self._exit.enter_context(virtual_servos(files))
 
     def ended(self) -> ArmEndedError | None:
         if not self._why_ended and self._run.done:

@@ -13,6 +13,7 @@ from nodes.pick_place.settings import normal_grade
 from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.promises import PromisedVisit
 from servoloop.campaign.visits import JOB, NO_SERVO, makes_of
+from servoloop.simulation.acts import Act
 from servoloop.simulation.job import require_cell
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.stack_faults import inventory_of
@@ -51,12 +52,20 @@ def in_schedule(schedule: Schedule, files: Files) -> Iterator[Mistake]:
     joints, hand = joints_and_hand(files)
     for n, act in enumerate(schedule.clients):
         known = ", ".join(joints)
-        if unknown := [name for name in getattr(act, "positions", ()) if name not in joints]:
-            yield ("clients", n, "positions", unknown[0]), f"the arm has no joint {unknown[0]!r}: choose one of {known}"
+        for *place, name in _named(act):
+            if name not in joints:
+                yield ("clients", n, *place, name), f"the arm has no joint {name!r}: choose one of {known}"
+                break
         if (joint := getattr(act, "joint", None)) is not None and joint not in joints:
             yield ("clients", n, "joint"), f"the arm has no joint {joint!r}: choose one of {known}"
         if act.kind == "hand" and not hand:
             yield ("clients", n), "the arm has no hand: remove this act"
+
+
+def _named(act: Act) -> Iterator[tuple[str | int, ...]]:
+    """Yield the place of each joint name in the positions of an act."""
+    yield from (("positions", name) for name in getattr(act, "positions", ()))
+    yield from (("points", n, name) for n, point in enumerate(getattr(act, "points", ())) for name in point)
 
 
 def joints_and_hand(files: Files) -> tuple[dict[str, JointLimits], bool]:

@@ -5,7 +5,20 @@ from random import Random
 from typing import Any, Final
 
 from hal.types import JointLimits
-from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
+from servoloop.campaign.draw_socket_act import draw_socket_act
+from servoloop.simulation.acts import (
+    Act,
+    Cancel,
+    GuideArm,
+    Jog,
+    Move,
+    MoveHand,
+    Plan,
+    Reactivate,
+    Stream,
+    Switch,
+    Waypoints,
+)
 
 BEYOND: Final = 0.08
 """Share of goals with a position beyond a limit. The controller must reject such a goal."""
@@ -15,6 +28,8 @@ AT_LIMIT: Final = 0.3
 """Share of positions of these goals that are exactly at a limit."""
 NEAR: Final = 0.3
 """Largest position of all other goals, as a share of the distance from zero to the limit."""
+PAUSE_S: Final = 6.0
+"""Longest time between two acts, in seconds. Goals without a result need it to end."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
 
@@ -36,7 +51,9 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
     at_s = random.uniform(0.0, 0.3)
     while at_s < seconds:
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
-        at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0)])
+        if isinstance(acts[-1], Waypoints):
+            at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
+        at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)])
     return tuple(acts)
 
 
@@ -75,7 +92,20 @@ def _move(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: f
         return Cancel(at_s=at_s)
     if draw < 0.35 and hand:
         return MoveHand(at_s=at_s, share=round(random.random(), 3))
+    if draw < 0.55:
+        return _waypoints(random, joints, at_s)
     return Move(at_s=at_s, positions=_positions(random, joints), seconds=round(random.uniform(0.3, 3.0), 2))
+
+
+def _waypoints(random: Random, joints: Mapping[str, JointLimits], at_s: float) -> Act:
+    """Draw up to four points for joints in any order, mostly near zero, sometimes with a stamp in the future."""
+    mixed = {name: joints[name] for name in random.sample(list(joints), len(joints))}
+    anywhere = random.random() < 0.1
+    points = tuple(
+        {name: _position(random, limit, anywhere) for name, limit in mixed.items()} for _ in range(random.randint(1, 4))
+    )
+    delay_s = round(random.uniform(0.1, 1.0), 2) if random.random() < 0.3 else 0.0
+    return Waypoints(at_s=at_s, points=points, seconds=round(random.uniform(0.3, 0.8), 2), delay_s=delay_s)
 
 
 def _plan(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
@@ -119,6 +149,10 @@ def _guide(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: 
     return GuideArm(at_s=at_s, joint=random.choice(list(joints)), share=_share(random), for_s=for_s)
 
 
+def _socket(random: Random, joints: Mapping[str, JointLimits], hand: bool, at_s: float) -> Act:
+    return draw_socket_act(random, _positions(random, joints), at_s)
+
+
 DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, float], Any]]] = {
     "moves": _move,
     "plans": _plan,
@@ -126,4 +160,5 @@ DRAWS: Final[Mapping[str, Callable[[Random, Mapping[str, JointLimits], bool, flo
     "switches": _switch,
     "jogs": _jog,
     "guides": _guide,
+    "sockets": _socket,
 }

@@ -11,7 +11,9 @@ from hal.robot_file.robot_file import ExitPolicy
 from nodes.pick_place.settings import JobSettings
 from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.invariants.watch import ALL, Watch
+from servoloop.campaign.socket_programs import ConnectedPrograms
 from servoloop.campaign.visits import Visit
+from servoloop.simulation.acts import SocketAct
 from servoloop.simulation.clients import SimulatedClients
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.job import run_job
@@ -77,9 +79,11 @@ def run_schedule(
     stack.player.plan(schedule.faults)
     prepare(stack)
     watch, succeeded, ended = Watch(stack, kinds), 0, ""
+    programs: ConnectedPrograms | None = None
     try:
         stack.up()
-        stack.clients = SimulatedClients(stack, stack.arm, schedule.clients)
+        programs = ConnectedPrograms(stack) if any(isinstance(act, SocketAct) for act in schedule.clients) else None
+        stack.clients = SimulatedClients(stack, stack.arm, schedule.clients, programs)
         for number, grade in enumerate(schedule.job, 1):
             succeeded += run_job(stack, settings, grade, number).success
         stack.run(schedule.seconds)
@@ -88,6 +92,8 @@ def run_schedule(
     stack.clients = None
     end_program(stack)
     watch.end()
+    if programs is not None:
+        programs.require_no_defect()
     largest_rad = max(stack.trace.following().largest_rad, default=None)
     violations = tuple(watch.violations.values())
     return RunReport(

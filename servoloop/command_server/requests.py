@@ -1,6 +1,5 @@
 """Carry out the messages of the command socket. Each message returns the fields of its reply or raises an error."""
 
-import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
@@ -18,6 +17,7 @@ from servoloop.api.socket_errors import command_error
 from servoloop.command_server.arm_requests import ArmRequests
 from servoloop.command_server.motions import Motions
 from servoloop.command_server.ownership import Owner, Ownership
+from servoloop.command_server.server_time import RealTime, ServerTime
 from servoloop.command_socket import messages
 from servoloop.command_socket.errors import CommandError
 from servoloop.stack.control_stack import ControlStack
@@ -31,8 +31,6 @@ FUTURE_S: Final = 0.1
 """Maximum time by which a command may seem to be sent in the future, in seconds."""
 LOOP_S: Final = 15.0
 """Maximum time to wait until the loop has carried out a request, in seconds. A component needs at most 10 s."""
-POLL_S: Final = 0.005
-"""Period at which a request to the loop is checked, in seconds."""
 
 
 class Recordings(Protocol):
@@ -60,7 +58,18 @@ class Client(Owner, Protocol):
 class StackRequests:
     """Messages to one stack. Any thread may call ``answer``."""
 
-    def __init__(self, stack: ControlStack, arm: ArmBackend, recordings: Recordings) -> None:
+    def __init__(
+        self, stack: ControlStack, arm: ArmBackend, recordings: Recordings, time: ServerTime | None = None
+    ) -> None:
+        """Connect to a stack.
+
+        Args:
+            stack: The stack.
+            arm: Moves the arm as a whole.
+            recordings: Recordings of the stack.
+            time: Time of the server. None: real time.
+        """
+        self.time = time or RealTime()
         self.ownership = Ownership(self._halt)
         self._motions, self._arm = Motions(stack.loop), ArmRequests(arm)
         self._stack, self._loop = stack, stack.loop
@@ -97,7 +106,7 @@ class StackRequests:
             raise command_error(error) from error
 
     def _move(self, client: Client, message: messages.MotionMessage) -> Reply:
-        _require_fresh(message.sent_s)
+        _require_fresh(self.time.now() - message.sent_s)
         return self._handlers[type(message)](client, message)
 
     def ended(self, client: Client) -> Iterator[Reply]:
@@ -212,11 +221,8 @@ class StackRequests:
 
     def _wait(self, request: Request[Result]) -> Result:
         """Wait until the loop has carried out a request. Raises CommandError."""
-        deadline_s = time.monotonic() + LOOP_S
-        while not request.done:
-            if time.monotonic() > deadline_s:
-                raise CommandError("timeout", f"the control loop did not carry out the request within {LOOP_S:g} s")
-            time.sleep(POLL_S)
+        if not self.time.wait(lambda: request.done, LOOP_S):
+            raise CommandError("timeout", f"the control loop did not carry out the request within {LOOP_S:g} s")
         return _attempt(request.result)
 
 
@@ -230,8 +236,7 @@ def _attempt(work: Callable[[], Result]) -> Result:
         raise CommandError("failed", str(error)) from error
 
 
-def _require_fresh(sent_s: float) -> None:
-    age_s = time.monotonic() - sent_s
+def _require_fresh(age_s: float) -> None:
     if age_s > STALE_S:
         raise CommandError("stale", f"the command is {age_s:.2f} s old, more than {STALE_S:g} s: it moves nothing")
     if age_s < -FUTURE_S:

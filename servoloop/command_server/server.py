@@ -15,8 +15,8 @@ from servoloop.api.errors import ArmEndedError
 from servoloop.api.own_loop import describe
 from servoloop.api.pace import ThreadPace
 from servoloop.api.stack_backend import StackBackend
+from servoloop.command_server.connection import SocketConnection, peer_user
 from servoloop.command_server.requests import StackRequests
-from servoloop.command_server.session import Session, peer_user
 from servoloop.command_socket.errors import CommandError
 from servoloop.command_socket.messages import encode
 from servoloop.recording.stack_recording import StackRecording
@@ -48,7 +48,7 @@ class CommandServer:
             LiveError: The socket cannot be created.
         """
         self._path, self._requests = path, requests
-        self._sessions: list[Session] = []
+        self._connections: list[SocketConnection] = []
         self._ended, self._news = threading.Event(), threading.Event()
         self._server = socket.socket(socket.AF_UNIX)
         new = path.with_suffix(f"{COMMANDS}.new")  # renamed once it listens and only this user can open it
@@ -70,7 +70,7 @@ class CommandServer:
 
     def post(self, state: JointState) -> None:
         """Take the measurement of a completed cycle, without blocking."""
-        if self._sessions:
+        if self._connections:
             self._news.set()
 
     def close(self) -> None:
@@ -83,9 +83,9 @@ class CommandServer:
         for thread in self._threads:
             thread.join(END_S)
         self._server.close()
-        for session in self._sessions:
-            session.post({"event": "end", "text": "the stack ends"})
-            session.close()
+        for one in self._connections:
+            one.session.post({"event": "end", "text": "the stack ends"})
+            one.close()
 
     def _accept(self) -> None:
         while not self._ended.is_set():
@@ -104,25 +104,25 @@ class CommandServer:
 
     def _admit(self, connection: socket.socket) -> None:
         pid, user = peer_user(connection)
-        self._sessions = [session for session in self._sessions if not session.gone]
+        self._connections = [one for one in self._connections if not one.gone]
         if user != os.getuid():
             text = f"this stack belongs to another user than process {pid}: start a stack of your own"
             _turn_away(connection, CommandError("foreign_user", text))
-        elif len(self._sessions) >= MAX_CLIENTS:
+        elif len(self._connections) >= MAX_CLIENTS:
             text = f"{MAX_CLIENTS} clients are connected: close one of them"
             _turn_away(connection, CommandError("too_many", text))
         else:
-            session = Session(connection, pid, self._requests)
-            self._sessions = [*self._sessions, session]
-            session.start()
+            admitted = SocketConnection(connection, pid, self._requests)
+            self._connections = [*self._connections, admitted]
+            admitted.start()
 
     def _notify(self) -> None:
         while not self._ended.is_set():
             self._news.wait(NEWS_S)
             self._news.clear()
-            for session in self._sessions:
+            for one in self._connections:
                 try:
-                    session.notify(self._requests.state)
+                    one.session.notify(self._requests.state)
                 except Exception:
                     LOG.exception("command socket: a client could not be notified")
 

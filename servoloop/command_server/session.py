@@ -1,13 +1,14 @@
-"""Serve one client of the command socket."""
+"""Session of one client of the command socket: bytes in, messages carried out, bytes out.
+
+A session has neither a thread nor a socket, and it reads the time only from the clock of its server. A program with
+sockets feeds it from a thread (servoloop/command_server/connection.py), and a simulation feeds it between two cycles.
+"""
 
 import logging
-import socket
-import struct
 import threading
-import time
-from collections.abc import Callable
-from contextlib import suppress
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
 
 from servoloop.command_server.requests import StackRequests
 from servoloop.command_socket import messages
@@ -19,122 +20,145 @@ LOG = logging.getLogger("servoloop")
 MAX_UNREAD_BYTES: Final = 1_000_000
 """Maximum number of bytes that wait for a client. A client that reads more slowly is disconnected."""
 MESSAGES_PER_S: Final = 2_000.0
-"""Maximum rate of messages that are read from one client. Further messages wait in the socket."""
+"""Maximum rate of messages that are carried out for one client. Further messages wait."""
 BURST: Final = 200
 """Number of messages that a client may send at once."""
-COSTS: Final = {
+COSTS: Final[Mapping[type, float]] = {
     messages.SendGoal: 20.0,
     messages.SendGrip: 20.0,
     messages.MoveJoints: 20.0,
     messages.SendSetPoint: 4.0,
 }
 """Messages that count as several, because they are planned: 100 goals a second, as over ROS."""
-RECEIVED_BYTES: Final = 65_536
-LAST_WORDS_S: Final = 0.2
-"""Maximum time to send the last bytes to a client that is disconnected, in seconds."""
 
 
-def peer_user(connection: socket.socket) -> tuple[int, int]:
-    """Return the process ID and the user ID of the program at the other end of a Unix socket."""
-    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    pid, user, _ = struct.unpack("3i", credentials)
-    return pid, user
+class Transport(Protocol):
+    """Byte stream to one client."""
+
+    def send(self, data: bytes | bytearray) -> int:
+        """Send the bytes that the client accepts now, without waiting, and return their number."""
+        ...
+
+    def shut(self) -> None:
+        """End the stream in both directions."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Received:
+    """Message that a client has sent, or the reason why it is invalid."""
+
+    line: bytes
+    message: messages.Message | CommandError
+    due_s: float
+    """Time from which the message may be carried out, in seconds."""
 
 
 class Session:
-    """Client of the command socket. A thread of its own reads its messages; ``post`` and ``notify`` never wait."""
+    """State of one client. One thread calls ``receive``, ``serve`` and ``end``; ``post`` and ``notify`` never wait."""
 
-    def __init__(self, connection: socket.socket, pid: int, requests: StackRequests) -> None:
-        self.name = f"process {pid}"
-        self.gone = False
-        """Whether the client has disconnected and its motions have been ended."""
-        self._connection, self._requests = connection, requests
+    def __init__(self, name: str, transport: Transport, requests: StackRequests) -> None:
+        """Begin a session.
+
+        Args:
+            name: Name of the client for messages, until the client sends its own.
+            transport: Sends bytes to the client.
+            requests: Carries out the messages.
+        """
+        self.name = name
+        self.refused = False
+        """Whether the client has sent too large a message, so that its connection must end."""
+        self._transport, self._requests = transport, requests
         self._lock = threading.Lock()
-        self._unsent = bytearray()
+        self._received, self._unsent = bytearray(), bytearray()
+        self._next: _Received | None = None
+        self._rate = _Rate(requests.time.now)
         self._watch_s: float | None = None
         """Minimum time between two states, in seconds. None: the client receives no states."""
         self._shown_s = -float("inf")
-        self._thread = threading.Thread(target=self._run, name="commands of a client", daemon=True)
 
-    def start(self) -> None:
-        """Begin to read messages."""
-        self._thread.start()
+    @property
+    def unsent(self) -> bool:
+        """Whether bytes wait for the client."""
+        return bool(self._unsent)
+
+    def receive(self, data: bytes) -> None:
+        """Add bytes of the client, which may end within a message. ``serve`` carries out the complete messages."""
+        self._received += data
+
+    def serve(self) -> float:
+        """Carry out the received messages, as far as their rate allows.
+
+        Returns:
+            Time until the next received message may be carried out, in seconds; 0 if none waits.
+        """
+        while not self.refused and (waiting := self._take()) is not None:
+            left_s = waiting.due_s - self._requests.time.now()
+            if left_s > 0.0:
+                return left_s
+            self._next = None
+            self._answer(waiting)
+        return 0.0
 
     def watch(self, rate_hz: float) -> None:
         """Send states after each cycle, at most ``rate_hz`` times a second. 0 ends the states."""
         self._watch_s = 1.0 / rate_hz if rate_hz > 0.0 else None
 
     def post(self, message: dict[str, Any]) -> None:
-        """Send a message without waiting. Bytes that the socket does not accept are sent after later cycles."""
+        """Send a message without waiting. Bytes that the client does not accept are sent after later cycles."""
         with self._lock:
             self._unsent += encode(message)
             self._send()
             if len(self._unsent) > MAX_UNREAD_BYTES:
                 LOG.warning("command socket: %s does not read its messages and is disconnected", self.name)
-                self._shut()
+                self._transport.shut()
+
+    def flush(self) -> None:
+        """Send the bytes that wait for the client, as far as the client accepts them."""
+        with self._lock:
+            self._send()
 
     def notify(self, state: Callable[[], dict[str, Any]]) -> None:
         """Send results and the state after a cycle. A client that has not read the last state skips this one."""
         for result in self._requests.ended(self):
             self.post(result)
         if self._unsent:
-            with self._lock:
-                self._send()
-        now_s = time.monotonic()
+            self.flush()
+        now_s = self._requests.time.now()
         if self._watch_s is not None and not self._unsent and now_s - self._shown_s >= self._watch_s:
             self._shown_s = now_s
             self.post({"event": "state", **state()})
 
-    def close(self) -> None:
-        """Disconnect the client after its last messages. May be called from any thread."""
-        deadline_s = time.monotonic() + LAST_WORDS_S
-        while self._unsent and time.monotonic() < deadline_s:
-            time.sleep(0.01)
-            with self._lock:
-                self._send()
-        self._shut()
-
-    def _run(self) -> None:
-        try:
-            self._serve()
-        except OSError:
-            pass  # the client has disconnected
-        except Exception:  # a defect here must not keep the motions of the client running
-            LOG.exception("command socket: internal error while %s was served", self.name)
-        finally:
-            self._disconnect()
-
-    def _disconnect(self) -> None:
-        """End the motions of the client, whatever happens, and close the connection."""
+    def end(self) -> None:
+        """End the motions of the client within their limits, whatever happens."""
         try:
             self._requests.disconnect(self)
         except Exception:
             LOG.exception("command socket: internal error at the end of %s", self.name)
-        self.close()
-        self._connection.close()
-        self.gone = True
 
-    def _serve(self) -> None:
-        received, rate = bytearray(), _Rate()
-        while data := self._connection.recv(RECEIVED_BYTES):
-            received += data
-            while b"\n" in received:
-                line, _, rest = received.partition(b"\n")
-                received = rest
-                self._answer(bytes(line), rate)
-            if len(received) > MAX_LINE_BYTES:
-                text = f"the message is larger than {MAX_LINE_BYTES} bytes: send smaller messages"
-                self._refuse(None, CommandError("too_large", text))
-                return
+    def _take(self) -> _Received | None:
+        """Return the next complete message; None if there is none. A message that waits is returned again."""
+        if self._next is None and b"\n" in self._received:
+            line, _, self._received = self._received.partition(b"\n")
+            self._next = self._parsed(bytes(line))
+        elif self._next is None and len(self._received) > MAX_LINE_BYTES:
+            self.refused = True
+            text = f"the message is larger than {MAX_LINE_BYTES} bytes: send smaller messages"
+            self._refuse(None, CommandError("too_large", text))
+        return self._next
 
-    def _answer(self, line: bytes, rate: "_Rate") -> None:
+    def _parsed(self, line: bytes) -> _Received:
         try:
-            message = parse(line)
+            message: messages.Message | CommandError = parse(line)
         except CommandError as error:
-            rate.wait(1.0)
-            self._refuse(identity(line), error)
+            message = error
+        return _Received(line, message, self._rate.due_s(COSTS.get(type(message), 1.0)))
+
+    def _answer(self, received: _Received) -> None:
+        message = received.message
+        if isinstance(message, CommandError):
+            self._refuse(identity(received.line), message)
             return
-        rate.wait(COSTS.get(type(message), 1.0))
         try:
             reply = self._requests.answer(self, message)
         except CommandError as error:
@@ -149,30 +173,21 @@ class Session:
         self.post({"id": number, "ok": False, "error": error.as_dict()})
 
     def _send(self) -> None:
-        """Send what the socket accepts now. The caller holds the lock."""
-        try:
-            while self._unsent:
-                del self._unsent[: self._connection.send(self._unsent, socket.MSG_DONTWAIT)]
-        except BlockingIOError:
-            pass
-        except OSError:
-            self._unsent.clear()  # the thread of the client ends, too
-
-    def _shut(self) -> None:
-        with suppress(OSError):
-            self._connection.shutdown(socket.SHUT_RDWR)  # ends the thread of the client
+        """Send the bytes that the client accepts now. The caller holds the lock."""
+        while self._unsent and (count := self._transport.send(self._unsent)):
+            del self._unsent[:count]
 
 
 class _Rate:
-    """Rate of the messages that are read from one client. Messages wait, none is refused."""
+    """Rate of the messages that are carried out for one client. Messages wait, and none is refused."""
 
-    def __init__(self) -> None:
-        self._tokens, self._last_s = float(BURST), time.monotonic()
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
+        self._tokens, self._last_s = float(BURST), now()
 
-    def wait(self, cost: float) -> None:
-        """Wait until a message may be carried out that counts as ``cost`` messages."""
-        now_s = time.monotonic()
+    def due_s(self, cost: float) -> float:
+        """Return the time at which a message may be carried out that counts as ``cost`` messages, in seconds."""
+        now_s = self._now()
         self._tokens = min(self._tokens + (now_s - self._last_s) * MESSAGES_PER_S, float(BURST)) - cost
         self._last_s = now_s
-        if self._tokens < 0.0:
-            time.sleep(-self._tokens / MESSAGES_PER_S)
+        return now_s - min(self._tokens, 0.0) / MESSAGES_PER_S

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final, NamedTuple
 
 from controller.action_goals import GoalStatus
@@ -14,7 +15,7 @@ from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.sampler import Tracking
 from hal.robot_description.description import UrdfJoint, Vector
 from hal.robot_description.kinematics import Quaternion, child_pose
-from hal.types import FloatArray, JointState
+from hal.types import FloatArray, JointState, joints_of
 from servoloop.recording.bus_tap import BusTaps, Transfer
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -219,4 +220,9 @@ class Sampler:
 
 def _joints(controller: Controller) -> tuple[str, ...]:
     """Return the joints commanded by a controller, in its order."""
-    return tuple(dict.fromkeys(interface.rpartition("/")[0] for interface in controller.command_interfaces))
+    return _joints_of(controller.command_interfaces)
+
+
+@cache
+def _joints_of(command_interfaces: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(joints_of(command_interfaces)))

@@ -1,6 +1,6 @@
 """Actions of simulated clients in a schedule."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -32,6 +32,18 @@ class Plan(_Act):
     positions: dict[str, Position]
     scale: VelocityScale = 1.0
     """Share of the velocity limits that the planner uses."""
+
+
+class Waypoints(_Act):
+    """Send a goal with several points without velocities, with the joints in the order of the first point."""
+
+    kind: Literal["waypoints"] = "waypoints"
+    points: Annotated[tuple[dict[str, Position], ...], Field(min_length=1)]
+    """Positions of some joints at each point. The other joints stay at their previous point."""
+    seconds: Duration = 1.0
+    """Time between two points."""
+    delay_s: Annotated[float, Field(ge=0.0, le=10.0), NoTruth] = 0.0
+    """Time from now to the stamp of the trajectory, in seconds; 0 sends no stamp."""
 
 
 class Stream(_Act):
@@ -89,6 +101,111 @@ class GuideArm(_Act):
     for_s: Duration = 1.0
 
 
+CONNECTIONS: Final = 3
+"""Maximum number of programs of a schedule that are connected to the command socket at once."""
+
+STREAM_AGE_S: Final = 0.2
+"""Maximum time between two targets of a stream over the command socket, in seconds."""
+
+
+class SocketAct(_Act):
+    """Action of a program that is connected to the command socket.
+
+    Before an action that moves the arm, the program asks for the motion. A program whose connection has ended connects
+    again.
+    """
+
+    connection: Annotated[int, NoTruth, Field(ge=1, le=CONNECTIONS)] = 1
+    """Number of the program's connection."""
+
+
+class SocketMove(SocketAct):
+    """Send one motion: with ``move``, as a ``goal`` of the arm controller, or as one ``set_point``."""
+
+    kind: Literal["socket_move"] = "socket_move"
+    positions: dict[str, Position]
+    seconds: Duration = 2.0
+    op: Literal["move", "goal", "set_point"] = "move"
+
+
+class SocketStream(SocketAct):
+    """Send targets or set points on a straight line to ``positions`` in each cycle."""
+
+    kind: Literal["socket_stream"] = "socket_stream"
+    positions: dict[str, Position]
+    for_s: Duration = 1.0
+    op: Literal["targets", "set_point"] = "targets"
+    leaps: bool = False
+    """Whether the first target is ``positions`` itself, however far from the arm."""
+    closes: bool = True
+    """Whether the program closes the stream of targets. Otherwise it falls silent."""
+
+
+class SocketRequest(SocketAct):
+    """Send one message about the motion as a whole. ``seize`` takes the motion by force."""
+
+    kind: Literal["socket_request"] = "socket_request"
+    op: Literal["take", "seize", "release", "stop", "cancel", "state"]
+
+
+class SocketNonsense(SocketAct):
+    """Send one message that the stack must refuse, or bytes that are not a message."""
+
+    kind: Literal["socket_nonsense"] = "socket_nonsense"
+    fault: Literal[
+        "not_json",
+        "not_utf8",
+        "not_an_object",
+        "other_version",
+        "no_version",
+        "unknown_message",
+        "unknown_field",
+        "missing_field",
+        "nan",
+        "infinity",
+        "unknown_joint",
+        "beyond_limits",
+        "too_few_positions",
+        "back_in_time",
+        "sent_long_ago",
+        "sent_in_the_future",
+        "unknown_goal",
+        "too_large",
+    ]
+
+
+class SocketStall(SocketAct):
+    """Send the first half of a motion, and the rest after ``for_s``. Meanwhile the program does nothing else."""
+
+    kind: Literal["socket_stall"] = "socket_stall"
+    positions: dict[str, Position]
+    for_s: Duration = 1.0
+
+
+class SocketDeath(SocketAct):
+    """End the connection, as if the program had been killed."""
+
+    kind: Literal["socket_death"] = "socket_death"
+    half: bool = False
+    """Whether the program dies within a message."""
+
+
 Act = Annotated[
-    Move | Plan | Stream | Cancel | MoveHand | Switch | Reactivate | Jog | GuideArm, Field(discriminator="kind")
+    Move
+    | Plan
+    | Waypoints
+    | Stream
+    | Cancel
+    | MoveHand
+    | Switch
+    | Reactivate
+    | Jog
+    | GuideArm
+    | SocketMove
+    | SocketStream
+    | SocketRequest
+    | SocketNonsense
+    | SocketStall
+    | SocketDeath,
+    Field(discriminator="kind"),
 ]

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -15,7 +15,20 @@ from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.lifecycle import LifecycleState
 from hal.types import FloatArray, JointLimits, JointState
-from servoloop.simulation.acts import Act, Cancel, GuideArm, Jog, Move, MoveHand, Plan, Reactivate, Stream, Switch
+from servoloop.simulation.acts import (
+    Act,
+    Cancel,
+    GuideArm,
+    Jog,
+    Move,
+    MoveHand,
+    Plan,
+    Reactivate,
+    SocketAct,
+    Stream,
+    Switch,
+    Waypoints,
+)
 from servoloop.simulation.stack import SimulatedStack
 
 LOG = logging.getLogger("servoloop")
@@ -31,11 +44,43 @@ PULL_SHARE: Final = 0.5
 FREEDRIVE: Final = "freedrive_controller"
 
 
+class SocketPrograms(Protocol):
+    """Programs that are connected to the command socket of a stack."""
+
+    @property
+    def last_target_s(self) -> float:
+        """Time of the newest target of a stream, in seconds; minus infinity before the first stream."""
+        ...
+
+    def carry_out(self, act: SocketAct) -> None:
+        """Carry out an action."""
+        ...
+
+    def cycle(self) -> None:
+        """Continue all programs after a cycle."""
+        ...
+
+    def die(self) -> None:
+        """End all connections, as if the programs had been killed."""
+        ...
+
+
 class SimulatedClients:
     """Clients that carry out ``acts`` on an active stack. Call ``cycle`` after every cycle."""
 
-    def __init__(self, stack: SimulatedStack, arm: Any, acts: tuple[Act, ...]) -> None:
-        """``arm`` is the trajectory controller that receives the goals."""
+    def __init__(
+        self, stack: SimulatedStack, arm: Any, acts: tuple[Act, ...], programs: SocketPrograms | None = None
+    ) -> None:
+        """Connect clients to a stack.
+
+        Args:
+            stack: The stack.
+            arm: Trajectory controller that receives the goals.
+            acts: Actions of the clients.
+            programs: Carries out the actions on the command socket. Required if there are any.
+        """
+        self.programs = programs
+        """Programs on the command socket, if there are any."""
         self._stack, self._arm = stack, arm
         self._since_s = stack.clock.now()
         self._due: list[tuple[float, Callable[[], None]]] = [(act.at_s, self._action(act)) for act in acts]
@@ -56,16 +101,21 @@ class SimulatedClients:
         while self._due and self._due[0][0] <= now_s:
             self._due.pop(0)[1]()
         self._streams = [stream for stream in self._streams if next(stream, self) is not self]
+        if self.programs is not None:
+            self.programs.cycle()
 
     def die(self) -> None:
         """Cancel all remaining actions, as if the clients had crashed."""
         self._due.clear()
         self._streams.clear()
+        if self.programs is not None:
+            self.programs.die()
 
     def _action(self, act: Act) -> Callable[[], None]:
         actions: Mapping[str, Callable[[Any], None]] = {
             "move": self._move,
             "plan": self._plan,
+            "waypoints": self._waypoints,
             "stream": self._stream,
             "cancel": self._cancel,
             "hand": self._hand,
@@ -74,6 +124,10 @@ class SimulatedClients:
             "jog": self._jog,
             "guide": self._guide,
         }
+        programs = self.programs
+        if isinstance(act, SocketAct):
+            assert programs is not None, "no programs are connected to the command socket"
+            actions = {act.kind: programs.carry_out}
 
         def do() -> None:
             self.newest = act.kind
@@ -99,6 +153,14 @@ class SimulatedClients:
         )
         times_s = [*np.arange(TABLE_S, motion.duration_s, TABLE_S).tolist(), max(motion.duration_s, TABLE_S / 2.0)]
         self._send(TrajectoryGoal(self._arm.joints, tuple(_point(motion.sample(time_s), time_s) for time_s in times_s)))
+
+    def _waypoints(self, act: Waypoints) -> None:
+        names = tuple(dict.fromkeys((*act.points[0], *self._arm.joints)))
+        here, points = dict(zip(self._arm.joints, self._here().tolist(), strict=True)), []
+        for number, positions in enumerate(act.points, 1):
+            here |= positions
+            points.append(GoalPoint(tuple(here[name] for name in names), number * act.seconds))
+        self._send(TrajectoryGoal(names, tuple(points), delay_s=act.delay_s))
 
     def _stream(self, act: Stream) -> None:
         self._streams.append(self._points(act))

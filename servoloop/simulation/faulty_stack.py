@@ -2,6 +2,7 @@
 
 from typing import Any, cast
 
+from controller.forward.forward_command_controller import ForwardCommandController
 from controller.interface import Controller
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from drivers.bus.bus import Bus
@@ -41,6 +42,10 @@ class FaultyStack(SimulatedStack):
         self.player = FaultPlayer(FaultTargets(self.lines, self.world, self.adapters, self.stack_faults))
         self.touches = Touches(self.files.robot.joints, self.player, self.clock)
         self._playing = True
+
+    @property
+    def hand(self) -> ForwardCommandController:
+        return cast(ForwardCommandController, self.controllers[super().hand.name])
 
     def wrapped(self, controller: Controller) -> Controller:
         """Return a wrapper of the controller that can be made to fail."""

@@ -81,6 +81,8 @@ class Upsettable:
         """Active faults: kind and offset of the commands."""
         self.newest: GoalHandle | None = None
         """Latest goal, if the controller has goals that end."""
+        self.forwarded: tuple[float, ...] | None = None
+        """Latest accepted values, if the controller forwards values to its joints."""
         self._controller: Any = controller
         self._goals = goals
 
@@ -114,6 +116,8 @@ class Upsettable:
         self.newest = answer if isinstance(answer, GoalHandle) else None
         if self.newest is not None:
             self._goals.sent(self._controller.name, goal, self.newest)
+        elif answer is None and not isinstance(goal, TrajectoryGoal):
+            self.forwarded = tuple(goal)
         return answer
 
     def cancel(self, handle: GoalHandle) -> None:

@@ -16,8 +16,11 @@ from servoloop.stack.processes import POLL_S, Interrupted, end, end_with_parent
 from servoloop.stack.robot_files import ServoFiles
 from sim_backend.scene.world_feed import feed_path
 
-START_S: Final = 60.0
-"""Maximum time for the emulator to start, in seconds."""
+START_S: Final = 300.0
+"""Maximum time for the emulator to start, in seconds.
+
+The first start of an installation compiles the simulation. This takes 20 s, and minutes on a slow or busy machine.
+"""
 END_S: Final = 10.0
 """Maximum time for the emulator to end, in seconds. It has no pictures to draw."""
 
@@ -72,5 +75,8 @@ def _wait_for(
         if signals():
             raise Interrupted("interrupted while starting the virtual servos")
         if clock.now() > deadline_s:
-            raise DriverError(f"the virtual servos at {link} were not ready within {START_S:.0f} s")
+            raise DriverError(
+                f"the virtual servos were not ready within {START_S:g} s: end other programs that use the processor, "
+                "and start again"
+            )
         clock.sleep_until(clock.now() + POLL_S)

@@ -36,7 +36,7 @@ class VirtualLines:
         Raises:
             ArmFileError: The scene lacks joints of the robot.
         """
-        ways = couplings(files.robot)
+        ways = build.mounted(couplings(files.robot))
         require_scene(files.scene, [one.joint for one in ways])
         self.world = World(files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
         if start is None:

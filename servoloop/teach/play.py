@@ -12,7 +12,7 @@ from controller.teach.slowing import goal_points, slowed
 from controller.trajectory.goal import Allowed, GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.goal_planner import GoalPlanner, GoalRejected
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.compensation.gravity_compensation import FADE_IN_S
+from hal.compensation.joint_offset import FADE_IN_S
 from hal.types import FloatArray
 from servoloop.manual.dead_man import Permission
 from servoloop.teach.arm import TeachArm

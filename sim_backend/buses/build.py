@@ -19,7 +19,9 @@ class Build:
     seed: int | None = None
     """Seed for the arm's friction, motors, masses and supply. None for nominal values."""
     practice_seed: int | None = None
-    """Seed for uncalibrated zeros and directions, on an empty table. None for those of the robot file."""
+    """Seed for the zeros and directions of the servos. None for those of the robot file.
+
+    An emulator with this seed clears the table, because its arm is there to be calibrated."""
     in_box: bool = False
     """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 

@@ -1,9 +1,11 @@
 """``Arm`` in real time, on virtual servos in a process of their own: the contract, and programs that are ended."""
 
+import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 
@@ -12,6 +14,7 @@ import psutil
 import pytest
 
 from servoloop import Arm, ArmEndedError, ArmError
+from servoloop.stack.processes import realtime_priority
 from tests.api.contract import PAN, ArmContract
 from tests.api.loaded_arm import FREE
 from tests.conftest import once_more
@@ -51,6 +54,14 @@ def test_a_policy_at_fifty_hertz_loses_no_target_and_waits_at_most_a_cycle(serve
     end()
     waited_s = [seen[target] - sent[target] for target in sent.keys() & seen.keys()]
     assert len(waited_s) > 30 and np.median(waited_s) < 1.2 / arm.rate_hz
+
+
+def test_the_thread_of_the_loop_has_real_time_priority_if_the_system_grants_it(served_arm: Arm) -> None:
+    with realtime_priority():
+        granted = os.sched_getscheduler(0)
+    (loop,) = (one.native_id for one in threading.enumerate() if one.name == "control loop")
+    assert loop is not None and os.sched_getscheduler(loop) == granted
+    assert os.sched_getscheduler(0) == os.sched_getscheduler(os.getpid())
 
 
 def test_a_lost_bus_ends_a_waiting_program_with_the_reason() -> None:

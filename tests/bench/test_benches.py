@@ -13,41 +13,51 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from benchmarks.bus import CLIENTS, compare, show, wire_us
+from benchmarks.bus import BAUDS, CLIENTS, compare, show
 from benchmarks.busy import without_priority
 from benchmarks.stalls import JointSteps
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("make", CLIENTS)
-@pytest.mark.parametrize("options", [(), ("--paced", "1000000")], ids=["unpaced", "paced"])
-def test_every_client_reads_every_servo(make: str, options: tuple[str, ...]) -> None:
-    found = compare(make, 3, 20, 1, *options)
+@pytest.mark.parametrize(
+    ("make", "baud"), [(make, baud) for make, bauds in BAUDS.items() for baud in (None, *bauds)], ids=str
+)
+def test_every_client_reads_every_servo(make: str, baud: int | None) -> None:
+    found = compare(make, 3, 20, 1, baud)
     makers = f"{make}-sdk".replace("feetech", "feetech-servo")
     assert set(found) == set(CLIENTS[make]) >= {"system calls alone", "servoloop", "rustypot", makers}
     # On a busy machine, a client may miss a reply. A client that does not work fails in all twenty cycles.
     assert all(failed <= 10 for _, _, failed in found.values()), found
     text = io.StringIO()
-    show(Console(file=text, width=120), make, found, wire_us(make, 3))
+    wire_us = {name: driver.wire_us(3, baud) for name, driver in CLIENTS[make].items()} if baud else {}
+    show(Console(file=text, width=120), make, found, wire_us)
     assert all(name in text.getvalue() for name in found)
 
 
 def test_a_cycle_of_seven_servos_on_the_wire() -> None:
     # Goals 8 + 7 * 8 bytes, request 8 + 7 bytes, seven replies of 14 bytes: 177 bytes of ten bits.
-    assert wire_us("feetech", 7) == pytest.approx(1770.0)
+    assert CLIENTS["feetech"]["servoloop"].wire_us(7, 1_000_000) == pytest.approx(1770.0)
     # Goals 14 + 7 * 9 bytes, request 14 + 7 bytes, seven replies of 34 bytes (23 of them data): 336 bytes.
-    assert wire_us("dynamixel", 7) == pytest.approx(3360.0)
+    makers = CLIENTS["dynamixel"]
+    assert makers["rustypot"].wire_us(7, 1_000_000) == pytest.approx(3360.0)
+    # One reply of 8 bytes and seven times 27 for all servos; with 18 instead of 23 bytes of state, seven times 22.
+    assert makers["dynamixel-sdk, fast sync read"].wire_us(7, 1_000_000) == pytest.approx(2950.0)
+    assert makers["servoloop"].wire_us(7, 4_000_000) == pytest.approx(650.0)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("benchmarks.rates", "--cycles", "50"), ("20 Hz", "500 Hz")),
+        (
+            ("benchmarks.rates", "--cycles", "50", "--seconds", "2", "--rates", "20", "100"),
+            ("20 Hz", "100 Hz", "servoloop up", "loop alone", "system calls alone"),
+        ),
         (("benchmarks.two_ports", "--cycles", "50"), ("overlapped", "one after the other")),
         (("benchmarks.decoder", "--bytes", "100000"), ("Feetech and protocol 1.0: 100000", "\nprotocol 2.0: 100000")),
         (("benchmarks.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
         (("benchmarks.command_socket", "--messages", "50"), ("set_point", "median, ms")),
+        (("benchmarks.stream", "--seconds", "2"), ("call to bytes", "100 targets; ", " 0 lost")),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )
@@ -72,6 +82,7 @@ def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words
         ("benchmarks.bus --cycles -1", "argument --cycles: must be a whole number of at least 1, not '-1'"),
         ("benchmarks.bus --rounds 0", "argument --rounds: must be a whole number of at least 1, not '0'"),
         ("benchmarks.bus --servos 0", "argument --servos: must be a whole number of at least 1, not '0'"),
+        ("benchmarks.bus --baud 0", "argument --baud: must be a whole number of at least 1, not '0'"),
         ("benchmarks.bus --servos 32", "--servos must be 1 to 31 for feetech, not 32"),
         ("benchmarks.two_ports --cycles 0", "argument --cycles: must be a whole number of at least 1, not '0'"),
         ("benchmarks.two_ports --cycles many", "argument --cycles: must be a whole number of at least 1, not 'many'"),

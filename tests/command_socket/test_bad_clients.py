@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from servoloop.command_server import server, session
+from servoloop.command_server import connection, server, session
 from servoloop.command_socket.client import CommandClient
 from servoloop.command_socket.errors import CommandError
 from tests.command_socket.rig import SocketRig, served
@@ -131,7 +131,7 @@ def test_only_this_user_can_open_the_socket(rig: SocketRig) -> None:
     assert path.stat().st_mode & 0o777 == 0o600 and path.parent.stat().st_mode & 0o777 == 0o700
     here, there = socket.socketpair(socket.AF_UNIX)
     with here, there:
-        assert session.peer_user(here) == (os.getpid(), os.getuid())
+        assert connection.peer_user(here) == (os.getpid(), os.getuid())
 
 
 def test_too_many_clients_are_refused_until_one_leaves(rig: SocketRig) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import tau
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,12 +44,20 @@ class UnalignedArm:
     """Arm with random zeros and directions on a virtual bus in simulated time, held by a hand."""
 
     def __init__(
-        self, seed: int, backlash_deg: float = 0.0, name: str = "robot_arm", start: Sequence[float] | None = None
+        self,
+        seed: int,
+        backlash_deg: float = 0.0,
+        name: str = "robot_arm",
+        start: Sequence[float] | None = None,
+        robot: Path | None = None,
     ) -> None:
-        """Create the arm with joints at ``start``; without it they are all at 0 and no collisions occur."""
+        """Create the arm with joints at ``start``; without it they are all at 0 and no collisions occur.
+
+        ``robot`` replaces the robot file of the arm.
+        """
         self.clock = SimulatedClock()
         self.plan = find_arm(name).file.calibration
-        self.files = read_arm_files(find_arm(name))
+        self.files = read_arm_files(find_arm(name), robot=robot)
         self.joints = self.files.robot.joints
         self.couplings: list[Coupling] = Mounting(seed).couplings(couplings(self.files.robot))
         gaps = Build(backlash_deg).gaps(self.couplings)

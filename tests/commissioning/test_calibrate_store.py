@@ -1,6 +1,7 @@
 """A calibration is stored in the file, then in the servos, and verified with a slow motion."""
 
 import errno
+import itertools
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -8,16 +9,19 @@ from pathlib import Path
 import pytest
 
 from calibration.eeprom import OPEN, EepromError
-from commissioning.calibrate.result import CalibrationError
+from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.calibrate.run import check
 from commissioning.calibrate.store import store
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
 from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts, x
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
 from hal.robot_file.calibration_file import calibration_path
 from servoloop.stack.arm_folders import ARMS, find_arm, read_arm_files
 from servoloop.stack.robot_files import CONFIG, read_files
 from tests.commissioning.arm import JOINTS, UnalignedArm
+from tests.commissioning.interrupted import Interrupted
 
 TURNED_SEED = 3
 """Seed of an arm with some encoder seams within the travel."""
@@ -162,3 +166,18 @@ def test_dynamixel_seams_are_moved_in_extended_position_mode(tmp_path: Path) -> 
     refused = pytest.raises(DriverError, match=r"servo 1: is in operating mode (3: set it to 4 \(ext|4: set it to 3)")
     with refused, SlowArm(lambda: arm.open_bus(joints), joints, arm.clock):
         pass
+
+
+@pytest.mark.parametrize(
+    "model", [pytest.param(sts.STS3215, id="sts"), pytest.param(x.XL430_W250, id="x", marks=pytest.mark.slow)]
+)
+def test_a_servo_may_be_silent_for_a_moment_while_a_calibration_is_stored(robot: Path, model: ServoModel) -> None:
+    made = JointCalibration(1, 2048, 300, 100, 4000, extended=model is x.XL430_W250)
+    for packet in itertools.count():
+        bench = Interrupted(model)
+        bench.silence_at(packet)
+        store(robot, bench.bus, bench.joints, {joint.name: made for joint in bench.joints}, bench.clock)
+        offset = next(one for one in series_of(model).registers if one.name == "homing_offset")
+        assert [servo.memory.get(offset) for servo in bench.line.servos] == [300] * len(bench.joints)
+        if bench.packets <= packet:
+            break

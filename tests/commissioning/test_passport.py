@@ -358,7 +358,7 @@ def test_a_passport_keeps_the_startup_configuration_and_an_older_passport_lacks_
         ("model: sts3215", "model: sts9", "unknown model sts9"),
         ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),
         ("    id: 1\n", "    id: 4\n", "servo 1: the register id has another value"),
-        ("\n...\n", "\n", "is truncated"),
+        ("\n...\n", "\n", "the file is truncated"),
         ("baud: 1000000", "baud: [", "is not YAML"),
     ],
 )

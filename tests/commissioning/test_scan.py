@@ -205,7 +205,7 @@ MODES = [
     (ax_mx.AX_12A, {ax_mx.cw_angle_limit: 0, ax_mx.ccw_angle_limit: 0}, "wheel"),
     (ax_mx.MX_28, {ax_mx.cw_angle_limit: 4095, ax_mx.ccw_angle_limit: 4095}, "multi-turn"),
     (x.XL430_W250, {x.operating_mode: 1}, "velocity"),
-    (x.XM430_W350, {x.operating_mode: 5}, "current-based position"),
+    (x.XM430_W350, {x.operating_mode: 0}, "current"),
 ]
 
 
@@ -216,6 +216,13 @@ def test_a_servo_in_another_mode_is_reported(model: ServoModel, settings: dict[A
         line.put(1, register, value)
     servo = only(line.scan())
     assert (servo.operating_mode, [problem.kind for problem in servo.problems]) == (mode, ["wrong_mode"])
+
+
+def test_a_servo_in_current_based_position_mode_has_no_problem() -> None:
+    line = ToolLine({1: x.XM430_W350})
+    line.put(1, x.operating_mode, 5)
+    servo = only(line.scan())
+    assert (servo.operating_mode, servo.problems) == ("current-based position", ())
 
 
 @pytest.mark.parametrize(("model", "number"), [(sts.STS3215, sts.model_number), (x.XL430_W250, x.model_number)])

@@ -1,16 +1,19 @@
-"""An interrupt at any time while the slow arm enables its torque releases the arm."""
+"""The slow arm: interrupts while it enables its torque, and servos that are silent for a moment."""
 
 import pytest
 
-from commissioning.slow_arm import SlowArm
-from drivers.servos import sts
+from commissioning.slow_arm import PERIOD_S, SlowArm, StoppedError
+from drivers.servos import sts, x
+from drivers.servos.catalog import series_of
+from drivers.servos.register import ServoModel
 from hal.joint import Joint
-from hal.types import JointLimits
+from tests.commissioning.interrupted import LIMITS, SILENT_S, Interrupted
 from tests.commissioning.loose import Cut, Loose, interrupt
 
-LIMITS = JointLimits(-1.0, 1.0, 2.0, 10.0, 100.0)
 ENTERED = 60
 """More packets than the activation needs."""
+MOMENTS_S = [share * PERIOD_S for share in (0.0, 0.25, 0.5, 0.75)]
+"""Beginnings of a silence within a cycle, in seconds."""
 
 
 def test_an_interrupt_during_activation_releases_the_arm() -> None:
@@ -26,3 +29,25 @@ def test_an_interrupt_during_activation_releases_the_arm() -> None:
         except KeyboardInterrupt:
             assert loose.left[0] == 0, f"torque is on behind packet {at}"
     pytest.fail("it never began")
+
+
+def go(bench: Interrupted, after_s: float, silent_s: float) -> None:
+    """Move the first joint while the second servo is silent."""
+    with SlowArm(lambda: bench.bus, bench.joints, bench.clock) as arm:
+        bench.silence(after_s, silent_s)
+        arm.go(0, 0.2)
+
+
+@pytest.mark.parametrize("after_s", MOMENTS_S)
+@pytest.mark.parametrize("model", [sts.STS3215, x.XL430_W250], ids=lambda model: model.name)
+def test_a_servo_may_be_silent_for_a_moment(model: ServoModel, after_s: float) -> None:
+    go(Interrupted(model), after_s, SILENT_S)
+
+
+@pytest.mark.parametrize("model", [sts.STS3215, x.XL430_W250], ids=lambda model: model.name)
+def test_a_servo_that_stays_silent_stops_the_arm(model: ServoModel) -> None:
+    bench = Interrupted(model)
+    with pytest.raises(StoppedError, match=r"joint2: servo 2"):
+        go(bench, 0.0, 2.0)
+    torque = series_of(model).torque_enable
+    assert not any(servo.memory.get(torque) for servo in bench.line.servos)

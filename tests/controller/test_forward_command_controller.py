@@ -60,17 +60,17 @@ def test_the_hand_holds_its_position_until_the_first_command() -> None:
 
 def test_the_last_command_is_repeated_in_every_cycle() -> None:
     bench = Bench().up()
-    bench.hand.submit([0.004])
+    bench.hand.submit([0.002])
     bench.cycle(5)
-    assert hand_commands(bench) == pytest.approx([0.004] * 5)
+    assert hand_commands(bench) == pytest.approx([0.002] * 5)
 
 
 def test_the_latest_of_several_commands_in_a_cycle_is_used() -> None:
     bench = Bench().up()
-    for value in (0.001, 0.002, 0.003):
+    for value in (0.001, 0.0015, 0.002):
         bench.hand.submit([value])
     bench.cycle()
-    assert hand_commands(bench) == pytest.approx([0.003])
+    assert hand_commands(bench) == pytest.approx([0.002])
 
 
 def test_a_command_from_before_the_activation_is_ignored() -> None:

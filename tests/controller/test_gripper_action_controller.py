@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from controller.action_goals import DEACTIVATED, NOT_RUNNING, PREEMPTED, GoalStatus
-from controller.fault_timeout import FAULT_CYCLES
 from controller.gripper.goal import GripperGoal, GripperHandle, GripperParameters
 from controller.gripper.gripper_action_controller import GripperActionController, PositionGripperActionController
 from controller.interface import ControllerContext
 from controller.motion import MotionError
+from hal.fault_timeout import FAULT_CYCLES
 from hal.robot_description.description import Description, HardwareInfo
 from hal.types import FloatArray, JointFault, JointLimits, JointState
 

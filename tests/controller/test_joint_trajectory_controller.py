@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from controller.fault_timeout import FAULT_CYCLES
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
 from controller.trajectory.goal_planner import PathPlan
 from controller.trajectory.goal_result import ErrorCode
+from hal.fault_timeout import FAULT_CYCLES
 from hal.types import FloatArray, JointFault, JointState
 from tests.controller.bench import ARM, ARM_LIMITS, HAND_LIMITS, PERIOD_S, Bench, arm_parameters, through, to
 
@@ -61,6 +61,16 @@ def test_a_goal_that_is_too_fast_takes_longer_and_reports_it(caplog: pytest.LogC
     assert handle.error_text.startswith(f"{REACHED} The limits stretched the motion from 0.10 s to ")
     assert "stretch the motion from 0.10 s to" in caplog.text
     assert_smooth(bench.path())
+
+
+def test_a_stream_of_trajectories_that_are_too_fast_is_reported_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench().up()
+    for number in range(130):
+        bench.send(replace(to(1.9 if number % 2 else 0.0, 0.0, after_s=0.1), from_topic=True))
+        bench.cycle(10)
+    begin, minute = (text for text in caplog.messages if "stretch the motion" in text)
+    assert "more since" not in begin
+    assert minute.endswith("(120 more since the last warning about the topic)")
 
 
 @pytest.mark.parametrize("after_s", [0.0, -1.0, 0.01])

@@ -29,11 +29,13 @@ LIMITS = JointLimits(-3.2, 3.2, 4.0, 12.0, 120.0)
 class Turned:
     """One servo in a mode, with a homing offset, that was turned by hand while it was limp."""
 
+    MODEL = x.XL430_W250
+
     def __init__(self, mode: int, offset: int, turns: int, **joint: object) -> None:
         self.clock = SimulatedClock(5.0)
         self.plant = BenchPlant((1,))
         self._place(0.0)
-        self.line = VirtualDynamixelBus.of(self.plant, {1: x.XL430_W250})
+        self.line = VirtualDynamixelBus.of(self.plant, {1: self.MODEL})
         self.servo = self.line.servo(1)
         self.servo.memory.save(x.operating_mode, mode)
         self.servo.memory.save(x.homing_offset, offset)
@@ -42,8 +44,8 @@ class Turned:
             self._place(math.copysign(step / STEPS, turns))
             self.clock.sleep_until(self.clock.now() + 0.005)
             self.line.advance(self.clock.now())
-        self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: x.XL430_W250})
-        self.joint = Joint("wrist", 1, x.XL430_W250, LIMITS, **joint)  # type: ignore[arg-type]
+        self.bus = Bus(VirtualPort(self.line, self.clock), self.clock, {1: self.MODEL})
+        self.joint = Joint("wrist", 1, self.MODEL, LIMITS, **joint)  # type: ignore[arg-type]
         self.hardware = ServoHardware("arm", [self.joint], lambda: self.bus, self.clock)
 
     def _place(self, turns: float) -> None:
@@ -178,3 +180,49 @@ def test_turns_that_are_lost_in_a_restart_do_not_move_the_joint() -> None:
     arm.hardware.activate()
     arm.command(arm.joint.position(START - 2000), 20)
     assert arm.shaft == pytest.approx(before, abs=3.0)
+
+
+class LimitedByCurrent(Turned):
+    """A servo in current-based position mode, in which LeRobot leaves the gripper of a Koch."""
+
+    MODEL = x.XL330_M288
+
+
+@pytest.mark.parametrize(("offset", "turns"), [(0, 0), (-2000, 2), (1500, -3)])
+def test_a_servo_in_current_based_position_mode_is_used_in_it(offset: int, turns: int) -> None:
+    arm = LimitedByCurrent(5, offset, turns)
+    before = arm.shaft
+    arm.activate()
+    reads = (START + offset) % TURN
+    assert arm.servo.memory.get(x.operating_mode) == 5 and arm.reads() == pytest.approx(reads, abs=1)
+    arm.command(arm.joint.position(reads), 20)
+    assert arm.shaft == pytest.approx(before, abs=3.0)
+    nearer = 2048 + (reads - 2048) // 2
+    arm.command(arm.joint.position(nearer), 60)
+    assert arm.reads() == pytest.approx(nearer, abs=20)
+
+
+def test_a_goal_current_below_the_current_limit_is_kept_and_reported(caplog: pytest.LogCaptureFixture) -> None:
+    arm = LimitedByCurrent(5, 0, 0)
+    arm.servo.memory.put(x.goal_current, 300)
+    with caplog.at_level(logging.WARNING):
+        arm.activate()
+    assert arm.servo.memory.get(x.goal_current) == 300
+    (said,) = [message for message in caplog.messages if "goal_current" in message]
+    assert said == (
+        "wrist (servo 1) is in current-based position mode, and another program has set its goal_current to 300 of "
+        "1750: the joint is weaker than usual. To restore the current limit, reboot the servo (servoloop reboot)"
+    )
+
+
+def test_a_servo_without_goal_current_is_refused() -> None:
+    arm = LimitedByCurrent(5, 0, 0)
+    arm.servo.memory.put(x.goal_current, 0)
+    with pytest.raises(DriverError, match=r"wrist: servo 1: would have no torque: its goal_current is 0 in current-b"):
+        arm.activate()
+
+
+def test_a_servo_that_was_calibrated_in_extended_position_mode_may_be_limited_by_its_current() -> None:
+    arm = LimitedByCurrent(5, 1500, 0, homing_offset=1500, extended=True)
+    arm.activate()
+    assert arm.reads() == pytest.approx(START + 1500, abs=1)

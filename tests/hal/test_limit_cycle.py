@@ -9,20 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.compensation.limit_cycle import GIVE_WAY_RAD, LimitCycle
-from hal.types import FloatArray
 
 PERIOD_S = 0.05
 DEAD_BAND = 0.003
 SWUNG = [0.01] * 4
 """Half a period of an oscillation that is slow enough to be damped."""
-LOOSE, HELD = np.array([True]), np.array([False])
+LOOSE, HELD = True, False
 
 
-def after(errors: Sequence[float], loose: np.ndarray = LOOSE, transmission: float = 1.0) -> LimitCycle:
+def after(errors: Sequence[float], loose: bool = LOOSE, transmission: float = 1.0) -> LimitCycle:
     """Return the damping after cycles with these errors."""
-    made = LimitCycle(np.array([DEAD_BAND * transmission]), np.array([transmission]))
+    made = LimitCycle(DEAD_BAND * transmission, transmission)
     for error in errors:
-        made.update(np.array([error * transmission]), loose, PERIOD_S)
+        made.update(error * transmission, loose, PERIOD_S)
     return made
 
 
@@ -37,7 +36,7 @@ def after(errors: Sequence[float], loose: np.ndarray = LOOSE, transmission: floa
 )
 def test_a_joint_that_stays_on_its_side_is_left_alone(errors: Sequence[float]) -> None:
     made = after(errors)
-    assert not made.swinging.any() and not made.offset.any()
+    assert not made.swinging and not made.offset
 
 
 def test_the_goal_of_an_oscillating_joint_follows_it() -> None:
@@ -50,22 +49,22 @@ def test_the_goal_of_an_oscillating_joint_follows_it() -> None:
 
 def test_the_goal_does_not_follow_an_oscillation_that_is_too_fast() -> None:
     light = after([0.01, -0.01, 0.01, -0.01, 0.01])
-    assert not light.swinging.any() and abs(float(light.offset[0])) < GIVE_WAY_RAD
+    assert not light.swinging and abs(light.offset) < GIVE_WAY_RAD
 
 
 def test_loaded_joints_and_moving_joints_are_not_damped() -> None:
-    assert not after([0.01, -0.01, 0.01, -0.01], HELD).offset.any()
+    assert not after([0.01, -0.01, 0.01, -0.01], HELD).offset
 
 
 def test_the_offset_decays_slowly_after_the_command_moves() -> None:
     made = after([*SWUNG, -0.01])
-    offsets = [float(made.offset[0])]
+    offsets = [made.offset]
     for _ in range(40):
-        made.update(np.array([-0.01]), HELD, PERIOD_S)
-        offsets.append(float(made.offset[0]))
+        made.update(-0.01, HELD, PERIOD_S)
+        offsets.append(made.offset)
     assert 0.0 < -np.diff(offsets).min() <= 0.1 * offsets[0] * 1.001
     assert offsets[-1] < 0.02 * offsets[0]
-    assert not made.swinging.any()
+    assert not made.swinging
 
 
 def test_the_offset_of_a_finger_follows_its_transmission() -> None:
@@ -77,8 +76,7 @@ errors = st.one_of(st.just(math.nan), st.floats(-0.1, 0.1))
 
 @given(st.lists(st.tuples(errors, st.booleans()), max_size=40))
 def test_the_offset_never_exceeds_its_maximum(cycles: list[tuple[float, bool]]) -> None:
-    made = LimitCycle(np.array([DEAD_BAND]), np.ones(1))
+    made = LimitCycle(DEAD_BAND, 1.0)
     for error, loose in cycles:
-        made.update(np.array([error]), np.array([loose]), PERIOD_S)
-        offset: FloatArray = made.offset
-        assert np.isfinite(offset).all() and np.abs(offset).max() <= GIVE_WAY_RAD
+        made.update(error, loose, PERIOD_S)
+        assert math.isfinite(made.offset) and abs(made.offset) <= GIVE_WAY_RAD

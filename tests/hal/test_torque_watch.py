@@ -138,3 +138,31 @@ def test_a_servo_that_does_not_answer_differs_from_one_without_torque() -> None:
     bench.servos.faults.restore(2)
     assert bench.wait().faults == {}
     assert bench.hardware.ask_for_torque() == frozenset() == bench.hardware.without_torque
+
+
+def test_cycles_without_time_left_are_logged_at_most_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+    """Every second cycle has no time left, as at a rate that the bus does not keep."""
+    loop = Paced(100.0, 0.0)
+    clock, hardware = loop.bench.clock, loop.bench.hardware
+    for cycle in range(250):
+        hardware.request(clock.now() if cycle % 2 == 0 else clock.now() + 0.009)
+        faults = hardware.read().faults
+        assert {fault.kind for fault in faults.values()} == ({"no_time"} if cycle % 2 == 0 else set())
+        clock.sleep_until(clock.now() + loop.period_s)
+    assert caplog.text.count("the cycle had no time left") == 3
+    assert caplog.text.count("answer again") == 3
+
+
+def test_a_servo_that_stays_silent_after_a_want_of_time_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    loop = Paced(100.0, 0.0)
+    clock, hardware = loop.bench.clock, loop.bench.hardware
+    for _ in range(3):
+        hardware.request(clock.now())
+        hardware.read()
+        loop.cycle()
+    caplog.clear()
+    hardware.request(clock.now())
+    hardware.read()
+    loop.bench.servos.faults.silence(1)
+    loop.cycle()
+    assert "shoulder: servo 1 does not answer" in caplog.text

@@ -2,8 +2,8 @@
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -32,7 +32,7 @@ PATIENCE_S = 30.0
 @pytest.fixture
 def executor(ros_domain: int) -> Iterator[CycleExecutor]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    executor = CycleExecutor()
+    executor = CycleExecutor(threading.Lock())
     yield executor
     nodes = executor.get_nodes()
     executor.shutdown()
@@ -191,40 +191,33 @@ def test_error_in_a_callback_is_raised_and_others_are_served_later(executor: Cyc
     until(executor, lambda: heard)
 
 
-def test_posted_cycle_precedes_callbacks_and_is_served_once(executor: CycleExecutor, node: Node) -> None:
-    heard: list[Any] = []
-    node.create_subscription(String, "/said", heard.append, 10)
-    out = node.create_publisher(String, "/said", 10)
-    until(executor, lambda: out.get_subscription_count())
-    settle(executor)
-    out.publish(String())
-    time.sleep(0.1)  # The executor is waiting.
-    executor.post()
-    executor.serve(PATIENCE_S)
-    assert not heard
-    executor.serve(PATIENCE_S)
-    assert len(heard) == 1
-    out.publish(String())
-    time.sleep(0.1)
-    executor.post()
-    executor.serve(PATIENCE_S, behind=True)
-    assert len(heard) == 2
-
-
-def test_guard_triggered_with_a_cycle_is_still_served(executor: CycleExecutor, node: Node) -> None:
+def test_guard_triggered_with_a_wake_up_is_served(executor: CycleExecutor, node: Node) -> None:
     triggered: list[int] = []
     guard = node.create_guard_condition(lambda: triggered.append(1))
     settle(executor)
     guard.trigger()
     executor.post()
     executor.serve(PATIENCE_S)
-    assert not triggered
-    executor.serve(PATIENCE_S)
     settle(executor)
     assert triggered == [1]
 
 
-def test_cycle_can_be_posted_from_another_thread(executor: CycleExecutor, node: Node) -> None:
+def test_callbacks_wait_for_their_turn(executor: CycleExecutor, node: Node) -> None:
+    triggered: list[int] = []
+    guard = node.create_guard_condition(lambda: triggered.append(1))
+    settle(executor)
+    guard.trigger()
+    with executor._turn:
+        thread = threading.Thread(target=lambda: executor.serve(PATIENCE_S))
+        thread.start()
+        time.sleep(0.1)
+        assert not triggered
+    thread.join()
+    settle(executor)
+    assert triggered == [1]
+
+
+def test_executor_can_be_woken_from_another_thread(executor: CycleExecutor, node: Node) -> None:
     settle(executor)
     thread = threading.Timer(0.05, executor.post)
     begin_s = time.monotonic()
@@ -261,19 +254,19 @@ def test_shutdown_of_ros_raises(executor: CycleExecutor, node: Node) -> None:
         executor.serve(PATIENCE_S)
 
 
-def test_failing_callback_does_not_delay_a_cycle(executor: CycleExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cycle was posted at the same time and would not be posted again."""
+def test_failing_callback_does_not_delay_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer was complete at the same time and would not wake the executor again."""
     surface = Surface.__new__(Surface)
-    served: list[bool] = []
-    shown: list[str] = []
+    answered: list[int] = []
 
-    def serve(timeout_s: float, behind: bool) -> None:
-        served.append(behind)
+    def serve(timeout_s: float) -> None:
+        surface._woken = True
         raise RuntimeError("a client's oddity")
 
-    monkeypatch.setattr(executor, "serve", serve)
-    monkeypatch.setattr(surface, "_executor", executor, raising=False)
-    monkeypatch.setattr(surface, "_cycles", deque(["a cycle"]), raising=False)
-    monkeypatch.setattr(surface, "_publish_cycles", lambda: shown.append(surface._cycles.popleft()))
-    surface.spin(lambda: bool(served))
-    assert (served, shown) == ([True], ["a cycle"])
+    monkeypatch.setattr(surface, "_executor", SimpleNamespace(serve=serve), raising=False)
+    monkeypatch.setattr(surface, "_turn", threading.Lock(), raising=False)
+    monkeypatch.setattr(surface, "_send_delayed", lambda: None, raising=False)
+    monkeypatch.setattr(surface, "_synchronize", lambda: answered.append(1))
+    monkeypatch.setattr(rclpy, "ok", lambda: True)
+    surface.spin(lambda: bool(answered))
+    assert answered == [1]

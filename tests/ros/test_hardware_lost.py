@@ -92,7 +92,7 @@ def test_stack_with_stay_waits_for_missing_servos(ros_domain: int, tmp_path: Pat
         messages: list[JointState] = []
         client.node.create_subscription(JointState, "/joint_states", messages.append, 1000)
         assert components(client) == {"arm": "unconfigured", "hand": "unconfigured"}
-        assert "arm stays unconfigured: there is no" in stack.words
+        assert f"arm stays unconfigured: {link}.arm does not exist" in stack.words
         assert controllers(client)["joint_state_broadcaster"] == "active"
         emulator = StackProcess(tmp_path / "emulate.log", "emulate", str(link), "--urdf", str(urdf))
         try:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
 """Exit statuses after two simultaneous signals, either of which may be handled first."""
+
+LEAVE_S = 1.0
+"""Maximum time in which a command leaves ROS 2 and ends, in seconds."""
 
 
 @pytest.fixture
@@ -45,7 +49,9 @@ def pick(cell: Cell, tmp_path: Path) -> Iterator[StackProcess]:
 def test_pick_ends_when_its_node_is_killed(cell: Cell, pick: StackProcess, number: int) -> None:
     """The middleware considers a silent participant alive for up to 20 s."""
     cell.process.send_signal(number)
+    begin_s = time.monotonic()
     assert pick.process.wait(60.0) == 1
+    assert time.monotonic() - begin_s < 5.0
     assert "failed: /sorting/arm/pick_place is gone: the node has ended; check its log. The arm finishes" in pick.words
 
 
@@ -56,18 +62,20 @@ def test_signal_cancels_the_job_of_pick(cell: Cell, pick: StackProcess, number: 
     assert cell.below().canceled == 1
 
 
-def test_pick_waits_a_limited_time_for_the_confirmation_of_a_cancel(cell: Cell, pick: StackProcess) -> None:
-    cell.process.send_signal(signal.SIGSTOP)
-    assert pick.end(signal.SIGINT) == 1
-    assert "failed: canceled, but /sorting/arm/pick_place did not confirm it within 10 s." in pick.words
+def test_first_signal_ends_pick_within_a_second_after_its_node_is_killed(cell: Cell, pick: StackProcess) -> None:
+    cell.process.send_signal(signal.SIGKILL)
+    time.sleep(1.0)
+    begin_s = time.monotonic()
+    assert pick.end(signal.SIGTERM) == 1
+    assert time.monotonic() - begin_s < LEAVE_S
+    assert "failed: canceled, but /sorting/arm/pick_place does not respond. The arm finishes" in pick.words
 
 
-def test_second_signal_ends_pick(cell: Cell, pick: StackProcess) -> None:
+def test_two_signals_end_pick(cell: Cell, pick: StackProcess) -> None:
     cell.process.send_signal(signal.SIGSTOP)
     pick.process.send_signal(signal.SIGINT)
     pick.process.send_signal(signal.SIGTERM)
-    assert pick.process.wait(8.0) in AT_ONCE  # less than the ten seconds of the confirmation
-    assert "ended at once: the node may continue the job" in pick.words
+    assert pick.process.wait(8.0) in (1, *AT_ONCE)  # less than the ten seconds of the confirmation
 
 
 def test_signal_before_the_job_of_pick_prevents_it(ros_domain: int, tmp_path: Path) -> None:

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from controller import shutdown
-from controller.fault_timeout import FaultTimeout
+from controller.forward.forward_command_controller import ForwardCommandController
 from controller.loop import ControlLoop
 from controller.motion import Kinematics, motion_to
 from controller.trajectory import active_goal, execution, goal_planner
 from controller.trajectory.active_goal import ActiveGoal
 from controller.trajectory.execution import Execution
+from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.goal_result import GoalResult, result_at_end
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.relief import Relief
@@ -21,13 +22,18 @@ from controller.trajectory.sampler import TrajectorySampler
 from controller.trajectory.tolerances import excess
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
-from hal.compensation.gravity_compensation import GravityCompensation
+from hal.compensation.joint_offset import JointOffset
 from hal.components.component_lifecycle import deactivate_all
+from hal.fault_timeout import FaultTimeout
 from hal.gate import Gated, SafetyGate
 from hal.joint import Joint
 from hal.servos.activation import Activation
 from hal.servos.servo_setup import ServoSetup
+from hal.servos.servo_states import ServoStates
 from hal.types import FloatArray, JointState
+from servoloop.api.stream_gate import StreamGate
+from servoloop.command_server import requests
+from servoloop.command_server.requests import StackRequests
 
 Plant = Callable[[pytest.MonkeyPatch], None]
 BUGS: Final[dict[str, tuple[Plant, frozenset[str]]]] = {}
@@ -180,8 +186,8 @@ def lost_torque_is_not_detected(patch: pytest.MonkeyPatch) -> None:
 
 @detected_by("goals mean commands", "safe wire")
 def gravity_offsets_are_eight_times_too_large(patch: pytest.MonkeyPatch) -> None:
-    sag = GravityCompensation._sag
-    patch.setattr(GravityCompensation, "_sag", lambda compensation, position: 8.0 * sag(compensation, position))
+    sag = JointOffset._sag
+    patch.setattr(JointOffset, "_sag", lambda offset, torque: 8.0 * sag(offset, torque))
 
 
 @detected_by("safe wire", "goals mean commands")
@@ -238,3 +244,84 @@ def arm_is_taken_over_at_zero(patch: pytest.MonkeyPatch) -> None:
         loop.command = np.zeros_like(loop.command)
 
     patch.setattr(ControlLoop, "take_over", wrong)
+
+
+@detected_by("motion is true")
+def sign_left_out_of_velocities(patch: pytest.MonkeyPatch) -> None:
+    update = ServoStates.update
+
+    def wrong(states: ServoStates, *more: Any) -> JointState:
+        state = update(states, *more)
+        return replace(state, velocity=np.abs(state.velocity))
+
+    patch.setattr(ServoStates, "update", wrong)
+
+
+@detected_by("health is true")
+def alarms_are_dropped(patch: pytest.MonkeyPatch) -> None:
+    receive = Bus.receive
+
+    def wrong(bus: Bus) -> Mapping[int, Any]:
+        readings = receive(bus)
+        return {i: one if isinstance(one, ServoFault) else one._replace(alarms=()) for i, one in readings.items()}
+
+    patch.setattr(Bus, "receive", wrong)
+
+
+@detected_by("path is as sent", "success is true")
+def joint_order_of_goals_is_ignored(patch: pytest.MonkeyPatch) -> None:
+    waypoints_of = goal_planner.waypoints_of
+
+    def wrong(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) -> Any:
+        return waypoints_of(replace(goal, joints=tuple(joints[: len(goal.joints)])), joints, rest)
+
+    patch.setattr(goal_planner, "waypoints_of", wrong)
+
+
+@detected_by("path is as sent")
+def second_point_of_goals_is_skipped(patch: pytest.MonkeyPatch) -> None:
+    waypoints_of = goal_planner.waypoints_of
+
+    def wrong(goal: TrajectoryGoal, joints: Sequence[str], rest: FloatArray) -> Any:
+        points = goal.points if len(goal.points) < 3 else (goal.points[0], *goal.points[2:])
+        return waypoints_of(replace(goal, points=points), joints, rest)
+
+    patch.setattr(goal_planner, "waypoints_of", wrong)
+
+
+@detected_by("path is as sent")
+def stamps_in_the_future_are_ignored(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(TrajectoryGoal, "starts_s", property(lambda goal: 0.0))
+
+
+@detected_by("replaced goals end", "every goal ends")
+def replaced_goals_continue(patch: pytest.MonkeyPatch) -> None:
+    end = Execution._end
+
+    def wrong(execution: Execution, active: ActiveGoal, result: GoalResult) -> None:
+        if "preempted" in result.text.lower():
+            execution.active = None
+        else:
+            end(execution, active, result)
+
+    patch.setattr(Execution, "_end", wrong)
+
+
+@detected_by("forwarded values are followed")
+def hand_stays_where_it_is(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(ForwardCommandController, "_go", lambda controller, wanted: None)
+
+
+@detected_by("goals are judged")
+def stale_commands_are_carried_out(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(requests, "STALE_S", 100.0)
+
+
+@detected_by("every goal ends")
+def silent_streams_continue(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StreamGate, "update", lambda gate, now_s: None)
+
+
+@detected_by("cancels are followed")
+def motions_of_dead_programs_continue(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(StackRequests, "disconnect", lambda requests, client: None)

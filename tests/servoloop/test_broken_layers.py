@@ -66,13 +66,13 @@ def takes_the_limits_of_the_joint_before(gate: Any, wanted: FloatArray, last: Fl
 def takes_any_checksum(patch: pytest.MonkeyPatch) -> None:
     """A corrupt reply is accepted."""
 
-    def take(self: Any, pending: bytes, at: int, replies: list[Reply]) -> int | None:
+    def decode(self: Any, pending: bytes, at: int, replies: list[Reply]) -> int | None:
         frame = pending[at : at + self.data_size + v1.OVERHEAD]
         if len(frame) < self.data_size + v1.OVERHEAD:
             return None
-        return self._found(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)
+        return self._accept(Reply(frame[2], frame[4], frame[5:-1], self.garbage), len(frame), replies)
 
-    patch.setattr(v1.ReplyDecoder, "_take", take)
+    patch.setattr(v1.ReplyDecoder, "_decode", decode)
 
 
 def invents_who_is_silent(patch: pytest.MonkeyPatch) -> None:

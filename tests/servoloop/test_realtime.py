@@ -1,4 +1,4 @@
-"""The control loop runs on one processor if the system allows it."""
+"""The control loop runs on one processor and with real-time priority, if the system allows it."""
 
 import os
 import threading
@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import pytest
 
-from servoloop.stack.processes import on_one_processor
+from servoloop.stack.processes import PRIORITY, on_one_processor, realtime_priority
 
 
 def test_the_loop_stays_on_one_allowed_processor() -> None:
@@ -52,3 +52,14 @@ def test_the_loop_also_runs_if_the_system_refuses(monkeypatch: pytest.MonkeyPatc
         ran = True
     assert ran
     assert os.sched_getaffinity(0) == before
+
+
+def test_only_threads_that_start_in_the_context_have_real_time_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+    monkeypatch.setattr(
+        os, "sched_setscheduler", lambda pid, policy, param: asked.append((policy, param.sched_priority))
+    )
+    before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+    with realtime_priority(PRIORITY):
+        assert asked == [(os.SCHED_RR, PRIORITY)]
+    assert asked[1:] == [before]

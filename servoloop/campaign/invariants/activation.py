@@ -11,7 +11,17 @@ from servoloop.campaign.invariants.reference import ReferenceJoint, read_referen
 from servoloop.simulation.faulty_stack import FaultyStack
 
 CHANGES: Final = frozenset(
-    {"brown_out", "cable_cut", "weak_supply", "eeprom_gone", "wrong_mode", "wrong_setting", "wrong_id", "wrong_rate"}
+    {
+        "brown_out",
+        "cable_cut",
+        "weak_supply",
+        "eeprom_gone",
+        "foreign_packets",
+        "wrong_mode",
+        "wrong_setting",
+        "wrong_id",
+        "wrong_rate",
+    }
 )
 """Faults after which a servo's registers may differ from the values written by the activation."""
 

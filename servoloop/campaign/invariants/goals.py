@@ -14,8 +14,10 @@ from controller.trajectory.goal import TrajectoryGoal
 from controller.trajectory.goal_result import ErrorCode
 from controller.trajectory.sampler import Tracking
 from hal.types import FloatArray, JointLimits, JointState
+from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
+from servoloop.simulation.acts import STREAM_AGE_S
 from servoloop.simulation.faulty_stack import FaultyStack
 from servoloop.simulation.goal_log import LoggedGoal
 
@@ -32,8 +34,11 @@ DEVIATES_S: Final = 0.6
 """Time in which a goal with a larger deviation ends, in seconds."""
 BEYOND: Final = 0.01
 """Margin around a limit in which a goal may be accepted or rejected, as a share of the joint's range."""
-HISTORY: Final = 44
-"""Number of cycles before the end of a goal that are searched for a deviation: the goal ends once its joints rest."""
+SILENT_CYCLES: Final = 2
+"""Number of cycles in which a stream ends after its newest target has become too old."""
+HISTORY: Final = 150
+"""Number of cycles before the end of a goal that are searched for a deviation: the goal ends once its joints rest and
+are relieved."""
 
 
 class GoalsEnd(Invariant):
@@ -42,6 +47,8 @@ class GoalsEnd(Invariant):
     The time of a goal on its path is the time of its points (longer if the joint limits require it), the goal time
     tolerance, and the time to come to rest. Before and after its path a goal may wait for other controllers and stop.
     Cycles in which a joint is not measured do not count, but the goal ends after the fault timeout.
+
+    A stream of targets over the command socket ends soon after its newest target.
     """
 
     name = "every goal ends"
@@ -51,8 +58,11 @@ class GoalsEnd(Invariant):
         self._on_path_s: dict[int, float] = defaultdict(float)
         self._off_path_s: dict[int, float] = defaultdict(float)
         self._faulty_s: dict[int, dict[str, float]] = defaultdict(dict)
+        self._silent_cycles = 0
+        """Number of cycles for which a stream has continued without targets."""
 
     def on_state(self, state: JointState) -> None:
+        self._watch_stream()
         for logged in self.stack.goals.open:
             tracking = self.stack.arm.tracking
             if logged.controller == self.stack.arm.name and tracking is not None:
@@ -63,6 +73,17 @@ class GoalsEnd(Invariant):
         self.stack.goals.end_cycle()
         if self.stack.goals.open:
             self.say(f"{len(self.stack.goals.open)} of {len(self.stack.goals.goals)} goals did not end")
+
+    def _watch_stream(self) -> None:
+        clients, stream = self.stack.clients, self.stack.manager.registry.loaded.get(STREAM)
+        if clients is None or clients.programs is None or stream is None or not stream.active:
+            self._silent_cycles = 0
+            return
+        self.examined += 1
+        silent_s = self.stack.clock.now() - clients.programs.last_target_s
+        self._silent_cycles = self._silent_cycles + 1 if silent_s > STREAM_AGE_S else 0
+        if self._silent_cycles > SILENT_CYCLES:
+            self.say(f"a stream continues although its client has been silent for {silent_s:.2f} s")
 
     def _count(self, logged: LoggedGoal, state: JointState, tracking: Tracking) -> None:
         arm, period_s, key = self.stack.arm, self.stack.loop.period_s, id(logged)

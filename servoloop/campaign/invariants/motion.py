@@ -16,8 +16,9 @@ OVER_STEPS: Final = 100
 LAG_S: Final = 0.03
 """Time by which a servo may lag behind its goal and then catch up, in seconds. Soft servos lag more
 (hal/compensation/servo_compliance.py)."""
-OVERSHOOT_RAD: Final = 0.05
-"""Overshoot of a joint that stops, in rad (benchmarks.fidelity)."""
+OVERSHOOT_RAD: Final = 0.1
+"""Overshoot of a joint that stops, in rad (0.05 in benchmarks.fidelity), or that comes free of an obstacle at full
+drive."""
 NOT_ITS_OWN: Final = ("collision", "dead_encoder", "jammed", "overload", "slipped_horn", "stuck_encoder")
 """Faults during which the goals do not determine the speed of a joint."""
 AFTER_STEPS: Final = 500
@@ -38,15 +39,20 @@ class NoFasterThanAllowed(Invariant):
             for name in stack.world.joints
         ]
         self._excused = 0
+        self._happened = 0
+        """Number of faults that have begun or ended so far."""
         self._positions = deque[list[float]](maxlen=OVER_STEPS + 1)
 
     def on_step(self, time_s: float) -> None:
         now: list[float] = self.stack.world.position().tolist()
         self._positions.append(now)
         self._excused -= 1
-        active = self.stack.player.active
-        if active and any(one.kind in NOT_ITS_OWN for one in active.values()):
-            self._excused = AFTER_STEPS
+        player = self.stack.player
+        if player.active or len(player.happened) > self._happened:
+            events = (*player.active.values(), *player.happened[self._happened :])
+            self._happened = len(player.happened)
+            if any(one.kind in NOT_ITS_OWN for one in events):
+                self._excused = AFTER_STEPS
         # For six numbers every millisecond, map is faster than NumPy or a loop.
         if self._excused > 0 or not any(map(gt, map(abs, map(sub, now, self._positions[0])), self._furthest)):
             return

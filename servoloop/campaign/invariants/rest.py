@@ -9,6 +9,7 @@ import numpy as np
 
 from controller.action_goals import GoalStatus
 from hal.types import FloatArray, JointState
+from servoloop.api.stream_gate import STREAM
 from servoloop.campaign.invariants.invariant import Invariant
 from servoloop.campaign.invariants.reference import read_reference
 from servoloop.simulation.clients import FREEDRIVE
@@ -22,7 +23,7 @@ CREEPS: Final = 0.01
 """Speed above which a joint moves freely, in rad/s or m/s."""
 BRAKES: Final = 1.3
 """Factor on the shortest braking time of the slowest joint: the others brake with it along the path."""
-PRESSES_SHARE: Final = 0.02
+PRESSES_SHARE: Final = 0.03
 """Allowed distance between command and joint, as a share of its range: servos give way, and relief is not exact."""
 RELIEVED_S: Final = 0.3
 """Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
@@ -55,7 +56,7 @@ class _End:
 
 
 class NothingTravels(Invariant):
-    """After a goal has ended, commands only brake the joints or give way to an obstacle."""
+    """After a goal or a stream of targets has ended, commands only brake the joints or give way to an obstacle."""
 
     name = "nothing travels after the end"
 
@@ -68,19 +69,22 @@ class NothingTravels(Invariant):
         self._jerk = np.array([limit.jerk for limit in limits])
         self._reference = read_reference(stack.files)
         self._end: _End | None = None
+        self._streamed = False
+        """Whether a stream has driven the arm in the previous cycle."""
 
     def on_state(self, state: JointState) -> None:
         loop = self.stack.loop
         command = loop.command[self._places]
+        streamed, self._streamed = self._streamed, self._streams()
         if self._disturbed(state):
             self._end = None
             return
-        if any(one.controller == self.stack.arm.name for one in self.stack.ended_goals):
+        if streamed or any(one.controller == self.stack.arm.name for one in self.stack.ended_goals):
             self._end = self._begun(command, loop.previous_command[self._places])
         if self._end is None:
             return
         here = self._true()
-        self._end.extend(here, self._reported(here), self.stack.loop.period_s)
+        self._end.extend(here, self._reported(here, state), self.stack.loop.period_s)
         self.examined += 1
         slack = STAYS * self._range
         away = (command < self._end.lowest - slack) | (command > self._end.highest + slack)
@@ -90,6 +94,11 @@ class NothingTravels(Invariant):
             self.say(
                 f"{joint} is commanded to {command[away][0]:.4f} without a goal, {after_s:.2f} s after the last one"
             )
+
+    def _streams(self) -> bool:
+        """Return whether a stream of targets drives the arm."""
+        stream = self.stack.manager.registry.loaded.get(STREAM)
+        return stream is not None and stream.active
 
     def _disturbed(self, state: JointState) -> bool:
         """Return whether a goal, a fault or an activation moves the arm."""
@@ -111,12 +120,14 @@ class NothingTravels(Invariant):
         true = self.true_positions()
         return np.array([true[joint] for joint in self.stack.arm.joints])
 
-    def _reported(self, here: FloatArray) -> FloatArray:
+    def _reported(self, here: FloatArray, state: JointState) -> FloatArray:
         """Return the lowest and the highest position (2, n) that the servos may report for true positions (n,)."""
         ends = []
         for joint, true in zip(self.stack.arm.joints, here.tolist(), strict=True):
             known = self._reference.get(joint)
             readings = [true] if known is None else known.readings(true, 0.0)
+            if self.deceived(joint):
+                readings.append(float(state.position[self.stack.loop.hardware.joints.index(joint)]))
             ends.append((min(readings), max(readings)))
         return np.array(ends).T
 
@@ -139,6 +150,8 @@ class NothingPresses(Invariant):
         """Whether a hand has moved the arm since the last goal."""
         self._streamed = False
         """Whether another controller has driven joints of the arm since the last goal."""
+        self._deactivated = False
+        """Whether the controller has been inactive since the end of the last goal, so that the relief began late."""
         self._last: object = None
 
     def on_state(self, state: JointState) -> None:
@@ -156,9 +169,10 @@ class NothingPresses(Invariant):
         running = self.stack.manager.registry.loaded[self.stack.arm.name].active
         streamed = self._driven_by_others()
         self._streamed = bool(streamed) or (self._streamed and last is self._last)
+        self._deactivated = not running or (self._deactivated and last is self._last)
         self._last = last
         relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
-        waited = running and relieved and not (state.faults or self._streamed)
+        waited = relieved and not (self._deactivated or state.faults or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         for joint, place in self._places.items():
             known = joint not in state.faults and not self.deceived(joint) and self.torque_of(joint)

@@ -1,5 +1,6 @@
 """Invariants on changes of commands: acceleration, jerk and NaN."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -20,6 +21,8 @@ RELIEF_SHARE: Final = 2.0
 """Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
 """Allowed acceleration at the end otherwise, as a factor on the limit: a command applies to the end of its period."""
+UPSET_S: Final = 3.0
+"""Time after a fault of a controller in which commands at the end are not examined, in seconds."""
 
 
 class SmoothReference(Invariant):
@@ -89,7 +92,10 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 
 
 class SmoothEnd(Invariant):
-    """While the program ends, every joint stops and parks within its acceleration limit."""
+    """While the program ends, every joint stops and parks within its acceleration limit.
+
+    Commands that a controller with a fault makes jump are limited in speed only, so they are not examined.
+    """
 
     name = "smooth end"
 
@@ -97,9 +103,14 @@ class SmoothEnd(Invariant):
         super().__init__(stack, say)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
         self._commands = deque[FloatArray](maxlen=3)
+        self._upset_s = -math.inf
+        """Time of the latest cycle in which a controller had a fault."""
 
     def on_command(self, values: FloatArray) -> None:
-        if not self.stack.ending or not self.active:
+        now_s = self.stack.clock.now()
+        if any(controller.upsets for controller in self.stack.controllers.values()):
+            self._upset_s = now_s
+        if not self.stack.ending or not self.active or now_s - self._upset_s < UPSET_S:
             self._commands.clear()
             return
         self._commands.append(values.copy())

@@ -8,6 +8,7 @@ from hal.types import JointState
 from servoloop.campaign.invariants.activation import ActivatedAsConfigured
 from servoloop.campaign.invariants.commands import SafeCommands, SafeWire
 from servoloop.campaign.invariants.end import EndsAsChosen
+from servoloop.campaign.invariants.goal_paths import ForwardedIsFollowed, PathIsAsSent, ReplacedGoalsEnd
 from servoloop.campaign.invariants.goals import (
     AbortsAreTrue,
     CancelsAreFollowed,
@@ -20,6 +21,7 @@ from servoloop.campaign.invariants.invariant import Invariant, Violation
 from servoloop.campaign.invariants.motion import NoFasterThanAllowed
 from servoloop.campaign.invariants.reports import LimpIsFound, MeasuredNow, NamedAlone, TakenBack
 from servoloop.campaign.invariants.rest import NothingPresses, NothingTravels
+from servoloop.campaign.invariants.sensors import HealthIsTrue, MotionIsTrue
 from servoloop.campaign.invariants.smoothness import NanHolds, SmoothEnd, SmoothReference
 from servoloop.campaign.invariants.truth import GoalsMeanCommands, ReportedTruly, SuccessIsTrue
 from servoloop.campaign.visits import Visits
@@ -31,12 +33,17 @@ ALL: Final[tuple[type[Invariant], ...]] = (
     NoFasterThanAllowed,
     GoalsMeanCommands,
     ReportedTruly,
+    MotionIsTrue,
+    HealthIsTrue,
     SuccessIsTrue,
+    PathIsAsSent,
+    ForwardedIsFollowed,
     MeasuredNow,
     NamedAlone,
     TakenBack,
     LimpIsFound,
     GoalsEnd,
+    ReplacedGoalsEnd,
     DeviationEnds,
     AbortsAreTrue,
     CancelsAreFollowed,

@@ -47,14 +47,27 @@ _OWN_VALUES: Final = {
     x.XM430_W350.name: (80, 160, 95, 350, 52, 1920, 100, 0, 0, 800),
     x.MX_28_2.name: (80, 160, 95, 380, 52, 1920, 100, 0, 0, 850),
     x.MX_64_2.name: (80, 160, 95, 435, 52, 1920, 100, 0, 0, 850),
-    x.XH430_W210.name: (80, 160, 95, 360, 52, 1920, 100, 0, 0, 900),
+    x.MX_106_2.name: (80, 160, 95, 360, 52, 1920, 100, 0, 0, 850),
+    x.XH430_W210.name: (80, 160, 95, 210, 52, 1920, 100, 0, 0, 900),
+    x.XH430_W350.name: (80, 160, 95, 130, 52, 1920, 100, 0, 0, 900),
+    x.XD430_T210.name: (80, 160, 95, 210, 52, 1920, 100, 0, 0, 900),
+    x.XD430_T350.name: (80, 160, 95, 130, 52, 1920, 100, 0, 0, 900),
+    x.XH430_V210.name: (80, 300, 110, 380, 52, 1920, 100, 0, 0, 800),
     x.XH430_V350.name: (80, 300, 110, 285, 52, 1920, 100, 0, 0, 800),
     x.XM540_W270.name: (80, 160, 95, 128, 52, 1920, 100, 0, 0, 800),
+    x.XM540_W150.name: (80, 160, 95, 230, 52, 1920, 100, 0, 0, 800),
+    x.XH540_W150.name: (80, 160, 95, 300, 52, 1920, 100, 0, 0, 800),
+    x.XH540_W270.name: (80, 160, 95, 167, 52, 1920, 100, 0, 0, 800),
+    x.XH540_V270.name: (80, 300, 110, 128, 52, 1920, 100, 0, 0, 800),
+    x.XD540_T150.name: (80, 160, 95, 300, 52, 1920, 100, 0, 0, 800),
     x.XD540_T270.name: (80, 160, 95, 167, 52, 1920, 100, 0, 0, 800),
+    x.XW540_T140.name: (80, 160, 95, 304, 52, 1920, 100, 0, 0, 800),
+    x.XW540_T260.name: (80, 160, 95, 167, 52, 1920, 100, 0, 0, 800),
     x.XH540_V150.name: (80, 300, 110, 230, 52, 1920, 100, 0, 0, 800),
     x.XW540_H260.name: (80, 300, 110, 145, 52, 1920, 100, 0, 0, 800),
     x.XW430_T333.name: (80, 160, 95, 139, 52, 1920, 100, 0, 0, 900),
     x.TWO_XL430_W250.name: (72, 140, 60, 265, 52, 1000, 100, 4000, 0, 640),
+    x.TWO_XC430_W250.name: (80, 160, 60, 275, 52, 1920, 100, 0, 0, 700),
 }
 _OWN: Final = {name: dict(zip(_OWN_REGISTERS, values, strict=True)) for name, values in _OWN_VALUES.items()}
 
@@ -68,8 +81,9 @@ _SLOPES: Final = {x.pwm_slope: 140, x.acceleration_limit: 32767}
 def factory_of(model: x.XModel) -> dict[Register, int]:
     """Return all factory values of a model that are not 0.
 
-    An unlisted model gets the gains of the XM430-W350 (assumed), and a velocity limit 20 % above its speed without
-    load. Its voltage and current limits are the widest that its table permits.
+    A model without a table in the e-manual (the XC335-T332 and the models of a user) gets the gains of the XM430-W350
+    (assumed), and a velocity limit 20 % above its speed without load. Its voltage and current limits are the widest
+    that its table permits.
     """
     held = {register.name: register for register in model.own}
     unlisted = {

@@ -16,7 +16,7 @@ from sim_backend.servos.generic.firmware import FirmwareMemory
 
 CURRENT: Final = 0
 VELOCITY: Final = 1
-CURRENT_POSITION: Final = 5
+CURRENT_POSITION: Final = x.CURRENT_POSITION_MODE
 PWM: Final = 16
 
 MODE_GOALS: Final = {CURRENT: x.goal_current, VELOCITY: x.goal_velocity, PWM: x.goal_pwm}

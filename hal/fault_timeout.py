@@ -1,4 +1,4 @@
-"""End a goal after its servos have stopped answering. The timeout counts cycles, not wall time."""
+"""End a motion after its servos have stopped answering. The timeout counts cycles, not wall time."""
 
 import math
 from collections.abc import Mapping
@@ -8,22 +8,22 @@ from typing import Final
 from hal.types import JointFault
 
 FAULT_CYCLES: Final = 7
-"""Minimum number of consecutive cycles with a fault before a goal is aborted.
+"""Minimum number of consecutive cycles with a fault before a motion is aborted.
 
 At 20 Hz, a stall of 0.2 s costs the answers of five cycles: the current cycle and four more. Late answers to earlier
 requests may cost a sixth cycle.
 """
 FAULT_S: Final = 0.35
-"""Minimum duration of a fault before a goal is aborted, in seconds worth of cycles (35 cycles at 100 Hz).
+"""Minimum duration of a fault before a motion is aborted, in seconds worth of cycles (35 cycles at 100 Hz).
 
-A bus stall of 0.2 s therefore never aborts a goal, at any rate of the loop. A stalled loop runs no cycles and counts
+A bus stall of 0.2 s therefore never aborts a motion, at any rate of the loop. A stalled loop runs no cycles and counts
 none.
 """
 
 
 @dataclass(slots=True)
 class FaultTimeout:
-    """Counter of consecutive cycles with a fault, for each joint of a goal."""
+    """Counter of consecutive cycles with a fault, for each joint of a motion."""
 
     joints: tuple[str, ...]
     cycles: dict[str, int] = field(default_factory=dict)

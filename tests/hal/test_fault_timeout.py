@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.fault_timeout import FaultTimeout
+from hal.fault_timeout import FaultTimeout
 from hal.types import JointFault
 
 SILENT = {"elbow": JointFault("silent", "servo 2 does not answer")}

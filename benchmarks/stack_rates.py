@@ -1,0 +1,130 @@
+"""Run ``servoloop up`` as a process at one rate on a paced line, with a subscriber, for ``benchmarks.rates``."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+from benchmarks.simulator import TABLE, WRITE, Servos
+from drivers.protocol.v1 import BROADCAST_ID
+from drivers.servos import sts
+from nodes.client_node import client_node
+from nodes.stack_monitor import NewestMessages, StackMonitor
+from servoloop.stack.processes import end_with_parent
+from servoloop.stack.robot_files import CONTROLLERS
+
+SERVOS: Final = 7
+HAND, HAND_COUNTS = 7, 1100
+"""ID of the hand's servo, and its position between the limits of the fingers."""
+START_S: Final = 60.0
+SETTLE_S: Final = 3.0
+"""Time after the start that is not measured, in seconds: first uses and discovery."""
+MISSING: Final = ("silent", "corrupt", "late", "no_time", "skipped")
+"""Counters of a servo that count values which a cycle did not get."""
+
+
+class StoringServos(Servos):
+    """Servos that keep what is written to them, as the stack reads its settings back. They do not move."""
+
+    def __init__(self, servo_ids: list[int]) -> None:
+        super().__init__(servo_ids)
+        self._tables = {servo_id: bytearray(TABLE) for servo_id in servo_ids}
+        for servo_id, table in self._tables.items():
+            table[sts.torque_enable.address] = 0
+            if servo_id == HAND:
+                at = sts.present_position.address
+                table[at : at + 2] = HAND_COUNTS.to_bytes(2, "little")
+
+    def answer(self, packet: bytes) -> bytes:
+        if packet[4] == WRITE:
+            content, asked = packet[6:-1], packet[2]
+            for servo_id in self._tables if asked == BROADCAST_ID else {asked} & self._tables.keys():
+                self._tables[servo_id][packet[5] : packet[5] + len(content)] = content
+            self._kept.clear()
+        return super().answer(packet)
+
+    def _table(self, servo_id: int) -> bytearray:
+        return self._tables[servo_id]
+
+
+@dataclass(frozen=True, slots=True)
+class StackFigures:
+    """Figures of ``servoloop up`` at one rate."""
+
+    cycles: int
+    missed: int
+    missing: float
+    """Share of the values that the cycles did not get."""
+    cpu_share: float
+    thread_shares: tuple[float, ...]
+    """Processor time of each thread as a share of one core, the main thread first, then the busiest."""
+
+
+@contextmanager
+def stack(device: str, rate_hz: float, folder: Path) -> Iterator[psutil.Process]:
+    """Run ``servoloop up`` at a rate in a ROS domain of its own, ready for clients."""
+    controllers, ready, log = folder / "controllers.yaml", folder / "ready", folder / "log"
+    text = CONTROLLERS.read_text()
+    controllers.write_text(text.replace("update_rate: 20", f"update_rate: {rate_hz:g}", 1))
+    ready.unlink(missing_ok=True)
+    os.environ["ROS_DOMAIN_ID"] = str(random.randint(1, 100))  # also for the subscriber in this process
+    command = [sys.executable, "-m", "servoloop", "up", "--port", device, "--controllers", str(controllers)]
+    with log.open("wb") as out:
+        process = subprocess.Popen(
+            [*command, "--ready-file", str(ready)], stdout=out, stderr=out, preexec_fn=end_with_parent
+        )
+    try:
+        deadline_s = time.monotonic() + START_S
+        while not ready.exists():
+            if process.poll() is not None or time.monotonic() > deadline_s:
+                raise SystemExit(f"servoloop up did not start:\n{log.read_text()}")
+            time.sleep(0.05)
+        yield psutil.Process(process.pid)
+    finally:
+        process.terminate()
+        process.wait(START_S)
+
+
+def measure(device: str, rate_hz: float, seconds: float, folder: Path) -> StackFigures:
+    """Run the stack at a rate for a time, with a subscriber to its states and diagnostics."""
+    with stack(device, rate_hz, folder) as process, client_node("benchmark_rates") as (node, executor):
+        monitor = StackMonitor(node, executor, "arm_controller")
+        _spin(monitor, SETTLE_S)
+        before, threads, begin_s = _counts(monitor.newest), _threads(process), time.perf_counter()
+        _spin(monitor, seconds)
+        after, lasted_s = _counts(monitor.newest), time.perf_counter() - begin_s
+        shares = {one: (cpu_s - threads.get(one, 0.0)) / lasted_s for one, cpu_s in _threads(process).items()}
+    cycles, missed, missing = (new - old for old, new in zip(before, after, strict=True))
+    main = shares.pop(process.pid)
+    total = main + sum(shares.values())
+    each = (main, *sorted(shares.values(), reverse=True))
+    return StackFigures(cycles, missed, missing / max(1, cycles * SERVOS), total, each)
+
+
+def _spin(monitor: StackMonitor, seconds: float) -> None:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        monitor.spin(0.1)
+        monitor.newest.samples.clear()
+
+
+def _counts(newest: NewestMessages) -> tuple[int, int, int]:
+    """Return the cycles, the missed cycles and the missing values in the newest diagnostics."""
+    loop, servos = newest.loop, newest.diagnostics.values()
+    if not loop:
+        raise SystemExit("the stack has published no diagnostics")
+    missing = sum(int(values.get(kind, 0)) for values in servos for kind in MISSING)
+    return int(loop["cycles"]), int(loop["missed_cycles"]), missing
+
+
+def _threads(process: psutil.Process) -> dict[int, float]:
+    """Return the processor time of each thread in seconds, by thread ID."""
+    return {one.id: one.user_time + one.system_time for one in process.threads()}

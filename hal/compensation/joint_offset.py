@@ -1,0 +1,104 @@
+"""Offset of the goal of one joint from its command, in rad or m.
+
+Plain floats are faster here than arrays, because an arm has few joints and the offsets change in every cycle.
+"""
+
+import math
+from typing import Final
+
+from hal.compensation.limit_cycle import LimitCycle
+from hal.joint import Joint
+
+GUIDED_SHARE: Final = 0.75
+"""Compensated share of the weight if the arm is moved by hand.
+
+Servos are up to 1.7 times as strong as in their data sheets (BAM's identification of an STS3215). An arm that rises
+without being touched is worse than an arm whose gears carry part of the weight."""
+FADE_IN_S: Final = 1.0
+"""Time in which the offsets increase from zero after activation, so that the activation itself moves nothing."""
+LARGEST_LOAD: Final = 0.5
+"""Maximum torque for compensation, as a share of full effort. A higher value indicates wrong masses in the URDF."""
+CORRECTION_S: Final = 0.5
+"""Time constant of the slow correction. It is much longer than the servos' lag and the cycle."""
+REST_S: Final = 0.2
+"""Time after the last change of the command until the correction begins, because the joint still moves before."""
+STILL: Final = 1e-6
+"""Maximum change per cycle (rad or m) of a command at rest. A command to the measured position is thus at rest."""
+BLOCKED: Final = 2.0
+"""Error above which a joint counts as blocked and is not corrected, as a multiple of the servo's error at rest."""
+
+
+class JointOffset:
+    """Offset of one joint: its sag, the slow correction and the damping of its limit cycle."""
+
+    def __init__(self, joint: Joint, guided: bool) -> None:
+        """Create the offset. ``guided``: whether the arm is moved by hand, which excludes the slow correction."""
+        known = joint.compliance if joint.gravity_compensation else None
+        self._load = LARGEST_LOAD * joint.full_effort * joint.torque_limit
+        self._sag_per_torque = (GUIDED_SHARE if guided else 1.0) * (1.0 / known.stiffness if known else 0.0)
+        self._uncorrected = known.uncorrected if known and not guided else 0.0
+        self._dead_band = known.dead_band if known else math.inf
+        self._lower, self._upper = joint.limits.lower, joint.limits.upper
+        self._limit_cycle = LimitCycle(self._dead_band, joint.transmission)
+        self.restart()
+
+    def restart(self) -> None:
+        """Reset the offset to zero at the activation of the joint."""
+        self._share = self._correction = self._rested_s = 0.0
+        self.offset = 0.0
+        """Offset for the last command."""
+        self.pause()
+
+    def pause(self) -> None:
+        """Forget the last command, because other joints of the component have been activated. The offset stays."""
+        self._limit_cycle.restart()
+        self._command: float | None = None
+
+    def inside(self, goal: float, command: float) -> float:
+        """Return the goal within the limits of the joint, or within the command if that is outside the limits."""
+        return min(max(goal, min(self._lower, command)), max(self._upper, command))
+
+    def update(self, command: float, measured: float, torque: float, dt_s: float, enabled: bool) -> float:
+        """Compute the offset for a command that has passed the gate.
+
+        Args:
+            command: Commanded position.
+            measured: Measured position; NaN if there is none, which keeps the offset.
+            torque: Torque or force due to gravity, in N m or N.
+            dt_s: Period of the control loop, in seconds.
+            enabled: Whether the offset fades in. Otherwise it fades out.
+
+        Returns:
+            The offset.
+        """
+        before = command if self._command is None else self._command
+        sag = self._sag(torque)
+        at_rest, error = abs(command - before) < STILL, command - measured
+        # If gravity turns a joint beyond its dead band, it presses the gear against one side of the backlash.
+        self._limit_cycle.update(error, at_rest and abs(sag) < self._dead_band, dt_s)
+        self._rested_s = self._rested_s + dt_s if at_rest else 0.0
+        self._correct(before, error, dt_s)
+        wanted = (
+            self.offset if math.isnan(measured) else self._share * (sag + self._correction + self._limit_cycle.offset)
+        )
+        self.offset = self.inside(command + wanted, command) - command
+        self._command = command
+        change = dt_s / FADE_IN_S
+        self._share = min(self._share + change, 1.0) if enabled else max(self._share - change, 0.0)
+        return self.offset
+
+    def _sag(self, torque: float) -> float:
+        return min(max(torque, -self._load), self._load) * self._sag_per_torque
+
+    def _correct(self, before: float, error: float, dt_s: float) -> None:
+        """Integrate the remaining error of a joint at rest, after the offset has fully faded in."""
+        if self._limit_cycle.swinging:
+            self._correction = 0.0
+        elif (
+            self._rested_s > REST_S
+            and self._dead_band < abs(error) < BLOCKED * self._uncorrected  # not for NaN
+            and self._lower < before + self.offset < self._upper
+            and self._share >= 1.0
+        ):
+            wanted = self._correction + error * min(dt_s / CORRECTION_S, 1.0)
+            self._correction = min(max(wanted, -self._uncorrected), self._uncorrected)

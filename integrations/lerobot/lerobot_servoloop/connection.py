@@ -1,0 +1,183 @@
+"""Connect to a running servoloop stack over its command socket (docs/socket.md of servoloop)."""
+
+import json
+import os
+import socket
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final
+
+VERSION: Final = 1
+"""Version of the protocol of the command socket."""
+TIMEOUT_S: Final = 5.0
+"""Default time to wait for a reply, in seconds."""
+SUFFIX: Final = ".command"
+"""Suffix of command sockets."""
+
+
+class StackError(ConnectionError):
+    """A stack cannot be reached, or has refused a message. ``kind`` is the type of the error in docs/socket.md."""
+
+    def __init__(self, kind: str, text: str) -> None:
+        super().__init__(text)
+        self.kind = kind
+
+
+class StackConnection:
+    """Connection to the command socket of one stack. All methods raise StackError."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Connect to a command socket.
+
+        Args:
+            path: Path of the socket.
+            name: Name of this program, for messages to other clients.
+
+        Raises:
+            StackError: The stack has ended (kind ``ended``), or does not accept this client.
+        """
+        self.pid = path.stem.rpartition("-")[2]
+        """Process ID of the stack."""
+        self.arm = path.stem.rpartition("-")[0]
+        """Name of the arm."""
+        self.lost = ""
+        """Why this client has lost the motion; empty if it has not."""
+        self._number = 0
+        self._socket = socket.socket(socket.AF_UNIX)
+        self._lines = self._socket.makefile("rb")
+        try:
+            self._socket.settimeout(TIMEOUT_S)
+            self._socket.connect(str(path))
+            hello = self.request("hello", client=f"{name} (process {os.getpid()})")
+        except StackError:
+            self.close()
+            raise
+        except OSError as error:
+            self.close()
+            raise StackError("ended", f"the socket {path} cannot be opened: {error.strerror or error}") from error
+        self.arm = str(hello["arm"])
+        self.folder: str | None = hello["folder"]
+        """Folder of the arm, if it has one."""
+
+    @property
+    def label(self) -> str:
+        """Description of the stack for messages."""
+        return f"{self.arm} (process {self.pid})"
+
+    def request(self, op: str, timeout_s: float = TIMEOUT_S, **fields: Any) -> dict[str, Any]:
+        """Send a message and return the reply.
+
+        Args:
+            op: Name of the message.
+            timeout_s: Maximum time to wait for each part of the reply, in seconds.
+            **fields: Other fields of the message.
+
+        Raises:
+            StackError: The stack refuses the message, does not reply, or has ended.
+        """
+        self._number += 1
+        message = {"v": VERSION, "id": self._number, "op": op, **fields}
+        try:
+            self._socket.settimeout(timeout_s)
+            self._send(json.dumps(message, allow_nan=False).encode() + b"\n")
+            return self._reply()
+        except TimeoutError as error:
+            self.close()  # a late reply would answer the next message
+            text = f"the stack of {self.label} does not reply within {timeout_s:g} s: check its log"
+            raise StackError("timeout", text) from error
+        except StackError:
+            raise
+        except (OSError, ValueError) as error:
+            raise self._ended() from error
+
+    def send_targets(self, positions: dict[str, float]) -> None:
+        """Send the next targets of the open stream, in rad or m."""
+        self.request("targets", positions=positions, sent_s=monotonic())
+
+    def close(self) -> None:
+        """Disconnect. The stack ends the motions of this client within their limits, and the arm holds."""
+        self._lines.close()
+        self._socket.close()
+
+    def _send(self, line: bytes) -> None:
+        """Send a message. A stack that refuses a client replies before it closes the connection."""
+        try:
+            self._socket.sendall(line)
+        except BrokenPipeError:
+            self._reply()
+            raise
+
+    def _reply(self) -> dict[str, Any]:
+        while line := self._lines.readline():
+            message = json.loads(line)
+            if message.get("event") == "lost":
+                self.lost = str(message["text"])
+            if message.get("ok") is False and message["id"] in (self._number, None):
+                raise self._refusal(message["error"])
+            if message.get("id") == self._number:
+                return dict(message)
+        raise self._ended()
+
+    def _refusal(self, error: dict[str, Any]) -> StackError:
+        kind, text = str(error["type"]), str(error["text"])
+        if kind == "version":
+            text += f". Install the version of this plug-in that belongs to the stack of {self.label}"
+        elif kind == "not_owner" and self.lost:
+            text = f"LeRobot no longer moves {self.arm}, because {self.lost.partition(':')[0]}: start it again"
+        return StackError(kind, text)
+
+    def _ended(self) -> StackError:
+        text = f"the connection to the stack of {self.label} has ended: start `servoloop up` again"
+        return StackError("ended", text)
+
+
+def find_stack_connection(arm: str | None, name: str) -> StackConnection:
+    """Connect to the only running stack, or to that of an arm.
+
+    Args:
+        arm: Name of the arm, its folder, or the process ID of the stack. None: the only running stack.
+        name: Name of this program, for messages to other clients.
+
+    Raises:
+        StackError: No stack matches, several match, or the stack does not accept this client.
+    """
+    refused: list[StackError] = []
+    connected = list(_connections(name, refused))
+    found = [one for one in connected if arm is None or _is_of(one, arm)]
+    for one in connected:
+        if len(found) != 1 or one is not found[0]:
+            one.close()
+    if len(found) == 1:
+        return found[0]
+    if not found and refused:
+        raise refused[0]
+    names = ", ".join(one.label for one in connected)
+    if not connected:
+        raise StackError("not_found", "no servoloop stack is running: start one with `servoloop up`")
+    if not found:
+        raise StackError("not_found", f"no stack of {arm} is running. Running stacks: {names}")
+    raise StackError(
+        "not_found",
+        f"several stacks are running: {names}. Choose one with the option `arm` (name, folder or process ID)",
+    )
+
+
+def _connections(name: str, refused: list[StackError]) -> Iterator[StackConnection]:
+    """Yield a connection to each running stack, and add the errors of stacks that refuse it to ``refused``."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    folder = Path(runtime) / "servoloop" if runtime else Path(tempfile.gettempdir()) / f"servoloop-{os.getuid()}"
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        try:
+            yield StackConnection(path, name)
+        except StackError as error:
+            if error.kind != "ended":  # a program that was killed leaves its socket behind
+                refused.append(error)
+
+
+def _is_of(stack: StackConnection, arm: str) -> bool:
+    """Return whether a stack belongs to an arm, given by name, folder or process ID."""
+    if "/" in arm:
+        return stack.folder is not None and Path(stack.folder) == Path(arm).resolve()
+    return arm in (stack.arm, stack.pid)

@@ -1,0 +1,22 @@
+"""Options of the teleoperator type ``servoloop``."""
+
+from dataclasses import dataclass, field
+
+from lerobot.teleoperators import TeleoperatorConfig
+
+from lerobot_servoloop.arm import SO_JOINTS
+
+
+@TeleoperatorConfig.register_subclass("servoloop")
+@dataclass
+class ServoloopTeleoperatorConfig(TeleoperatorConfig):
+    """Options of a leader arm that a running ``servoloop up`` reads."""
+
+    arm: str | None = None
+    """Name of the arm, its folder, or the process ID of the stack. None: the only running stack."""
+    joints: list[str] = field(default_factory=lambda: list(SO_JOINTS))
+    """Joints whose positions are the action."""
+    use_degrees: bool = True
+    """Whether joints have degrees instead of -100 to 100. The gripper has 0 (closed) to 100 (open)."""
+    release_torque: bool = True
+    """Whether the leader moves to its park pose and releases its torque, so that you can move it by hand."""

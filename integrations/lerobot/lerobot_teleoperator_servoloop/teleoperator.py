@@ -1,0 +1,93 @@
+"""Teleoperator of LeRobot whose leader arm a running servoloop stack reads."""
+
+from functools import cached_property
+from typing import Any
+
+from lerobot.teleoperators import Teleoperator
+from lerobot.utils.decorators import check_if_already_connected, check_if_not_connected
+
+from lerobot_servoloop.arm import ArmChoice, ConnectedArm
+from lerobot_servoloop.device_errors import connected, connecting
+from lerobot_teleoperator_servoloop.config import ServoloopTeleoperatorConfig
+
+
+class ServoloopTeleoperator(Teleoperator):
+    """Leader arm of a running ``servoloop up``. Its measured positions are the action."""
+
+    config_class = ServoloopTeleoperatorConfig
+    name = "servoloop"
+
+    def __init__(self, config: ServoloopTeleoperatorConfig) -> None:
+        """Create a teleoperator that is not connected."""
+        super().__init__(config)
+        self.config = config
+        self._arm: ConnectedArm | None = None
+
+    @cached_property
+    def action_features(self) -> dict[str, Any]:
+        """Names and types of the values in an action."""
+        return {f"{joint}.pos": float for joint in self.config.joints}
+
+    @property
+    def feedback_features(self) -> dict[str, Any]:
+        """Empty: the leader does not accept feedback."""
+        return {}
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the leader is connected. A connection that was lost counts until ``disconnect``."""
+        return self._arm is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always true: servoloop has the calibration of the arm."""
+        return True
+
+    @check_if_already_connected
+    def connect(self, calibrate: bool = True) -> None:
+        """Connect to the stack and release the torque of the leader, unless the options say otherwise.
+
+        Args:
+            calibrate: Ignored, because servoloop has the calibration of the arm.
+
+        Raises:
+            DeviceNotConnectedError: No stack matches, or the torque cannot be released.
+        """
+        config = self.config
+        with connecting():
+            self._arm = ConnectedArm(ArmChoice(config.arm, config.joints, config.use_degrees), "LeRobot, leader")
+            try:
+                if config.release_torque:
+                    self._arm.release_torque()
+            except BaseException:
+                self.disconnect()
+                raise
+
+    def calibrate(self) -> None:
+        """Do nothing: use ``servoloop calibrate``."""
+
+    def configure(self) -> None:
+        """Do nothing: the robot file of servoloop has the settings of the servos."""
+
+    @check_if_not_connected
+    def get_action(self) -> dict[str, Any]:
+        """Return the measured positions.
+
+        Raises:
+            DeviceNotConnectedError: The connection is lost.
+            StackError: A joint has no measured position.
+        """
+        assert self._arm is not None
+        with connected():
+            return {f"{joint}.pos": value for joint, value in self._arm.positions().items()}
+
+    def send_feedback(self, feedback: dict[str, Any]) -> None:
+        """Raise NotImplementedError: the leader does not accept feedback."""
+        raise NotImplementedError("a leader of servoloop does not accept feedback")
+
+    @check_if_not_connected
+    def disconnect(self) -> None:
+        """Disconnect from the stack. The leader keeps its torque as it is."""
+        if self._arm is not None:
+            self._arm.close()
+            self._arm = None

@@ -1,0 +1,68 @@
+"""Publish the cycles of the control loop in a thread of their own, which the loop wakes without waiting."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Final
+
+from hal.types import JointState
+
+KEPT_CYCLES: Final = 100
+"""Maximum number of cycles that wait for their publication. Older cycles are not published."""
+STOP_S: Final = 1.0
+"""Maximum time to wait for the thread at its end, in seconds."""
+
+
+class CyclePublisher:
+    """Thread that publishes the posted cycles. The loop thread calls ``post``."""
+
+    def __init__(self, publish: Callable[[Sequence[JointState]], None]) -> None:
+        """Create the thread. ``publish`` publishes one or more cycles in their order and raises no exception."""
+        self._publish = publish
+        self._cycles: deque[JointState] = deque(maxlen=KEPT_CYCLES)
+        self._posted = self._published = 0
+        """Numbers of posted and published cycles. Each counter is written by one thread only."""
+        self._caught_up = threading.Condition()
+        self._idle = threading.Lock()
+        """Held until a cycle is posted. The loop thread only releases it, so it never waits for this thread."""
+        self._idle.acquire()
+        self._ended = False
+        self._thread = threading.Thread(target=self._work, name="cycle publisher", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def post(self, state: JointState) -> None:
+        """Queue a completed cycle without blocking."""
+        self._cycles.append(state)
+        self._posted += 1
+        self._wake()
+
+    def wait_until_published(self, longest_s: float) -> bool:
+        """Wait at most ``longest_s`` seconds until all posted cycles are published, and return whether they are."""
+        with self._caught_up:
+            return self._caught_up.wait_for(lambda: self._published >= self._posted, longest_s)
+
+    def stop(self) -> None:
+        """Publish the remaining cycles and end the thread."""
+        self._ended = True
+        self._wake()
+        if self._thread.is_alive():
+            self._thread.join(STOP_S)
+
+    def _wake(self) -> None:
+        with suppress(RuntimeError):  # The thread has not yet noticed the previous cycle.
+            self._idle.release()
+
+    def _work(self) -> None:
+        ended = False
+        while not ended:
+            self._idle.acquire()
+            ended, posted = self._ended, self._posted
+            if states := [self._cycles.popleft() for _ in range(len(self._cycles))]:
+                self._publish(states)
+            with self._caught_up:
+                self._published = posted
+                self._caught_up.notify_all()

@@ -1,0 +1,41 @@
+"""Time of a command server that works between two cycles, in the thread of a simulated loop."""
+
+from collections.abc import Callable
+
+from controller.loop import ControlLoop
+from servoloop.api.pace import Observers
+
+
+class BetweenCycles:
+    """Pace and clock of a server on simulated time.
+
+    Time stands still while the server works. A wait therefore carries out the requests to the loop at once.
+    """
+
+    def __init__(self, loop: ControlLoop) -> None:
+        self._loop = loop
+        self._observers = Observers()
+
+    def now(self) -> float:
+        """Return the time of the loop's clock, in seconds."""
+        return self._loop.clock.now()
+
+    def cycle_done(self) -> None:
+        """Call the observers."""
+        self._observers.call()
+
+    def watch(self, observer: Callable[[], None]) -> Callable[[], None]:
+        """Call a function after each cycle, and return a function that ends this."""
+        return self._observers.add(observer)
+
+    def wait(self, until: Callable[[], bool], timeout_s: float) -> bool:
+        """Carry out the requests to the loop, and return whether the condition holds."""
+        self._loop.requests.serve()
+        return until()
+
+    async def wait_async(self, until: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait as ``wait`` does."""
+        return self.wait(until, timeout_s)
+
+    def close(self) -> None:
+        """Do nothing: there is no thread to end."""

@@ -1,0 +1,78 @@
+"""Draw an action of one of two programs on the command socket."""
+
+from collections.abc import Callable
+from random import Random
+from typing import Any, Final
+
+from servoloop.campaign.nonsense import FAULTS
+from servoloop.simulation.acts import (
+    Act,
+    SocketDeath,
+    SocketMove,
+    SocketNonsense,
+    SocketRequest,
+    SocketStall,
+    SocketStream,
+)
+
+FIRST: Final = 0.7
+"""Share of the actions of the first program. The second program mostly asks in vain for the motion."""
+REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state")
+
+
+def draw_socket_act(random: Random, positions: dict[str, float], at_s: float) -> Act:
+    """Draw an action.
+
+    Args:
+        random: Source of random numbers.
+        positions: Target of a motion or stream, in rad or m by joint.
+        at_s: Time of the action since the arm was up, in seconds.
+    """
+    (draw,) = random.choices([draw for draw, _ in DRAWS], [weight for _, weight in DRAWS])
+    fields = {"at_s": at_s, "connection": 1 if random.random() < FIRST else 2}
+    return draw({**fields, "positions": positions}, random) if draw in TARGETED else draw(fields, random)
+
+
+def _seconds(random: Random, least_s: float, most_s: float) -> float:
+    return round(random.uniform(least_s, most_s), 2)
+
+
+def _move(fields: dict[str, Any], random: Random) -> Act:
+    op = random.choice(("move", "move", "goal", "set_point"))
+    return SocketMove(**fields | {"op": op, "seconds": _seconds(random, 0.3, 3.0)})
+
+
+def _stream(fields: dict[str, Any], random: Random) -> Act:
+    op = random.choice(("targets", "targets", "set_point"))
+    how = {"op": op, "for_s": _seconds(random, 0.2, 2.0)}
+    return SocketStream(**fields | how, leaps=random.random() < 0.3, closes=random.random() < 0.5)
+
+
+def _stall(fields: dict[str, Any], random: Random) -> Act:
+    """Draw a stall after which the message is still valid, or one after which it is too old."""
+    return SocketStall(**fields, for_s=random.choice((_seconds(random, 0.05, 0.4), _seconds(random, 0.6, 3.0))))
+
+
+def _request(fields: dict[str, Any], random: Random) -> Act:
+    return SocketRequest(**fields, op=random.choice(REQUESTS))
+
+
+def _nonsense(fields: dict[str, Any], random: Random) -> Act:
+    return SocketNonsense(**fields, fault=random.choice(FAULTS))
+
+
+def _death(fields: dict[str, Any], random: Random) -> Act:
+    return SocketDeath(**fields, half=random.random() < 0.5)
+
+
+TARGETED: Final = (_move, _stream, _stall)
+"""Functions that draw an action with a target."""
+DRAWS: Final[tuple[tuple[Callable[[dict[str, Any], Random], Act], float], ...]] = (
+    (_stream, 0.3),
+    (_move, 0.2),
+    (_nonsense, 0.15),
+    (_request, 0.15),
+    (_stall, 0.1),
+    (_death, 0.1),
+)
+"""Functions that draw the actions, each with its share."""

@@ -1,0 +1,139 @@
+"""Invariants on the way to a goal: commands lead through what the client sent, at the times of the client."""
+
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from controller.action_goals import GoalStatus
+from hal.types import FloatArray, JointState
+from servoloop.campaign.invariants.invariant import Invariant
+from servoloop.simulation.faulty_stack import FaultyStack
+from servoloop.simulation.goal_log import LoggedGoal
+
+PASSES: Final = 0.03
+"""Distance at which a sampled reference passes a point, in rad or m. Paths cut corners by a few thousandths."""
+JOINED_S: Final = 0.3
+"""Time after which a path that starts in motion has joined the points of the client, in seconds."""
+EARLY_CYCLES: Final = 2.0
+"""Number of cycles by which a goal may end before the time of its last point, because it is planned for a cycle."""
+FORWARDED_S: Final = 0.5
+"""Time in which a joint with a forward controller starts and stops, in seconds."""
+FORWARDED_FACTOR: Final = 1.2
+"""Allowed factor on the time for the whole range of the joint at its velocity limit."""
+FORWARDED_SHARE: Final = 0.01
+"""Allowed distance from the value that was sent, as a share of the joint's range."""
+REPLACED_CYCLES: Final = 2
+"""Number of cycles in which a replaced goal ends."""
+
+
+class PathIsAsSent(Invariant):
+    """The path of a goal that succeeds leads through all points of its client, and does not end before their time."""
+
+    name = "path is as sent"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._paths = defaultdict[int, list[FloatArray]](list)
+        """References of each open goal, in each cycle on its path."""
+        self._begun_s: dict[int, float] = {}
+        limits = dict(zip(self.commanded, stack.loop.limits, strict=True))
+        self._bounded = {joint for joint in stack.arm.joints if np.isfinite(limits[joint].upper - limits[joint].lower)}
+
+    def on_state(self, state: JointState) -> None:
+        arm, tracking = self.stack.arm, self.stack.arm.tracking
+        if tracking is not None and tracking.stamp_s == state.stamp_s:
+            for logged in (*self.stack.goals.open, *self.stack.ended_goals):
+                if logged.controller == arm.name and (tracking.on_goal or self._paths[id(logged)]):
+                    self._begun_s.setdefault(id(logged), state.stamp_s - tracking.elapsed_s)
+                    self._paths[id(logged)].append(tracking.reference.position)
+        for logged in self.stack.ended_goals:
+            path, begun_s = self._paths.pop(id(logged), []), self._begun_s.pop(id(logged), 0.0)
+            if logged.controller == arm.name and logged.handle.status is GoalStatus.SUCCEEDED:
+                self.examined += 1
+                self._examine(logged, np.array(path), begun_s)
+
+    def _examine(self, logged: LoggedGoal, path: FloatArray, begun_s: float) -> None:
+        goal, period_s = logged.goal, self.stack.loop.period_s
+        start_s = logged.sent_s + goal.delay_s
+        early_s = start_s + goal.points[-1].time_from_start_s - self.stack.clock.now()
+        if early_s > EARLY_CYCLES * period_s:
+            self.say(
+                f"a goal sent at {logged.sent_s:.2f} s succeeded {early_s:.2f} s before the time of its last point"
+            )
+        joints = [joint for joint in goal.joints if joint in self._bounded]
+        columns = [self.stack.arm.joints.index(joint) for joint in joints]
+        places = [goal.joints.index(joint) for joint in joints]
+        path, before = path[:, columns], 0
+        for number, point in enumerate(goal.points):
+            if start_s + point.time_from_start_s < begun_s + JOINED_S and number < len(goal.points) - 1:
+                continue
+            off = _distances(path[before:], np.array(point.positions)[places])
+            if off.min() > PASSES:
+                text = f"by {off.min():.3f}"
+                self.say(f"a goal sent at {logged.sent_s:.2f} s succeeded, but its path misses point #{number} {text}")
+                return
+            before += int(np.flatnonzero(off <= PASSES)[0])
+
+
+def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
+    """Return the largest joint distance between a point (n,) and each segment of a path (m, n)."""
+    starts, ways = path[:-1], np.diff(path, axis=0)
+    if not len(ways):
+        starts, ways = path, np.zeros_like(path)
+    lengths = np.maximum((ways**2).sum(axis=1), 1e-12)
+    share = np.clip(((point - starts) * ways).sum(axis=1) / lengths, 0.0, 1.0)
+    distances: FloatArray = np.abs(starts + share[:, None] * ways - point).max(axis=1)
+    return distances
+
+
+class ReplacedGoalsEnd(Invariant):
+    """A goal ends when its controller takes another goal."""
+
+    name = "replaced goals end"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._cycles = 0
+
+    def on_state(self, state: JointState) -> None:
+        goals = [logged for logged in self.stack.goals.open if logged.controller == self.stack.arm.name]
+        self.examined += bool(goals) and bool(self.stack.ended_goals)
+        self._cycles = self._cycles + 1 if len(goals) > 1 else 0
+        if self._cycles > REPLACED_CYCLES:
+            self.say(f"{len(goals)} goals of {self.stack.arm.name} continue at the same time")
+
+
+class ForwardedIsFollowed(Invariant):
+    """The command of a joint reaches the latest value that a client sent to its forward controller, in time."""
+
+    name = "forwarded values are followed"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._sent: dict[str, tuple[tuple[float, ...] | None, float]] = {}
+        """Latest values of each forward controller, and the time for which they have been valid."""
+
+    def on_state(self, state: JointState) -> None:
+        for name, controller in self.stack.controllers.items():
+            running = self.active and self.stack.manager.registry.loaded[name].active
+            if controller.takes_goals or controller.upsets or not running:
+                controller.forwarded = None
+            values, since_s = self._sent.get(name, (None, 0.0))
+            if controller.forwarded is None or controller.forwarded != values:
+                self._sent[name] = controller.forwarded, state.stamp_s
+            else:
+                self._examine(controller.joints, controller.forwarded, state.stamp_s - since_s)
+
+    def _examine(self, joints: tuple[str, ...], values: tuple[float, ...], lasted_s: float) -> None:
+        for joint, value in zip(joints, values, strict=True):
+            place = self.commanded.index(joint)
+            limit = self.stack.loop.limits[place]
+            range_ = limit.upper - limit.lower
+            if lasted_s <= FORWARDED_FACTOR * range_ / limit.velocity + FORWARDED_S:
+                continue
+            self.examined += 1
+            command, wanted = float(self.stack.loop.command[place]), min(max(value, limit.lower), limit.upper)
+            if abs(command - wanted) > FORWARDED_SHARE * range_:
+                self.say(f"{joint} was sent to {wanted:.4f} {lasted_s:.1f} s ago, but is commanded to {command:.4f}")

@@ -1,0 +1,140 @@
+"""Invariants on reported velocities, efforts, temperatures, voltages and alarms."""
+
+from collections import defaultdict, deque
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from drivers.servos.catalog import series_of
+from drivers.servos.register import Register
+from hal.joint import Joint
+from hal.types import FloatArray, JointState, ServoHealth
+from servoloop.campaign.invariants.invariant import Invariant, reports_error
+from servoloop.simulation.faulty_stack import FaultyStack
+
+MOVES: Final = 0.15
+"""Speed from which a reported velocity is examined, as a share of the joint's velocity limit."""
+STANDS: Final = 0.03
+"""Speed below which a reported effort is examined, as a share of the joint's velocity limit."""
+PULLS: Final = 0.3
+"""Effort from which a reported effort is examined, in N m or N."""
+CYCLES: Final = 5
+"""Number of cycles in which a joint must move or pull in one direction: servos average their velocity."""
+FACTOR: Final = 2.0
+"""Factor by which a reported velocity may be outside the range of the true values in these cycles."""
+STEADY: Final = 1.5
+"""Largest ratio of two speeds in these cycles at which the reported size is examined."""
+WRONG_CYCLES: Final = 2
+"""Number of consecutive cycles in which a value may be wrong, because it changes within a cycle."""
+VOLTAGES: Final = ("present_voltage", "present_input_voltage")
+TEMPERATURES: Final = ("present_temperature",)
+VOLTS: Final = 0.1
+"""Unit of the voltage registers, in V."""
+OFF_V: Final = 1.0
+"""Allowed difference between a reported voltage and the servo's register, in V."""
+OFF_C: Final = 3.0
+"""Allowed difference between a reported temperature and the servo's register, in degrees Celsius."""
+LATE_S: Final = 1.0
+"""Time after which a change of a servo's health must be reported, in seconds."""
+
+
+class MotionIsTrue(Invariant):
+    """Reported velocities and efforts have the signs of those in the simulated world, and velocities their size.
+
+    An effort is a servo's own estimate from its drive, so its size is not examined.
+    """
+
+    name = "motion is true"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        names, world = stack.loop.hardware.joints, stack.world.joints
+        self._names = [joint.name for joint in self.joints]
+        self._reported = [names.index(name) for name in self._names]
+        self._world = [world.index(name) for name in self._names]
+        self._efforts = [stack.world.arrays.effort_at[place] for place in self._world]
+        self._limits = np.array([joint.limits.velocity for joint in self.joints])
+        self._rows = deque[tuple[FloatArray, FloatArray]](maxlen=CYCLES)
+        """True velocities and efforts in the latest cycles."""
+        self._before: FloatArray | None = None
+        self._wrong = defaultdict[tuple[str, str], int](int)
+
+    def on_state(self, state: JointState) -> None:
+        here, before = self.stack.world.position()[self._world], self._before
+        self._before = here
+        if before is None or not self.active or self.shared_id:
+            self._rows.clear()
+            return
+        effort = self.stack.world.arrays.effort[self._efforts].copy()
+        self._rows.append(((here - before) / self.stack.loop.period_s, effort))
+        if len(self._rows) < CYCLES:
+            return
+        velocities, efforts = (np.array(rows) for rows in zip(*self._rows, strict=True))
+        speeds = np.abs(velocities) / self._limits
+        moves = speeds.min(axis=0) > MOVES
+        pulls = (np.abs(efforts).min(axis=0) > PULLS) & (speeds.max(axis=0) < STANDS)
+        for place in np.flatnonzero(moves | pulls).tolist():
+            name = self._names[place]
+            if name in state.faults or self.deceived(name) or self.servos[name].on_read:
+                continue
+            quantity, true = ("velocity", velocities) if moves[place] else ("effort", efforts)
+            found = float(getattr(state, quantity)[self._reported[place]])
+            lowest, highest = float(true[:, place].min()), float(true[:, place].max())
+            if lowest * highest <= 0.0:
+                continue
+            self.examined += 1
+            wrong = found * lowest < 0.0 or (moves[place] and not _near(abs(found), np.abs(true[:, place])))
+            cycles = self._wrong[quantity, name] = self._wrong[quantity, name] + 1 if wrong else 0
+            if cycles > WRONG_CYCLES:
+                was = f"but it was {lowest:.3f} to {highest:.3f}"
+                self.say(f"the {quantity} of {name} is reported as {found:.3f}, {was}")
+
+
+def _near(reported: float, true: FloatArray) -> bool:
+    """Return whether a speed is near the true speeds, unless these differ too much to tell."""
+    lowest, highest = true.min(), true.max()
+    return bool(highest > STEADY * lowest or lowest / FACTOR <= reported <= highest * FACTOR)
+
+
+class HealthIsTrue(Invariant):
+    """Reported voltages, temperatures and alarms are those of the servo's registers."""
+
+    name = "health is true"
+
+    def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
+        super().__init__(stack, say)
+        self._off_s = defaultdict[tuple[str, str], float](float)
+        self._voltage = {joint.name: _register(joint, VOLTAGES) for joint in self.joints}
+        self._temperature = {joint.name: _register(joint, TEMPERATURES) for joint in self.joints}
+
+    def on_state(self, state: JointState) -> None:
+        for joint in self.joints:
+            health = state.health.get(joint.name)
+            read = joint.name not in state.faults and not self.servos[joint.name].on_read
+            examines = self.active and read and health is not None and not self.shared_id
+            self.examined += examines
+            found = self._differences(joint, health) if examines and health is not None else {}
+            for quantity in ("voltage", "temperature", "alarms"):
+                key = joint.name, quantity
+                self._off_s[key] = self._off_s[key] + self.stack.loop.period_s if quantity in found else 0.0
+                if self._off_s[key] > LATE_S:
+                    self.say(f"the {quantity} of {joint.name} is reported as {found[quantity]}")
+
+    def _differences(self, joint: Joint, health: ServoHealth) -> dict[str, str]:
+        """Return the reported and the true value of each quantity that differs."""
+        memory, found = self.servos[joint.name].memory, {}
+        voltage, temperature = self._voltage[joint.name], self._temperature[joint.name]
+        if voltage is not None and abs((true := VOLTS * memory.get(voltage)) - health.voltage_v) > OFF_V:
+            found["voltage"] = f"{health.voltage_v:.1f} V, but the register is {true:.1f} V"
+        if temperature is not None and abs((celsius := memory.get(temperature)) - health.temperature_c) > OFF_C:
+            found["temperature"] = f"{health.temperature_c:g} degrees, but the register is {celsius:g} degrees"
+        if reports_error(joint, self.servos[joint.name]) != bool(health.alarms):
+            found["alarms"] = f"{', '.join(health.alarms) or 'none'}, but the servo reports otherwise"
+        return found
+
+
+def _register(joint: Joint, names: tuple[str, ...]) -> Register | None:
+    """Return the first register of the joint's servo with one of these names."""
+    registers = series_of(joint.model).registers
+    return next((register for register in registers if register.name in names), None)

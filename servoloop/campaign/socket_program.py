@@ -1,0 +1,218 @@
+"""Program that is connected to the command socket of a simulated stack. It has neither a thread nor a socket."""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any, Final
+
+from controller.trajectory.goal import GoalHandle
+from hal.types import joints_of
+from servoloop.campaign.nonsense import line_of, nonsense
+from servoloop.command_server.requests import STALE_S, StackRequests
+from servoloop.command_server.session import Session
+from servoloop.simulation.acts import (
+    STREAM_AGE_S,
+    SocketAct,
+    SocketDeath,
+    SocketMove,
+    SocketNonsense,
+    SocketRequest,
+    SocketStall,
+    SocketStream,
+)
+from servoloop.simulation.faulty_stack import FaultyStack
+
+SET_POINT_S: Final = 0.3
+"""Time until the arm rests at a set point, in seconds."""
+INVALID: Final = "invalid"
+"""Beginning of the ID of a message that the stack must refuse."""
+
+
+@dataclass(slots=True)
+class ServedPrograms:
+    """Stack that serves programs, and the results of all programs."""
+
+    stack: FaultyStack
+    requests: StackRequests
+    last_target_s: float = -math.inf
+    """Time of the newest target that the stack has accepted, or of the opening of the stream, in seconds."""
+    defects: list[str] = field(default_factory=list)
+    """IDs of the messages to which the stack has replied with an internal error."""
+
+
+class SocketProgram:
+    """Program at one end of a connection. The session of the server is at its other end."""
+
+    def __init__(self, number: int, served: ServedPrograms) -> None:
+        """Connect to a stack. ``number`` is the number of the connection."""
+        self.open = True
+        self._served, self._stack, self._now = served, served.stack, served.requests.time.now
+        self._session = Session(f"program {number}", self, served.requests)
+        self._unread = bytearray()
+        self._numbers = count(1)
+        self._goals: list[GoalHandle] = []
+        """Goals that the program has sent to controllers."""
+        self._running: dict[str, Any] = {}
+        """Fields of the message that cancels the newest motion."""
+        self._stream: Iterator[None] = iter(())
+        self._rest: tuple[float, bytes] | None = None
+        """Second half of a message, and the time at which the program sends it."""
+        self._actions: Mapping[type[SocketAct], Callable[[Any], None]] = {
+            SocketMove: self._move,
+            SocketStream: self._begin_stream,
+            SocketRequest: self._request,
+            SocketNonsense: self._send_nonsense,
+            SocketStall: self._stall,
+            SocketDeath: self._die,
+        }
+
+    def send(self, data: bytes | bytearray) -> int:
+        """Receive bytes of the stack, as the transport of the session."""
+        self._unread += data
+        return len(data)
+
+    def shut(self) -> None:
+        """End the connection, as the transport of the session."""
+        self.open = False
+
+    def carry_out(self, act: SocketAct) -> None:
+        """Carry out an action, unless the program stalls."""
+        if self._rest is None:
+            self._actions[type(act)](act)
+
+    def cycle(self) -> None:
+        """Continue after a cycle, and read the replies."""
+        if self._rest is not None and self._now() >= self._rest[0]:
+            rest, self._rest = self._rest[1], None
+            self._write(rest)
+        if self._rest is None:
+            next(self._stream, None)
+        self._session.serve()
+        self._session.notify(self._served.requests.state)
+        self._read()
+        if self.open and self._session.refused:
+            self.hang_up()
+
+    def hang_up(self) -> None:
+        """End the connection. The server ends the motions of the program."""
+        self.open = False
+        self._expect_end(self._goals)
+        self._session.end()
+
+    def _move(self, act: SocketMove) -> None:
+        self._write(self._motion(self._number(), act))
+
+    def _motion(self, number: int | str, act: SocketMove) -> bytes:
+        """Ask for the motion, and return the message of a motion."""
+        self._ask("take")
+        names, values = list(act.positions), list(act.positions.values())
+        sent_s, arm = self._now(), self._stack.arm
+        if act.op == "move":
+            return line_of(number, "move", joints=names, times_s=[act.seconds], positions=[values], sent_s=sent_s)
+        whole = self._whole(act.positions)
+        if act.op == "goal":
+            points = [{"positions": list(whole.values()), "time_s": act.seconds}]
+            return line_of(number, "goal", joints=list(whole), points=points, sent_s=sent_s)
+        values = list(whole.values())
+        return line_of(number, "set_point", controller=arm.name, values=values, time_s=act.seconds, sent_s=sent_s)
+
+    def _begin_stream(self, act: SocketStream) -> None:
+        self._ask("take")
+        if act.op == "targets":
+            self._ask("stream", max_age_s=STREAM_AGE_S)
+        self._stream = self._targets(act)
+
+    def _targets(self, act: SocketStream) -> Iterator[None]:
+        """Send one target after each cycle."""
+        start, begun_s, now = self._whole({}), self._now(), self._now
+        while (passed_s := now() - begun_s) < act.for_s:
+            share = 1.0 if act.leaps else passed_s / act.for_s
+            targets = {joint: start[joint] + share * (at - start[joint]) for joint, at in act.positions.items()}
+            if act.op == "targets":
+                self._ask("targets", positions=targets, sent_s=now())
+            else:
+                values = list((start | targets).values())
+                arm = self._stack.arm.name
+                self._ask("set_point", controller=arm, values=values, time_s=SET_POINT_S, sent_s=now())
+            yield
+        if act.op == "targets" and act.closes:
+            self._ask("stream_end")
+
+    def _request(self, act: SocketRequest) -> None:
+        if act.op == "seize":
+            self._ask("take", force=True)
+        elif act.op != "cancel":
+            if act.op in ("release", "stop"):
+                self._expect_end(self._goals if act.op == "release" else self._all_goals())
+            self._ask(act.op)
+        elif self._running:
+            self._ask(**self._running)
+
+    def _send_nonsense(self, act: SocketNonsense) -> None:
+        self._ask("take")
+        limits = {joint: self._stack.files.limits[joint] for joint in self._stack.arm.joints}
+        self._write(nonsense(act.fault, f"{INVALID}-{self._number()}", limits, self._now()))
+
+    def _stall(self, act: SocketStall) -> None:
+        late = f"{INVALID}-" if act.for_s > STALE_S else "slow-"
+        line = self._motion(f"{late}{self._number()}", SocketMove(positions=act.positions))
+        self._write(line[: len(line) // 2])
+        self._rest = self._now() + act.for_s, line[len(line) // 2 :]
+
+    def _die(self, act: SocketDeath) -> None:
+        if act.half:
+            line = self._motion(self._number(), SocketMove(positions=self._whole({})))
+            self._write(line[: len(line) // 2])
+        self.hang_up()
+
+    def _number(self) -> int:
+        return next(self._numbers)
+
+    def _ask(self, op: str, **fields: Any) -> None:
+        number = f"{op}-{self._number()}" if op in ("stream", "targets") else self._number()
+        self._write(line_of(number, op, **fields))
+
+    def _write(self, data: bytes) -> None:
+        """Send bytes to the stack, which carries out complete messages at once."""
+        before = len(self._stack.goals.goals)
+        self._session.receive(data)
+        self._session.serve()
+        self._goals += [one.handle for one in self._stack.goals.goals[before:]]
+
+    def _all_goals(self) -> list[GoalHandle]:
+        """Return the goals of all clients that have not ended."""
+        return [one.handle for one in self._stack.goals.open]
+
+    def _expect_end(self, goals: Iterable[GoalHandle]) -> None:
+        """Log that goals must end now, as if their client had canceled them."""
+        for handle in goals:
+            self._stack.goals.canceled(handle)
+
+    def _read(self) -> None:
+        """Read all replies and events."""
+        lines, _, self._unread = self._unread.rpartition(b"\n")
+        for line in filter(None, lines.split(b"\n")):
+            found = json.loads(line)
+            if "ok" in found and "event" not in found:
+                self._judge(found)
+
+    def _judge(self, reply: dict[str, Any]) -> None:
+        number, error = str(reply["id"]), reply.get("error")
+        if error is not None and error["type"] == "internal":
+            self._served.defects.append(number)
+        if number.startswith(INVALID):
+            self._stack.stack_faults.answers.append(None if error is None else error["text"])
+        elif error is None and number.startswith(("stream-", "targets-")):
+            self._served.last_target_s = self._now()
+        elif "motion" in reply:
+            self._running = {"op": "cancel_move", "motion": reply["motion"]}
+        elif "goal" in reply:
+            self._running = {"op": "cancel", "goal": reply["goal"]}
+
+    def _whole(self, positions: Mapping[str, float]) -> dict[str, float]:
+        """Return positions of all joints of the arm. A joint without a position stays at its command."""
+        loop = self._stack.loop
+        held = dict(zip(joints_of(loop.hardware.command_interfaces), loop.within_limits.tolist(), strict=True))
+        return {joint: positions.get(joint, held[joint]) for joint in self._stack.arm.joints}

@@ -1,0 +1,51 @@
+"""Programs on the command socket of a simulated stack, which carry out the socket actions of a schedule."""
+
+from servoloop.api.own_loop import describe
+from servoloop.api.stack_backend import StackBackend
+from servoloop.campaign.between_cycles import BetweenCycles
+from servoloop.campaign.socket_program import ServedPrograms, SocketProgram
+from servoloop.command_server.requests import StackRequests
+from servoloop.recording.stack_recording import StackRecording
+from servoloop.simulation.acts import SocketAct
+from servoloop.simulation.faulty_stack import FaultyStack
+
+
+class ConnectedPrograms:
+    """Programs that are connected to the command server of one stack, by the numbers of their connections."""
+
+    def __init__(self, stack: FaultyStack) -> None:
+        """Serve an active stack. Its loop must not run yet."""
+        time, control, recording = BetweenCycles(stack.loop), stack.control_stack, StackRecording(None)
+        arm = StackBackend(control, describe(control), time, lambda: None, recording)
+        self.served = ServedPrograms(stack, StackRequests(control, arm, recording, time))
+        """Results of all programs."""
+        self._programs: dict[int, SocketProgram] = {}
+
+    @property
+    def last_target_s(self) -> float:
+        """Time of the newest target of a stream, in seconds; minus infinity before the first stream."""
+        return self.served.last_target_s
+
+    def carry_out(self, act: SocketAct) -> None:
+        """Let the program of a connection carry out an action. A program that has died is started again."""
+        program = self._programs.get(act.connection)
+        if program is None or not program.open:
+            self._programs[act.connection] = program = SocketProgram(act.connection, self.served)
+        program.carry_out(act)
+
+    def cycle(self) -> None:
+        """Continue all programs after a cycle."""
+        for program in self._programs.values():
+            if program.open:
+                program.cycle()
+
+    def die(self) -> None:
+        """End all connections."""
+        for program in self._programs.values():
+            if program.open:
+                program.hang_up()
+
+    def require_no_defect(self) -> None:
+        """Raise RuntimeError if the stack has replied to a message with an internal error."""
+        if self.served.defects:
+            raise RuntimeError(f"the command server has an internal error in the messages {self.served.defects}")

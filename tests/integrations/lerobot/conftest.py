@@ -1,0 +1,8 @@
+"""Make the plug-in for LeRobot importable. Its shared modules do not need LeRobot."""
+
+import sys
+
+from tests.pages import ROOT
+
+PLUGIN = ROOT / "integrations" / "lerobot"
+sys.path.insert(0, str(PLUGIN))
