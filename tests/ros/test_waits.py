@@ -24,7 +24,7 @@ AT_ONCE = (128 + signal.SIGINT, 128 + signal.SIGTERM)
 """Exit statuses after two simultaneous signals, either of which may be handled first."""
 
 LEAVE_S = 5.0
-"""Time in which a command ends on a busy machine, in seconds. It takes one second on a quiet machine, and ten if it waits."""
+"""Time in which a command ends on a busy machine, in seconds. On a quiet machine it takes one, and ten if it waits."""
 
 
 @pytest.fixture
