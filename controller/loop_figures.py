@@ -36,7 +36,7 @@ class LoopFigures:
     """Time at which the log last reported that joints are measured again, in seconds."""
     _unlogged_returns: int = 0
     """Number of episodes without a measurement that ended since then."""
-    recent: MissedCycles = field(default_factory=MissedCycles)
+    recent: MissedCycles = field(default_factory=MissedCycles, compare=False)
     """Missed cycles since the last report, and the highest rate of the recent cycles."""
 
     @property

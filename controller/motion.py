@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
-from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range, clipped
+from hal.gate import clipped
+from hal.types import AT_LIMIT, FloatArray, JointLimits, beyond_range
 
 _ROUNDING = 1e-6
 """Rounding tolerance of positions (rad, m) and times (s)."""

@@ -11,7 +11,8 @@ from controller.motion import Kinematics, Path, plan_stop
 from controller.trajectory.parameters import TrajectoryParameters
 from controller.trajectory.speed_scaling import SpeedScaling, scaled
 from controller.trajectory.stop_path import gentle_limits, stop_along, stop_path
-from hal.types import AT_LIMIT, FloatArray, JointLimits, clipped
+from hal.gate import clipped
+from hal.types import AT_LIMIT, FloatArray, JointLimits
 
 
 @dataclass(frozen=True, slots=True)
