@@ -163,7 +163,7 @@ def test_a_whole_bus_that_returns_is_read_within_a_second(kind: Kind) -> None:
 def comes_back(kind: Kind, silent: tuple[int, ...]) -> None:
     """Silence servos for three seconds and check that they are read again within a second.
 
-    Before the first reply, a silent first servo of a chained read cannot be told from a slow adapter.
+    Before the first reply, a silent first servo of a chained read looks like a slow adapter.
     """
     line = Line(kind)
     assert line.missing() == {}

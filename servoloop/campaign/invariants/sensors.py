@@ -111,10 +111,10 @@ class HealthIsTrue(Invariant):
     def on_state(self, state: JointState) -> None:
         for joint in self.joints:
             health = state.health.get(joint.name)
-            read = joint.name not in state.faults and not self.servos[joint.name].on_read
-            examines = self.active and read and health is not None and not self.shared_id
-            self.examined += examines
-            found = self._differences(joint, health) if examines and health is not None else {}
+            if joint.name in state.faults or self.servos[joint.name].on_read or not self.active or self.shared_id:
+                health = None
+            self.examined += health is not None
+            found = {} if health is None else self._differences(joint, health)
             for quantity in ("voltage", "temperature", "alarms"):
                 key = joint.name, quantity
                 self._off_s[key] = self._off_s[key] + self.stack.loop.period_s if quantity in found else 0.0
