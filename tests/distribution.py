@@ -31,7 +31,7 @@ def in_real_time(nodeid: str) -> bool:
 
 def stand_back() -> None:
     """Lower the priority of this process until its end, in favor of processes in real time."""
-    os.setpriority(os.PRIO_PROCESS, 0, 10)
+    os.setpriority(os.PRIO_PROCESS, 0, max(10, os.getpriority(os.PRIO_PROCESS, 0)))
 
 
 class ComputingAside(LoadFileScheduling):
