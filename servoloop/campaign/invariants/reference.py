@@ -4,7 +4,9 @@ The files are read as plain YAML and XML. They are not validated, because the re
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -61,9 +63,9 @@ def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
     limits = _limits(files.urdf_path)
     joints: dict[str, ReferenceJoint] = {}
     for path in dict.fromkeys(files.robot_paths.values()):
-        robot = _yaml(path)
+        robot = _parsed(path.read_bytes())
         calibration = path.with_name(f"{path.stem}.calibration.yaml")
-        calibrated = _yaml(calibration)["joints"] if calibration.exists() else {}
+        calibrated = _parsed(calibration.read_bytes())["joints"] if calibration.exists() else {}
         first_bus = next(iter(robot.get("buses") or {"": None}))
         for name, entry in robot["joints"].items():
             if name in limits:
@@ -72,7 +74,7 @@ def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
     return joints
 
 
-def _joint(name: str, entry: dict[str, Any], limits: tuple[float, float, float]) -> ReferenceJoint:
+def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, float]) -> ReferenceJoint:
     model = MODELS[entry["model"]]
     middle = (model.last_count + 1) // 2
     unit = 2.0 * math.pi / model.counts_per_turn * entry.get("metres_per_radian", 1.0) * entry.get("sign", 1)
@@ -91,7 +93,7 @@ def _joint(name: str, entry: dict[str, Any], limits: tuple[float, float, float])
     )
 
 
-def _gain(entry: dict[str, Any]) -> dict[str, int]:
+def _gain(entry: Mapping[str, Any]) -> dict[str, int]:
     return {} if entry.get("position_p") is None else {"position_p": entry["position_p"]}
 
 
@@ -113,6 +115,8 @@ def _limits(urdf: Path) -> dict[str, tuple[float, float, float]]:
     return found
 
 
-def _yaml(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = yaml.safe_load(path.read_bytes())
-    return content
+@lru_cache(maxsize=16)
+def _parsed(content: bytes) -> Mapping[str, Any]:
+    """Parse a file. Several invariants read the same files in each run of a campaign."""
+    mapping: Mapping[str, Any] = yaml.safe_load(content)
+    return mapping
