@@ -90,7 +90,7 @@ class MissedCycles:
         kept_hz = self.kept_hz
         if kept_hz is None or kept_hz * period_s >= 1.0:
             return text
-        return f"{text}. This machine recently kept {kept_hz:g} Hz: set update_rate to {kept_hz:g} or less"
+        return f"{text}. This machine recently sustained {kept_hz:g} Hz: set update_rate to {kept_hz:g} or less"
 
     @property
     def kept_hz(self) -> float | None:

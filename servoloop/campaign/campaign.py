@@ -87,7 +87,7 @@ class Scenario(BaseModel):
     @classmethod
     def _done_by_a_client(cls, job: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if job and "job" not in info.data.get("clients", ("job",)):
-            raise ValueError("none of the clients does jobs: add `job` to `clients`, or remove `job`")
+            raise ValueError("no client runs jobs: add `job` to `clients`, or remove `job`")
         return job
 
     @field_validator("within_s")

@@ -256,7 +256,7 @@ def test_a_component_whose_cleanup_fails_is_finalized() -> None:
     written = len(two.hand.written)
     two.cycle(3)
     assert len(two.hand.written) == written
-    with pytest.raises(Exception, match="hand is finalized for good"):
+    with pytest.raises(Exception, match="hand is permanently finalized"):
         two.set(ACTIVE).result()
 
 

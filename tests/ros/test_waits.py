@@ -131,7 +131,10 @@ def test_second_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess)
 
 def test_one_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:
     assert hanging.end(signal.SIGINT) == 1
-    assert "the control loop hangs in its hardware and could not be stopped: servos under torque hold" in hanging.words
+    assert (
+        "the control loop is blocked by its hardware and could not be stopped: servos under torque hold"
+        in hanging.words
+    )
 
 
 @contextmanager
