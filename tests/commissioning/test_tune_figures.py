@@ -112,7 +112,7 @@ def test_the_step_shrinks_with_the_room_and_no_room_is_refused() -> None:
 def test_the_question_states_distance_and_speed() -> None:
     text = plan_question(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
     assert "from 0.000 to 0.350 rad" in text and "0.350 and 0.500 rad (98 counts)" in text
-    assert "at most at 1 rad/s (its limit is 4)" in text and "elbow will hold" in text
+    assert "at most 1 rad/s (its limit is 4)" in text and "elbow will hold" in text
     assert " m/s" in plan_question(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
 
 
