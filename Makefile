@@ -22,21 +22,21 @@ STREAMS ?= 500000
 PYTEST := $(BIN)/python -m pytest -rR -n 3 --dist loadfile --no-loadscope-reorder
 
 help:
-	@echo 'make setup   everything into .venv; a second time within seconds'
+	@echo 'make setup   install everything into .venv; a repeated run takes seconds'
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
-	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
+	@echo 'make test    set-up, then the tests except the slow and the random tests (PYTEST_ARGS="-k hash")'
 	@echo 'make test-sample  a slow test of each folder'
-	@echo 'make test-all  the others too, before a release; make test-slow: only those'
+	@echo 'make test-all  all tests, before a release; make test-slow: only the slow tests'
 	@echo 'make test-lowest  the fast tests of the core, with the lowest versions that pyproject.toml allows'
-	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
+	@echo 'make soak    the random tests over 10,000 cycles of the bus (CYCLES=3000)'
 	@echo 'make fuzz    20,000 mutated files and 500,000 streams of bytes (FILES=1000 STREAMS=10000); an hour'
-	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
-	@echo 'make docs    the documentation site from docs/ into build/site'
-	@echo 'make check   set-up, then lint, types, import direction, test and test-sample: what CI runs'
+	@echo 'make mutants  find changes in the code that no test detects (AREAS="gate joint"); up to an hour'
+	@echo 'make docs    build the documentation site from docs/ into build/site'
+	@echo 'make check   set-up, then lint, types, import direction, test and test-sample, as in CI'
 	@echo 'make lint    lint, types and import direction only'
 	@echo 'make format  format the code'
-	@echo 'make lock    requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
-	@echo 'make clean   remove .venv and everything built'
+	@echo 'make lock    write requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
+	@echo 'make clean   remove .venv and all built files'
 
 setup:
 	@sh tools/setup.sh

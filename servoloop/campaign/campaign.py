@@ -118,7 +118,7 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
         arm: Name or folder of an arm that replaces the arms of the scenario.
 
     Raises:
-        ScenarioError: The scenario has a mistake, or asks for something that can happen in none of its runs.
+        ScenarioError: The scenario has a mistake, or requires something that cannot happen in any of its runs.
         ArmFileError: An arm is unknown.
     """
     scenario = load(path, Scenario, ScenarioError)

@@ -116,7 +116,7 @@ def test_a_program_without_the_right_to_real_time_priority_gets_none() -> None:
 def test_the_largest_step_is_relative_to_the_velocity_limit() -> None:
     """The joint moves at half its limit at first.
 
-    The feed is then late for 0.2 s, with an average of three quarters of it.
+    The feed then publishes 0.2 s late, and the average speed in that time is three quarters of the limit.
     """
     times_s = [0.01 * i for i in range(11)] + [0.3]
     slide = [0.5 * t for t in times_s[:11]] + [0.05 + 0.75 * 0.2]
