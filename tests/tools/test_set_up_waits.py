@@ -30,7 +30,7 @@ def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Module
 
 
 def test_a_command_that_hangs_is_killed_and_named(commands: ModuleType) -> None:
-    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*It hangs: look at the end"):
+    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*It hangs: check the end"):
         commands.Commands(limit_s=0.2).run("log", "sleep", "99")
 
 
