@@ -292,7 +292,7 @@ def test_each_transition_calls_the_right_steps(begin: LifecycleState, target: Li
 def test_a_finalized_component_cannot_change_its_state(target: LifecycleState) -> None:
     two = Two().up()
     two.set(FINALIZED).result()
-    with pytest.raises(Exception, match="hand is finalized"):
+    with pytest.raises(Exception, match="hand is permanently finalized"):
         two.set(target).result()
 
 

@@ -52,7 +52,9 @@ def test_pick_ends_when_its_node_is_killed(cell: Cell, pick: StackProcess, numbe
     begin_s = time.monotonic()
     assert pick.process.wait(60.0) == 1
     assert time.monotonic() - begin_s < 5.0
-    assert "failed: /sorting/arm/pick_place is gone: the node has ended; check its log. The arm finishes" in pick.words
+    assert (
+        "failed: /sorting/arm/pick_place disappeared: the node has ended; check its log. The arm finishes" in pick.words
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
