@@ -1,41 +1,42 @@
-# `make demo` or `make test` is all a newcomer needs: each sets everything up first.
+# A new user only needs `make demo` or `make test`, which set everything up first.
 .PHONY: help setup demo test test-slow test-sample test-all test-lowest soak fuzz docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
 
-# .venv brings its own ROS 2. A ROS installation sourced in this shell would be mixed into it by these.
-# The last one says that a Python above us has found the libraries of its own .venv; ours must look again.
+# .venv contains its own ROS 2. These variables would mix a ROS installation that is sourced in this shell into it. The
+# last variable means that a parent Python process has found the libraries of its own .venv; this .venv must search
+# again.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH PYTHONHOME \
   _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-# Tests start many processes, each of which would compile everything again.
+# Tests start many processes, and each of them would compile everything again.
 unexport PYTHONDONTWRITEBYTECODE
 
 CYCLES ?= 10000
 FILES ?= 20000
 STREAMS ?= 500000
 
-# Three files at a time for two cores, up to two of them in real time (tests/distribution.py): those mostly wait. Three
-# stacks keep each other from their cycles on a slow machine.
+# Three files run at the same time on two cores, at most two of them in real time (tests/distribution.py), because these
+# mostly wait. On a slow machine, three stacks would delay each other's cycles.
 PYTEST := $(BIN)/python -m pytest -rR -n 3 --dist loadfile --no-loadscope-reorder
 
 help:
-	@echo 'make setup   everything into .venv; a second time within seconds'
+	@echo 'make setup   install everything into .venv; a repeated run takes seconds'
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
-	@echo 'make test    set-up, then the tests but the slow and the random ones (PYTEST_ARGS="-k hash")'
+	@echo 'make test    set-up, then the tests except the slow and the random tests (PYTEST_ARGS="-k hash")'
 	@echo 'make test-sample  a slow test of each folder'
-	@echo 'make test-all  the others too, before a release; make test-slow: only those'
+	@echo 'make test-all  all tests, before a release; make test-slow: only the slow tests'
 	@echo 'make test-lowest  the fast tests of the core, with the lowest versions that pyproject.toml allows'
-	@echo 'make soak    the random ones over 10,000 cycles of the bus (CYCLES=3000)'
+	@echo 'make soak    the random tests over 10,000 cycles of the bus (CYCLES=3000)'
 	@echo 'make fuzz    20,000 mutated files and 500,000 streams of bytes (FILES=1000 STREAMS=10000); an hour'
-	@echo 'make mutants  changes in the code that no test notices (AREAS="gate joint"); up to an hour'
-	@echo 'make docs    the documentation site from docs/ into build/site'
-	@echo 'make check   set-up, then lint, types, import direction, test and test-sample: what CI runs'
+	@echo 'make mutants  find changes in the code that no test detects (AREAS="gate joint"); up to an hour'
+	@echo 'make docs    build the documentation site from docs/ into build/site'
+	@echo 'make check   set-up, then lint, types, import direction, test and test-sample, as in CI'
 	@echo 'make lint    lint, types and import direction only'
 	@echo 'make format  format the code'
-	@echo 'make lock    requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
-	@echo 'make clean   remove .venv and everything built'
+	@echo 'make lock    write requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
+	@echo 'make clean   remove .venv and all built files'
 
 setup:
 	@sh tools/setup.sh
@@ -46,17 +47,17 @@ demo: setup
 test: setup
 	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
 
-# The random ones too, over 1,000 cycles.
+# This includes the random tests, over 1,000 cycles.
 test-slow: setup
 	$(PYTEST) -m 'slow or soak' $(PYTEST_ARGS)
 
-# The first slow test of each file: what CI has time for.
+# CI has time only for the first slow test of each file.
 test-sample: setup
 	$(PYTEST) -m 'slow or soak' --sample $(PYTEST_ARGS)
 
 test-all: test test-slow
 
-# The wheel in an environment of its own.
+# The wheel is tested in a separate environment.
 test-lowest: setup
 	sh tools/test_lowest.sh $(PYTEST_ARGS)
 
@@ -73,7 +74,7 @@ docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo 'The site is built: open build/site/index.html'
 
-# Mutated files and streams of bytes. They are the same for the same seed.
+# Tests with mutated files and bytes. The same seed gives the same tests.
 fuzz: setup
 	SERVOLOOP_MUTATED_FILES=$(FILES) SERVOLOOP_MUTATED_STREAMS=$(STREAMS) nice -n 19 $(PYTEST) --timeout 0 \
 	  -o faulthandler_timeout=0 tests/mutated $(PYTEST_ARGS)
@@ -87,7 +88,7 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Without `setup`, which refuses a lock that is to be renewed.
+# This target does not depend on `setup`, which would refuse the outdated lock.
 lock:
 	@$(BIN)/uv pip compile pyproject.toml --universal --generate-hashes --quiet \
 	  --extra all \

@@ -47,7 +47,7 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def feetech_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The servo maker's own."""
+    """The SDK of the servo maker."""
     import scservo_sdk as sdk
 
     return peers.makers_sdk(sdk, 0, device, baud, servo_ids, WORK)

@@ -1,6 +1,6 @@
 """Round trip of the command socket of a stack: ``python -m benchmarks.command_socket [--messages 2000]``.
 
-A stack without ROS runs mock hardware in a process of its own, at 20 Hz. One client sends each message after the reply
+A stack without ROS runs at 20 Hz on mock hardware, in a separate process. One client sends each message after the reply
 to the one before. The median must be at most 1 ms on an idle machine.
 """
 

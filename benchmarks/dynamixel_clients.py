@@ -65,14 +65,14 @@ def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
 
 
 def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """The servo maker's own."""
+    """The SDK of the servo maker."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
 
 
 def fast_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
-    """Use a fast sync read of the servo maker's own driver."""
+    """Use a fast sync read of the servo maker's SDK."""
     import dynamixel_sdk as sdk
 
     return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, replace(WORK, fast=True))

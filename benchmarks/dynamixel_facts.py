@@ -1,4 +1,4 @@
-"""Facts about Dynamixels beside what the virtual ones do: ranges, errors, modes, positions, profiles and the bus.
+"""Facts about Dynamixels, and the behavior of virtual ones: ranges, errors, modes, positions, profiles and the bus.
 
 Sources: "E" is ROBOTIS's e-manual, and "I" an answer of ROBOTIS in an issue of DynamixelSDK.
 """
@@ -25,7 +25,7 @@ TOLERANCE: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One fact and what a virtual servo does."""
+    """One fact, and the behavior of a virtual servo."""
 
     group: str
     name: str
@@ -35,7 +35,7 @@ class Fact:
 
     @property
     def agrees(self) -> bool:
-        """Whether the virtual servo does what the fact says. Floating-point numbers may differ a little."""
+        """Whether the virtual servo behaves as the fact states. Floating-point numbers may differ a little."""
         if isinstance(self.expected, float) and isinstance(self.measured, float):
             return abs(self.measured - self.expected) <= TOLERANCE * abs(self.expected)
         return self.measured == self.expected
@@ -245,5 +245,5 @@ def factory() -> Iterator[Fact]:
 
 
 def facts() -> list[Fact]:
-    """Return all facts with what the virtual servos do."""
+    """Return all facts with the behavior of the virtual servos."""
     return [fact for part in (errors, modes, positions, profiles, bus, factory) for fact in part()]

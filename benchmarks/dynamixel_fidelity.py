@@ -101,12 +101,12 @@ def drives() -> Iterator[Figure]:
         bench.wait(0.2, held=True)
         error_rad = HELD_BY_COUNTS * 2.0 * pi / model.counts_per_turn
         measured = abs(bench.read(shown)) / full / error_rad
-        yield Figure(f"{model.name}: drive an error makes, factory P", "1/rad", measured, expected, source)
+        yield Figure(f"{model.name}: drive per position error, factory P", "1/rad", measured, expected, source)
 
 
 def speeds() -> Iterator[Figure]:
     """Full drive without load."""
-    why = "BAM's XL-320 is slower than the data sheet says, by every law of friction"
+    why = "with every friction law of BAM, the XL-320 is slower than its data sheet"
     for model in (X330, MX_64, MX_106, XL):
         bench = Bench(model)
         bench.start_below(FULL_DRIVE_RAD)
@@ -138,7 +138,7 @@ def stall_nm(model: ServoModel) -> float:
 
 def stalls() -> Iterator[Figure]:
     """Yield the stall torques."""
-    why = "the load-dependent friction of a pendulum far below stall, extended to stall"
+    why = "load-dependent friction was identified on a pendulum far below stall, and extrapolated to stall"
     for model in (X330, MX_106, MX_64, XL):
         reason = "" if model == X330 else why
         measured = stall_nm(model)
@@ -171,7 +171,7 @@ def sags() -> Iterator[Figure]:
 
 
 def dynamixels() -> Iterator[Figure]:
-    """All of them."""
+    """Yield all figures."""
     for part in (drives, speeds, stalls, sags):
         yield from part()
 
@@ -179,7 +179,7 @@ def dynamixels() -> Iterator[Figure]:
 def main() -> None:
     """Print how many facts agree, and the facts that do not. The exit status is 1 if there are any."""
     found = facts()
-    table = Table("", "agree", title="virtual Dynamixels beside the facts")
+    table = Table("", "agree", title="virtual Dynamixels compared with the facts")
     for group in dict.fromkeys(fact.group for fact in found):
         own = [fact.agrees for fact in found if fact.group == group]
         table.add_row(group, f"{sum(own)} of {len(own)}")

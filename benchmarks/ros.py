@@ -79,7 +79,7 @@ def stack() -> Iterator[psutil.Process]:
             deadline_s = time.monotonic() + PATIENCE_S
             while not ready.exists():
                 assert process.poll() is None, log.read_text()
-                assert time.monotonic() < deadline_s, f"the stack is not ready within {PATIENCE_S:.0f} s"
+                assert time.monotonic() < deadline_s, f"the stack did not become ready within {PATIENCE_S:.0f} s"
                 time.sleep(0.05)
             yield psutil.Process(process.pid)
         finally:
@@ -150,7 +150,7 @@ def show(console: Console, figures: Figures) -> None:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seconds", type=float, default=600.0, help="how long goals run")
+    parser.add_argument("--seconds", type=float, default=600.0, help="duration of the phase with goals, in seconds")
     parser.add_argument("--idle", type=float, default=30.0, help="duration of the measurement at rest, in seconds")
     arguments = parser.parse_args()
     random.seed(1)

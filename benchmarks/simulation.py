@@ -141,7 +141,7 @@ def measure(runs: int = RUNS, steps: int = STEPS, scenario: Scenario | None = No
 
 
 def show(console: Console, figures: Figures) -> None:
-    """Print what was found."""
+    """Print the figures."""
     table = Table("", "times real time", title="simulation on one core")
     table.add_row("world alone", f"{figures.world:.0f}")
     table.add_row("servos and world, below the driver", f"{figures.servos:.0f}")

@@ -28,11 +28,11 @@ START_S: Final = 60.0
 SETTLE_S: Final = 3.0
 """Time after the start that is not measured, in seconds: first uses and discovery."""
 MISSING: Final = ("silent", "corrupt", "late", "no_time", "skipped")
-"""Counters of a servo that count values which a cycle did not get."""
+"""Counters of a servo for values that a cycle did not receive."""
 
 
 class StoringServos(Servos):
-    """Servos that keep what is written to them, as the stack reads its settings back. They do not move."""
+    """Motionless servos that keep written values, because the stack reads its settings back."""
 
     def __init__(self, servo_ids: list[int]) -> None:
         super().__init__(servo_ids)
@@ -62,7 +62,7 @@ class StackFigures:
     cycles: int
     missed: int
     missing: float
-    """Share of the values that the cycles did not get."""
+    """Share of the values that the cycles did not receive."""
     cpu_share: float
     thread_shares: tuple[float, ...]
     """Processor time of each thread as a share of one core, the main thread first, then the busiest."""

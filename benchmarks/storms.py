@@ -146,7 +146,7 @@ def list_often(node: Node, executor: SingleThreadedExecutor, seconds: float) -> 
 
 
 def deaf_clients(seconds: float) -> None:
-    """Send requests with a QoS that is incompatible with every response, so that the middleware waits in vain."""
+    """Send requests with a QoS that is incompatible with every response, so that the middleware waits for a timeout."""
     qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     end_s = time.monotonic() + min(seconds, 15.0)
     with participant("bench_deaf") as (node, executor):

@@ -1,6 +1,6 @@
 """Latency of streamed targets, from call to bytes: ``python -m benchmarks.stream [--seconds 60] [--rate 50]``.
 
-A stack without ROS runs virtual servos in processes of its own, at 20 Hz, and records every byte on the bus. This
+A stack without ROS runs at 20 Hz with virtual servos in separate processes, and records every byte on the bus. This
 program stands in for a policy: it sends a new target at each step of its rate, as ``Arm.connect().stream()`` does. A
 target is late if it or a newer target is not in the goals on the bus after one cycle, and lost if it never is.
 """

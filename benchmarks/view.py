@@ -132,8 +132,8 @@ def show(console: Console, outcomes: list[Outcome]) -> None:
     begun = _ratio([(one.view, one.begun_s) for one in outcomes])
     measured = _ratio([(one.view, np.array(one.measured_s)) for one in outcomes])
     console.print(
-        "periods off by p50 / p99 / p99.9 / largest; over all cycles, p99.9 with the page open is "
-        f"{begun} times that without for the begin of cycles, {measured} times for measurements"
+        "deviations of the periods: p50 / p99 / p99.9 / largest; over all cycles, opening the page multiplies the "
+        f"p99.9 by {begun} between the starts of cycles and by {measured} between measurements"
     )
 
 

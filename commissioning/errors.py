@@ -6,7 +6,7 @@ from drivers.errors import DriverError
 
 
 class CommissioningError(DriverError):
-    """A tool cannot do what it was asked to do; the message says what to do instead."""
+    """A tool cannot carry out its task; the message states the remedy."""
 
 
 SMALLEST_BAUD: Final = 1_200

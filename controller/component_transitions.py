@@ -185,7 +185,7 @@ class ComponentTransitions:
         elif component.state is transition.target:
             transition.serve()
         elif component.state is FINALIZED:
-            transition.refuse(LifecycleError(f"{component.name} is finalized for good: restart the stack to use it"))
+            transition.refuse(LifecycleError(f"{component.name} is permanently finalized: restart the stack to use it"))
         elif component.state is ACTIVE:
             self._leave(component, transition, str(transition))
         else:

@@ -1,4 +1,4 @@
-"""Report missed cycles of the loop: their share, their cause, and the highest rate that the loop kept."""
+"""Report missed cycles of the loop: their share, their cause, and the highest rate that the loop sustained."""
 
 import math
 from collections import deque
@@ -13,7 +13,7 @@ REMEMBERED_CYCLES: Final = 1000
 FEWEST_CYCLES: Final = 200
 """Minimum number of cycles from which the highest rate follows."""
 KEPT_SHARE: Final = 0.995
-"""Share of the cycles that must fit into the period of a rate that counts as kept."""
+"""Share of the recent cycles that must be on time at a rate that the machine sustains."""
 
 
 class CycleTimes(NamedTuple):
@@ -90,11 +90,14 @@ class MissedCycles:
         kept_hz = self.kept_hz
         if kept_hz is None or kept_hz * period_s >= 1.0:
             return text
-        return f"{text}. This machine recently kept {kept_hz:g} Hz: set update_rate to {kept_hz:g} or less"
+        return f"{text}. This machine recently sustained {kept_hz:g} Hz: set update_rate to {kept_hz:g} or less"
 
     @property
     def kept_hz(self) -> float | None:
-        """Highest rate that 99.5 % of the recent cycles fit, in Hz; None after too few cycles. Any thread may ask."""
+        """Highest rate at which 99.5 % of the recent cycles are on time, in Hz; None after too few cycles.
+
+        Any thread may read it.
+        """
         durations_s = sorted(self._durations_s)
         if len(durations_s) < FEWEST_CYCLES:
             return None

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from servoloop.simulation.real_clients import SimulatedTime
 
 LOG = logging.getLogger("servoloop")
-WORKS: Final = "It has no topics, services and actions; its controllers, recordings, view and command socket work."
+WORKS: Final = "It has no topics, services or actions; its controllers, recordings, view and command socket work."
 
 
 def up(
@@ -177,7 +177,7 @@ class _Up:
             while thread.is_alive() and not run.hangs():
                 thread.join(0.1)
             if thread.is_alive():
-                LOG.error("the control loop hangs in its hardware and could not be stopped: %s", LEFT)
+                LOG.error("the control loop is blocked by its hardware and could not be stopped: %s", LEFT)
             if self._simulated is not None:
                 self._simulated.pace.end()
                 LOG.info("%s", self._simulated.pace.summary)

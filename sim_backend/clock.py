@@ -30,4 +30,4 @@ class SimulatedClock:
         if self.on_time is not None:
             self.on_time(self._now_s)
         if self._now_s > self.last_s:
-            raise Hang(f"it went on for longer than {self.last_s:g} s of simulated time")
+            raise Hang(f"it took longer than {self.last_s:g} s of simulated time")

@@ -114,20 +114,20 @@ def signal_all(process: "subprocess.Popen[str]", number: int) -> None:
 
 
 HINTS = (
-    (r"Killed: it had not ended", "It hangs: look at the end of the log, and at what else the machine is doing."),
+    (r"Killed: it had not ended", "It hangs: check the end of the log and the load of this machine."),
     (r"No space left on device", "The disk is full: .venv and build/ need 2 GB."),
     (
         r"DO NOT MATCH THE HASHES|Hash mismatch",
-        "A package differs from the locked one. Do not install it; find out why.",
+        "A package differs from its locked version. Do not install it before you know the reason.",
     ),
     (
         r"Temporary failure in name resolution|Connection|Max retries|timed out|CERTIFICATE|ProxyError"
         r"|No matching distribution found|Failed to fetch|No solution found",
-        "The package registry can not be reached or lacks this: look at the network and the proxy. A registry of your "
-        "own is told to pip by pip config, and to uv, which brings the rest, by UV_DEFAULT_INDEX.",
+        "The package registry cannot be reached or does not have this package: check the network and the proxy. To "
+        "use your own registry, set it with `pip config` for pip and with UV_DEFAULT_INDEX for uv.",
     ),
     (r"Python\.h", "This Python has no headers; on Debian or Ubuntu: sudo apt install python3-dev"),
-    (r"Killed|cc1plus.*(memory|Terminated)", "The compiler ran out of memory: close something and try again."),
+    (r"Killed|cc1plus.*(memory|Terminated)", "The compiler ran out of memory: close other programs and try again."),
 )
 
 
@@ -140,5 +140,5 @@ def explain(log_path: Path, command: Iterable[str | Path], status: int) -> str:
     program = " ".join(Path(part).name for part in list(map(str, command))[:3])
     return (
         f"{program} … failed with status {status}; the end of {log_path.relative_to(ROOT)}:\n{tail}\n\n{hints[0]}\n"
-        "Then run make setup again: it goes on from here."
+        "Then run make setup again: it continues from here."
     )

@@ -18,8 +18,9 @@ def plain_root(root: Path = ROOT) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="servoloop-") as folder:
         if not folder.isascii():
             raise SetUpError(
-                f"the path of this checkout, {root}, has letters that the build of the message packages cannot read, "
-                f"and so has the temporary folder, {tempfile.gettempdir()}: set TMPDIR to a folder such as /tmp."
+                f"the path of this checkout, {root}, contains characters that the build of the message packages "
+                f"cannot handle, and so does the temporary folder, {tempfile.gettempdir()}: set TMPDIR to a folder "
+                f"such as /tmp."
             )
         link = Path(folder) / "root"
         link.symlink_to(root, target_is_directory=True)

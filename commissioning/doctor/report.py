@@ -162,8 +162,8 @@ def _bus_lines(bus: BusFigures) -> Iterator[str]:
         yield f"- port: {bus.problem}"
     if line := bus.line:
         yield (
-            f"- {line.asked} requests: {line.lost} replies lost, {line.corrupt} corrupt, {line.late} late; "
-            f"{line.noise} times noise"
+            f"- {line.asked} requests: {line.lost} replies lost, {line.corrupt} corrupt, {line.late} late; noise "
+            f"received {line.noise} times"
         )
         if line.round_trip_s is not None:
             yield f"- a read takes {1e3 * line.round_trip_s:.2f} ms, of which its bytes need {1e3 * line.wire_s:.2f} ms"

@@ -92,8 +92,8 @@ def no_group_reads(level: int | None, register: Register) -> Problem:
     held = f" ({register.name}, register {register.address}, is {level})" if level is not None else ""
     return Problem(
         "no_group_reads",
-        f"it answers single reads, but no group reads (sync read). This is not a setting{held}: its firmware lacks the "
-        "instruction, as that of many self-made servos. servoloop reads and writes it with single requests, which "
+        f"it answers single reads, but no group reads (sync read). This is not a setting{held}: its firmware lacks "
+        f"the instruction, as in many self-made servos. servoloop reads and writes it with single requests, which "
         "takes longer in each cycle",
     )
 

@@ -66,7 +66,8 @@ def plan_for(joint: Joint, start: float, at: float | None = None) -> TrialPlan:
     step = min(STEP_RAD * unit, ROOM_SHARE * room)
     if step < LEAST_RAD * unit:
         raise TuneError(
-            f"{joint.name} has not enough room to move between its limits {limits.lower:.3f} and {limits.upper:.3f}"
+            f"{joint.name} does not have enough room to move between its limits {limits.lower:.3f} and "
+            f"{limits.upper:.3f}"
         )
     speed = min(SPEED_SHARE * limits.velocity, FASTEST_RAD_S * unit)
     return TrialPlan(joint.name, start, near, near + way * step, speed, _sine_hz(joint, step, speed))
@@ -86,7 +87,7 @@ def plan_question(joint: Joint, plan: TrialPlan, others: Sequence[str], end: str
     return (
         f"{joint.name} (servo {joint.servo_id}) will move under torque: from {plan.start:.3f} to {plan.near:.3f} "
         f"{unit}, then back and forth between {plan.near:.3f} and {plan.far:.3f} {unit} ({counts:.0f} counts), in "
-        f"steps and as a sine of {plan.sine_hz:.2g} Hz, at most at {plan.speed:.3g} {unit}/s (its limit is "
+        f"steps and as a sine of {plan.sine_hz:.2g} Hz, at most {plan.speed:.3g} {unit}/s (its limit is "
         f"{joint.limits.velocity:g}).{held} {end} Make sure that the arm does not touch its table and has room to "
         "move. If it could fall, support it until the torque is on. Continue?"
     )

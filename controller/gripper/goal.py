@@ -44,7 +44,7 @@ class GripperParameters(Parameters):
     def unused(self) -> list[str]:
         unused = []
         if self.max_effort:
-            unused.append("max_effort (torque_limit in the robot file bounds the force)")
+            unused.append("max_effort (torque_limit in the robot file limits the force)")
         if self.max_velocity_interface:
             unused.append("max_velocity_interface (the planned motion keeps the velocity)")
         return super().unused() + unused

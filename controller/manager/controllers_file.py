@@ -274,7 +274,7 @@ class _Reader:
             why = (
                 broken_plugins().get(kind)
                 or outdated(kind)
-                or f"has {what}, known types are {', '.join(controller_types())}"
+                or f"has {what}; known types are {', '.join(controller_types())}"
             )
             self.report(MANAGER, name, why)
             return

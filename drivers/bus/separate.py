@@ -112,7 +112,7 @@ class SeparateServos:
         return sum(len(self._servos.goal_packet(i, goals[i])) + acknowledgment for i in written)
 
     def report(self, servo_ids: Iterable[int]) -> None:
-        """Log a warning with the rate that is left, once for each set of separate servos."""
+        """Log a warning with the highest possible rate, once for each set of separate servos."""
         asked = tuple(servo_ids)
         alone = frozenset(self._servos.written_alone.intersection(asked))
         if not alone - self._reported:
@@ -123,7 +123,7 @@ class SeparateServos:
         reads = alone & self._servos.separate
         LOG.warning(
             "%s: servo %s supports no %s, so each cycle sends it single requests. A cycle of %s takes %.1f ms and "
-            "leaves at most %d Hz: set a lower update_rate, or use a servo that supports them",
+            "limits the rate to %d Hz: set a lower update_rate, or use a servo that supports them",
             self._line.port.name, names, "group reads and writes" if reads else "group writes",
             counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
         )  # fmt: skip

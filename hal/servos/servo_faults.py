@@ -41,7 +41,7 @@ REBOOT: Final = "reboot it (servoloop reboot), then activate again; the port is 
 NO_TIME_AGAIN_S: Final = 1.0
 """Minimum time between two log lines about cycles that had no time left for servos, in seconds.
 
-At a rate that the bus does not keep, such cycles are frequent, and each log line takes more time."""
+At a rate that is too high for the bus, such cycles are frequent, and each log line takes more time."""
 _UNASKED: Final = "answers again, but its torque has not been checked yet: it gets no goals until then"
 
 
@@ -65,9 +65,9 @@ class ServoFaults:
         self._latched: dict[str, str] = {}
         """Alarms that last until a reboot, by joint name."""
         self._unlogged: set[str] = set()
-        """Joints without a measurement for want of time, of which the log contains nothing."""
+        """Joints that were not measured because the cycle had no time left, and that are not logged yet."""
         self._no_time_logged_s = -math.inf
-        """Time of the first measurement of the cycle in which the log last reported a want of time, in seconds."""
+        """Time of the first measurement of the cycle in which the log last reported a lack of time, in seconds."""
         self._measured_s: dict[str, float] = {}
         """Time of the last measurement of missing servos, by joint name."""
         self._checked_s: dict[str, float] = {}
@@ -142,7 +142,7 @@ class ServoFaults:
             self.withheld.add(name)
 
     def _log_missing(self, joint: Joint, found: JointFault, measured_s: float, buses: JointBuses) -> None:
-        """Log a new fault. A want of time is logged at most once a second, for all joints of the cycle."""
+        """Log a new fault. A lack of time is logged at most once a second, for all joints of the cycle."""
         if found.kind == "no_time":
             if 0.0 < measured_s - self._no_time_logged_s < NO_TIME_AGAIN_S:
                 self._unlogged.add(joint.name)

@@ -91,7 +91,7 @@ class RosArm:
         if self._client.server_is_ready():
             return self._late(what, which)
         return JobOutcome(
-            False, f"the action server {ARM_ACTION} is gone during the motion: check the log of the stack"
+            False, f"the action server {ARM_ACTION} disappeared during the motion: check the log of the stack"
         )
 
     def _late(self, what: str, which: str) -> JobOutcome:

@@ -87,7 +87,9 @@ class PickClient:
             if stop():
                 return self._cancel(handle, result)
             if self._pulse.silent_s() > GONE_S:
-                return PickOutcome(False, f"{ACTION} is gone: the node has ended; check its log. {_REMAINING_MOTION}")
+                return PickOutcome(
+                    False, f"{ACTION} disappeared: the node has ended; check its log. {_REMAINING_MOTION}"
+                )
             if monotonic() - self._feedback_s > QUIET_S:
                 self._cancel(handle, result)
                 return PickOutcome(False, f"{ACTION} has sent no feedback for {QUIET_S:.0f} s: restart the node")

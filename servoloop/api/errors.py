@@ -21,8 +21,8 @@ class ArmError(DriverError):
         """Create an error.
 
         Args:
-            text: What is wrong and what to do.
-            joint: Name of the joint that is concerned; empty if the error concerns no single joint.
+            text: Problem and remedy, in one sentence.
+            joint: Name of the affected joint; empty if the error does not concern a single joint.
         """
         super().__init__(text)
         self.joint = joint

@@ -9,7 +9,7 @@ from servoloop.api.motion import ArmMotion
 
 
 class ArmGripper:
-    """Gripper with one joint. A gripper that closes on an object holds it and has arrived."""
+    """Gripper with one joint. A gripper that closes on an object holds the object, and the motion is complete."""
 
     def __init__(self, arm: ArmDescription, move: Callable[..., ArmMotion]) -> None:
         self._arm, self._move = arm, move
@@ -42,7 +42,7 @@ class ArmGripper:
     ) -> ArmMotion:
         """Close the gripper until it is closed or holds an object.
 
-        The torque limit in the robot file bounds the force. Options, result and errors are those of ``Arm.move_to``.
+        The torque limit in the robot file limits the force. Options, result and errors are those of ``Arm.move_to``.
         """
         return self.move(self._arm.hand_closed, duration=duration, speed=speed, wait=wait, timeout=timeout)
 

@@ -51,7 +51,7 @@ class Takeover:
             request = SwitchRequest(activate=inactive, deactivate=(self._name,) * self.active)
             loop.manager.switch(request, loop.within_limits)
         except ManagerError as error:  # The joints hold their positions without a controller.
-            LOG.error("the controllers before %s cannot continue: %s", self._name, error)
+            LOG.error("the controllers that ran before %s cannot be activated again: %s", self._name, error)
 
 
 STREAM: Final = "stream_controller"

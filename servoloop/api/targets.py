@@ -51,7 +51,7 @@ def duration_of(duration: float | None, speed: float | None) -> tuple[float | No
     Raises ArmInputError.
     """
     if duration is not None and speed is not None:
-        raise ArmInputError("duration and speed exclude each other: give one of them")
+        raise ArmInputError("duration and speed cannot be combined: pass only one of them")
     if duration is not None and not (math.isfinite(duration) and duration > 0.0):
         raise ArmInputError(f"duration must be a finite time above 0 s, not {duration}")
     share = SPEED if speed is None else speed

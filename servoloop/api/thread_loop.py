@@ -93,7 +93,7 @@ class ThreadLoop(OwnLoop):
         self._why_ended = self._why_ended or CLOSED
         self._exit.close()
         if self._thread.is_alive():
-            raise ArmError(f"the control loop hangs in its hardware and could not be stopped: {LEFT}")
+            raise ArmError(f"the control loop is blocked by its hardware and could not be stopped: {LEFT}")
         if self._run.failed:
             raise ArmError(f"the arm was not shut down completely: {self._run.error or 'see the log'}")
 

@@ -1,4 +1,4 @@
-"""Controllers that a script brings along, in place of the controllers of the controllers file."""
+"""Controllers of a script, which replace controllers of the controllers file."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -149,7 +149,7 @@ def _is_fit(bus: Bus, servo_id: int, model: ServoModel, number: int, refused: Se
     except ServoRefused as error:
         LOG.warning(NO_GOAL, bus.name, error)
         return False
-    LOG.warning("%s: %s; it is measured as this model all the same", bus.name, refused)
+    LOG.warning("%s: %s; it is still measured as this model", bus.name, refused)
     return True
 
 

@@ -87,7 +87,7 @@ class Scenario(BaseModel):
     @classmethod
     def _done_by_a_client(cls, job: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if job and "job" not in info.data.get("clients", ("job",)):
-            raise ValueError("none of the clients does jobs: add `job` to `clients`, or remove `job`")
+            raise ValueError("no client runs jobs: add `job` to `clients`, or remove `job`")
         return job
 
     @field_validator("within_s")
@@ -118,7 +118,7 @@ def read_scenario(path: Path, arm: str | None = None) -> Scenario:
         arm: Name or folder of an arm that replaces the arms of the scenario.
 
     Raises:
-        ScenarioError: The scenario has a mistake, or asks for something that can happen in none of its runs.
+        ScenarioError: The scenario has a mistake, or requires something that cannot happen in any of its runs.
         ArmFileError: An arm is unknown.
     """
     scenario = load(path, Scenario, ScenarioError)

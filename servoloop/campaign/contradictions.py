@@ -85,7 +85,7 @@ def _in_jobs(job: tuple[str, ...], arm: str, files: Files, place: tuple[str | in
         require_cell(files, job)
         known = load_pick_place(find_arm(arm).pick_place).grades
     except HalError as error:
-        yield place, f"{arm} cannot do jobs: {error}"
+        yield place, f"{arm} cannot run jobs: {error}"
         return
     for n, grade in enumerate(job):
         if normal_grade(grade) not in known:

@@ -16,7 +16,7 @@ from servoloop.simulation.acts import (
 )
 
 FIRST: Final = 0.7
-"""Share of the actions of the first program. The second program mostly asks in vain for the motion."""
+"""Share of the actions of the first program. The second program mostly requests the motion without success."""
 REQUESTS: Final = ("take", "seize", "release", "stop", "cancel", "state")
 
 

@@ -81,7 +81,7 @@ class ClockStandstill:
 
 def stands(time_s: float) -> str:
     """Describe a run whose simulated time stands still."""
-    return f"its simulated time stood still for {_limit_s(time_s):g} s of real time"
+    return f"its simulated time did not advance for {_limit_s(time_s):g} s of real time"
 
 
 def _limit_s(time_s: float) -> float:

@@ -180,7 +180,7 @@ def _content(report: DemoReport) -> dict[str, Any]:
         "runs": [_run(run, report.joints) for run in runs],
         "loop": {**report.loop, "cpu_percent_of_a_core": report.cpu_percent},
         "following_error": {
-            "of": f"{', '.join(report.joints)}: the worst of all runs, at the cycles and every 5 ms between them",
+            "of": f"{', '.join(report.joints)}: largest error of all runs, at the cycles and every 5 ms between them",
             **worst(run.between_cycles for run in runs).as_dict(report.joints),
         },
         "without": {what: _run(run, report.joints) for what, run in report.comparisons.items()},

@@ -85,7 +85,7 @@ class RobotSnapshot:
     results: tuple[tuple[float, str], ...] = ()
     """ROS time and text of goal results, the newest last."""
     scene: Mapping[str, ScenePose] = field(default_factory=dict)
-    """Poses of the objects around the arm, by name. Empty without a simulation."""
+    """Poses of the objects around the arm, by name. Empty if nothing is simulated."""
     lost_cycles: int = 0
     """Number of cycles lost because this program was too slow."""
 

@@ -186,7 +186,7 @@ class _LiveRecording:
                     self._file.flush()
         self._stopped = True  # the thread ends after a complete cycle
         thread.join(FLUSH_S)
-        self._stream.close()  # ends a thread that waits for a cycle in vain
+        self._stream.close()  # ends a thread that waits for a cycle although no more cycles come
         thread.join()
         if self._error is not None:
             raise self._error

@@ -139,7 +139,7 @@ class TeachRecording:
         try:
             self._back.result()
         except (DriverError, HalError) as error:
-            how = "limp: put it down" if self._freedrive is None else "soft: release it"
+            how = "limp: lay it down" if self._freedrive is None else "soft: release it"
             raise TeachError(f"torque could not be enabled on all servos, and the arm is {how}. {error}") from error
         return True
 

@@ -70,7 +70,7 @@ class FaultPlayer:
         """Raise FaultError if an event is impossible here, or counts from a moment that is over."""
         require_possible(events, self.targets.inventory)
         if late := [event for event in events if event.since in over]:
-            texts = (f"{one.kind} at {one.at_s:g} s since {one.since}: that moment is over" for one in late)
+            texts = (f"{one.kind} at {one.at_s:g} s since {one.since}: this time has already passed" for one in late)
             raise FaultError("\n".join(texts))
 
     def _put(self, event: Event, since_s: float) -> None:

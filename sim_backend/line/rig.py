@@ -60,7 +60,7 @@ class Rig(Generic[AnyServo]):
     ) -> None:
         """Create a rig.
 
-        ``supply`` is one for all servos, one for each servo (shared objects are one supply), or the default.
+        ``supply`` is one supply for all servos, or one for each servo, which may be shared; None is the default.
         """
         if [s.servo_id for s in servos] != [c.servo_id for c in plant.couplings]:
             raise ValueError("servos and the plant's couplings must have the same IDs in the same order")

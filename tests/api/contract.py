@@ -37,7 +37,7 @@ BAD_TARGETS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no time": ({"elbow_flex": 0.1}, {"duration": 0.0}, "duration must be a finite time above 0 s, not 0.0"),
     "infinite time": ({"elbow_flex": 0.1}, {"duration": math.inf}, "duration must be a finite time above 0 s, not inf"),
     "too fast": ({"elbow_flex": 0.1}, {"speed": 1.5}, "speed must be a share of the velocity limits"),
-    "both": ({"elbow_flex": 0.1}, {"speed": 0.5, "duration": 1.0}, "duration and speed exclude each other"),
+    "both": ({"elbow_flex": 0.1}, {"speed": 0.5, "duration": 1.0}, "duration and speed cannot be combined"),
 }
 PAN = "shoulder_pan"
 
@@ -157,7 +157,7 @@ class ArmContract:
         arm.move_to({PAN: 0.15}, duration=0.5)
         assert arm.state.position[PAN] == pytest.approx(0.15, abs=NEAR)
 
-    def test_a_bad_target_in_a_stream_is_explained_and_the_last_one_holds(self, arm: Arm) -> None:
+    def test_a_bad_target_in_a_stream_is_explained_and_the_last_target_is_held(self, arm: Arm) -> None:
         with arm.stream(max_age=1.0) as stream:
             stream.send({PAN: 0.1})
             for target, message in (({"elbow": 0.0}, "no joint 'elbow'"), ({PAN: math.nan}, "not finite")):

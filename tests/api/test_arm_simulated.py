@@ -217,7 +217,7 @@ def test_a_closed_arm_explains_itself() -> None:
     ],
     ids=["arm", "no rate", "fast", "controllers"],
 )
-def test_an_arm_that_cannot_start_says_why(name: str, options: dict[str, object], message: str) -> None:
+def test_an_arm_that_cannot_start_gives_the_reason(name: str, options: dict[str, object], message: str) -> None:
     with pytest.raises(ArmSetupError, match=message):
         Arm.simulated(name, **options)  # type: ignore[arg-type]
 
@@ -251,7 +251,7 @@ def test_another_controllers_file_and_a_gripper_with_goals_are_used(tmp_path: Pa
         assert arm.state.position["gripper"] == pytest.approx(0.8, abs=0.05)
 
 
-def test_a_controller_of_ones_own_needs_valid_parameters_and_gives_its_joints_back(loaded: LoadedArm) -> None:
+def test_a_user_controller_needs_valid_parameters_and_releases_its_joints(loaded: LoadedArm) -> None:
     own = runpy.run_path(str(ROOT / "examples" / "own_controller.py"))["Swing"]
     with pytest.raises(ArmInputError, match="joint: Field required"):
         loaded.controller(own).__enter__()

@@ -41,7 +41,7 @@ def test_single_files_override_the_files_of_the_arm(tmp_path: Path) -> None:
     assert read_arm_files(so101, URDF, CONFIG / "arm_controllers.yaml").robot_path == CONFIG / "robot_arm.yaml"
 
 
-def test_a_folder_anywhere_is_an_arm(tmp_path: Path) -> None:
+def test_any_folder_can_be_an_arm(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
     (folder / "arm.yaml").write_text(f"description: mine\nurdf: {URDF}\nsource: me\nlicense: MIT\n")

@@ -129,7 +129,7 @@ def test_mimic_fingers_have_no_servo_and_the_hand_is_last(tmp_path: Path) -> Non
     ]
 
 
-def test_an_arm_without_a_hand_has_no_controller_for_one(tmp_path: Path) -> None:
+def test_an_arm_without_a_hand_has_no_hand_controller(tmp_path: Path) -> None:
     files = read_arm_files(read_arm(made(tmp_path, TWO_JOINTS)))
     assert "hand_controller" not in [one.name for one in files.controllers.controllers]
 

@@ -18,7 +18,7 @@ OFF_RAD = 0.02
 def test_parked_and_released_arm_stays_in_place(name: str, backlash_deg: float) -> None:
     files = read_arm_files(find_arm(name))
     park = files.robot.file.park
-    assert park is not None, f"{name} is let go wherever it is"
+    assert park is not None, f"{name} is released in its current pose"
     start = [park.pose.get(joint.name, 0.0) - OFF_RAD * joint.transmission for joint in files.robot.joints]
     rig = SimulatedStack(files=files, start=start, build=Build(backlash_deg, 1))
     before = rig.world.position()

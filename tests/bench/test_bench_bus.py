@@ -34,7 +34,7 @@ def device() -> Iterator[str]:
         yield path
 
 
-def test_one_line_of_json(device: str) -> None:
+def test_json_output_is_one_line(device: str) -> None:
     result = CliRunner().invoke(
         app, ["bench", "bus", "--port", device, "--ids", "1-7", "--cycles", "50", "--hold", "--json"]
     )
@@ -47,18 +47,20 @@ def test_one_line_of_json(device: str) -> None:
     assert figures["hz"] > 0.0
 
 
-def test_a_table_for_people(device: str) -> None:
+def test_figures_are_printed_as_a_table(device: str) -> None:
     result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--cycles", "20", "--hold"])
     assert result.exit_code == 0
     assert "p50_us" in result.stdout
 
 
-def test_it_goes_on_through_a_servo_that_is_not_there(device: str) -> None:
+def test_the_bench_continues_without_an_absent_servo(device: str) -> None:
     figures = bench_bus(device, parse_ids("1-8"), "sts3215", 1_000_000, 60)
     assert figures.faults["silent"] >= 60
 
 
-def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bench_runs_on_one_processor_and_restores_the_affinity(
+    device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before, meanwhile = os.sched_getaffinity(0), list[set[int]]()
     write_goals = Bus.write_goals
 
@@ -76,7 +78,7 @@ def test_it_measures_on_one_processor_and_leaves_it_again(device: str, monkeypat
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_lets_go_of_what_was_held(number: signal.Signals, tmp_path: Path) -> None:
+def test_a_signal_releases_the_held_servos(number: signal.Signals, tmp_path: Path) -> None:
     line = VirtualBus.of(BenchPlant((1, 2)))
     words = ["bench", "bus", "--port", str(tmp_path / "bus"), "--ids", "1,2", "--cycles", "1000000", "--hold"]
 
@@ -90,13 +92,13 @@ def test_a_signal_lets_go_of_what_was_held(number: signal.Signals, tmp_path: Pat
         assert not any(servo.memory.get(sts.torque_enable) for servo in line.servos)
 
 
-def test_where_nobody_answers_it_says_so(device: str) -> None:
+def test_a_bus_without_replies_is_reported(device: str) -> None:
     with pytest.raises(DriverError, match="no servo answers on"):
         bench_bus(device, [20, 21], "sts3215", 1_000_000, 10)
 
 
 @pytest.mark.parametrize("model", ["mx-28", "scs15"])
-def test_another_table_than_is_there_is_refused(device: str, model: str) -> None:
+def test_servos_with_another_control_table_are_refused(device: str, model: str) -> None:
     with pytest.raises(DriverError, match="servo 1: is model"):
         bench_bus(device, [1, 2], model, 1_000_000, 10)
 
@@ -109,13 +111,13 @@ def test_more_servos_than_a_packet_holds_are_refused_before_the_run() -> None:
         bench_bus(device, range(1, 33), "sts3215", 1_000_000, 10, hold=True)
 
 
-def test_a_rate_that_no_adapter_has_is_refused(device: str) -> None:
+def test_an_unsupported_baud_rate_is_refused(device: str) -> None:
     result = CliRunner().invoke(app, ["bench", "bus", "--port", device, "--baud", "99999999999"])
     assert result.exit_code == 2
     assert "--baud" in result.output
 
 
-def test_a_simulator_does_not_take_a_path_that_is_taken(tmp_path: Path) -> None:
+def test_a_simulator_does_not_replace_an_existing_path(tmp_path: Path) -> None:
     taken = tmp_path / "bus"
     taken.write_text("mine")
     command = [sys.executable, "-m", "benchmarks.simulator", str(taken)]
@@ -126,12 +128,12 @@ def test_a_simulator_does_not_take_a_path_that_is_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("model", ["sts9999", ""])
-def test_a_model_that_it_cannot_measure_is_refused(device: str, model: str) -> None:
+def test_an_unsupported_model_is_refused(device: str, model: str) -> None:
     with pytest.raises(DriverError, match="unknown servo model"):
         bench_bus(device, [1], model, 1_000_000, 10)
 
 
-def test_a_missing_device_is_said(tmp_path: Path) -> None:
+def test_a_missing_device_is_reported(tmp_path: Path) -> None:
     with pytest.raises(DriverError, match="does not exist"):
         bench_bus(str(tmp_path / "none"), [1], "sts3215", 1_000_000, 10)
 
@@ -142,7 +144,7 @@ def test_ids(text: str, ids: list[int]) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "a", "7-1", "1,7-1", "1-", "1,1", "254", "-3", "1-100000000000"])
-def test_ids_that_are_none(text: str) -> None:
+def test_invalid_ids_are_refused(text: str) -> None:
     with pytest.raises(DriverError, match="--ids"):
         parse_ids(text)
 

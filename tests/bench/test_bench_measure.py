@@ -60,14 +60,14 @@ def servos() -> VirtualBus:
     return VirtualBus.of(BenchPlant(IDS))
 
 
-def test_an_interruption_costs_as_many_cycles_as_it_lasts() -> None:
+def test_an_interruption_costs_the_cycles_of_its_duration() -> None:
     """A servo known to be silent is not asked. Cycles without any request must not take zero time."""
     figures = measured(Interrupted(servos(), SimulatedClock(0.0)))
     assert 0 < figures.faults["silent"] < 7 * 60
     assert 1.0 <= figures.ratio < 1.2
 
 
-def test_cycles_in_which_nobody_answers_are_one_long_cycle() -> None:
+def test_cycles_without_replies_count_as_one_long_cycle() -> None:
     port = Interrupted(servos(), SimulatedClock(0.0))
     port.to_s = 2.0
     figures = measured(port)
@@ -80,14 +80,14 @@ def test_cycles_in_which_nobody_answers_are_one_long_cycle() -> None:
     assert figures.max_us == pytest.approx(silent_s * 1e6, rel=0.02)
 
 
-def test_a_run_in_which_nobody_answers_has_no_figures() -> None:
+def test_a_run_without_replies_has_no_figures() -> None:
     port = Interrupted(servos(), SimulatedClock(0.0))
     port.from_s, port.to_s = 0.0, math.inf
     with pytest.raises(DriverError, match="no servo answers on virtual"):
         measured(port, 10)
 
 
-def test_a_run_whose_only_cycle_was_lost_is_a_run() -> None:
+def test_a_run_whose_only_cycle_was_lost_has_figures() -> None:
     port = Interrupted(servos(), SimulatedClock(0.0))
     port.from_s, port.to_s = 0.0, 0.04
     figures = measured(port, 1)
@@ -95,7 +95,7 @@ def test_a_run_whose_only_cycle_was_lost_is_a_run() -> None:
     assert figures.faults["silent"] == 7 + figures.faults["retries"] > 7
 
 
-def test_what_comes_late_from_before_the_run_is_none_of_its() -> None:
+def test_late_replies_from_before_the_run_are_not_counted() -> None:
     port = WatchedPort(servos(), SimulatedClock(0.0))
     clock, bus = port._clock, Bus(port, port._clock)
     port.hold_s = 0.06
@@ -107,7 +107,7 @@ def test_what_comes_late_from_before_the_run_is_none_of_its() -> None:
 
 
 @pytest.mark.parametrize("late_s", [0.012, 0.016])
-def test_a_slow_adapter_is_seen(late_s: float) -> None:
+def test_a_slow_adapter_shows_in_the_figures(late_s: float) -> None:
     port = WatchedPort(servos(), SimulatedClock(0.0))
     port.hold_s = late_s
     figures = measured(port, 100)
@@ -115,7 +115,7 @@ def test_a_slow_adapter_is_seen(late_s: float) -> None:
     assert figures.p50_us >= late_s * 1e6
 
 
-def test_a_slow_line_is_no_silent_one() -> None:
+def test_a_slow_line_is_not_taken_for_a_silent_line() -> None:
     """The transmission alone takes longer than the normal timeout of servos and adapter."""
     line = servos()
     for servo in line.servos:
@@ -127,7 +127,7 @@ def test_a_slow_line_is_no_silent_one() -> None:
     assert 1.0 <= figures.ratio <= 1.0 + 19 / 177
 
 
-def test_where_nobody_answers_it_says_at_which_rate_they_do() -> None:
+def test_the_baud_rate_of_silent_servos_is_reported() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     for servo in line.servos:
         servo.memory.put(sts.baud_rate, sts.BAUD_RATES.index(500_000))
@@ -145,7 +145,7 @@ def goals_sent(port: WatchedPort) -> list[bytes]:
 
 
 @pytest.mark.parametrize("model", ["mx-28", "ax-12a", "scs0009"])
-def test_servos_of_another_table_are_refused_and_nothing_is_written(model: str) -> None:
+def test_servos_with_another_table_are_refused_and_nothing_is_written(model: str) -> None:
     clock = SimulatedClock(0.0)
     port = WatchedPort(servos(), clock)
     bus = Bus(port, clock, dict.fromkeys(IDS, MODELS[model]))
@@ -159,7 +159,7 @@ AX_12A, SCS15_TURNED, OF_NOBODY, TURNED = 12, 0x0F05, 4321, 0x0903
 
 
 @pytest.mark.parametrize(("number", "servo_id"), [(AX_12A, 7), (SCS15_TURNED, 7), (OF_NOBODY, 8)])
-def test_a_stranger_among_them_gets_no_goal(number: int, servo_id: int, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_servo_of_another_model_gets_no_goal(number: int, servo_id: int, caplog: pytest.LogCaptureFixture) -> None:
     """The servo has another model number, or its ID register is not where this table has it."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
@@ -173,18 +173,18 @@ def test_a_stranger_among_them_gets_no_goal(number: int, servo_id: int, caplog: 
 
 
 @pytest.mark.parametrize("number", [sts.STS3250.number, OF_NOBODY, TURNED])
-def test_one_that_has_the_table_whatever_its_number_is_measured(number: int, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_servo_with_the_right_table_is_measured(number: int, caplog: pytest.LogCaptureFixture) -> None:
     """The servo has another motor, an unknown model number, or a simulated number with swapped bytes."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
     assert f"servo 7: is model {number}" in caplog.text
-    assert "it is measured as this model all the same" in caplog.text
+    assert "it is still measured as this model" in caplog.text
 
 
 @pytest.mark.parametrize("mode", [1, 2, 3])
 @pytest.mark.parametrize("number", [sts.STS3250.number, OF_NOBODY])
-def test_one_with_the_table_that_is_in_another_mode_gets_no_goal(number: int, mode: int) -> None:
+def test_an_unknown_model_in_another_mode_gets_no_goal(number: int, mode: int) -> None:
     """In mode 3, a goal is a distance to move."""
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.model_number, number)
@@ -193,7 +193,7 @@ def test_one_with_the_table_that_is_in_another_mode_gets_no_goal(number: int, mo
 
 
 @pytest.mark.parametrize("at_its_number", [True, False])
-def test_one_that_falls_silent_while_it_is_asked_what_it_is_gets_no_goal(at_its_number: bool) -> None:
+def test_a_servo_that_falls_silent_during_identification_gets_no_goal(at_its_number: bool) -> None:
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).memory.put(sts.operating_mode, 3)
     last = sts.model_number if at_its_number else sts.operating_mode
@@ -209,7 +209,7 @@ def test_one_that_falls_silent_while_it_is_asked_what_it_is_gets_no_goal(at_its_
 
 
 @pytest.mark.parametrize("model", ["scs0009", "ax-12a"])
-def test_who_stands_where_no_goal_can_be_gets_none(model: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_servo_at_an_invalid_goal_position_gets_no_goal(model: str, caplog: pytest.LogCaptureFixture) -> None:
     clock = SimulatedClock(0.0)
     line = VirtualBus.of(BenchPlant(IDS), dict.fromkeys(IDS, MODELS[model]))
     bus = Bus(VirtualPort(line, clock), clock, dict.fromkeys(IDS, MODELS[model]))
@@ -233,7 +233,7 @@ class Numberless(WatchedPort):
             super().write(data)
 
 
-def test_a_simulator_that_does_not_say_what_it_is_is_believed() -> None:
+def test_a_simulator_without_a_model_number_is_accepted() -> None:
     clock = SimulatedClock(0.0)
     bus = Bus(Numberless(servos(), clock), clock)
     goals = stand_still(bus, IDS, sts.STS3215)
@@ -242,13 +242,13 @@ def test_a_simulator_that_does_not_say_what_it_is_is_believed() -> None:
     assert measure(bus, clock, IDS, goals, 20).faults["silent"] == 0
 
 
-def test_one_that_is_mute_among_others_is_no_simulator() -> None:
+def test_a_single_servo_without_single_reads_is_not_taken_for_a_simulator() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(7).answer = lambda instruction: None  # type: ignore[method-assign]
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {7}
 
 
-def test_a_simulator_with_nothing_in_its_memory_is_believed() -> None:
+def test_a_simulator_with_empty_memory_is_accepted() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     for servo in line.servos:
         for register in (sts.model_number, sts.status_level, sts.operating_mode):
@@ -256,14 +256,14 @@ def test_a_simulator_with_nothing_in_its_memory_is_believed() -> None:
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS)
 
 
-def test_who_is_in_another_mode_is_read_and_gets_no_goal(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_servo_in_another_mode_is_read_but_gets_no_goal(caplog: pytest.LogCaptureFixture) -> None:
     line, clock = servos(), SimulatedClock(0.0)
     line.servo(3).memory.put(sts.operating_mode, 3)  # in which a goal is a number of steps
     assert set(stand_still(Bus(VirtualPort(line, clock), clock), IDS, sts.STS3215)) == set(IDS) - {3}
     assert "servo 3: is not in position mode" in caplog.text
 
 
-def test_who_comes_only_later_gets_no_goal() -> None:
+def test_a_servo_that_first_answers_during_the_run_gets_no_goal() -> None:
     line, clock = servos(), SimulatedClock(0.0)
     port = WatchedPort(line, clock)
     bus = Bus(port, clock)
@@ -275,7 +275,7 @@ def test_who_comes_only_later_gets_no_goal() -> None:
     assert all(set(packet[7:-1:8]) == set(IDS) - {7} for packet in goals_sent(port))
 
 
-def test_a_lost_answer_is_asked_for_again() -> None:
+def test_a_lost_reply_is_requested_again() -> None:
     line, clock = servos(), SimulatedClock(0.0)
 
     class Lossy(WatchedPort):
@@ -328,7 +328,7 @@ def with_torque(line: VirtualBus) -> set[int]:
 
 
 @pytest.mark.parametrize("hold", [False, True])
-def test_limp_servos_are_only_read_unless_they_are_to_be_held(hold: bool, caplog: pytest.LogCaptureFixture) -> None:
+def test_limp_servos_are_only_read_unless_hold_is_given(hold: bool, caplog: pytest.LogCaptureFixture) -> None:
     line, clock = servos(), SimulatedClock(0.0)
     port = WatchedPort(line, clock)
     bus = Bus(port, clock)
@@ -345,7 +345,7 @@ def test_limp_servos_are_only_read_unless_they_are_to_be_held(hold: bool, caplog
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, DriverError])
-def test_limp_servos_are_limp_again_whatever_ends_the_run(error: type[BaseException]) -> None:
+def test_held_servos_are_released_however_the_run_ends(error: type[BaseException]) -> None:
     line, clock = servos(), SimulatedClock(0.0)
     bus = Bus(VirtualPort(line, clock), clock)
     with pytest.raises(error), standing_still(bus, IDS, sts.STS3215, hold=True):

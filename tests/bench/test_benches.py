@@ -61,7 +61,7 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )
-def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
+def test_the_other_benchmarks_print_their_figures(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
     done = subprocess.run([sys.executable, "-m", *arguments], capture_output=True, text=True, timeout=100)
     assert "Traceback" not in done.stderr and "torque" not in done.stderr, done.stderr
     assert all(word in done.stdout for word in words), done.stdout
@@ -91,7 +91,7 @@ def test_the_other_benches_print_their_figures(arguments: tuple[str, ...], words
         ("benchmarks.decoder --bytes -1", "argument --bytes: must be a whole number of at least 1, not '-1'"),
     ],
 )
-def test_what_a_bench_cannot_take_is_said_in_a_sentence(
+def test_invalid_arguments_of_a_benchmark_are_reported_in_one_sentence(
     arguments: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "taken").write_text("mine")
@@ -107,16 +107,16 @@ def test_what_a_bench_cannot_take_is_said_in_a_sentence(
     assert (tmp_path / "taken").read_text() == "mine"
 
 
-def test_a_program_without_the_means_for_real_time_priority_gets_none() -> None:
+def test_a_program_without_the_right_to_real_time_priority_gets_none() -> None:
     program = "import os\ntry: os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))\nexcept OSError: print('none')"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, preexec_fn=without_priority)
     assert done.stdout == "none\n"
 
 
-def test_the_largest_step_of_a_joint_is_a_share_of_its_limit() -> None:
+def test_the_largest_step_is_relative_to_the_velocity_limit() -> None:
     """The joint moves at half its limit at first.
 
-    The feed is then late for 0.2 s, with an average of three quarters of it.
+    The feed then publishes 0.2 s late, and the average speed in that time is three quarters of the limit.
     """
     times_s = [0.01 * i for i in range(11)] + [0.3]
     slide = [0.5 * t for t in times_s[:11]] + [0.05 + 0.75 * 0.2]

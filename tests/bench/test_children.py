@@ -25,7 +25,7 @@ with child("-m", "benchmarks.simulator", sys.argv[1]) as simulator:
 """
 
 
-def test_a_process_that_says_something_else_ends_the_bench_with_a_sentence() -> None:
+def test_unexpected_output_of_a_child_ends_the_benchmark_with_a_message() -> None:
     with (
         pytest.raises(SystemExit, match="-c print\\('no'\\)… is not ready: it printed 'no' instead of 'ready'"),
         child("-c", "print('no')"),
@@ -33,12 +33,12 @@ def test_a_process_that_says_something_else_ends_the_bench_with_a_sentence() -> 
         pytest.fail("it is not ready")
 
 
-def test_a_process_that_ends_at_once_ends_the_bench_with_a_sentence() -> None:
+def test_a_child_that_ends_at_once_ends_the_benchmark_with_a_message() -> None:
     with pytest.raises(SystemExit, match="it printed '' instead of 'ready'"), child("-c", "pass"):
         pytest.fail("it is not ready")
 
 
-def test_a_process_that_hangs_ends_the_bench_with_a_sentence() -> None:
+def test_a_child_that_hangs_ends_the_benchmark_with_a_message() -> None:
     process = start("-c", "import time; time.sleep(99)")
     with pytest.raises(SystemExit, match=f"process {process.pid} has printed nothing for 0 s: the benchmark ends"):
         next_line(process, patience_s=0.1)
@@ -50,7 +50,7 @@ def test_a_process_that_hangs_ends_the_bench_with_a_sentence() -> None:
     ("bench", "simulator"),
     [("benchmarks.two_ports --cycles 100000", "--serve"), ("benchmarks.bus --cycles 100000", "benchmarks.simulator")],
 )
-def test_a_bench_whose_simulator_is_killed_ends_with_a_sentence(bench: str, simulator: str) -> None:
+def test_a_killed_simulator_ends_the_benchmark_with_a_message(bench: str, simulator: str) -> None:
     with measuring(*bench.split()) as process:
         next(one for one in psutil.Process(process.pid).children() if simulator in one.cmdline()).kill()
         _, words = process.communicate(timeout=60)
@@ -86,7 +86,7 @@ def open_files(process_id: int) -> list[str]:
 @pytest.mark.parametrize(
     ("number", "says"), [(signal.SIGKILL, "has disappeared"), (signal.SIGSTOP, "accepts no more bytes")]
 )
-def test_measuring_a_line_ends_when_its_servos_are_gone(tmp_path: Path, number: int, says: str) -> None:
+def test_the_measurement_of_a_line_ends_when_its_servos_disappear(tmp_path: Path, number: int, says: str) -> None:
     with child("-m", "benchmarks.simulator", str(tmp_path / "bus")) as simulator:
         command = ["servoloop", "bench", "bus", "--port", str(tmp_path / "bus"), "--cycles", "10000000"]
         with measuring(*command) as process:
@@ -96,7 +96,7 @@ def test_measuring_a_line_ends_when_its_servos_are_gone(tmp_path: Path, number: 
     assert says in words and "Traceback" not in words
 
 
-def test_a_simulator_ends_with_its_bench_when_that_is_killed(tmp_path: Path) -> None:
+def test_a_simulator_ends_when_its_benchmark_is_killed(tmp_path: Path) -> None:
     command = [sys.executable, "-c", PARENT, str(tmp_path / "bus")]
     bench = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert bench.stdout is not None

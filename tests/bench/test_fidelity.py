@@ -18,11 +18,11 @@ def figures() -> list[Figure]:
     return fidelity.figures()
 
 
-def test_every_figure_is_within_fifteen_percent_or_says_why_not(figures: list[Figure]) -> None:
+def test_every_figure_is_within_fifteen_percent_or_has_a_reason(figures: list[Figure]) -> None:
     assert [(figure.name, figure.measured, figure.expected) for figure in figures if not figure.fits] == []
 
 
-def test_the_exceptions_have_their_bounds_too(figures: list[Figure]) -> None:
+def test_the_exceptions_have_bounds_too(figures: list[Figure]) -> None:
     for figure in figures:
         if not figure.reason:
             continue

@@ -26,7 +26,7 @@ def test_the_table_has_a_line_for_each_make_and_period() -> None:
 
 @pytest.mark.parametrize("code", [wire.SYNC_READ, wire.FAST_SYNC_READ])
 @pytest.mark.parametrize(("silent", "heard"), [(1, 0), (2, 1), (3, 2)])
-def test_the_servos_of_the_bench_wait_for_each_other_as_real_ones_do(code: int, silent: int, heard: int) -> None:
+def test_the_servos_of_the_benchmark_wait_for_each_other_like_real_servos(code: int, silent: int, heard: int) -> None:
     servos = DynamixelServos([1, 2, 3])
     servos.silence({silent})
     reply = servos.answer(wire.packet(wire.BROADCAST_ID, code, wire.span(132, 4) + bytes((1, 2, 3))))

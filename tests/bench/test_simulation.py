@@ -20,7 +20,7 @@ from servoloop.stack.arm_folders import OWN, find_arm
 PARTS = {"world", "servos", "line and packets", "driver", "controllers", "compensation", "loop"}
 
 
-def test_it_measures_every_part_and_prints_all(
+def test_every_part_is_measured_and_printed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     short = Scenario(seconds=0.5, within_s=0.5)
@@ -43,7 +43,7 @@ def test_it_measures_every_part_and_prints_all(
     assert printed["shares"] == figures.shares and printed["invariants"]["ratio"] == cost.ratio
 
 
-def test_an_invariant_that_is_timed_sees_and_says_the_same() -> None:
+def test_a_timed_invariant_has_the_same_results() -> None:
     class Moves(Invariant):
         """Nothing moves."""
 
@@ -61,7 +61,7 @@ def test_an_invariant_that_is_timed_sees_and_says_the_same() -> None:
     assert measured.examined["moves"] > 200 and watch.spent_s["moves"] > 0.0
 
 
-def test_a_part_is_not_charged_for_what_it_calls() -> None:
+def test_the_time_of_called_parts_is_not_counted_twice() -> None:
     class Part:
         def inner(self) -> None:
             clock[0] += 2.0

@@ -80,7 +80,7 @@ def test_nothing_is_written_when_nothing_differs() -> None:
     assert line.port.written == []
 
 
-def test_only_what_differs_is_written_and_it_outlives_power_off_locked() -> None:
+def test_only_different_values_are_written_and_they_persist_with_the_lock_closed() -> None:
     line = Line()
     values = {sts.position_p: 16, sts.position_d: 32, sts.homing_offset: -85}
     changes = update(line.bus, 1, LOCK, values)

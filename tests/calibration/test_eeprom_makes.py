@@ -64,7 +64,7 @@ class Bench:
 
 
 @every_case
-def test_only_what_differs_is_written_and_it_outlives_power_off(case: Case) -> None:
+def test_only_different_values_are_written_and_they_persist(case: Case) -> None:
     bench = Bench(case)
     before = {register: bench.held(register) for register in case.new}
     values = {case.kept: bench.held(case.kept), **dict(reversed(case.new.items()))}

@@ -102,7 +102,7 @@ def test_states_come_at_their_rate_by_the_clock(client: Client) -> None:
     assert len(states) == 5
 
 
-def test_too_large_a_message_is_refused_and_nothing_after_it_is_carried_out(client: Client) -> None:
+def test_a_message_that_is_too_large_is_refused_with_all_later_messages(client: Client) -> None:
     (reply,) = client.write(b"x" * 500_001)
     assert reply["error"]["type"] == "too_large" and client.session.refused
     assert client.write(b"\n" + client.line("take")) == []

@@ -15,7 +15,7 @@ from tests.servoloop.test_up_without_ros import stack
 pytestmark = pytest.mark.slow
 
 
-def test_the_stack_survives_its_clients_and_ends_as_always(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_stack_survives_its_clients_and_ends_normally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with runtime_folder(monkeypatch) as folder, stack(tmp_path, "--no-ros") as log:
         process = child(GOAL)
         process.send_signal(signal.SIGKILL)

@@ -104,7 +104,7 @@ def test_a_servo_that_stops_answering_is_named() -> None:
     with pytest.raises(DriverError, match="servo 6"):
         by_itself(arm, stopped=break_one).run()
     others = [servo.memory.get(sts.torque_enable) for servo in arm.line.servos if servo.servo_id != 6]
-    assert not any(others), "one that does not hear keeps its torque, and nobody else does"
+    assert not any(others), "only the servo that does not receive the packet keeps its torque"
 
 
 def test_an_unplugged_adapter_is_reported_with_a_torque_warning() -> None:

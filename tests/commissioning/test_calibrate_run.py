@@ -54,7 +54,7 @@ class Owner(Person):
         super().say(text)
         if text == HANDS_OFF:
             assert torque(self.arm) == [joint.servo_id for joint in self.arm.joints], (
-                "it is let go when it holds itself"
+                "it is released when it holds its position"
             )
             self.arm.hand.release()
         if text == SUPPORT:

@@ -94,7 +94,7 @@ def test_a_dynamixel_arm_is_examined_with_its_own_control_table() -> None:
     ]
 
 
-def test_turns_that_a_limp_dynamixel_drops_at_activation_are_no_finding() -> None:
+def test_turns_that_a_limp_dynamixel_drops_at_activation_are_not_a_finding() -> None:
     patient = Patient("robot_arm_dynamixel")
     firmware = patient.line.servo(3).firmware
     firmware._turned -= 2 * 4096

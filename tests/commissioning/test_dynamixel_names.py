@@ -63,7 +63,7 @@ def test_the_doctor_names_a_servo_without_a_supported_table() -> None:
     assert "2010 (PH54-100-S500; its table is not supported, so it is read only)" in found.cause
 
 
-def test_the_doctor_says_that_a_pair_has_two_ids() -> None:
+def test_the_doctor_reports_that_a_pair_has_two_ids() -> None:
     pair = replace(JOINT, model=x.TWO_XL430_W250)
     silent = ServoSnapshot(pair, "silent", {}, (), "/dev/ttyUSB0")
     other = ServoSnapshot(replace(pair, name="other", servo_id=99), "well", {}, (STATE,), "/dev/ttyUSB0")

@@ -103,7 +103,7 @@ def test_a_plan_stays_within_the_limits_and_a_quarter_of_the_speed(
 def test_the_step_shrinks_with_the_room_and_no_room_is_refused() -> None:
     narrow = replace(SHOULDER, limits=replace(SHOULDER.limits, lower=-0.15, upper=0.15))
     assert abs(plan_for(narrow, 0.0).step) == pytest.approx(0.06)
-    with pytest.raises(TuneError, match="shoulder has not enough room"):
+    with pytest.raises(TuneError, match="shoulder does not have enough room"):
         plan_for(replace(SHOULDER, limits=replace(SHOULDER.limits, lower=-0.05, upper=0.05)), 0.0)
     with pytest.raises(TuneError, match=r"cannot move to 3\.000: its limits are -2\.000 to 2\.000"):
         plan_for(SHOULDER, 0.0, 3.0)
@@ -112,7 +112,7 @@ def test_the_step_shrinks_with_the_room_and_no_room_is_refused() -> None:
 def test_the_question_states_distance_and_speed() -> None:
     text = plan_question(SHOULDER, plan_for(SHOULDER, 0.0), ["elbow"], "It holds.")
     assert "from 0.000 to 0.350 rad" in text and "0.350 and 0.500 rad (98 counts)" in text
-    assert "at most at 1 rad/s (its limit is 4)" in text and "elbow will hold" in text
+    assert "at most 1 rad/s (its limit is 4)" in text and "elbow will hold" in text
     assert " m/s" in plan_question(FINGER, plan_for(FINGER, 0.02), [], "It holds.")
 
 

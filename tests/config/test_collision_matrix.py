@@ -25,24 +25,24 @@ def disabled() -> dict[Pair, str]:
 
 
 @pytest.mark.slow
-def test_the_file_is_what_the_tool_finds() -> None:
+def test_the_file_equals_the_output_of_the_tool() -> None:
     assert disabled() == reasons(SCENE)
 
 
-def test_adjacent_links_are_those_that_a_joint_of_the_urdf_joins() -> None:
+def test_adjacent_links_are_connected_by_a_joint_of_the_urdf() -> None:
     joined = {pair(joint.parent, joint.child) for joint in DESCRIPTION.joints.values()}
     assert {links for links, reason in disabled().items() if reason == "Adjacent"} == joined
 
 
 @pytest.mark.slow
-def test_no_pair_that_never_touches_touches_in_other_poses(arm: LinkModel) -> None:
+def test_pairs_marked_never_do_not_touch_in_other_poses(arm: LinkModel) -> None:
     touched = count(arm, 20_000, seed=2)
     never = {links for links, reason in disabled().items() if reason == "Never"}
     assert never and not never & touched.keys()
 
 
 @pytest.mark.slow
-def test_every_pair_that_is_checked_can_touch(arm: LinkModel) -> None:
+def test_every_checked_pair_can_touch(arm: LinkModel) -> None:
     checked = set(itertools.combinations(arm.links, 2)) - disabled().keys()
     assert checked <= count(arm, 50_000, seed=4).keys()
 
@@ -54,25 +54,27 @@ def run_tool(monkeypatch: pytest.MonkeyPatch, *words: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["so101", "so100", "koch"])
-def test_the_tool_takes_any_arm(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tool_works_for_any_arm(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     run_tool(monkeypatch, name, "--samples", "100")
     printed = capsys.readouterr().out
     assert 'reason="Adjacent"' in printed and 'reason="Never"' in printed and "gripper_link" in printed
 
 
-def test_the_tool_says_which_arms_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_tool_lists_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SystemExit, match=r"there is no arm so999: choose one of .*so101"):
         run_tool(monkeypatch, "so999")
 
 
-def test_the_tool_sees_the_fingers_meet_and_the_forearm_fold_back(arm: LinkModel) -> None:
+def test_the_tool_detects_meeting_fingers_and_a_folded_forearm(arm: LinkModel) -> None:
     closed = np.array([0, 0, 0, 0, 0, 0, 0.05, 0.05])
     assert arm.touching(closed) == {("hand_left_link", "hand_right_link")}
     folded = np.array([0, 2, 2, 0, 0, 0, 0, 0])
     assert arm.touching(folded) == {("base_link", "link4"), ("link1", "link3"), ("link1", "link4")}
 
 
-def test_the_node_s_poses_are_free_of_collisions(arm: LinkModel) -> None:
+def test_the_poses_of_the_node_are_free_of_collisions(arm: LinkModel) -> None:
     node = read(CONFIG / "vision_pick_place_controller.yaml")
     parameters = node["vision_pick_place_controller"]["ros__parameters"]
     for pose in (*parameters["poses"].values(), *parameters["bins"].values()):

@@ -9,11 +9,11 @@ from tests.config.arm import ARM, CONFIG, DESCRIPTION, SRDF, controllers, groups
 
 # A run of this folder is a run of the command.
 @pytest.mark.runs(".venv/bin/python -m pytest tests/config")
-def test_the_robot_has_the_urdf_s_name() -> None:
+def test_the_robot_has_the_name_in_the_urdf() -> None:
     assert SRDF.get("name") == ElementTree.fromstring(DESCRIPTION.xml).get("name")
 
 
-def test_groups_are_the_controllers_joints() -> None:
+def test_groups_contain_the_joints_of_the_controllers() -> None:
     assert groups()["arm"] == controllers()["arm_controller"]["ros__parameters"]["joints"]
     driven = controllers()["hand_controller"]["ros__parameters"]["joints"]
     assert groups()["hand"] == [*driven, "hand_left_joint"]
@@ -21,7 +21,7 @@ def test_groups_are_the_controllers_joints() -> None:
     assert {*groups()["arm"], *groups()["hand"]} == set(DESCRIPTION.joints)
 
 
-def test_the_hand_is_the_arm_s_end_effector() -> None:
+def test_the_hand_is_the_end_effector_of_the_arm() -> None:
     (effector,) = SRDF.findall("end_effector")
     hand_parents = {DESCRIPTION.joints[joint].parent for joint in groups()["hand"]}
     assert hand_parents == {effector.get("parent_link")}
@@ -42,7 +42,7 @@ def test_named_states_name_every_driven_joint_of_their_group_within_its_limits()
             assert DESCRIPTION.joints[joint].lower <= value <= DESCRIPTION.joints[joint].upper, (name, joint)
 
 
-def test_named_states_are_zero_the_park_pose_and_those_of_the_node() -> None:
+def test_named_states_are_zero_the_park_pose_and_the_poses_of_the_node() -> None:
     node = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
     assert states() == {
         ("arm", "ready"): dict(zip(ARM, node["poses"]["ready"], strict=True)),

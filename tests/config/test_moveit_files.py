@@ -63,7 +63,9 @@ def padded(arm: ArmFolder, folder: Path) -> PaddedArm:
     return PaddedArm(arm.scene, objects, read_padding_m(folder), unchecked(semantic(folder)))
 
 
-def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tuple[ArmFolder, Path]) -> None:
+def test_moveit_can_plan_in_every_usual_pose_of_the_arm(
+    written: tuple[ArmFolder, Path],
+) -> None:
     arm, folder = written
     model = padded(arm, folder)
     named = {name: state for (group, name), state in states(semantic(folder)).items() if group == "arm"}
@@ -72,14 +74,14 @@ def test_moveit_can_plan_where_the_arm_starts_parks_lies_and_works(written: tupl
     assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
 
 
-def test_moveit_can_plan_with_the_files_that_the_launch_takes() -> None:
+def test_moveit_can_plan_with_the_files_of_the_launch() -> None:
     arm = find_arm("robot_arm")
     model = padded(arm, MOVEIT)
     poses = {**rest_poses(arm), **working_poses(arm)}
     assert {name: pairs for name, pose in poses.items() if (pairs := model.collisions(pose))} == {}
 
 
-def test_the_project_s_own_arm_has_what_the_verb_writes(written: tuple[ArmFolder, Path]) -> None:
+def test_the_files_of_robot_arm_equal_the_output_of_the_command(written: tuple[ArmFolder, Path]) -> None:
     """The exceptions are the state `upright` and the collision matrix, which needs more samples."""
     arm, folder = written
     if arm.name != "robot_arm":
@@ -101,7 +103,7 @@ def plain(element: ElementTree.Element) -> str:
     return re.sub(r"\s+", " ", ElementTree.tostring(element, encoding="unicode")).strip()
 
 
-def test_the_padding_is_more_than_the_hand_sinks(written: tuple[ArmFolder, Path]) -> None:
+def test_the_padding_exceeds_the_sag_of_the_hand(written: tuple[ArmFolder, Path]) -> None:
     """Each joint has the position error of a servo at rest, with the arm stretched out at zero or ready."""
     arm, folder = written
     world = World(arm.scene)
@@ -114,7 +116,7 @@ def test_the_padding_is_more_than_the_hand_sinks(written: tuple[ArmFolder, Path]
         assert SERVOS_LEAVE_RAD * sum(levers) < read_padding_m(folder)
 
 
-def test_the_files_name_the_arm_s_joints_and_controllers(written: tuple[ArmFolder, Path]) -> None:
+def test_the_files_name_the_joints_and_controllers_of_the_arm(written: tuple[ArmFolder, Path]) -> None:
     arm, folder = written
     files, root = read_arm_files(arm), semantic(folder)
     limits = read(folder / "joint_limits.yaml")["joint_limits"]
@@ -131,7 +133,7 @@ def test_the_files_name_the_arm_s_joints_and_controllers(written: tuple[ArmFolde
     assert set(read(folder / "kinematics.yaml")) == {"arm"}
 
 
-def test_collisions_are_checked_with_the_urdf_s_shapes() -> None:
+def test_collisions_are_checked_with_the_shapes_of_the_urdf() -> None:
     """The scene has the boxes that MoveIt reads from the URDF."""
     for name in NAMES:
         arm = find_arm(name)
@@ -154,7 +156,7 @@ def shapes(robot: ElementTree.Element) -> Iterator[tuple[Any, ...]]:
 
 
 @pytest.mark.runs("servoloop arms moveit so101 so101_moveit")
-def test_the_verb_writes_the_files(
+def test_the_command_writes_the_files(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = moveit_files(find_arm("so101"), 100)

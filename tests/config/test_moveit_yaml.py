@@ -16,7 +16,7 @@ ACCELERATION_SHARE: Final = 0.8
 
 
 @pytest.mark.parametrize("name", ["robot_arm", "robot_arm_dynamixel", "robot_arm_two_buses"])
-def test_limits_are_shares_of_the_urdf_s_and_of_every_robot_file_s(name: str) -> None:
+def test_limits_are_shares_of_those_in_the_urdf_and_every_robot_file(name: str) -> None:
     limits = read(MOVEIT / "joint_limits.yaml")
     robot = load_robot_file(CONFIG / f"{name}.yaml")
     assert list(limits["joint_limits"]) == list(robot.joints)
@@ -57,7 +57,7 @@ def test_paths_are_checked_more_closely_than_links_are_padded() -> None:
     assert step * reach / 2 < limits["default_robot_padding"]  # from the middle of a step to its ends
 
 
-def test_moveit_s_controllers_are_ours() -> None:
+def test_moveit_uses_the_controllers_of_the_stack() -> None:
     file = read(MOVEIT / "moveit_controllers.yaml")
     assert file["moveit_controller_manager"] == "moveit_simple_controller_manager/MoveItSimpleControllerManager"
     manager = file["moveit_simple_controller_manager"]
@@ -73,7 +73,7 @@ def test_moveit_s_controllers_are_ours() -> None:
         assert entry["joints"] == controllers()[name]["ros__parameters"]["joints"]
 
 
-def test_moveit_waits_as_long_as_the_arm_may_wait_for_the_hand() -> None:
+def test_moveit_waits_for_the_longest_wait_of_the_arm_for_the_hand() -> None:
     execution = read(MOVEIT / "moveit_controllers.yaml")["trajectory_execution"]
     defaults = load_robot_file(CONFIG / "robot_arm.yaml").controller_defaults["arm_controller"]
     assert execution["allowed_goal_duration_margin"] >= defaults["wait_for_timeout"] + 0.5
@@ -91,7 +91,7 @@ def test_kinematics_and_planners_are_for_groups_that_exist() -> None:
         assert planner["type"] == f"geometric::{name}"
 
 
-def test_rviz_looks_at_this_arm() -> None:
+def test_rviz_shows_this_arm() -> None:
     manager = read(MOVEIT / "moveit.rviz")["Visualization Manager"]
     assert manager["Global Options"]["Fixed Frame"] in LINKS
     (planning,) = [display for display in manager["Displays"] if "MotionPlanning" in display["Class"]]
@@ -100,7 +100,7 @@ def test_rviz_looks_at_this_arm() -> None:
     assert planning["Velocity_Scaling_Factor"] == scale
 
 
-def test_the_arm_reaches_five_dimensions_as_kinematics_yaml_says() -> None:
+def test_the_arm_reaches_five_dimensions_as_stated_in_kinematics_yaml() -> None:
     random = np.random.default_rng(3)
     ranks = set()
     for _ in range(50):

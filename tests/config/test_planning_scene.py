@@ -75,7 +75,7 @@ def in_the_world(body: str) -> list[Box]:
     return [Box(rounded(geom.xpos), rounded(world.model.geom_size[geom.id])) for geom in geoms]
 
 
-def test_the_request_adds_to_what_move_group_has() -> None:
+def test_the_request_adds_to_the_scene_of_move_group() -> None:
     scene = REQUEST["scene"]
     assert set(REQUEST) == {"scene"}
     assert set(scene) == {
@@ -89,7 +89,7 @@ def test_the_request_adds_to_what_move_group_has() -> None:
     assert frames == LINKS - {joint.child for joint in DESCRIPTION.joints.values()}
 
 
-def test_every_body_of_the_world_is_there_but_arm_and_cube() -> None:
+def test_the_scene_has_every_body_of_the_world_except_arm_and_cube() -> None:
     world = World()
     bodies = [world.model.body(i) for i in range(world.model.nbody)]
     around = {body.name for body in bodies if body.name != "world" and body.name not in LINKS}
@@ -97,18 +97,18 @@ def test_every_body_of_the_world_is_there_but_arm_and_cube() -> None:
 
 
 @pytest.mark.parametrize("name", BINS)
-def test_bins_are_where_the_world_has_them(name: str) -> None:
+def test_bins_are_at_their_places_in_the_world(name: str) -> None:
     assert in_the_file()[f"bin_{name}"] == in_the_world(f"bin_{name}")
 
 
-def test_the_stand_is_where_the_world_has_it_and_lower_by_more_than_the_padding() -> None:
+def test_the_stand_is_at_its_place_in_the_world_and_lower_by_more_than_the_padding() -> None:
     ((told,), (real,)) = in_the_file()["stand"], in_the_world("stand")
     assert (told.middle[:2], told.half[:2]) == (real.middle[:2], real.half[:2])
     assert told.top == pytest.approx(real.top - PADDING - ROOM_M)
     assert told.middle[2] - told.half[2] == pytest.approx(0.0)
 
 
-def test_the_table_is_level_with_the_world_s_and_lower_only_below_the_foot_and_where_the_arm_lies() -> None:
+def test_the_table_is_lower_than_in_the_world_only_below_the_foot_and_the_lying_arm() -> None:
     table = in_the_file()["table"]
     assert World().data.geom("table").xpos[2] == 0.0
     tops = set()
@@ -139,7 +139,7 @@ def padded() -> PaddedArm:
 
 
 @pytest.mark.parametrize("hand", [NODE["hand_open_m"], 0.0275, NODE["hand_closed_m"]])
-def test_moveit_may_go_where_the_node_goes(padded: PaddedArm, hand: float) -> None:
+def test_moveit_accepts_the_poses_of_the_node(padded: PaddedArm, hand: float) -> None:
     """MoveIt rejects starts and goals in collision.
 
     The pose must therefore be free of collisions with the hand open, around a cube and closed.
@@ -152,7 +152,7 @@ def test_moveit_may_go_where_the_node_goes(padded: PaddedArm, hand: float) -> No
             assert distance(padded, place, hand) > 0.001, name
 
 
-def test_moveit_may_not_go_into_stand_table_and_bins(padded: PaddedArm) -> None:
+def test_moveit_rejects_poses_inside_stand_table_and_bins(padded: PaddedArm) -> None:
     """Further down from the pick and bin poses, the arm touches a box. Padding makes this distance shorter."""
     for name in ("pick", *(name for name in POSES if name.startswith("bin"))):
         lower = np.add(POSES[name], [0, -0.25, -0.25, 0.25, 0.25, 0])
@@ -161,7 +161,7 @@ def test_moveit_may_not_go_into_stand_table_and_bins(padded: PaddedArm) -> None:
     assert distance(bare, POSES["pick"], 0.0) - distance(padded, POSES["pick"], 0.0) >= PADDING
 
 
-def test_a_gripped_cube_keeps_clear_of_the_stand() -> None:
+def test_a_gripped_cube_does_not_touch_the_stand() -> None:
     """An attached object has the padding of the link that holds it, and the hand sinks by the error at rest."""
     world = World()
     cube, half = world.poses()["cube"].position_m, float(world.model.geom("cube").size[2])

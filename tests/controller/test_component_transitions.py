@@ -256,7 +256,7 @@ def test_a_component_whose_cleanup_fails_is_finalized() -> None:
     written = len(two.hand.written)
     two.cycle(3)
     assert len(two.hand.written) == written
-    with pytest.raises(Exception, match="hand is finalized for good"):
+    with pytest.raises(Exception, match="hand is permanently finalized"):
         two.set(ACTIVE).result()
 
 
@@ -292,7 +292,7 @@ def test_each_transition_calls_the_right_steps(begin: LifecycleState, target: Li
 def test_a_finalized_component_cannot_change_its_state(target: LifecycleState) -> None:
     two = Two().up()
     two.set(FINALIZED).result()
-    with pytest.raises(Exception, match="hand is finalized"):
+    with pytest.raises(Exception, match="hand is permanently finalized"):
         two.set(target).result()
 
 

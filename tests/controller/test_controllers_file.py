@@ -170,7 +170,7 @@ MISTAKES = {
     "a joint twice": (("[joint1, joint2]", "[joint1, joint1]"), ["arm_controller.joints names joint1 twice"]),
     "an unknown type": (
         (ARM_TYPE, "diff_drive_controller/DiffDriveController"),
-        ["arm_controller has unknown type 'diff_drive_controller/DiffDriveController', known types are " + ARM_TYPE],
+        ["arm_controller has unknown type 'diff_drive_controller/DiffDriveController'; known types are " + ARM_TYPE],
     ),
     "an invalid node name": (
         ("    hand_controller:\n", "    hand-2:\n"),
@@ -359,7 +359,7 @@ def test_later_parameter_files_override_earlier_ones_and_the_controllers_file(tm
             "wrist",
             "no/Such",
             "wrist: {ros__parameters: {}}",
-            "controller_manager.wrist has unknown type 'no/Such', known",
+            "controller_manager.wrist has unknown type 'no/Such'; known",
         ),
         (
             "wrist",

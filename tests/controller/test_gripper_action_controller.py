@@ -141,7 +141,7 @@ def test_an_invalid_goal_is_rejected_with_its_values(goal: GripperGoal, words: s
 
 @pytest.mark.parametrize(("allow", "status"), [(True, GoalStatus.SUCCEEDED), (False, GoalStatus.ABORTED)])
 @pytest.mark.parametrize("says_velocity", [True, False])
-def test_fingers_on_an_object_have_stalled_and_go_on_holding_it(
+def test_fingers_on_an_object_have_stalled_and_keep_holding_it(
     allow: bool, status: GoalStatus, says_velocity: bool
 ) -> None:
     fingers = Fingers(gripper(allow_stalling=allow, stall_timeout=0.3), wall=0.02, says_velocity=says_velocity)
@@ -385,7 +385,7 @@ def test_the_defaults_are_those_of_ros2_control_except_for_the_velocity() -> Non
     ("parameters", "unused"),
     [
         ({}, []),
-        ({"max_effort": 10.0}, ["max_effort (torque_limit in the robot file bounds the force)"]),
+        ({"max_effort": 10.0}, ["max_effort (torque_limit in the robot file limits the force)"]),
         ({"max_velocity_interface": "f/v"}, ["max_velocity_interface (the planned motion keeps the velocity)"]),
         ({"gains": {}}, ["gains"]),
     ],

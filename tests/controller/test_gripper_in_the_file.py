@@ -63,7 +63,7 @@ def test_the_controllers_are_built_and_parameters_without_effect_are_logged(
     manager = filled(tmp_path, FILE)
     assert isinstance(manager.registry.controllers["gripper"], GripperActionController)
     assert isinstance(manager.registry.controllers["servos"], ServoStateBroadcaster)
-    assert "max_effort (torque_limit in the robot file bounds the force)" in caplog.text
+    assert "max_effort (torque_limit in the robot file limits the force)" in caplog.text
 
 
 @pytest.mark.parametrize(

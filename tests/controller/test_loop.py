@@ -413,7 +413,7 @@ def test_a_report_of_missed_cycles_names_the_rate_that_the_loop_kept(caplog: pyt
         took_s = 0.5 if cycle == 10 else 0.0029 if cycle % 3 == 0 else 0.001
         due_s = figures.count_cycle(due_s, due_s, due_s + took_s, 0.0025, took_s)
     assert len(caplog.messages) == 3
-    assert caplog.messages[-1].endswith("This machine recently kept 340 Hz: set update_rate to 340 or less")
+    assert caplog.messages[-1].endswith("This machine recently sustained 340 Hz: set update_rate to 340 or less")
     assert figures.recent.kept_hz == 340.0
 
 

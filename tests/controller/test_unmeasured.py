@@ -77,7 +77,7 @@ def test_a_goal_continues_from_rest_at_the_last_command_after_a_stall(method: st
     velocity = gone_on(bench, 10)
     assert not velocity[0].any() and velocity.min() >= -1e-3
     assert velocity[1:, 0].max() > 1.0
-    if lead_s < 0.1:  # A long lead turns the starting velocity into steps, as after a pause.
+    if lead_s < 0.1:  # A long lead turns the initial velocity into steps of the command, as after a pause.
         assert np.abs(np.diff(velocity, axis=0)).max() <= ARM_LIMITS.acceleration * PERIOD_S * (1.0 + 1e-6)
     bench.cycles_until(lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED

@@ -32,11 +32,11 @@ def test_every_command_and_code_block_is_run(tests_of: dict[str, list[str]]) -> 
     assert sorted(TO_RUN - tests_of.keys()) == []
 
 
-def test_every_mark_names_what_a_page_has(tests_of: dict[str, list[str]]) -> None:
+def test_every_mark_names_an_existing_command_or_block(tests_of: dict[str, list[str]]) -> None:
     assert {what: tests for what, tests in tests_of.items() if what not in TO_RUN} == {}
 
 
-def test_no_more_blocks_are_left_out_than_are_known() -> None:
+def test_only_the_known_blocks_are_left_out() -> None:
     assert Counter(block.page for page in pages() for block in blocks(page) if block.not_run) == NOT_RUN
 
 
@@ -48,7 +48,7 @@ def test_no_command_hides_in_a_block_of_another_language(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", pages())
-def test_fences_are_all_understood(page: str) -> None:
+def test_every_fence_is_recognized(page: str) -> None:
     """Indented fences, and fences with more than a language, would be skipped."""
     fences = [line for line in pages()[page].read_text().splitlines() if "```" in line]
     assert len(fences) == 2 * len(blocks(page)), fences
@@ -63,7 +63,7 @@ def verb_of(words: list[str]) -> tuple[Any, list[str]]:
 
 
 @pytest.mark.parametrize("page", pages())
-def test_commands_in_the_text_are_verbs_with_options_that_there_are(page: str) -> None:
+def test_commands_in_the_text_exist_with_their_options(page: str) -> None:
     for text in INLINE.findall(re.sub(r"\s+", " ", pages()[page].read_text())):
         verb, rest = verb_of(text.split())
         assert not hasattr(verb, "commands") or not re.match(r"[a-z]", " ".join(rest)), f"servoloop {text}"

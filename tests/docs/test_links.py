@@ -29,7 +29,7 @@ def anchors(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", pages())
-def test_links_lead_to_files_and_headings_that_are_there(page: str) -> None:
+def test_links_lead_to_existing_files_and_headings(page: str) -> None:
     path = pages()[page]
     for link in LINK.findall(text_of(path)):
         if re.match(r"[a-z]+:", link):

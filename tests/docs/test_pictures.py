@@ -64,7 +64,7 @@ def when(command: str) -> pytest.MarkDecorator:
 
 @pytest.mark.runs(*SIMULATED)
 @pytest.mark.parametrize("command", [pytest.param(command, marks=when(command)) for command in SIMULATED])
-def test_the_script_draws_the_picture_that_is_there(command: str, tmp_path: Path) -> None:
+def test_the_script_draws_the_picture_in_the_repository(command: str, tmp_path: Path) -> None:
     drawn, kept = run(command, tmp_path)
     if kept.suffix == ".svg":
         assert drawn.read_text().count("<") == kept.read_text().count("<")
@@ -76,7 +76,7 @@ def test_the_script_draws_the_picture_that_is_there(command: str, tmp_path: Path
 
 @pytest.mark.slow
 @pytest.mark.runs(VIEW)
-def test_the_view_s_picture_is_drawn(tmp_path: Path) -> None:
+def test_the_picture_of_the_view_is_drawn(tmp_path: Path) -> None:
     find_chromium()
     (drawn,), (kept,) = map(pixels, run(VIEW, tmp_path))
     assert drawn.shape == kept.shape and len(np.unique(drawn.reshape(-1, 3), axis=0)) > 100

@@ -65,14 +65,14 @@ def html(site: Path) -> list[Path]:
     return sorted(site.rglob("*.html"))
 
 
-def test_every_page_is_there(site: Path) -> None:
+def test_every_page_is_on_the_site(site: Path) -> None:
     for page in pages():
         if page != "README.md":
             name = re.sub(r"README\.md$", "index.md", page)
             assert (site / name).with_suffix(".html").is_file(), page
 
 
-def test_no_page_asks_another_host_for_anything(site: Path) -> None:
+def test_no_page_loads_files_from_another_host(site: Path) -> None:
     for path in html(site):
         page = Page(path)
         assert [link for link in page.fetched if urlsplit(link).netloc] == [], path
@@ -81,14 +81,14 @@ def test_no_page_asks_another_host_for_anything(site: Path) -> None:
         assert not ELSEWHERE.search(path.read_text()), path
 
 
-def test_lists_and_tables_are_lists_and_tables_here_too(site: Path) -> None:
+def test_lists_and_tables_are_rendered(site: Path) -> None:
     """A list without a preceding empty line is a list on git hosts but running text on the site."""
     for path in html(site):
         for text in Page(path).paragraphs:
             assert not re.search(r"^(- |\d+\. |\|)", text, re.MULTILINE), (path.name, text[:200])
 
 
-def test_the_reference_has_every_verb_and_every_name_of_its_tables(site: Path) -> None:
+def test_the_reference_has_every_command_and_every_name_of_its_tables(site: Path) -> None:
     commands = (site / "reference" / "cli.html").read_text()
     for verb in [verb for group in VERBS.values() for verb in group]:
         assert f"servoloop {verb.__name__.replace('_', '-')}" in commands, verb
@@ -113,7 +113,7 @@ def address(site: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("from_disk", [False, True])
-def test_a_browser_asks_this_machine_alone_and_finds_words(site: Path, address: str, from_disk: bool) -> None:
+def test_a_browser_uses_only_this_machine_and_the_search_finds_words(site: Path, address: str, from_disk: bool) -> None:
     from playwright.sync_api import sync_playwright
 
     requests: list[str] = []

@@ -198,7 +198,7 @@ def shut(terminal: Terminal) -> bool:
         os.close(looking)
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root may look at a device that is refused to all others")
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can inspect a device that is closed to all other users")
 def test_an_open_port_excludes_programs_that_do_not_lock(adapter: Terminal) -> None:
     port = SerialPort(adapter.device)
     assert shut(adapter)

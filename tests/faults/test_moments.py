@@ -96,10 +96,10 @@ def test_faults_that_wait_for_their_moment_are_listed_and_can_be_canceled() -> N
 def test_faults_of_a_past_moment_are_refused() -> None:
     rig = FaultRig()
     rig.up()
-    with pytest.raises(FaultError, match=r"silent at 0 s since start: that moment is over"):
+    with pytest.raises(FaultError, match=r"silent at 0 s since start: this time has already passed"):
         rig.play(parse("silent id=3 since=start"))
     rig.player.reach("end", rig.world.time_s)
-    with pytest.raises(FaultError, match="since end: that moment is over"):
+    with pytest.raises(FaultError, match="since end: this time has already passed"):
         rig.play(parse("silent id=3 since=end"))
 
 

@@ -218,7 +218,7 @@ def test_activation_moves_nothing(arm: Arm) -> None:
     arm.hardware.activate()
     for _ in range(5):
         state = arm.pause()
-        # A limp arm sinks while its servos are read, and then hangs in the springs of its servos.
+        # A limp arm sinks while its servos are read, and its compliant servos then hold it below its goal.
         np.testing.assert_allclose(state.position, before, atol=0.07)
 
 

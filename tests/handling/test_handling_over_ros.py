@@ -184,12 +184,12 @@ class Faulty:
         return self._robot.limits
 
     def joints_now(self) -> JointsNow:
-        return replace(self._robot.joints_now(), faults={"joint2": "servo 2 has let go"})
+        return replace(self._robot.joints_now(), faults={"joint2": "servo 2 has lost its torque"})
 
 
 def test_faulty_joint_is_named_and_its_controller_does_not_move(robot: LiveRobot) -> None:
     with client(Faulty(robot)) as moving:
-        with pytest.raises(HandlingError, match="joint2: servo 2 has let go"):
+        with pytest.raises(HandlingError, match="joint2: servo 2 has lost its torque"):
             moving.jog(JOINT, 1.0)
         moving.jog("hand_right_joint", 1.0)  # The hand belongs to another controller.
 

@@ -33,7 +33,7 @@ class LiveRig(Rig):
         self.feed = LiveFeed(socket_path(arm, pid), self.messages, folder)
 
     def play(self, seconds: float) -> int:
-        """Run so long; the number of cycles."""
+        """Run for this time, and return the number of cycles."""
         samples = self.run(seconds)
         for sample in samples:
             self.feed.write(sample)

@@ -1,4 +1,4 @@
-"""The live feed: viewers receive the messages of a recording, and slow viewers delay nobody."""
+"""The live feed: viewers receive the messages of a recording, and slow viewers do not delay the other programs."""
 
 import os
 import socket
@@ -224,7 +224,7 @@ def test_live_folder_is_private_to_its_user() -> None:
 
 
 def test_socket_of_a_paused_stack_stays_while_many_programs_look_for_it() -> None:
-    """Nobody accepts their connections, because no cycle runs."""
+    """Their connections are not accepted, because no cycle runs."""
     rig = LiveRig()
     for _ in range(30):
         assert len(running_stacks()) == 1

@@ -96,7 +96,7 @@ def test_read_write(
     client.ask("write1ByteTxRx", 2, torque, 0)
 
 
-def test_sync_read_write_and_the_fast_one(connect: Connect) -> None:
+def test_sync_read_fast_sync_read_and_sync_write(connect: Connect) -> None:
     client = connect("xl430-w250", 2.0)
     goals = {i: 2048 + 100 * i for i in IDS}
     write = sdk.GroupSyncWrite(client.port, client.packets, GOAL, 4)

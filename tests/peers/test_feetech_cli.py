@@ -43,18 +43,18 @@ def feetech(serve: Serve) -> Feetech:
     return Feetech(serve("sts3215", 1, 2, 5))
 
 
-def test_it_finds_all_servos_and_what_they_are(feetech: Feetech) -> None:
+def test_all_servos_and_their_models_are_found(feetech: Feetech) -> None:
     found = re.compile(r"^\s*id\s+(\d+)\s+model\s+777", re.MULTILINE)
     eventually(lambda: found.findall(feetech.says("scan")) == ["1", "2", "5"])
 
 
-def test_it_dumps_the_table(feetech: Feetech) -> None:
+def test_the_control_table_is_dumped(feetech: Feetech) -> None:
     table = feetech.says("info", "2", "--all")
     for register in ("model", "position", "voltage", "temperature", "homing_offset"):
         assert register in table.lower(), table
 
 
-def test_it_moves_a_servo_and_switches_it_off(feetech: Feetech) -> None:
+def test_a_servo_is_moved_and_its_torque_switched_off(feetech: Feetech) -> None:
     feetech.says("move", "1", "--position", "2200", "--speed", "2000", "--acceleration", "50")
     assert feetech.value(1, "torque_enable") == 1
     assert abs(feetech.value(1, "present_position") - 2200) <= 5
@@ -62,11 +62,11 @@ def test_it_moves_a_servo_and_switches_it_off(feetech: Feetech) -> None:
     assert feetech.value(1, "torque_enable") == 0
 
 
-def test_its_self_test_passes(feetech: Feetech) -> None:
+def test_the_self_test_passes(feetech: Feetech) -> None:
     assert "PASS" in feetech.says("selftest", "2", "--moves", "2")
 
 
-def test_it_gives_a_servo_another_id_and_another_zero(feetech: Feetech) -> None:
+def test_a_servo_gets_another_id_and_another_zero(feetech: Feetech) -> None:
     feetech.says("set-id", "5", "7", "-y")
     assert feetech.value(7, "id") == 7
     feetech.says("move", "7", "--position", "2300")
@@ -75,7 +75,7 @@ def test_it_gives_a_servo_another_id_and_another_zero(feetech: Feetech) -> None:
     assert feetech.value(7, "homing_offset") != 0
 
 
-def test_it_changes_the_mode_and_brings_the_factory_back(feetech: Feetech) -> None:
+def test_the_mode_is_changed_and_the_factory_settings_are_restored(feetech: Feetech) -> None:
     feetech.says("mode", "2", "wheel")
     assert feetech.value(2, "operating_mode") == 1
     feetech.says("factory-reset", "2", "-y")

@@ -27,7 +27,7 @@ MODELS = {
 IDS = dict(zip(MODELS, range(1, 7), strict=True))
 RANGE = (700, 3400)
 RETRIES = 20
-"""A busy machine loses replies, and the class repeats a request only if it is told to."""
+"""A busy machine loses replies, and the class repeats a request only on request of its caller."""
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ IDS = [1, 2, 3]
     ("model", "controller"),
     [("sts3215", "Sts3215PyController"), ("xl330-m288", "Xl330PyController")],
 )
-def test_it_reads_and_moves_a_group(serve: Serve, model: str, controller: str) -> None:
+def test_a_group_is_read_and_moved(serve: Serve, model: str, controller: str) -> None:
     arm = getattr(rustypot, controller)(serve(model, *IDS), 1_000_000, 0.2)
     try:
         start = arm.sync_read_present_position(IDS)

@@ -25,7 +25,7 @@ def bus(serve: Serve) -> Iterator[Any]:
     bus.disconnect()
 
 
-def test_it_knows_the_motors_and_their_state(bus: Any) -> None:
+def test_the_motors_and_their_states_are_found(bus: Any) -> None:
     assert [motor.model for motor in bus.motors.values()] == ["STS3215"] * 3
     feedback = bus.read_feedback()
     assert feedback.ids == [1, 2, 3]
@@ -34,7 +34,7 @@ def test_it_knows_the_motors_and_their_state(bus: Any) -> None:
     assert feedback.status == [[], [], []]
 
 
-def test_it_moves_one_and_several(bus: Any) -> None:
+def test_one_servo_and_several_servos_are_moved(bus: Any) -> None:
     bus[1].move_to(0.5, speed=3.0, wait=True)
     assert bus[1].position == pytest.approx(0.5, abs=0.02)
     for servo_id in (1, 2, 3):
@@ -43,7 +43,7 @@ def test_it_moves_one_and_several(bus: Any) -> None:
     np.testing.assert_allclose(bus.read_feedback().position, [0.3, -0.3, 0.1], atol=0.02)
 
 
-def test_its_speed_and_pwm_modes_turn_the_shaft(bus: Any) -> None:
+def test_speed_and_pwm_modes_turn_the_shaft(bus: Any) -> None:
     motor = bus[2]
     motor.mode = "velocity"
     motor.torque_enabled = True
@@ -70,7 +70,7 @@ def test_zero_gains_and_id_are_kept(bus: Any) -> None:
     assert bus[9].read_register("id") == 9
 
 
-def test_disconnecting_lets_all_go(bus: Any) -> None:
+def test_disconnecting_releases_all_servos(bus: Any) -> None:
     bus[1].torque_enabled = True
     bus.torque_off_all()
     assert not bus[1].torque_enabled

@@ -21,18 +21,18 @@ def arm(serve: Serve) -> Iterator[Any]:
         yield arm
 
 
-def test_it_finds_and_reads_them(arm: Any) -> None:
+def test_servos_are_found_and_read(arm: Any) -> None:
     assert arm.ping(4) == {"arm": [1, 2, 3]}
     assert arm.read_positions([1, 2, 3]) == {"arm": {1: 2048, 2: 2048, 3: 2048}}
     assert arm.read_register("PresentVoltage", [2]) == {"arm": {2: 120}}
     assert arm.read_eeprom("ID", [1, 3]) == {"arm": {1: 1, 3: 3}}
 
 
-def test_a_servo_that_is_not_there_is_left_out(arm: Any) -> None:
+def test_an_absent_servo_is_omitted(arm: Any) -> None:
     assert set(arm.read_positions([1, 8])["arm"]) == {1}
 
 
-def test_it_moves_them_together(arm: Any) -> None:
+def test_servos_are_moved_together(arm: Any) -> None:
     arm.set_torque(True, [1, 2, 3])
     goals = {1: 2000, 2: 2100, 3: 2200}
     arm.write_goals({"arm": goals})
@@ -46,7 +46,7 @@ def test_it_moves_them_together(arm: Any) -> None:
     assert arm.read_register("TorqueEnable", [1, 2, 3]) == {"arm": {1: 0, 2: 0, 3: 0}}
 
 
-def test_what_it_writes_into_eeprom_verifies(arm: Any) -> None:
+def test_values_written_to_the_eeprom_are_verified(arm: Any) -> None:
     assert arm.write_eeprom("PCoef", {"arm": {1: 16, 2: 24}}) == {"arm": []}
     assert arm.read_eeprom("PCoef", [1, 2, 3]) == {"arm": {1: 16, 2: 24, 3: 32}}
     assert arm.read_register("Lock", [1, 2]) == {"arm": {1: 1, 2: 1}}

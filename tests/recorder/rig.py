@@ -26,7 +26,7 @@ class Rig:
         self.stack.up()
 
     def run(self, seconds: float) -> list[CycleSample]:
-        """Run so long; returns the cycles of that time."""
+        """Run for this time, and return its cycles."""
         begun = len(self.samples)
         self.stack.run(seconds)
         return self.samples[begun:]

@@ -28,7 +28,7 @@ class FaultRig(Rig):
         return sorted(self.folder.glob("*"))
 
     def pass_on(self, seconds: float) -> None:
-        """Run so long, as the recorder's thread sees it: some cycles at a time."""
+        """Run for this time, in groups of cycles, as the thread of the recorder receives them."""
         for _ in range(round(seconds / 0.5)):
             for sample in self.run(0.5):
                 self.sink.write(sample)

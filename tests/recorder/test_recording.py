@@ -103,7 +103,7 @@ def test_bus_traffic_has_every_byte_in_order(tmp_path: Path) -> None:
     with recorded(stack, path):
         stack.up().run(0.5)
         stack.manager.deactivate()
-        stack.loop.hardware.components[0].hardware.deactivate(relax=False)  # behind the last cycle
+        stack.loop.hardware.components[0].hardware.deactivate(relax=False)  # after the last cycle
     traffic = by_rosbags(path)["/servoloop/bus_traffic"]
     (port,) = stack.ports.values()
     for sent, transfers in ((True, port.sent), (False, port.received)):

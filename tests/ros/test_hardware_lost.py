@@ -170,7 +170,7 @@ def test_component_whose_cleanup_fails_is_finalized(
         hand.withdraw()
         for label in ("active", "inactive", "unconfigured"):
             assert set_state(client, "hand", label=label) == (False, "finalized")
-        expected = "hand was not set to active: hand is finalized for good: restart the stack to use it"
+        expected = "hand was not set to active: hand is permanently finalized: restart the stack to use it"
         client.spin_until(lambda: expected in stack.words)
         assert set(interfaces(client, "hand").values()) == {(False, False)}
         states = controllers(client)

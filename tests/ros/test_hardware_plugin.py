@@ -186,7 +186,7 @@ def test_component_with_a_failed_write_is_lost_and_not_inactive(bench: Bench, or
 
 @pytest.mark.row("cm-write-deactivate")
 def test_component_that_deactivates_itself_is_lost_and_its_goals_fail(bench: Bench) -> None:
-    """A component cannot request its deactivation. It works, or it is lost."""
+    """A component cannot request its deactivation. A component either works or is lost."""
     result = bench.move()
     bench.arm.give("write", "rest")
     answer = bench.client.wait(result)

@@ -28,7 +28,7 @@ def refused(case: str, verb: str, name: str, expected: str) -> Any:
     [
         refused("load unknown", "load", "nope", "The 'type' param was not defined for 'nope'"),
         refused("load with no name", "load", "", "The 'type' param was not defined for ''"),
-        refused("load with a bad type", "load", "bad", "bad has unknown type 'no_such/Type', known types are"),
+        refused("load with a bad type", "load", "bad", "bad has unknown type 'no_such/Type'; known types are"),
         refused("load what is loaded", "load", "arm_controller", "'arm_controller' was already loaded"),
         refused("configure unknown", "configure", "nope", "'nope' can not be configured: no controller"),
         refused("unload unknown", "unload", "nope", "'nope' can not be unloaded: no controller"),

@@ -184,7 +184,7 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
     ("name", "file", "kind", "step", "said"),
     [
         ("hand", "hand", "", "load", "The 'type' param was not defined for 'hand'"),
-        ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such', known types are"),
+        ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such'; known types are"),
         ("hand", "nowhere", FORWARD, "load", "cannot read"),
         ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node /hand"),
         ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node /hand"),

@@ -377,7 +377,7 @@ def test_job_ends_when_the_arm_and_its_simulated_clock_are_gone(
         cell.lose_arm()
         status, result = pick.end()
         assert status == (CANCELED if canceled else ABORTED)
-        assert "/arm_controller/follow_joint_trajectory is gone" in result.message
+        assert "/arm_controller/follow_joint_trajectory disappeared" in result.message
         assert cell.pick("B").end()[0] == ABORTED, "the node is not busy with the lost job"
 
 

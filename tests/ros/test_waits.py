@@ -52,7 +52,9 @@ def test_pick_ends_when_its_node_is_killed(cell: Cell, pick: StackProcess, numbe
     begin_s = time.monotonic()
     assert pick.process.wait(60.0) == 1
     assert time.monotonic() - begin_s < 5.0
-    assert "failed: /sorting/arm/pick_place is gone: the node has ended; check its log. The arm finishes" in pick.words
+    assert (
+        "failed: /sorting/arm/pick_place disappeared: the node has ended; check its log. The arm finishes" in pick.words
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -131,7 +133,10 @@ def test_second_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess)
 
 def test_one_signal_ends_a_stack_with_hanging_hardware(hanging: StackProcess) -> None:
     assert hanging.end(signal.SIGINT) == 1
-    assert "the control loop hangs in its hardware and could not be stopped: servos under torque hold" in hanging.words
+    assert (
+        "the control loop is blocked by its hardware and could not be stopped: servos under torque hold"
+        in hanging.words
+    )
 
 
 @contextmanager

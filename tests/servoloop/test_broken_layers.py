@@ -150,8 +150,8 @@ DRIVERS: dict[str, Break] = {
 FOUND_BY = {
     **dict.fromkeys(GATES, "safe commands"),
     "takes_any_checksum": "measured now",
-    "invents_who_is_silent": "named, and it alone",
-    "gives_up_on_all": "named, and it alone",
+    "invents_who_is_silent": "silent servo is reported",
+    "gives_up_on_all": "silent servo is reported",
     "tells_the_next_servo": "safe wire",
     "believes_in_torque": "safe wire",
     "switches_on_first": "safe wire",

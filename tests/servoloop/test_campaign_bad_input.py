@@ -95,7 +95,7 @@ CHANGE = ": change the scenario or remove the promise"
         ("job: [A,\n  F]\n", "2: robot_arm has no bin for the grade 'F': choose one of A, B, C"),
         (
             "clients: [moves]\njob: [A]\n",
-            "2: job: none of the clients does jobs: add `job` to `clients`, or remove `job`",
+            "2: job: no client runs jobs: add `job` to `clients`, or remove `job`",
         ),
     ],
 )

@@ -236,7 +236,7 @@ def test_a_supervisor_replaces_a_process_that_hangs(monkeypatch: pytest.MonkeyPa
         patch.setattr(supervised, "STANDS_S", 0.3)
         patch.setattr(supervised, "GRACE_S", 0.2)
         hung = supervisor.run(loops_at_7, 7)
-    assert hung == Loss(True, 1.25, "its simulated time stood still for 0.3 s of real time")
+    assert hung == Loss(True, 1.25, "its simulated time did not advance for 0.3 s of real time")
     with pytest.raises(WorkerError, match="seed 8"):
         supervisor.run(loops_at_7, 8)
     assert supervisor.run(loops_at_7, 9) == Loss(False, 0.0, "its process ended with status 3")

@@ -61,7 +61,7 @@ ROWS = {
 LEAVES_TORQUE = {
     "bench bus": "releases only servos that it has switched on itself",
     "setup": "writes nothing to a servo that holds torque, and releases only one that it has turned itself",
-    "up": "parks the arm at its end and releases it only if the robot file says so",
+    "up": "parks the arm at its end and releases it only if the robot file requires it",
     "replay": "ends as up does",
     "teach play": "ends as up does",
     **dict.fromkeys(("ports", "scan", "register list", "register read", "passport save", "passport diff"), "reads"),

@@ -138,7 +138,7 @@ def test_a_write_to_the_secondary_id_does_not_change_the_eeprom() -> None:
     assert pair.values(x.homing_offset) == [0, 7]
 
 
-def test_a_secondary_id_above_252_is_none() -> None:
+def test_a_secondary_id_above_252_is_disabled() -> None:
     pair = Pair()
     for servo in pair.bus.servos:
         servo.memory.put(x.secondary_id, 253)

@@ -56,7 +56,7 @@ def test_velocity_mode_reaches_its_goal_with_the_profile_acceleration() -> None:
     assert bench.read(x.velocity_trajectory) == pytest.approx(31, abs=2)
 
 
-def test_full_pwm_without_load_is_no_overload() -> None:
+def test_full_pwm_without_load_is_not_an_overload() -> None:
     bench = bench_in(PWM, x.XL430_W250)
     bench.write_all({x.goal_pwm: 885})
     bench.run(4.0)

@@ -76,7 +76,7 @@ def test_reverse_mode_inverts_positions_and_drive_and_keeps_the_sign_of_the_offs
 
 
 @pytest.mark.parametrize(("drive_mode", "firmware", "on"), [(8, None, 1), (0, None, 0), (8, 44, 0)])
-def test_a_goal_enables_the_torque_if_the_drive_mode_says_so(drive_mode: int, firmware: int | None, on: int) -> None:
+def test_a_goal_enables_the_torque_if_the_drive_mode_selects_it(drive_mode: int, firmware: int | None, on: int) -> None:
     bench = Bench(firmware=firmware)
     bench.write_all({x.drive_mode: drive_mode, x.profile_velocity: 50})
     assert bench.read(x.torque_enable) == 0

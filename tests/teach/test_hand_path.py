@@ -106,7 +106,7 @@ def test_smoothing_removes_noise_and_keeps_the_amplitude() -> None:
     assert len(path.times_s) < len(times_s) / 3
 
 
-def test_rest_before_and_after_is_removed_and_rest_alone_is_no_path() -> None:
+def test_rest_before_and_after_is_removed_and_rest_alone_is_not_a_path() -> None:
     times_s = np.arange(0.0, 10.0, GRID_S)
     position = np.stack([np.clip(times_s - 4.0, 0.0, 1.0), np.full_like(times_s, 0.02)], axis=1)
     path = path_of(times_s, position, LIMITS)

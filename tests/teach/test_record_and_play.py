@@ -181,7 +181,7 @@ def test_failure_to_enable_torque_is_reported_and_the_arm_is_unchanged(soft: boo
     line.faults.silence(3)
     lesson.recording.press("\n")
     assert len(lesson.kept) == 1, "what was shown is kept first"
-    how = "soft: release it" if soft else "limp: put it down"
+    how = "soft: release it" if soft else "limp: lay it down"
     with pytest.raises(TeachError, match=rf"the arm is {how}\..*(elbow_flex|servo 3)"):
         lesson.go_on(3.0)
     held = [lesson.rig.register(name, sts.torque_enable) for name in lesson.rig.names]

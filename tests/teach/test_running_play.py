@@ -50,7 +50,7 @@ def go_on(arm: Arm, play: RunningPlay, seconds: float) -> bool:
     return True
 
 
-def test_arm_moves_only_while_the_key_is_held_and_goes_on_where_it_stood() -> None:
+def test_arm_moves_only_while_the_key_is_held_and_continues_at_its_position() -> None:
     with Arm.simulated("so101") as arm:
         key = Key(held=False)
         play = RunningPlay(arm, path(arm), 1.0, key)

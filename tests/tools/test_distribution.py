@@ -82,7 +82,7 @@ def named(files: list[tuple[bool, int]]) -> list[str]:
 
 
 @given(files=FILES, count=st.integers(1, 5))
-def test_all_are_run_and_who_computes_does_nothing_else(
+def test_every_test_runs_and_computing_workers_run_no_waiting_tests(
     request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int
 ) -> None:
     tests = named(files)
@@ -97,7 +97,7 @@ def test_all_are_run_and_who_computes_does_nothing_else(
 
 
 @given(files=FILES, count=st.integers(1, 4), deaths=st.frozensets(st.integers(1, 30), max_size=5))
-def test_where_workers_die_the_others_run_what_is_left_and_the_test_they_were_at_once_more(
+def test_other_workers_take_over_from_dead_workers_and_repeat_their_current_test(
     request: pytest.FixtureRequest, files: list[tuple[bool, int]], count: int, deaths: frozenset[int]
 ) -> None:
     tests = named(files)

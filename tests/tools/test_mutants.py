@@ -10,6 +10,6 @@ AREAS = runpy.run_path(str(ROOT / "tools" / "mutants.py"))["AREAS"]
 
 
 @pytest.mark.parametrize("name", AREAS)
-def test_the_files_and_the_tests_of_an_area_are_there(name: str) -> None:
+def test_the_files_and_tests_of_every_area_exist(name: str) -> None:
     for pattern in (*AREAS[name].files, *AREAS[name].tests):
         assert list(ROOT.glob(pattern)), f"{pattern}: correct AREAS in tools/mutants.py"

@@ -26,12 +26,12 @@ def plain_path(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
             del sys.modules[name]
 
 
-def test_a_path_of_ascii_letters_stays(plain_path: ModuleType, tmp_path: Path) -> None:
+def test_an_ascii_path_is_unchanged(plain_path: ModuleType, tmp_path: Path) -> None:
     with plain_path.plain_root(tmp_path) as root:
         assert root == tmp_path
 
 
-def test_another_path_gets_a_link_that_is_gone_afterwards(plain_path: ModuleType, tmp_path: Path) -> None:
+def test_a_non_ascii_path_gets_a_temporary_link(plain_path: ModuleType, tmp_path: Path) -> None:
     checkout = tmp_path / "größe"
     checkout.mkdir()
     with plain_path.plain_root(checkout) as root:
@@ -39,7 +39,7 @@ def test_another_path_gets_a_link_that_is_gone_afterwards(plain_path: ModuleType
     assert not root.is_symlink() and checkout.is_dir()
 
 
-def test_without_any_plain_folder_the_remedy_is_said(
+def test_the_error_names_the_remedy_if_no_folder_has_an_ascii_path(
     plain_path: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "größe"
@@ -51,7 +51,7 @@ def test_without_any_plain_folder_the_remedy_is_said(
 
 
 @pytest.mark.slow
-def test_cmake_configures_a_message_package_below_such_a_path(plain_path: ModuleType, tmp_path: Path) -> None:
+def test_cmake_configures_a_message_package_below_a_non_ascii_path(plain_path: ModuleType, tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
     cmake = shutil.which("cmake", path=f"{sys.prefix}/bin")
     if cmake is None:
@@ -68,7 +68,7 @@ def test_cmake_configures_a_message_package_below_such_a_path(plain_path: Module
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_a_python_that_is_taken_in_place_of_another_is_named(tmp_path: Path) -> None:
+def test_a_python_that_replaces_an_unusable_python_is_named(tmp_path: Path) -> None:
     """The unusable Python is like pyenv's python3 with PYENV_VERSION=3.10.13."""
     checkout = tmp_path / "checkout"
     (checkout / "tools").mkdir(parents=True)

@@ -30,18 +30,18 @@ def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Module
 
 
 def test_a_command_that_hangs_is_killed_and_named(commands: ModuleType) -> None:
-    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*It hangs: look at the end"):
+    with pytest.raises(commands.SetUpError, match=r"(?s)sleep 99 … failed with status -9.*It hangs: check the end"):
         commands.Commands(limit_s=0.2).run("log", "sleep", "99")
 
 
-def test_a_command_in_time_is_left_alone(commands: ModuleType, tmp_path: Path) -> None:
+def test_a_command_that_ends_in_time_is_not_killed(commands: ModuleType, tmp_path: Path) -> None:
     lines: list[str] = []
     commands.Commands().run("log", "echo", "done", on_line=lines.append)
     assert lines == ["done\n"]
     assert (tmp_path / "log.log").read_text() == "$ echo done\ndone\n"
 
 
-def test_what_does_not_want_to_end_is_killed_with_all_that_it_has_started(
+def test_a_command_that_ignores_sigterm_is_killed_with_its_children(
     commands: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(commands, "STOP_S", 0.2)
@@ -73,7 +73,7 @@ def other(tmp_path: Path) -> Iterator[Path]:
         yield tmp_path
 
 
-def test_another_set_up_is_waited_for_no_longer_than_it_may_take(other: Path) -> None:
+def test_the_wait_for_another_set_up_is_limited(other: Path) -> None:
     program = WAITS.replace("sys.exit(set_up.main())", "set_up.only_one_at_a_time(0.1)")
     done = subprocess.run(
         [sys.executable, "-B", "-c", program, str(other)], cwd=TOOLS, capture_output=True, text=True, timeout=60

@@ -29,7 +29,7 @@ def model() -> ArmModel:
 
 
 @pytest.mark.parametrize("pose", [(0.0,) * 7, (*READY, 0.01), (*PICK, 0.05)])
-def test_the_links_are_where_mujoco_has_them(model: ArmModel, pose: tuple[float, ...]) -> None:
+def test_the_links_are_at_their_places_in_mujoco(model: ArmModel, pose: tuple[float, ...]) -> None:
     scene = mujoco.MjModel.from_xml_path(str(find_arm().scene))
     data = mujoco.MjData(scene)
     for joint, position in zip((*MEASURED, "hand_left_joint"), (*pose, pose[-1]), strict=True):

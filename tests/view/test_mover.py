@@ -87,10 +87,10 @@ def test_stop_cancels_once_and_held_buttons_have_no_effect(rig: Rig) -> None:
 
 def test_a_fault_is_shown_and_its_end_does_not_resume_the_motion(rig: Rig) -> None:
     rig.hold(0.5)
-    rig.client.fault = "joint1: servo 1 has let go"
-    assert rig.hold(0.3) == [] and rig.handling.message == "joint1: servo 1 has let go"
+    rig.client.fault = "joint1: servo 1 has lost its torque"
+    assert rig.hold(0.3) == [] and rig.handling.message == "joint1: servo 1 has lost its torque"
     rig.client.fault = ""
-    assert rig.hold(1.0) == [] and rig.handling.message == "joint1: servo 1 has let go"
+    assert rig.hold(1.0) == [] and rig.handling.message == "joint1: servo 1 has lost its torque"
     rig.buttons.release("browser")
     assert rig.hold(0.5)
 

@@ -21,8 +21,8 @@ ALARMS: Final = {
 CAUSES: Final = {
     "alarm_overload": (
         "overload error: the servo drives with a fraction of its force",
-        "It drove hard for seconds without moving: something is in its way, or its goal lies beyond a stop or an "
-        "object. Support the arm, remove the load, and release the servo's torque once to clear the alarm",
+        "It drove with high force for seconds without moving: something is in its way, or its goal lies beyond a stop "
+        "or an object. Support the arm, remove the load, and release the servo's torque once to clear the alarm",
     ),
     "alarm_current": (
         "the servo went limp under load",
@@ -30,7 +30,7 @@ CAUSES: Final = {
         "next goal enables the torque again: support the arm and remove the load first",
     ),
     "alarm_temperature": (
-        "the servo is hot and gives way",
+        "the servo is hot and loses force",
         "It is above its temperature limit and reduces its drive until it has cooled down. Let it rest without torque, "
         "then reduce the load that it holds permanently",
     ),
@@ -81,7 +81,7 @@ def _heat(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:
     hottest = max(state.temperature_c for state in servo.states)
     if limit is not None and hottest > limit - WARM_C:
         cause = f"Its temperature is {hottest:.0f} °C, close to its limit of {limit} °C. Let it rest without torque"
-        yield finding("hot", place, "the servo is hot and will soon give way", cause)
+        yield finding("hot", place, "the servo is hot and will soon lose force", cause)
 
 
 def _presses(place: FindingPlace, servo: ServoSnapshot) -> Iterator[Finding]:

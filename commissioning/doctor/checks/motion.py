@@ -78,7 +78,7 @@ def _rest(place: FindingPlace, servo: ServoSnapshot, motion: TrialMotion) -> Ite
         cause = (
             f"Its position error at rest is {motion.error:.4f} {_unit(joint)}, but its gains and the masses in the "
             f"URDF explain only {allowed / GIVES_WAY:.4f}. Possible causes: position_p is lower than in the robot "
-            "file, the load is heavier than in the URDF, the gear is another one, or something presses on the joint"
+            "file, the load is heavier than in the URDF, the servo has another gear, or something presses on the joint"
         )
         yield finding("gives_way", place, "the joint sags or stops short of its goals", cause)
 

@@ -137,8 +137,8 @@ def _group_reads(bus: BusSnapshot) -> Iterator[Finding]:
             cause = (
                 f"The servo answers single reads, but no group reads (sync read). Its {level.name} (register "
                 f"{level.address}) is {servo.registers.get(level.name, 'unknown')}, so this is not a setting: its "
-                "firmware lacks the instruction, as that of many self-made servos. servoloop reads and writes it with "
-                "single requests; the log of servoloop up states the rate that is left"
+                f"firmware lacks the instruction, as in many self-made servos. servoloop reads and writes it with "
+                "single requests; the log of servoloop up states the highest possible rate"
             )
             yield finding(
                 "no_group_reads", place_of(bus, servo), "each cycle takes longer than with other servos", cause

@@ -125,7 +125,7 @@ class StackConnection:
         if kind == "version":
             text += f". Install the version of this plug-in that belongs to the stack of {self.label}"
         elif kind == "not_owner" and self.lost:
-            text = f"LeRobot no longer moves {self.arm}, because {self.lost.partition(':')[0]}: start it again"
+            text = f"LeRobot no longer moves {self.arm}, because {self.lost.partition(':')[0]}: start LeRobot again"
         return StackError(kind, text)
 
     def _ended(self) -> StackError:

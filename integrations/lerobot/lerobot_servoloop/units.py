@@ -56,7 +56,11 @@ def _scale(arm: Mapping[str, Any], joint: str, use_degrees: bool) -> JointScale:
     if use_degrees and not gripper:
         return JointScale(0.0, math.radians(1.0), lower, upper)
     if not math.isfinite(upper - lower):
-        raise StackError("input", f"{joint} has no limits, so its values cannot be shares of its range: leave it out")
+        raise StackError(
+            "input",
+            f"{joint} has no limits, so its values cannot be scaled to its range: remove the "
+            "joint from the option `joints`",
+        )
     if gripper:
         closed, opened = (upper, lower) if _opens_downward(arm) else (lower, upper)
         return JointScale(closed, (opened - closed) / 100.0, lower, upper)

@@ -19,16 +19,16 @@ TAKEN_OVER_S: Final = 0.05
 OFF_CYCLES: Final = 6
 """Cycles in which the stack finds a servo that switched its torque off. A servo without power is silent for longer."""
 FOUND_CYCLES: Final = 12
-"""The same for servos that a goal does not switch on: on a bad bus their torque is read less often."""
+"""The same for servos whose torque a goal does not enable: on a bad bus, their torque is read less often."""
 
 
 class SafeWire(Invariant):
     """No goal is outside the limits or leaps, and torque is enabled only with the goal at the measured position.
 
-    The bytes on the bus are examined, whatever the layers above believe they have sent. A servo without torque may get
-    only a goal at its own position once the stack must know of the lost torque: on an STS servo any goal enables the
-    torque. Two servos with the same ID are skipped, because it is unknown which of them reports its torque. Servos
-    that report false positions are skipped too.
+    The invariant examines the bytes on the bus, not the commands of the layers above. As soon as the stack can know
+    that a servo has lost its torque, the servo may get only goals at its own position, because any goal enables the
+    torque of an STS servo. Two servos with the same ID are skipped, because it is unknown which of them reports its
+    torque. Servos that report false positions are skipped too.
     """
 
     name = "safe wire"

@@ -88,7 +88,7 @@ class Invariant:
         return any(len({one.servo_id for one in line.servos}) < len(line.servos) for line in self.stack.lines.values())
 
     def torque(self, joint: Joint) -> bool:
-        """Return whether the torque of the joint's virtual servo is enabled. The stack may believe otherwise."""
+        """Return whether the torque of the joint's virtual servo is enabled. The stack may report another state."""
         return bool(self.servos[joint.name].memory.get(series_of(joint.model).torque_enable) != 0)
 
     def on_write(self, bus: str, data: bytes) -> None:

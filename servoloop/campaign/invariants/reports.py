@@ -41,7 +41,7 @@ class NamedAlone(Invariant):
     A fault of another servo is not an excuse. Two servos with the same ID are skipped: either may have answered.
     """
 
-    name = "named, and it alone"
+    name = "silent servo is reported"
 
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)

@@ -16,7 +16,7 @@ from servoloop.simulation.clients import FREEDRIVE
 from servoloop.simulation.faulty_stack import FaultyStack
 
 STAYS: Final = 0.01
-"""Largest change of a command after the joints of an ended goal rest, as a share of the joint's range."""
+"""Largest change of a command after the joints of an ended goal are at rest, as a share of the joint's range."""
 RESTS: Final = 0.1
 """Speed below which a joint counts as at rest, in rad/s."""
 CREEPS: Final = 0.01
@@ -24,7 +24,7 @@ CREEPS: Final = 0.01
 BRAKES: Final = 1.3
 """Factor on the shortest braking time of the slowest joint: the others brake with it along the path."""
 PRESSES_SHARE: Final = 0.03
-"""Allowed distance between command and joint, as a share of its range: servos give way, and relief is not exact."""
+"""Allowed distance between command and joint, as a share of its range: servos yield, and relief is not exact."""
 RELIEVED_S: Final = 0.3
 """Time for which a joint may press against an obstacle after a result that waited for relief, in seconds."""
 RELIEVED_AFTER_FAULT_S: Final = 3.0
@@ -56,7 +56,7 @@ class _End:
 
 
 class NothingTravels(Invariant):
-    """After a goal or a stream of targets has ended, commands only brake the joints or give way to an obstacle."""
+    """After a goal or a stream of targets has ended, commands only brake the joints or yield to an obstacle."""
 
     name = "nothing travels after the end"
 
