@@ -1,5 +1,6 @@
 """Use the same random examples in every run, repeat tests that a stall made fail, and use all cores."""
 
+import gc
 import signal
 from collections.abc import Generator
 from pathlib import Path
@@ -38,6 +39,17 @@ def pytest_configure(config: pytest.Config) -> None:
     _hear_interrupts()
     if not hasattr(config, "workerinput"):
         compile_ahead()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Exclude the collected tests from garbage collection. There are twelve thousand, and nearly all of them stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _hear_interrupts() -> None:

@@ -1,11 +1,16 @@
-"""Each simulated problem must be the first finding of the doctor."""
+"""Each simulated problem must be the first finding of the doctor, and every recommended command must be valid."""
 
+import shlex
 from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import pytest
+import typer
 
 from commissioning.doctor.findings import KINDS
 from drivers.servos import x
+from servoloop import cli
 from tests.commissioning import ailments
 from tests.commissioning.patient import Patient
 
@@ -79,6 +84,24 @@ def test_the_problem_is_the_first_finding(spoil: Callable[[Patient], None], kind
     assert command in (first.command or "")
     assert report.healthy == (first.severity != "fault")
     assert first.severity == KINDS[kind].severity
+    for finding in report.findings:
+        assert_valid(finding.command or "")
+
+
+def assert_valid(command: str) -> None:
+    """Check that the command line accepts a recommended command, with NEW replaced by a number."""
+    words = shlex.split(command.replace("NEW", "9"))
+    if words[:1] == ["servoloop"]:
+        verb, arguments = verbs()[words[1]], words[2:]
+        while hasattr(verb, "commands"):
+            verb, arguments = verb.commands[arguments[0]], arguments[1:]
+        verb.make_context(words[1], arguments)
+
+
+@cache
+def verbs() -> dict[str, Any]:
+    """Return the commands by name."""
+    return dict(typer.main.get_command(cli.app).commands)  # type: ignore[attr-defined]
 
 
 def test_a_dynamixel_arm_is_examined_with_its_own_control_table() -> None:

@@ -1,4 +1,4 @@
-"""``servoloop doctor`` on a pseudo-terminal, and the commands that it recommends."""
+"""``servoloop doctor`` on a pseudo-terminal, and the settings that it recommends."""
 
 import errno
 import json
@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 import yaml
 
 from commissioning.doctor.report import markdown, without_names
 from drivers.servos import sts
-from servoloop import cli
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.robot_files import CONFIG
 from sim_backend.line.line import ServoLine
 from tests.commissioning.patient import NOBODYS_MACHINE, Patient
 from tests.commissioning.served import run, served
-from tests.commissioning.test_doctor_faults import FIRST
 from tests.pages import commands
 
 PAGE = commands("troubleshooting.md")
@@ -127,24 +124,6 @@ def test_the_report_contains_the_highest_rate_that_the_bus_allows() -> None:
     cycle_s = report.buses[0].line.cycle_s if report.buses[0].line else None
     assert cycle_s is not None and 0.001 < cycle_s < 0.01
     assert f"update_rate must be below {1.0 / cycle_s:.0f}" in markdown(report, "")
-
-
-def verbs() -> dict[str, Any]:
-    return dict(typer.main.get_command(cli.app).commands)  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("spoil", [case[0] for case in FIRST], ids=[case[0].__name__ for case in FIRST])
-def test_every_recommended_command_is_valid(spoil: Any) -> None:
-    """The command line accepts every recommended command, with NEW replaced by a number."""
-    patient = Patient()
-    spoil(patient)
-    for one in patient.examine().findings:
-        words = shlex.split((one.command or "").replace("NEW", "9"))
-        if words[:1] == ["servoloop"]:
-            command, arguments = verbs()[words[1]], words[2:]
-            while hasattr(command, "commands"):
-                command, arguments = command.commands[arguments[0]], arguments[1:]
-            command.make_context(words[1], arguments)
 
 
 def test_recommended_settings_are_valid_yaml() -> None:
