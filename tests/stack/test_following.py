@@ -10,6 +10,7 @@ import pytest
 from drivers.servos import sts, x
 from hal.compensation.gravity import Gravity
 from hal.compensation.gravity_compensation import GravityCompensation
+from hal.compensation.joint_offset import JointOffset
 from hal.joint import Joint
 from hal.robot_description.description import Description
 from hal.types import FloatArray
@@ -28,8 +29,8 @@ WITHOUT_LEAD = ("  arm_controller:\n", "  arm_controller:\n    command_lead: 0.0
 WITHOUT_COMPENSATION = ("\non_exit:\n", "\ngravity_compensation: false\non_exit:\n")
 
 
-class KnownOnly(GravityCompensation):
-    """Gravity compensation without its slow correction."""
+class KnownOnly(JointOffset):
+    """Offset of a joint without the slow correction."""
 
     def _correct(self, *_: object) -> None:
         pass
@@ -40,7 +41,9 @@ UNKNOWN_LOAD = ('<mass value="0.11"/>', '<mass value="0.03"/>')
 
 
 def known_only(joints: Sequence[Joint], description: Description) -> GravityCompensation:
-    return KnownOnly(joints, Gravity(description, [joint.name for joint in joints]))
+    made = GravityCompensation(joints, Gravity(description, [joint.name for joint in joints]))
+    made._each = [KnownOnly(joint, guided=False) for joint in joints]
+    return made
 
 
 def loaded(joints: Sequence[Joint], description: Description) -> GravityCompensation | None:
