@@ -20,6 +20,8 @@ from servoloop.stack.pick_place_check import controller_problems, load_problems,
 from servoloop.stack.robot_files import read_description
 
 INTERFACES: Final = ("position", "velocity", "effort")
+AUTO_PARTS: Final = ("start", "clear", "stops", "drive")
+"""Parts of the plan of automatic calibration that name joints."""
 
 
 class _Check:
@@ -171,10 +173,14 @@ class _Check:
 
 def _plan_problems(arm: ArmFolder, component: HardwareInfo) -> Iterator[str]:
     """Yield a problem for each joint without calibration entry, and for each calibration entry without servo."""
-    plan = arm.file.calibration
-    named = {*plan.joints, *plan.auto.start, *plan.auto.clear, *plan.auto.stops, *plan.auto.drive}
-    yield from (f"calibration has no entry for {name}" for name in component.joints if name not in plan.joints)
-    yield from (f"calibration names {name}, which has no servo" for name in sorted(named - set(component.joints)))
+    plan, file = arm.file.calibration, compose(arm.folder / ARM_FILE, ArmFileError)
+    place = file.place(("calibration", "joints"))
+    yield from (f"{place}: calibration has no entry for {name}" for name in component.joints if name not in plan.joints)
+    named: dict[tuple[str, ...], Iterable[str]] = {("joints",): plan.joints}
+    named |= {("auto", part): getattr(plan.auto, part) for part in AUTO_PARTS}
+    strangers = {name: (*part, name) for part, names in named.items() for name in names if name not in component.joints}
+    for name, location in sorted(strangers.items()):
+        yield f"{file.place(('calibration', *location))}: calibration names {name}, which has no servo"
 
 
 def _component_of(robot_file: RobotFile | None) -> HardwareInfo | None:

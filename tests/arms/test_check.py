@@ -151,11 +151,11 @@ FAULTS: dict[str, tuple[Edit, str]] = {
     "a controller of another joint": (("controllers.yaml", "joints: [gripper]", "joints: [jaw]"), "names jaw"),
     "a joint without a calibration": (
         ("arm.yaml", '    wrist_flex: {positive: "Lower the jaws"}\n', ""),
-        "arm.yaml: calibration has no entry for wrist_flex",
+        ": calibration has no entry for wrist_flex",
     ),
     "a calibration without a joint": (
         ("arm.yaml", "start: {shoulder_lift", "start: {shoulder: 0.0, shoulder_lift"),
-        "arm.yaml: calibration names shoulder, which has no servo",
+        ": calibration names shoulder, which has no servo",
     ),
     "a mistake in arm.yaml": (("arm.yaml", "description:", "descriptive:"), "arm.yaml:1: descriptive"),
 }

@@ -20,7 +20,10 @@ from tests.mutated.readers import KINDS
 LONGEST_S: Final = 5.0
 """Maximum processor time for one file, in seconds."""
 MOST_LINES: Final = 60
-OF_THE_WHOLE: Final = ("larger than", r"more than \d+ values", "cut off", "says nothing")
+OF_THE_WHOLE: Final = (
+    *("larger than", r"more than \d+ values", "cut off", "says nothing"),
+    *("has no section for", "has no <ros2_control> block"),
+)
 """Patterns of mistakes that concern a whole file and have no line, such as its size or missing content."""
 PLACE: Final = re.compile("|".join((r":\d+", r"[Ll]ine \d+", *OF_THE_WHOLE)))
 """Pattern of a line number, or of a mistake that concerns the whole file."""

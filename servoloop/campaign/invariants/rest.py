@@ -145,7 +145,8 @@ class NothingPresses(Invariant):
             for joint, place in self._places.items()
         }
         self._off_s = defaultdict[str, float](float)
-        self._before: dict[str, float] = {}
+        self._before: dict[str, tuple[float, float]] = {}
+        """Position and command of each joint in the last cycle."""
         self._guided = False
         """Whether a hand has moved the arm since the last goal."""
         self._streamed = False
@@ -176,16 +177,17 @@ class NothingPresses(Invariant):
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
         for joint, place in self._places.items():
             known = joint not in state.faults and not self.deceived(joint) and self.torque_of(joint)
-            creeps = abs(true[joint] - self._before.get(joint, true[joint])) > CREEPS * period_s
-            off = not creeps and abs(self.stack.loop.command[place] - true[joint]) > self._allowed[joint]
+            command = float(self.stack.loop.command[place])
+            position_before, command_before = self._before.get(joint, (true[joint], command))
+            creeps = abs(true[joint] - position_before) > CREEPS * period_s
+            relieving = (command_before - command) * (command - true[joint]) > 0.0
+            off = not (creeps or relieving) and abs(command - true[joint]) > self._allowed[joint]
             self.examined += known
             pressed = known and off and joint not in streamed
             self._off_s[joint] = self._off_s[joint] + period_s if pressed else 0.0
             if self._off_s[joint] > relieved_s and not self._pulled(joint):
-                command = self.stack.loop.command[place]
                 self.say(f"{joint} is blocked at {true[joint]:.4f} but commanded to {command:.4f} without a goal")
-
-        self._before = true
+            self._before[joint] = true[joint], command
 
     def _driven_by_others(self) -> set[str]:
         """Return the joints of the arm that another controller drives, whose client may press."""
