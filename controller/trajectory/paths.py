@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from controller.motion import Kinematics, Motion, MotionError, Path, motion_to, stretched
-from controller.trajectory.smoothing import smooth_path
+from controller.trajectory.smoothing import SmoothPath, smooth_path
 from controller.trajectory.splines import SplinePath, spline
 from controller.trajectory.waypoints import Bounds, Waypoints, ruckig_motion, within
 from hal.types import FloatArray, JointLimits
@@ -14,6 +14,14 @@ from hal.types import FloatArray, JointLimits
 FEW: Final = 50
 """Maximum number of points for which ruckig is tried. Ruckig passes each point exactly."""
 
+MISSES: Final = 0.02
+"""Largest distance at which a smoothed spline passes one of few points, in rad or m."""
+SLOWER: Final = 1.2
+"""Factor by which a spline that misses a point is slowed down."""
+SLOWEST: Final = 10.0
+"""Factor at which slowing down ends. The distance falls with the fourth power of the factor."""
+SAMPLED_S: Final = 0.01
+"""Time between the samples that are compared with the points, in seconds."""
 BEGINNING_S: Final = 0.3
 """Time within which a path that starts off its plan is back on the plan, in seconds."""
 NEAR: Final = 0.05
@@ -64,19 +72,47 @@ def jerk_limited_path(task: PathTask) -> tuple[Path, FloatArray]:
     """Return a jerk-limited path and the times (m,) at which it passes each point. Raises MotionError.
 
     The path is ruckig's if it passes few points in the requested time. Otherwise, it is ruckig's or a smoothed spline,
-    whichever is shorter.
+    whichever is shorter. Few points may be far apart, so the spline is slowed down until it hardly misses any of them.
     """
     exact = _exact(task)
     if exact is not None:
         passes_s = np.array([*exact.starts_s[1:], exact.duration_s])
         if not stretched(exact):
             return exact, passes_s
-    smooth = smooth_path(task.start, task.waypoints, task.limits, task.names)
+    smooth = _smooth(task)
     if exact is not None and exact.duration_s <= smooth.duration_s:
         return exact, passes_s
     later = _passes(smooth.spline) + sum(smooth.windows_s) / 2.0
     later[-1] = smooth.duration_s
     return smooth, later
+
+
+def _smooth(task: PathTask) -> SmoothPath:
+    """Return the smoothed spline, slowed down if it would miss one of few points by more than ``MISSES``."""
+    smooth = smooth_path(task.start, task.waypoints, task.limits, task.names)
+    if len(task.waypoints.times_s) > FEW:
+        return smooth
+    asked_s, factor = smooth.asked_s, 1.0
+    while _largest_miss(smooth, task.waypoints.position) > MISSES and factor < SLOWEST:
+        factor *= SLOWER
+        smooth = smooth_path(task.start, _slowed(task.waypoints, factor), task.limits, task.names)
+    return replace(smooth, spline=replace(smooth.spline, asked_s=asked_s))
+
+
+def _slowed(waypoints: Waypoints, factor: float) -> Waypoints:
+    return replace(
+        waypoints,
+        times_s=waypoints.times_s * factor,
+        velocity=waypoints.velocity / factor,
+        acceleration=waypoints.acceleration / factor**2,
+    )
+
+
+def _largest_miss(path: SmoothPath, points: FloatArray) -> float:
+    """Return the largest distance of any joint between the path and any of the points (m, n), in rad or m."""
+    times_s = np.arange(0.0, path.duration_s + SAMPLED_S, SAMPLED_S)
+    samples = np.array([path.sample(time_s).position for time_s in times_s.tolist()])
+    return max(float(np.abs(samples - point).max(axis=1).min()) for point in points)
 
 
 def _exact(task: PathTask) -> Motion | None:

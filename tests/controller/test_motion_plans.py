@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 from controller.motion import Kinematics, MotionError, stretched
 from controller.trajectory.goal import GoalPoint
 from controller.trajectory.goal_planner import Method, prepare
-from controller.trajectory.paths import FEW, PathTask
+from controller.trajectory.paths import FEW, MISSES, PathTask
 from controller.trajectory.smoothing import smooth_path
 from controller.trajectory.waypoints import Waypoints
 from tests.controller.waypoints import JOINTS, LIMITS, Trapezoid, assert_within, at_rest, random_waypoints, waypoints
 from tests.drivers.fault_lines import CYCLES
 
 START = at_rest(0.0, 0.0)
+positions_ = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 METHODS: tuple[Method, ...] = ("splines", "ruckig", "none")
 
 
@@ -52,10 +53,27 @@ def test_ruckig_keeps_all_limits_and_ends_at_the_last_point(way: Waypoints) -> N
     assert path.duration_s >= path.asked_s - 1e-6
 
 
+@given(st.lists(positions_, min_size=2, max_size=6), st.floats(0.1, 0.6))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_a_path_whose_times_are_too_short_hardly_misses_any_of_few_points(
+    points: list[tuple[float, float]], span_s: float
+) -> None:
+    way = waypoints(*(GoalPoint(point, span_s * number) for number, point in enumerate(points, 1)))
+    try:
+        path = prepare("ruckig", task(way)).join(START, 0.0)
+    except MotionError:
+        assume(False)
+        return
+    assert_within(path)
+    samples = np.array([path.sample(time_s).position for time_s in np.arange(0.0, path.duration_s + 0.01, 0.005)])
+    misses = [np.abs(samples - point).max(axis=1).min() for point in way.position]
+    assert max(misses) <= MISSES + 0.005
+
+
 @given(
     random_waypoints(largest=5),
     st.floats(0.0, 1.0),
-    positions_ := st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
+    positions_,
 )
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_a_plan_is_joined_from_any_motion_without_a_step(
