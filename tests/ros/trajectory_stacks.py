@@ -49,8 +49,9 @@ def plain_client(
 def controllers_file(folder: Path, *extra_lines: str) -> str:
     """Write the arm's controllers file without tolerances and with extra lines for its controller."""
     text = CONTROLLERS.read_text()
-    ours = r" +allow_nonzero_velocity_at_trajectory_end: true\n|    # rad(?s:.*?)(?=\nhand_controller)"
-    text = re.sub(ours, "", text)
+    tolerances = r"(?:    # [^\n]*\n)*    constraints:(?s:.*?)(?=\nhand_controller)"
+    text, count = re.subn(rf" +allow_nonzero_velocity_at_trajectory_end: true\n|{tolerances}", "", text)
+    assert count == 2
     mark = "    state_interfaces: [position, velocity]\n"
     assert mark in text
     (folder / "controllers.yaml").write_text(
