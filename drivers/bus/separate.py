@@ -120,11 +120,12 @@ class SeparateServos:
         self._reported = alone
         cycle_s = self._cycle_s(asked)
         names = ", ".join(map(str, sorted(alone)))
+        subject = f"servos {names} support" if len(alone) > 1 else f"servo {names} supports"
         reads = alone & self._servos.separate
         LOG.warning(
-            "%s: servo %s supports no %s, so each cycle sends it single requests. A cycle of %s takes %.1f ms and "
-            "limits the rate to %d Hz: set a lower update_rate, or use a servo that supports them",
-            self._line.port.name, names, "group reads and writes" if reads else "group writes",
+            "%s: %s no %s, so each cycle uses single requests. A cycle of %s takes %.1f ms and "
+            "limits the rate to %d Hz: set a lower update_rate, or use servos that support them",
+            self._line.port.name, subject, "group reads and writes" if reads else "group writes",
             counted(len(asked), "servo"), 1e3 * cycle_s, int(1.0 / cycle_s),
         )  # fmt: skip
 

@@ -67,15 +67,15 @@ def test_a_lost_acknowledgment_is_counted_and_the_next_cycle_works() -> None:
     assert isinstance(line.bus.read_states(IDS, line.clock.now() + BUDGET_S)[2], ServoState)
 
 
-@pytest.mark.parametrize(("plain", "names"), [((2,), "2"), (IDS, "1, 2, 3")])
+@pytest.mark.parametrize(("plain", "subject"), [((2,), "servo 2 supports"), (IDS, "servos 1, 2, 3 support")])
 def test_a_warning_names_the_servos_and_the_highest_rate(
-    plain: tuple[int, ...], names: str, caplog: pytest.LogCaptureFixture
+    plain: tuple[int, ...], subject: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING, "servoloop.drivers"):
         line = ready(PlainLine(MODELS, plain))
         line.bus.read_states(IDS)
     (said,) = [message for message in caplog.messages if "single requests" in message]
-    pattern = rf"servo {names} supports no group reads and writes, .* of 3 servos takes ([\d.]+) ms .* to (\d+) Hz"
+    pattern = rf"{subject} no group reads and writes, .* of 3 servos takes ([\d.]+) ms .* to (\d+) Hz"
     found = re.search(pattern, said)
     assert found is not None, said
     cycle_s, rate_hz = float(found[1]) * 1e-3, int(found[2])
