@@ -20,8 +20,8 @@ SLOWER: Final = 1.2
 """Factor by which a spline that misses a point is slowed down."""
 SLOWEST: Final = 10.0
 """Factor at which slowing down ends. The distance falls with the fourth power of the factor."""
-SAMPLED_S: Final = 0.01
-"""Time between the samples that are compared with the points, in seconds."""
+SAMPLES: Final = 21
+"""Number of samples that are compared with each point. They cover the windows that smooth the spline there."""
 BEGINNING_S: Final = 0.3
 """Time within which a path that starts off its plan is back on the plan, in seconds."""
 NEAR: Final = 0.05
@@ -110,9 +110,10 @@ def _slowed(waypoints: Waypoints, factor: float) -> Waypoints:
 
 def _largest_miss(path: SmoothPath, points: FloatArray) -> float:
     """Return the largest distance of any joint between the path and any of the points (m, n), in rad or m."""
-    times_s = np.arange(0.0, path.duration_s + SAMPLED_S, SAMPLED_S)
-    samples = np.array([path.sample(time_s).position for time_s in times_s.tolist()])
-    return max(float(np.abs(samples - point).max(axis=1).min()) for point in points)
+    window_s = sum(path.windows_s)
+    near_s = _passes(path.spline)[:, None] + np.linspace(0.0, window_s, SAMPLES)
+    samples = np.array([[path.sample(time_s).position for time_s in row] for row in near_s.tolist()])
+    return float(np.abs(samples - points[:, None]).max(axis=2).min(axis=1).max())
 
 
 def _exact(task: PathTask) -> Motion | None:
