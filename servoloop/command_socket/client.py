@@ -117,12 +117,11 @@ class CommandClient:
             message = self._next(0.0)
         except CommandError:
             return None
-        return message if message is not None and message.get("ok") is False else None
+        return message if message is not None and _is_refusal(message) else None
 
     def _reply(self, number: int, deadline_s: float) -> dict[str, Any]:
         while (message := self._next(deadline_s - monotonic())) is not None:
-            refused = message.get("ok") is False
-            if refused and message.get("id") in (number, None):
+            if _is_refusal(message) and message.get("id") in (number, None):
                 raise CommandError.of(message.get("error") or {})
             if message.get("id") == number:
                 return message
@@ -154,3 +153,8 @@ class CommandClient:
 
     def _ended(self) -> CommandError:
         return CommandError("ended", f"the connection to the stack of {self.stack.arm} has ended: start it again")
+
+
+def _is_refusal(message: dict[str, Any]) -> bool:
+    """Return whether a message refuses a request. The result of a goal that failed is an event with ``ok: false``."""
+    return message.get("ok") is False and "event" not in message

@@ -1,5 +1,6 @@
 """Simulated stack with its command socket. A thread of its own runs the cycles as fast as possible."""
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -53,11 +54,13 @@ class SocketRig:
 
     def _run(self) -> None:
         try:
-            while not self.ended.is_set():
-                self.stack.run(self.stack.loop.period_s)
-                time.sleep(self.pause_s)
+            self.stack.run(math.inf, self._paused)
         except BaseException as error:
             self.errors.append(error)
+
+    def _paused(self) -> bool:
+        time.sleep(self.pause_s)
+        return self.ended.is_set()
 
 
 @contextmanager

@@ -212,6 +212,19 @@ def test_any_client_stops_all_motions(client: CommandClient, rig: SocketRig) -> 
     assert settle(client, goal(client))["ok"]
 
 
+def test_the_result_of_a_stopped_goal_is_not_the_reply_to_a_later_message(
+    client: CommandClient, rig: SocketRig
+) -> None:
+    client.request("take")
+    number = goal(client, [*READY[:5], READY[5] + 1.0], 5.0)
+    with rig.client("other") as other:
+        other.request("take", force=True)
+        other.request("watch", rate_hz=1000.0)
+        eventually(lambda: [event for event in other.events(0.1) if event["event"] == "state"])
+    assert client.request("state")["ok"]
+    assert settle(client, number)["ok"] is False
+
+
 MALFORMED = [
     (b"", "the message is not JSON"),
     (b"hello", "the message is not JSON"),

@@ -114,6 +114,8 @@ class StackConnection:
             message = json.loads(line)
             if message.get("event") == "lost":
                 self.lost = str(message["text"])
+            if "event" in message:
+                continue  # the result of a goal is an event that has ok, too
             if message.get("ok") is False and message["id"] in (self._number, None):
                 raise self._refusal(message["error"])
             if message.get("id") == self._number:

@@ -5,6 +5,7 @@ import socket
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from time import monotonic
 
 import pytest
 
@@ -16,7 +17,7 @@ from servoloop.command_socket.errors import KINDS
 from tests.command_socket.rig import SocketRig, served
 from tests.live.rig import runtime_folder
 from tests.servoloop.served import eventually
-from tests.stack.rig import ARM
+from tests.stack.rig import ARM, READY
 
 HAND = "hand_right_joint"
 JOINTS = [*ARM, HAND]
@@ -105,14 +106,13 @@ def test_a_target_beyond_the_limits_is_sent_as_the_limit(rig: SocketRig, connect
     assert sent["joint6"] == pytest.approx(math.degrees(limits.upper))
 
 
-def test_a_stream_that_was_silent_is_opened_again(connect: Callable[..., ConnectedArm]) -> None:
+def test_a_stream_that_was_silent_is_opened_again(rig: SocketRig, connect: Callable[..., ConnectedArm]) -> None:
     """LeRobot sends nothing while it saves an episode."""
+    rig.pause_s = 0.02
     arm = connect()
-    arm.take(max_age_s=0.05)
-    watcher = connect()
-    before = arm.positions()["joint6"]
-    for _ in range(200):
-        watcher.positions()
+    arm.take(max_age_s=1.0)
+    before, taken_s = arm.positions()["joint6"], rig.stack.loop.clock.now()
+    eventually(lambda: rig.stack.loop.clock.now() > taken_s + 2.0)
     assert arm.send({"joint6": before + 5.0})["joint6"] == pytest.approx(before + 5.0)
 
 
@@ -123,6 +123,19 @@ def test_a_leader_is_released_and_can_be_taken_by_another_client(connect: Callab
     follower = connect()
     follower.take(max_age_s=60.0)  # the torque is enabled again
     follower.send({HAND: 10.0})
+
+
+def test_the_result_of_a_stopped_goal_is_not_a_reply(rig: SocketRig) -> None:
+    program = connection.StackConnection(rig.running.commands, "test")
+    program.request("take")
+    points = [{"positions": [*READY[:5], READY[5] + 1.0], "time_s": 5.0}]
+    program.request("goal", joints=ARM, points=points, sent_s=monotonic())
+    with rig.client("other") as other:
+        other.request("take", force=True)
+        other.request("watch", rate_hz=1000.0)
+        eventually(lambda: [event for event in other.events(0.1) if event["event"] == "state"])
+    assert program.request("state")["ok"]
+    program.close()
 
 
 def test_no_stack_and_a_stack_of_another_name(monkeypatch: pytest.MonkeyPatch) -> None:
