@@ -1,5 +1,5 @@
 # A new user only needs `make demo` or `make test`, which set everything up first.
-.PHONY: help setup demo test test-slow test-sample test-all test-lowest soak fuzz docs mutants check lint format lock clean
+.PHONY: help setup demo test test-real-time test-slow test-sample test-all test-lowest soak fuzz docs mutants check lint format lock clean
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -24,7 +24,8 @@ PYTEST := $(BIN)/python -m pytest -rR -n 3 --dist loadfile --no-loadscope-reorde
 help:
 	@echo 'make setup   install everything into .venv; a repeated run takes seconds'
 	@echo 'make demo    set-up, then pick and place (DEMO_ARGS="--grades A")'
-	@echo 'make test    set-up, then the tests except the slow and the random tests (PYTEST_ARGS="-k hash")'
+	@echo 'make test    set-up, then the quick tests in simulated time (PYTEST_ARGS="-k hash")'
+	@echo 'make test-real-time  the quick tests of whole programs, over ROS and pseudo-terminals'
 	@echo 'make test-sample  a slow test of each folder'
 	@echo 'make test-all  all tests, before a release; make test-slow: only the slow tests'
 	@echo 'make test-lowest  the fast tests of the core, with the lowest versions that pyproject.toml allows'
@@ -32,7 +33,7 @@ help:
 	@echo 'make fuzz    20,000 mutated files and 500,000 streams of bytes (FILES=1000 STREAMS=10000); an hour'
 	@echo 'make mutants  find changes in the code that no test detects (AREAS="gate joint"); up to an hour'
 	@echo 'make docs    build the documentation site from docs/ into build/site'
-	@echo 'make check   set-up, then lint, types, import direction, test and test-sample, as in CI'
+	@echo 'make check   set-up, then lint and all tests that CI runs'
 	@echo 'make lint    lint, types and import direction only'
 	@echo 'make format  format the code'
 	@echo 'make lock    write requirements.lock from pyproject.toml (LOCK_ARGS=--upgrade)'
@@ -44,8 +45,12 @@ setup:
 demo: setup
 	@$(BIN)/servoloop demo $(DEMO_ARGS)
 
+# These tests do not wait.
 test: setup
-	$(PYTEST) -m 'not slow and not soak' $(PYTEST_ARGS)
+	$(PYTEST) -n $$(nproc) -m 'not real_time and not slow and not soak' $(PYTEST_ARGS)
+
+test-real-time: setup
+	$(PYTEST) -m 'real_time and not slow and not soak' $(PYTEST_ARGS)
 
 # This includes the random tests, over 1,000 cycles.
 test-slow: setup
@@ -55,7 +60,7 @@ test-slow: setup
 test-sample: setup
 	$(PYTEST) -m 'slow or soak' --sample $(PYTEST_ARGS)
 
-test-all: test test-slow
+test-all: test test-real-time test-slow
 
 # The wheel is tested in a separate environment.
 test-lowest: setup
@@ -82,7 +87,7 @@ fuzz: setup
 mutants: setup
 	$(BIN)/python tools/mutants.py $(AREAS)
 
-check: lint test test-sample
+check: lint test test-real-time test-sample
 
 format: setup
 	$(BIN)/ruff check --fix .

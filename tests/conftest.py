@@ -68,9 +68,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Skip files without slow or random tests if only those are selected, because imports take ten seconds."""
-    markers = config.option.markexpr.split(" or ")
-    if not ONLY.keys() >= {*markers} or not collection_path.match("test_*.py"):
+    """Skip files without a selected test, because the imports of all files take ten seconds."""
+    if not collection_path.match("test_*.py"):
+        return None
+    expression = config.option.markexpr
+    if "real_time" in expression:
+        selected = "not real_time" not in expression
+        return in_real_time(collection_path.relative_to(config.rootpath).as_posix()) != selected or None
+    markers = expression.split(" or ")
+    if not ONLY.keys() >= {*markers}:
         return None
     if "slow" in markers and has_long_tests(collection_path):
         return None
@@ -97,6 +103,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if in_real_time(item.nodeid):
             item.add_marker(once_more)
+            item.add_marker(pytest.mark.real_time)
 
 
 @pytest.hookimpl(specname="pytest_collection_modifyitems", trylast=True)

@@ -23,12 +23,15 @@ LOG = logging.getLogger("servoloop.controller")
 
 PRESSES: Final = 15.0
 """Minimum distance from its command at which a resting joint presses, in multiples of the still threshold."""
+CREEPS_SHARE: Final = 0.05
+"""Motion of a joint that still counts as rest, as a share of its distance from the command. A blocked joint may slide
+slowly along its obstacle, but a free joint soon covers more of the distance."""
 LOOSE: Final = 5.0
 """Minimum motion that shows that a joint is free, in multiples of the still threshold."""
 FOLLOWS_SHARE: Final = 0.5
 """Share of the command's return that a blocked joint may follow, because its link and the obstacle are elastic."""
 ATTEMPTS: Final = 3
-"""Maximum number of times that a joint is relieved. A joint that advances while its neighbors are relieved may still be
+"""Maximum number of times that a joint is relieved. A joint that moves while its neighbors are relieved may still be
 blocked afterwards, so one attempt is not enough."""
 JERK_SHARE: Final = 0.25
 """Share of the jerk limit used for the return. The slow start leaves time to notice a free joint."""
@@ -69,14 +72,17 @@ class Relief:
     def step(self, now: Cycle) -> None:
         """Run one cycle in which relief is due."""
         unknown = np.array([now.waits or name in now.state.faults for name in self._joints])
-        self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s)
+        creeps = CREEPS_SHARE * np.abs(now.error)
+        self._rest.update(np.where(unknown, np.nan, measured(now)), now.step_s, creeps)
         if now.waits and self._begun:
             self._begun, self._relieved = None, np.zeros_like(self._relieved)  # The arm rests at the last command.
         if self._begun:
             self._stop_if_joints_move(self._begun, now, ~unknown)
         if not self._sampler.ended:
             return
-        self._begun = None
+        if self._begun:  # The commands have come back. A joint that slides on may press again.
+            self._relieved &= self._attempts >= ATTEMPTS
+            self._begun = None
         self._stood_s += now.step_s
         off = np.abs(now.error) > PRESSES * self._sampler.still
         held = off & self._rest.for_at_least(HELD_S) & ~self._relieved

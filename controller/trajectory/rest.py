@@ -30,9 +30,15 @@ class Rest:
         self._place = np.full(len(still), np.nan)
         self.stayed_s = np.zeros(len(still))
 
-    def update(self, position: FloatArray, step_s: float) -> None:
-        """Add the measured positions (n,) of one cycle. NaN marks a joint that was not measured."""
-        moved = ~(np.abs(position - self._place) <= self._still)
+    def update(self, position: FloatArray, step_s: float, creeps: FloatArray | float = 0.0) -> None:
+        """Add the measured positions (n,) of one cycle.
+
+        Args:
+            position: Measured positions (n,). NaN marks a joint that was not measured.
+            step_s: Time since the previous cycle, in seconds.
+            creeps: Change of position that does not count as motion either, if it is larger than ``still``.
+        """
+        moved = ~(np.abs(position - self._place) <= np.maximum(self._still, creeps))
         self.stayed_s = np.where(moved, 0.0, self.stayed_s + step_s)
         self._place = np.where(moved, position, self._place)
 

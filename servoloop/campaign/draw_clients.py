@@ -15,6 +15,8 @@ from servoloop.simulation.acts import (
     MoveHand,
     Plan,
     Reactivate,
+    SocketDeath,
+    SocketMove,
     Stream,
     Switch,
     Waypoints,
@@ -30,6 +32,8 @@ NEAR: Final = 0.3
 """Largest position of all other goals, as a share of the distance from zero to the limit."""
 PAUSE_S: Final = 6.0
 """Longest time between two acts, in seconds. Goals without a result need it to end."""
+DIES: Final = 0.5
+"""Share of motions over the command socket during which the program dies."""
 LARGEST: Final = 7.0
 """Largest position for a joint without limits, in rad."""
 
@@ -53,6 +57,9 @@ def draw_client(kind: str, seed: int, joints: Mapping[str, JointLimits], hand: b
         acts.append(DRAWS[kind](random, joints, hand, round(at_s, 3)))
         if isinstance(acts[-1], Waypoints):
             at_s += random.choice([0.0, acts[-1].delay_s + (len(acts[-1].points) + 1) * acts[-1].seconds])
+        if isinstance(acts[-1], SocketMove) and random.random() < DIES:
+            at_s = min(at_s + random.uniform(0.1, 0.7) * acts[-1].seconds, seconds)
+            acts.append(SocketDeath(at_s=round(at_s, 3), connection=acts[-1].connection))
         at_s += random.choice([random.uniform(0.05, 0.6), random.uniform(0.5, 3.0), random.uniform(3.0, PAUSE_S)])
     return tuple(acts)
 

@@ -68,9 +68,9 @@ def _death(fields: dict[str, Any], random: Random) -> Act:
 TARGETED: Final = (_move, _stream, _stall)
 """Functions that draw an action with a target."""
 DRAWS: Final[tuple[tuple[Callable[[dict[str, Any], Random], Act], float], ...]] = (
-    (_stream, 0.3),
-    (_move, 0.2),
-    (_nonsense, 0.15),
+    (_move, 0.3),
+    (_stream, 0.25),
+    (_nonsense, 0.1),
     (_request, 0.15),
     (_stall, 0.1),
     (_death, 0.1),

@@ -47,9 +47,10 @@ class SocketProgram:
 
     def __init__(self, number: int, served: ServedPrograms) -> None:
         """Connect to a stack. ``number`` is the number of the connection."""
+        self.name = f"program {number}"
         self.open = True
         self._served, self._stack, self._now = served, served.stack, served.requests.time.now
-        self._session = Session(f"program {number}", self, served.requests)
+        self._session = Session(self.name, self, served.requests)
         self._unread = bytearray()
         self._numbers = count(1)
         self._goals: list[GoalHandle] = []

@@ -26,6 +26,13 @@ class ConnectedPrograms:
         """Time of the newest target of a stream, in seconds; minus infinity before the first stream."""
         return self.served.last_target_s
 
+    @property
+    def dead_owner(self) -> str:
+        """Name of a program that owns the motion although it has died; empty if there is none."""
+        owner = self.served.requests.ownership.owner
+        open_names = {program.name for program in self._programs.values() if program.open}
+        return "" if owner in open_names else owner
+
     def carry_out(self, act: SocketAct) -> None:
         """Let the program of a connection carry out an action. A program that has died is started again."""
         program = self._programs.get(act.connection)

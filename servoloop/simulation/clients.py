@@ -52,6 +52,11 @@ class SocketPrograms(Protocol):
         """Time of the newest target of a stream, in seconds; minus infinity before the first stream."""
         ...
 
+    @property
+    def dead_owner(self) -> str:
+        """Name of a program that owns the motion although it has died; empty if there is none."""
+        ...
+
     def carry_out(self, act: SocketAct) -> None:
         """Carry out an action."""
         ...

@@ -7,6 +7,7 @@ import pytest
 
 from drivers.bus.bus import Bus
 from drivers.bus.late_replies import HELD_S
+from drivers.bus.types import ServoState
 from drivers.errors import ServoCorrupt, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import scs, sts, x, xl320
@@ -152,6 +153,26 @@ def test_noise_before_an_echo_does_not_turn_the_request_into_a_reply(case: Case,
     with pytest.raises(ServoError):
         bench.bus.write(1, case.torque, 0)
     assert len(bench.bus.torque_off([1])) == 1
+
+
+@every_case
+def test_an_adapter_that_begins_to_echo_does_not_turn_requests_into_replies(case: Case) -> None:
+    """In protocol 1.0, a request for two bytes looks like a reply with two bytes."""
+    bench = Bench(case)
+    bench.bus.read_states((1,), bench.clock.now() + 0.05)  # no echo
+    bench.port.echoes = True
+    for register in (case.position, case.torque, case.temperature):
+        assert bench.bus.read(1, register) == bench.held(register)
+    for _ in range(2):
+        readings = bench.bus.read_states((1,), bench.clock.now() + 0.05)
+    assert isinstance(readings[1], ServoState)
+    bench.port.echoes = False
+    for register in (case.position, case.torque, case.temperature):
+        try:
+            assert bench.bus.read(1, register) == bench.held(register)
+        except ServoError:  # the echo that is expected is missing
+            assert bench.bus.read(1, register) == bench.held(register)
+    bench.bus.ping(1)
 
 
 @every_case

@@ -151,7 +151,10 @@ class AbortsAreTrue(Invariant):
 
 
 class CancelsAreFollowed(Invariant):
-    """A canceled goal brakes and soon ends as canceled, unless it has already ended."""
+    """A canceled goal brakes and soon ends as canceled, unless it has already ended.
+
+    A program that has died no longer owns the motion.
+    """
 
     name = "cancels are followed"
 
@@ -163,6 +166,9 @@ class CancelsAreFollowed(Invariant):
         for logged in (*self.stack.goals.open, *self.stack.ended_goals):
             if logged.cancel_s is not None and id(logged) not in self._done:
                 self._examine(logged)
+        clients = self.stack.clients
+        if clients is not None and clients.programs is not None and (owner := clients.programs.dead_owner):
+            self.say(f"{owner} has died, but it still owns the motion")
 
     def _examine(self, logged: LoggedGoal) -> None:
         assert logged.cancel_s is not None

@@ -110,11 +110,11 @@ class SmoothEnd(Invariant):
         now_s = self.stack.clock.now()
         if any(controller.upsets for controller in self.stack.controllers.values()):
             self._upset_s = now_s
-        if not self.stack.ending or not self.active or now_s - self._upset_s < UPSET_S:
+        if not self.active or now_s - self._upset_s < UPSET_S:
             self._commands.clear()
             return
-        self._commands.append(values.copy())
-        if len(self._commands) == 3:
+        self._commands.append(values.copy())  # The last commands before the end show how fast each joint moved.
+        if self.stack.ending and len(self._commands) == 3:
             self.examined += 1
             change = np.abs(np.diff(np.array(self._commands), 2, axis=0)[0]) / self.stack.loop.period_s**2
             worst = int((change / self._acceleration).argmax())
