@@ -10,13 +10,12 @@ import dynamixel_sdk
 import scservo_sdk
 
 from drivers.port.line import BITS_PER_BYTE, Line
+from drivers.protocol import v1
 
 CORRUPT: Final = (scservo_sdk.COMM_RX_CORRUPT, dynamixel_sdk.COMM_RX_CORRUPT)
 """Result codes of both SDKs for a corrupt reply. Their other codes are the same, or mean that there was no reply."""
 _GRACE_S = 0.034
 """Reply timeout of the SDK without the transmission time, in seconds: two USB latency timers of 16 ms and 2 ms."""
-_PING_SIZE: Final = 6
-"""Size of a ping of protocol 1.0, in bytes. A servo with a voltage alarm replies with the same bytes."""
 _FLOOD_S = 0.1  # time after the deadline in which all bytes that arrived before it are read
 
 
@@ -61,7 +60,7 @@ class SdkAdapter:
         if length <= 0 or self._line.now() >= self._deadline_s + _FLOOD_S:
             return b""
         data = self._held_back + self._port.read(length, self._deadline_s)
-        if not self._sent or (self._line.echoes is False and len(self._sent) <= _PING_SIZE):
+        if not self._sent or (self._line.echoes is False and _is_ping(self._sent)):
             return data
         return self._without_echo(data)
 
@@ -95,3 +94,8 @@ class SdkAdapter:
 
     def isPacketTimeout(self) -> bool:
         return self._line.now() >= self._deadline_s
+
+
+def _is_ping(packet: bytes) -> bool:
+    """Return whether a packet is a ping of protocol 1.0. A servo with a voltage alarm replies with the same bytes."""
+    return len(packet) == v1.OVERHEAD and packet[4] == v1.PING

@@ -105,8 +105,9 @@ def test_slow_viewer_loses_whole_cycles_and_can_count_them(monkeypatch: pytest.M
     stream = open_live(find_stack())
     cycles = rig.play(20.0)  # more cycles than the socket can buffer
     viewer = LiveViewer(stream)
-    rig.wait_until_read()
-    cycles += rig.play(0.2)
+    for _ in range(4):  # Each of these cycles is read, because only a later message reports lost cycles.
+        rig.wait_until_read()
+        cycles += rig.play(0.05)
     rig.feed.close((), failed=False)
     state = viewer.to_its_end()
     seen = len(state.curves().time_s)
