@@ -1,0 +1,1 @@
+"""Motion planning for arms: kinematics, collisions, search and timing. Contains no ROS, threads or clock."""

@@ -1,0 +1,206 @@
+"""Goals for the tool as regions of poses, and checks of the poses and tolerances that a client sends."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.errors import Code, PlanningError
+from planning.kinematics.chain import Pose
+from planning.kinematics.rotations import matrices, rotation_vectors, vector_rates
+
+ROTATION_M: Final = 0.1
+"""Distance that counts as much as a rotation by 1 rad when positions and orientations are compared, in m/rad."""
+NORMALIZED_WITHIN: Final = 1e-3
+"""Largest deviation of a quaternion's length from 1 that is corrected without an error."""
+FARTHEST_M: Final = 1e3
+"""Largest coordinate of a goal, in m. Larger values are in another unit."""
+INSIDE: Final = 0.9
+"""Share of the tolerances at which the search for a pose inside the region aims."""
+
+
+class GoalError(PlanningError):
+    """The goal of a client is invalid or cannot be reached."""
+
+    def __init__(self, message: str, code: Code = "INVALID_GOAL_CONSTRAINTS") -> None:
+        super().__init__(message, code)
+
+
+class UnreachableError(GoalError):
+    """No joint positions within the limits reach the goal."""
+
+    def __init__(self, message: str, nearest: Pose, positions: FloatArray, distance: tuple[float, float]) -> None:
+        super().__init__(message, "NO_IK_SOLUTION")
+        self.nearest = nearest
+        """Nearest pose found that the tool can reach."""
+        self.positions = positions
+        """Joint positions (n,) of this pose, in rad or m."""
+        self.distance_m, self.angle_rad = distance
+
+
+class CollidingError(GoalError):
+    """The goal can be reached, but only with joint positions that are not valid."""
+
+    def __init__(self, message: str, positions: FloatArray) -> None:
+        super().__init__(message, "GOAL_IN_COLLISION")
+        self.positions = positions
+        """One set of joint positions (n,) that reaches the goal and is not valid, in rad or m."""
+
+
+def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequence[float] | FloatArray) -> Pose:
+    """Check and normalize a pose of a client.
+
+    Args:
+        position_m: Position (3,), in m.
+        quaternion_xyzw: Orientation (4,). Its length must be 1, except for rounding.
+
+    Raises:
+        GoalError: A number is not finite or too large, or the quaternion's length is not 1.
+    """
+    position = _vector(position_m, "xyz", "position")
+    quaternion = _vector(quaternion_xyzw, "xyzw", "orientation")
+    for axis, value in zip("xyz", position.tolist(), strict=True):
+        if abs(value) > FARTHEST_M:
+            raise GoalError(f"{axis} of the goal's position is {value:g} m, above {FARTHEST_M:g} m: send meters")
+    length = math.hypot(*quaternion.tolist())
+    if length == 0.0:
+        raise GoalError("the quaternion of the goal's orientation has length 0: send w 1 for no rotation")
+    if abs(length - 1.0) > NORMALIZED_WITHIN:
+        raise GoalError(f"the quaternion of the goal's orientation has length {length:.6g}: normalize it to length 1")
+    return Pose(position, quaternion / length)
+
+
+def _vector(values: Sequence[float] | FloatArray, names: str, what: str) -> FloatArray:
+    """Return the values as an array with one finite value for each letter of ``names``. Raises GoalError."""
+    found = np.array(values, dtype=np.float64)
+    if found.shape != (len(names),):
+        raise GoalError(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {found.size}")
+    for name, value in zip(names, found.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise GoalError(f"{name} of the goal's {what} is {value}: send a finite number")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """Region of positions around the position of a goal."""
+
+    radius_m: float
+
+    def check(self) -> None:
+        """Raise GoalError if the region has no size."""
+        _check_tolerance(self.radius_m, "position tolerance", " m")
+
+    def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return the shortest ways out of the region.
+
+        Args:
+            offsets: Offsets from the center (k, 3), in m.
+            share: Share of the region's size.
+
+        Returns:
+            The vectors (k, 3) from the region to the offsets, in m, and their derivatives (k, 3, 3).
+        """
+        distance = np.linalg.norm(offsets, axis=1)[:, None]
+        safe = np.where(distance > 0.0, distance, 1.0)
+        outside = np.maximum(1.0 - share * self.radius_m / safe, 0.0) if share else np.ones_like(safe)
+        normal = offsets / safe
+        along = normal[:, :, None] * normal[:, None, :]
+        tangent = outside[..., None] * (np.eye(3) - along)
+        return outside * offsets, np.where(outside[..., None] > 0.0, along + tangent, 0.0) if share else _eyes(offsets)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """Region of positions around the position of a goal, with flat sides."""
+
+    size_m: tuple[float, float, float]
+    """Lengths of the edges, in m. The goal is in the center."""
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Orientation of the box in the frame of the base link."""
+
+    def check(self) -> None:
+        """Raise GoalError if an edge has no length, or if the orientation is invalid."""
+        for axis, size in zip("xyz", self.size_m, strict=True):
+            _check_tolerance(size, f"size of the position region along {axis}", " m")
+        checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw)
+
+    def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return the shortest ways out of the region, as ``Sphere.excess`` does, but along the axes of the box."""
+        rotation = matrices(checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw).quaternion_xyzw)
+        own = offsets @ rotation
+        beyond = own - np.clip(own, *(np.array(self.size_m) / 2.0 * share * sign for sign in (-1.0, 1.0)))
+        active = (beyond != 0.0) if share else np.ones_like(own, dtype=bool)
+        return beyond, np.where(active[..., None], rotation.T, 0.0)
+
+
+def _eyes(offsets: FloatArray) -> FloatArray:
+    return np.broadcast_to(np.eye(3), (len(offsets), 3, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseGoal:
+    """Region of poses around a pose of the tool.
+
+    The orientation is inside if the rotation vector from the goal to the tool, along the axes of the goal, is within
+    the tolerances (``ROTATION_VECTOR`` in moveit_msgs/OrientationConstraint).
+    """
+
+    pose: Pose
+    region: Sphere | Box
+    """Region of positions around the position of the pose."""
+    orientation_tolerance_rad: tuple[float, float, float]
+    """Tolerances about the x, y and z axes of the goal, in rad. The orientation about an axis is free from pi on."""
+
+    def __post_init__(self) -> None:
+        """Check the goal. Raises GoalError."""
+        checked = checked_pose(self.pose.position_m, self.pose.quaternion_xyzw)
+        object.__setattr__(self, "pose", checked)
+        self.region.check()
+        for axis, tolerance in zip("xyz", self.orientation_tolerance_rad, strict=True):
+            _check_tolerance(tolerance, f"orientation tolerance about {axis}", " rad")
+
+    def excess(self, tools: FloatArray, jacobians: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return how far tools are from the region.
+
+        Args:
+            tools: Poses of the tool (k, 4, 4).
+            jacobians: Jacobians of the tool (k, 6, n).
+            share: Share of the tolerances. At 0, the region is the pose itself, except for free axes.
+
+        Returns:
+            The excess (k, 6) in m, of which three rows are rotations times ``ROTATION_M``, and its Jacobian (k, 6, n).
+        """
+        target = matrices(self.pose.quaternion_xyzw)
+        beyond, slopes = self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
+        vectors = rotation_vectors(target.T @ tools[:, :3, :3])
+        tolerance = np.array(self.orientation_tolerance_rad)
+        free = tolerance >= math.pi
+        limit = np.where(free, np.inf, share * tolerance)
+        turned = vectors - np.clip(vectors, -limit, limit)
+        active = ((turned != 0.0) | (share == 0.0)) & ~free
+        rates = vector_rates(vectors) @ tools[:, :3, :3].swapaxes(1, 2) * (active[..., None] * ROTATION_M)
+        excess = np.concatenate([beyond, turned * ROTATION_M], axis=1)
+        return excess, np.concatenate([slopes @ jacobians[:, :3], rates @ jacobians[:, 3:]], axis=1)
+
+    def distances(self, tools: FloatArray) -> FloatArray:
+        """Return the distances (k, 2) of poses (k, 4, 4) from the pose, in m and rad. Free axes do not count."""
+        excess, _ = self.excess(tools, np.zeros((len(tools), 6, 0)), 0.0)
+        return np.stack([np.linalg.norm(excess[:, :3], axis=1), np.linalg.norm(excess[:, 3:], axis=1) / ROTATION_M], 1)
+
+    def contains(self, tools: FloatArray) -> FloatArray:
+        """Return whether each pose (k, 4, 4) is inside the region (k,)."""
+        excess, _ = self.excess(tools, np.zeros((len(tools), 6, 0)), 1.0)
+        return np.asarray(np.abs(excess).max(axis=1) <= _ROUNDING_M)
+
+
+_ROUNDING_M: Final = 1e-9
+"""Largest excess that counts as inside, in m."""
+
+
+def _check_tolerance(value: float, what: str, unit: str) -> None:
+    if not math.isfinite(value) or value <= 0.0:
+        raise GoalError(f"the {what} is {value:g}{unit}: send a finite number above 0")

@@ -1,0 +1,89 @@
+"""Rotations as matrices, quaternions (x, y, z, w) and rotation vectors, for single rotations and batches of them."""
+
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+
+SMALL_RAD: Final = 1e-4
+"""Angle below which series replace quotients of small numbers. Their error is below 1e-12."""
+
+
+def matrices(quaternions: FloatArray) -> FloatArray:
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    x, y, z, w = np.moveaxis(quaternions, -1, 0)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def quaternions(rotations: FloatArray) -> FloatArray:
+    """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3). Their w is at least 0."""
+    r = np.asarray(rotations)
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    x_y, x_z, y_z = r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1]
+    x_w, y_w, z_w = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    rows = [  # each row is 4 q_i q for one component q_i; the row of the largest component is the most accurate
+        [1.0 + xx - yy - zz, x_y, x_z, x_w],
+        [x_y, 1.0 - xx + yy - zz, y_z, y_w],
+        [x_z, y_z, 1.0 - xx - yy + zz, z_w],
+        [x_w, y_w, z_w, 1.0 + xx + yy + zz],
+    ]
+    products = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    found = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    found = found / np.linalg.norm(found, axis=-1, keepdims=True)
+    return np.asarray(np.where(found[..., 3:] < 0.0, -found, found))
+
+
+def rotation_vectors(rotations: FloatArray) -> FloatArray:
+    """Return the rotation vectors (..., 3) of rotation matrices (..., 3, 3): axis times angle, in rad, up to pi."""
+    q = quaternions(rotations)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    angle_rad = 2.0 * np.arctan2(sine, q[..., 3:])
+    small = sine < SMALL_RAD
+    return np.asarray(q[..., :3] * np.where(small, 2.0 + sine**2 / 3.0, angle_rad / np.where(small, 1.0, sine)))
+
+
+def vector_rates(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (..., 3, 3) that convert an angular velocity to the rate of a rotation vector (..., 3).
+
+    The angular velocity is in the frame that turns.
+    """
+    angle_rad = np.linalg.norm(vectors, axis=-1)
+    small = angle_rad < SMALL_RAD
+    safe = np.where(small, 1.0, angle_rad)
+    factor = np.where(small, 1.0 / 12.0, 1.0 / safe**2 - 1.0 / (2.0 * safe * np.tan(safe / 2.0)))
+    cross = skew(vectors)
+    return np.asarray(np.eye(3) + 0.5 * cross + factor[..., None, None] * (cross @ cross))
+
+
+def skew(vectors: FloatArray) -> FloatArray:
+    """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
+    found = np.zeros((*vectors.shape, 3))
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
+    found[..., 1, 0], found[..., 2, 0], found[..., 2, 1] = z, -y, x
+    return found
+
+
+def slerp(start: FloatArray, end: FloatArray, share: float) -> FloatArray:
+    """Return the quaternion (4,) at a share from 0 to 1 of the shortest rotation between two quaternions (4,)."""
+    cosine = float(start @ end)
+    target = -end if cosine < 0.0 else end
+    angle_rad = np.arctan2(np.linalg.norm(target - start), np.linalg.norm(target + start)) * 2.0
+    if angle_rad < SMALL_RAD:
+        mixed = (1.0 - share) * start + share * target
+    else:
+        mixed = np.sin((1.0 - share) * angle_rad) * start + np.sin(share * angle_rad) * target
+    return np.asarray(mixed / np.linalg.norm(mixed))
+
+
+def angle_between(one: FloatArray, other: FloatArray) -> float:
+    """Return the angle between two orientations given as unit quaternions (4,), in rad, from 0 to pi."""
+    sign = -1.0 if one @ other < 0.0 else 1.0
+    return float(4.0 * np.arctan2(np.linalg.norm(one - sign * other), np.linalg.norm(one + sign * other)))
