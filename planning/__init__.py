@@ -1,1 +1,1 @@
-"""Motion planning for arms: kinematics, collisions, search and timing. Contains no ROS, threads or clock."""
+"""Motion planning: search, collision checks and timing. This package has no ROS, no threads and no clock of its own."""

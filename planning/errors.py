@@ -1,27 +1,27 @@
-"""Errors of motion planning.
-
-PlanningError
-├── GoalError       the goal of a client is invalid or cannot be reached
-└── GroupsError     an SRDF file has mistakes, or a group or state does not exist
-"""
+"""Errors of planning, with MoveIt's names for the codes."""
 
 from typing import Literal
 
 Code = Literal[
+    "START_STATE_IN_COLLISION",
+    "START_STATE_INVALID",
+    "GOAL_IN_COLLISION",
+    "GOAL_STATE_INVALID",
+    "INVALID_GOAL_CONSTRAINTS",
     "INVALID_GROUP_NAME",
     "INVALID_LINK_NAME",
+    "INVALID_OBJECT_NAME",
     "INVALID_ROBOT_STATE",
-    "INVALID_GOAL_CONSTRAINTS",
-    "GOAL_IN_COLLISION",
     "NO_IK_SOLUTION",
+    "PLANNING_FAILED",
+    "TIMED_OUT",
 ]
-"""Names of the codes in moveit_msgs/MoveItErrorCodes."""
 
 
 class PlanningError(Exception):
-    """Base class of all errors of this package. The message is one sentence for the user."""
+    """No plan. The message names the joint, link or object, and the remedy."""
 
-    def __init__(self, message: str, code: Code) -> None:
+    def __init__(self, code: Code, message: str) -> None:
         super().__init__(message)
         self.code: Code = code
-        """Name of the code in moveit_msgs/MoveItErrorCodes."""
+        """Name of the error code in moveit_msgs/MoveItErrorCodes."""

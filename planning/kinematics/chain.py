@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.types import FloatArray, JointLimits
-from planning.errors import PlanningError
+from planning.errors import Code, PlanningError
 from planning.kinematics.rotations import quaternions, skew
-
-BASE: Final = "base_link"
-"""Link in whose frame poses are given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,14 +31,14 @@ class Chain:
     have shape (k, 4, 4) and Jacobians (k, 6, n); the first three rows of a Jacobian are linear velocities.
     """
 
-    def __init__(self, model: Any, limits: Mapping[str, JointLimits], tool: str, base: str = BASE) -> None:
+    def __init__(self, model: Any, limits: Mapping[str, JointLimits], tool: str, base: str | None = None) -> None:
         """Copy the kinematics of a model.
 
         Args:
             model: The MuJoCo model (mujoco.MjModel). It is not changed.
             limits: Limits of the planned joints by name, in the order of all positions.
             tool: Name of a body or a site of the model.
-            base: Name of the body in whose frame poses are given.
+            base: Name of the body in whose frame poses are given; by default, the body on which the arm stands.
 
         Raises:
             PlanningError: A name is not in the model, or a joint does not move the tool relative to the base.
@@ -57,7 +54,7 @@ class Chain:
         self.upper = np.array([limit.upper for limit in self.limits])
         """Highest positions (n,), in rad or m."""
         joints, body = _joints(model, self.names), _tool_body(model, tool)
-        base_body = _find(model, "body", base)
+        base_body = int(model.body_rootid[body]) if base is None else _find(model, "body", base)
         _check_on_path(model, {name: int(model.jnt_bodyid[j]) for name, j in joints.items()}, (base_body, body), tool)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -68,11 +65,14 @@ class Chain:
         self._order = [list(joints.values()).index(j) for j in indices]
         self._reference = model.qpos0[model.jnt_qposadr[list(joints.values())]].copy()
         self._rest = inverse @ _transform(place.xmat, place.xpos)
-        self._axes = data.xaxis[indices] @ inverse[:3, :3].T
-        self._anchors = data.xanchor[indices] @ inverse[:3, :3].T + inverse[:3, 3]
         self.turns: NDArray[np.bool_] = model.jnt_type[list(joints.values())] == int(mujoco.mjtJoint.mjJNT_HINGE)
         """Whether each joint is revolute (n,), not prismatic."""
-        self._generators = _generators(self._axes, self._anchors, self.turns[self._order])
+        axes, anchors = data.xaxis[indices], data.xanchor[indices]
+        axes, anchors = axes @ inverse[:3, :3].T, anchors @ inverse[:3, :3].T + inverse[:3, 3]
+        self._generators = _generators(axes, anchors, self.turns[self._order])
+        self._about = self._generators[0, :, :3, :3]
+        self._along = (self._generators[0] + self._generators[2])[:, :3, 3]
+        self._axes = axes * self.turns[self._order, None]
 
     def pose(self, positions: FloatArray) -> Pose:
         """Return the pose of the tool at joint positions (n,), in rad or m."""
@@ -80,7 +80,8 @@ class Chain:
 
     def jacobian(self, positions: FloatArray) -> FloatArray:
         """Return the Jacobian (6, n) of the tool's frame: linear, then angular velocity, along the axes of the base."""
-        return np.asarray(self.transforms_and_jacobians(np.asarray(positions)[None])[1][0])
+        found: FloatArray = self.transforms_and_jacobians(np.asarray(positions)[None])[1][0]
+        return found
 
     def transforms(self, positions: FloatArray) -> FloatArray:
         """Return the poses of the tool (k, 4, 4) at several joint positions (k, n)."""
@@ -90,24 +91,27 @@ class Chain:
         """Return the poses of the tool (k, 4, 4) and its Jacobians (k, 6, n) at several joint positions (k, n)."""
         links = self._links(positions)
         tools = links[-1] @ self._rest
-        before = np.stack(links[:-1], axis=1)
-        axes = np.einsum("knij,nj->kni", before[..., :3, :3], self._axes)
-        anchors = np.einsum("knij,nj->kni", before[..., :3, :3], self._anchors) + before[..., :3, 3]
-        turns = self.turns[self._order][:, None]
-        linear = np.where(turns, _cross(axes, tools[:, None, :3, 3] - anchors), axes)
+        before = links[:-1].swapaxes(0, 1)
+        rotations = before[..., :3, :3]
+        seen = rotations.swapaxes(2, 3) @ (tools[:, None, :3, 3] - before[..., :3, 3])[..., None]
+        twists = np.zeros((len(positions), len(self.names), 3, 2))
+        twists[..., 0] = (self._about @ seen)[..., 0] + self._along
+        twists[..., 1] = self._axes
+        turned = rotations @ twists
         jacobians = np.empty((len(positions), 6, len(self.names)))
-        jacobians[:, :3, self._order] = linear.swapaxes(1, 2)
-        jacobians[:, 3:, self._order] = np.where(turns, axes, 0.0).swapaxes(1, 2)
+        jacobians[:, :3, self._order] = turned[..., 0].swapaxes(1, 2)
+        jacobians[:, 3:, self._order] = turned[..., 1].swapaxes(1, 2)
         return tools, jacobians
 
-    def _links(self, positions: FloatArray) -> list[FloatArray]:
-        """Return the motions (k, 4, 4) of the base and of each link from their reference poses."""
+    def _links(self, positions: FloatArray) -> FloatArray:
+        """Return the motions (n + 1, k, 4, 4) of the base and of each link from their reference poses."""
         moved = (positions - self._reference)[:, self._order, None, None]
         about, again, along = self._generators
-        steps = np.eye(4) + np.sin(moved) * about + (1.0 - np.cos(moved)) * again + moved * along
-        links = [np.broadcast_to(np.eye(4), steps[:, 0].shape)]
+        steps = np.sin(moved) * about + (1.0 - np.cos(moved)) * again + moved * along + np.eye(4)
+        links = np.empty((len(self.names) + 1, len(positions), 4, 4))
+        links[0] = np.eye(4)
         for joint in range(len(self.names)):
-            links.append(links[-1] @ steps[:, joint])
+            np.matmul(links[joint], steps[:, joint], out=links[joint + 1])
         return links
 
 
@@ -116,27 +120,24 @@ def pose_of(transform: FloatArray) -> Pose:
     return Pose(transform[:3, 3].copy(), quaternions(transform[:3, :3]))
 
 
-def _generators(axes: FloatArray, anchors: FloatArray, turns: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the matrices (n, 4, 4) of each joint by which sin q, 1 - cos q and q are multiplied."""
-    about, again, along = np.zeros((3, len(axes), 4, 4))
+def _generators(axes: FloatArray, anchors: FloatArray, turns: NDArray[np.bool_]) -> FloatArray:
+    """Return the matrices (3, n, 4, 4) of each joint by which sin q, 1 - cos q and q are multiplied."""
+    about, again, along = found = np.zeros((3, len(axes), 4, 4))
     cross = skew(axes) * turns[:, None, None]
     about[:, :3, :3], again[:, :3, :3] = cross, cross @ cross
     for part in (about, again):
         part[:, :3, 3] = -np.einsum("nij,nj->ni", part[:, :3, :3], anchors)
     along[:, :3, 3] = axes * ~turns[:, None]
-    return about, again, along
-
-
-def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the cross products of vectors (..., 3). This is faster than numpy.cross for small arrays."""
-    (ax, ay, az), (bx, by, bz) = np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0)
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    return found
 
 
 def _transform(rotation: FloatArray, position: FloatArray) -> FloatArray:
     found = np.eye(4)
     found[:3, :3], found[:3, 3] = np.reshape(rotation, (3, 3)), position
     return found
+
+
+_CODES: Final[Mapping[str, Code]] = {"body": "INVALID_LINK_NAME", "joint": "INVALID_ROBOT_STATE"}
 
 
 def _index(model: Any, kind: str, name: str) -> int:
@@ -147,11 +148,8 @@ def _index(model: Any, kind: str, name: str) -> int:
 def _find(model: Any, kind: str, name: str) -> int:
     index = _index(model, kind, name)
     if index < 0:
-        raise PlanningError(f"the model has no {kind} {name}: choose one of {_listed(model, kind)}", _CODES[kind])
+        raise PlanningError(_CODES[kind], f"the model has no {kind} {name}: choose one of {_listed(model, kind)}")
     return index
-
-
-_CODES: Final[Mapping[str, Any]] = {"body": "INVALID_LINK_NAME", "joint": "INVALID_ROBOT_STATE"}
 
 
 def _listed(model: Any, *kinds: str) -> str:
@@ -166,7 +164,7 @@ def _joints(model: Any, names: Iterable[str]) -> dict[str, int]:
     for name, joint in joints.items():
         if int(model.jnt_type[joint]) not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
             raise PlanningError(
-                f"joint {name} is neither a hinge nor a slide: plan only joints with one axis", "INVALID_ROBOT_STATE"
+                "INVALID_ROBOT_STATE", f"joint {name} is neither a hinge nor a slide: plan only joints with one axis"
             )
     return joints
 
@@ -176,7 +174,7 @@ def _tool_body(model: Any, tool: str) -> int:
     body, site = _index(model, "body", tool), _index(model, "site", tool)
     if max(body, site) < 0:
         names = _listed(model, "body", "site")
-        raise PlanningError(f"the model has no body or site {tool}: choose one of {names}", "INVALID_LINK_NAME")
+        raise PlanningError("INVALID_LINK_NAME", f"the model has no body or site {tool}: choose one of {names}")
     return body if body >= 0 else int(model.site_bodyid[site])
 
 
@@ -199,10 +197,10 @@ def _check_on_path(model: Any, bodies: Mapping[str, int], ends: Sequence[int], t
     path = _ancestors(model, last)
     if base not in path:
         raise PlanningError(
-            f"{tool} is not part of the arm that stands on {model.body(base).name}: choose one of its links",
             "INVALID_LINK_NAME",
+            f"{tool} is not part of the arm that stands on {model.body(base).name}: choose one of its links",
         )
     path = path[: path.index(base)]
     for name, body in bodies.items():
         if body not in path:
-            raise PlanningError(f"joint {name} does not move {tool}: remove it from the group", "INVALID_LINK_NAME")
+            raise PlanningError("INVALID_LINK_NAME", f"joint {name} does not move {tool}: remove it from the group")

@@ -25,6 +25,16 @@ PROGRESS: Final = 1e-3
 """Relative decrease of the sum of squares below which a start is given up as stuck."""
 
 
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Limits of the effort of a descent."""
+
+    steps: int
+    """Maximum number of steps."""
+    enough: int
+    """Number of starts that have reached the goal at which the others stop, as soon as the first start has ended."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
     """Result of a descent from k starts."""
@@ -45,7 +55,7 @@ class _State:
     curvature: FloatArray
 
 
-def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, most: int) -> Descent:
+def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limits: Effort) -> Descent:
     """Move from each start to a local minimum of the excess.
 
     Args:
@@ -53,14 +63,14 @@ def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, most
         goal: Region of poses.
         starts: Joint positions (k, n), in rad or m.
         share: Share of the tolerances at which the excess begins.
-        most: Maximum number of steps.
+        limits: When to stop.
     """
     state = _evaluate(chain, goal, np.clip(starts, chain.lower, chain.upper), share)
     found = Descent(state.positions.copy(), state.cost.copy())
     damping = np.full(len(starts), DAMPING)
     moving = np.flatnonzero(state.cost > EXACT_M2)
-    for _ in range(most):
-        if not len(moving):
+    for _ in range(limits.steps):
+        if not len(moving) or (moving[0] and np.count_nonzero(state.cost <= EXACT_M2) >= limits.enough):
             break
         at = _State(*(getattr(state, name)[moving] for name in _State.__slots__))
         new = _evaluate(chain, goal, _step(chain, at, damping[moving]), share)
@@ -76,7 +86,7 @@ def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, most
 
 
 def _evaluate(chain: Chain, goal: PoseGoal, positions: FloatArray, share: float) -> _State:
-    excess, slopes = goal.excess(*chain.transforms_and_jacobians(positions), share)
+    excess, slopes = goal.excess_and_slopes(*chain.transforms_and_jacobians(positions), share)
     turned = slopes.swapaxes(1, 2)
     return _State(positions, (excess**2).sum(axis=1), (turned @ excess[..., None])[..., 0], turned @ slopes)
 
@@ -85,7 +95,7 @@ def _step(chain: Chain, at: _State, damping: FloatArray) -> FloatArray:
     """Return the next joint positions (k, n). Joints that press against a limit do not take part."""
     pressed = (at.positions <= chain.lower) & (at.gradient > 0.0) | (at.positions >= chain.upper) & (at.gradient < 0.0)
     part = np.where(pressed, 0.0, 1.0)
-    curvature = at.curvature * part[:, :, None] * part[:, None, :] + damping[:, None, None] * np.eye(part.shape[1])
+    curvature = at.curvature * (part[:, :, None] * part[:, None, :]) + damping[:, None, None] * np.eye(part.shape[1])
     move = -np.linalg.solve(curvature, (at.gradient * part)[..., None])[..., 0]
     longest = np.abs(move).max(axis=1, keepdims=True)
     move *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP))

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.types import FloatArray
-from planning.errors import Code, PlanningError
+from planning.errors import PlanningError
 from planning.kinematics.chain import Pose
 from planning.kinematics.rotations import matrices, rotation_vectors, vector_rates
 
@@ -25,15 +26,12 @@ INSIDE: Final = 0.9
 class GoalError(PlanningError):
     """The goal of a client is invalid or cannot be reached."""
 
-    def __init__(self, message: str, code: Code = "INVALID_GOAL_CONSTRAINTS") -> None:
-        super().__init__(message, code)
-
 
 class UnreachableError(GoalError):
     """No joint positions within the limits reach the goal."""
 
     def __init__(self, message: str, nearest: Pose, positions: FloatArray, distance: tuple[float, float]) -> None:
-        super().__init__(message, "NO_IK_SOLUTION")
+        super().__init__("NO_IK_SOLUTION", message)
         self.nearest = nearest
         """Nearest pose found that the tool can reach."""
         self.positions = positions
@@ -45,9 +43,14 @@ class CollidingError(GoalError):
     """The goal can be reached, but only with joint positions that are not valid."""
 
     def __init__(self, message: str, positions: FloatArray) -> None:
-        super().__init__(message, "GOAL_IN_COLLISION")
+        super().__init__("GOAL_IN_COLLISION", message)
         self.positions = positions
         """One set of joint positions (n,) that reaches the goal and is not valid, in rad or m."""
+
+
+def invalid(message: str) -> GoalError:
+    """Return the error of a goal that is invalid by itself, whatever the arm."""
+    return GoalError("INVALID_GOAL_CONSTRAINTS", message)
 
 
 def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequence[float] | FloatArray) -> Pose:
@@ -64,12 +67,12 @@ def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequ
     quaternion = _vector(quaternion_xyzw, "xyzw", "orientation")
     for axis, value in zip("xyz", position.tolist(), strict=True):
         if abs(value) > FARTHEST_M:
-            raise GoalError(f"{axis} of the goal's position is {value:g} m, above {FARTHEST_M:g} m: send meters")
+            raise invalid(f"{axis} of the goal's position is {value:g} m, above {FARTHEST_M:g} m: send meters")
     length = math.hypot(*quaternion.tolist())
     if length == 0.0:
-        raise GoalError("the quaternion of the goal's orientation has length 0: send w 1 for no rotation")
+        raise invalid("the quaternion of the goal's orientation has length 0: send w 1 for no rotation")
     if abs(length - 1.0) > NORMALIZED_WITHIN:
-        raise GoalError(f"the quaternion of the goal's orientation has length {length:.6g}: normalize it to length 1")
+        raise invalid(f"the quaternion of the goal's orientation has length {length:.6g}: normalize it to length 1")
     return Pose(position, quaternion / length)
 
 
@@ -77,11 +80,14 @@ def _vector(values: Sequence[float] | FloatArray, names: str, what: str) -> Floa
     """Return the values as an array with one finite value for each letter of ``names``. Raises GoalError."""
     found = np.array(values, dtype=np.float64)
     if found.shape != (len(names),):
-        raise GoalError(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {found.size}")
+        raise invalid(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {found.size}")
     for name, value in zip(names, found.tolist(), strict=True):
         if not math.isfinite(value):
-            raise GoalError(f"{name} of the goal's {what} is {value}: send a finite number")
+            raise invalid(f"{name} of the goal's {what} is {value}: send a finite number")
     return found
+
+
+_IDENTITY: Final = np.eye(3)[None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,15 +108,17 @@ class Sphere:
             share: Share of the region's size.
 
         Returns:
-            The vectors (k, 3) from the region to the offsets, in m, and their derivatives (k, 3, 3).
+            The vectors (k, 3) from the region to the offsets, in m, and their derivatives (k or 1, 3, 3).
         """
-        distance = np.linalg.norm(offsets, axis=1)[:, None]
+        if share == 0.0:
+            return offsets, _IDENTITY
+        distance = np.sqrt((offsets * offsets).sum(axis=1, keepdims=True))
         safe = np.where(distance > 0.0, distance, 1.0)
-        outside = np.maximum(1.0 - share * self.radius_m / safe, 0.0) if share else np.ones_like(safe)
+        outside = np.maximum(1.0 - share * self.radius_m / safe, 0.0)
         normal = offsets / safe
         along = normal[:, :, None] * normal[:, None, :]
-        tangent = outside[..., None] * (np.eye(3) - along)
-        return outside * offsets, np.where(outside[..., None] > 0.0, along + tangent, 0.0) if share else _eyes(offsets)
+        tangent = outside[..., None] * (_IDENTITY - along)
+        return outside * offsets, np.where(outside[..., None] > 0.0, along + tangent, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,12 +141,8 @@ class Box:
         rotation = matrices(checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw).quaternion_xyzw)
         own = offsets @ rotation
         beyond = own - np.clip(own, *(np.array(self.size_m) / 2.0 * share * sign for sign in (-1.0, 1.0)))
-        active = (beyond != 0.0) if share else np.ones_like(own, dtype=bool)
+        active = (beyond != 0.0) | (share == 0.0)
         return beyond, np.where(active[..., None], rotation.T, 0.0)
-
-
-def _eyes(offsets: FloatArray) -> FloatArray:
-    return np.broadcast_to(np.eye(3), (len(offsets), 3, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +158,10 @@ class PoseGoal:
     """Region of positions around the position of the pose."""
     orientation_tolerance_rad: tuple[float, float, float]
     """Tolerances about the x, y and z axes of the goal, in rad. The orientation about an axis is free from pi on."""
+    _target: FloatArray = field(init=False, repr=False)
+    """Orientation of the pose as a matrix (3, 3)."""
+    _free: NDArray[np.bool_] = field(init=False, repr=False)
+    """Whether the orientation is free about each axis (3,)."""
 
     def __post_init__(self) -> None:
         """Check the goal. Raises GoalError."""
@@ -162,39 +170,52 @@ class PoseGoal:
         self.region.check()
         for axis, tolerance in zip("xyz", self.orientation_tolerance_rad, strict=True):
             _check_tolerance(tolerance, f"orientation tolerance about {axis}", " rad")
+        object.__setattr__(self, "_target", matrices(checked.quaternion_xyzw))
+        object.__setattr__(self, "_free", np.array(self.orientation_tolerance_rad) >= math.pi)
 
-    def excess(self, tools: FloatArray, jacobians: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return how far tools are from the region.
+    def excess(self, tools: FloatArray, share: float) -> FloatArray:
+        """Return how far poses (k, 4, 4) of the tool are from the region.
 
         Args:
             tools: Poses of the tool (k, 4, 4).
-            jacobians: Jacobians of the tool (k, 6, n).
             share: Share of the tolerances. At 0, the region is the pose itself, except for free axes.
 
         Returns:
-            The excess (k, 6) in m, of which three rows are rotations times ``ROTATION_M``, and its Jacobian (k, 6, n).
+            The excess (k, 6) in m. Its last three columns are rotations times ``ROTATION_M``.
         """
-        target = matrices(self.pose.quaternion_xyzw)
-        beyond, slopes = self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
-        vectors = rotation_vectors(target.T @ tools[:, :3, :3])
-        tolerance = np.array(self.orientation_tolerance_rad)
-        free = tolerance >= math.pi
-        limit = np.where(free, np.inf, share * tolerance)
-        turned = vectors - np.clip(vectors, -limit, limit)
-        active = ((turned != 0.0) | (share == 0.0)) & ~free
-        rates = vector_rates(vectors) @ tools[:, :3, :3].swapaxes(1, 2) * (active[..., None] * ROTATION_M)
+        beyond, _ = self._beyond(tools, share)
+        return np.concatenate([beyond, self._turned(self._vectors(tools), share) * ROTATION_M], axis=1)
+
+    def excess_and_slopes(
+        self, tools: FloatArray, jacobians: FloatArray, share: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the excess (k, 6) and its Jacobian (k, 6, n), given the Jacobians (k, 6, n) of the tool."""
+        (beyond, slopes), vectors = self._beyond(tools, share), self._vectors(tools)
+        turned = self._turned(vectors, share)
+        active = ((turned != 0.0) | (share == 0.0)) & ~self._free
+        rates = (active[:, :, None] * ROTATION_M * vector_rates(vectors)) @ tools[:, :3, :3].swapaxes(1, 2)
         excess = np.concatenate([beyond, turned * ROTATION_M], axis=1)
         return excess, np.concatenate([slopes @ jacobians[:, :3], rates @ jacobians[:, 3:]], axis=1)
 
     def distances(self, tools: FloatArray) -> FloatArray:
         """Return the distances (k, 2) of poses (k, 4, 4) from the pose, in m and rad. Free axes do not count."""
-        excess, _ = self.excess(tools, np.zeros((len(tools), 6, 0)), 0.0)
+        excess = self.excess(tools, 0.0)
         return np.stack([np.linalg.norm(excess[:, :3], axis=1), np.linalg.norm(excess[:, 3:], axis=1) / ROTATION_M], 1)
 
-    def contains(self, tools: FloatArray) -> FloatArray:
+    def contains(self, tools: FloatArray) -> NDArray[np.bool_]:
         """Return whether each pose (k, 4, 4) is inside the region (k,)."""
-        excess, _ = self.excess(tools, np.zeros((len(tools), 6, 0)), 1.0)
-        return np.asarray(np.abs(excess).max(axis=1) <= _ROUNDING_M)
+        return np.asarray(np.abs(self.excess(tools, 1.0)).max(axis=1) <= _ROUNDING_M)
+
+    def _beyond(self, tools: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        return self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
+
+    def _vectors(self, tools: FloatArray) -> FloatArray:
+        return rotation_vectors(self._target.T @ tools[:, :3, :3])
+
+    def _turned(self, vectors: FloatArray, share: float) -> FloatArray:
+        """Return the parts of rotation vectors (k, 3) beyond the tolerances."""
+        limit = np.where(self._free, np.inf, share * np.array(self.orientation_tolerance_rad))
+        return vectors - np.clip(vectors, -limit, limit)
 
 
 _ROUNDING_M: Final = 1e-9
@@ -203,4 +224,4 @@ _ROUNDING_M: Final = 1e-9
 
 def _check_tolerance(value: float, what: str, unit: str) -> None:
     if not math.isfinite(value) or value <= 0.0:
-        raise GoalError(f"the {what} is {value:g}{unit}: send a finite number above 0")
+        raise invalid(f"the {what} is {value:g}{unit}: send a finite number above 0")

@@ -1,5 +1,6 @@
 """Inverse kinematics: joint positions that bring the tool into a region of poses."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -7,19 +8,19 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.kinematics.chain import Chain, pose_of
-from planning.kinematics.descent import Descent, descend
+from planning.kinematics.descent import EXACT_M2, Descent, Effort, descend
 from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGoal, UnreachableError
 
-SAMPLES: Final = 2048
+SAMPLES: Final = 1024
 """Number of random joint positions from which the starts of a search are chosen."""
-BATCH: Final = 24
-"""Number of starts that are computed at once."""
-BATCHES: Final = 12
-"""Maximum number of batches of a search. A goal is refused after the last one."""
-CENTER_STEPS: Final = 25
-"""Maximum number of steps toward the pose itself."""
-REGION_STEPS: Final = 15
-"""Maximum number of further steps toward the region, from where the pose itself cannot be reached."""
+BATCHES: Final = (16, 48, 96, 96)
+"""Number of starts that are computed at once, in turn. A goal is refused after the last batch."""
+CENTER: Final = Effort(steps=25, enough=8)
+"""Effort to reach the pose itself."""
+REGION: Final = Effort(steps=15, enough=8)
+"""Further effort to reach the region, if the pose itself cannot be reached."""
+WIDE: Final = Effort(steps=40, enough=max(BATCHES))
+"""Effort to reach many places of the region."""
 DISTINCT: Final = 0.2
 """Smallest difference of a joint between two solutions, in rad or m."""
 COUNT: Final = 8
@@ -72,37 +73,47 @@ class InverseKinematics:
         nearest: list[Descent] = []
         colliding: list[FloatArray] = []
         for starts in self._batches(goal, [start, *seeds]):
-            found = self._search(goal, starts)
-            inside = goal.contains(self._chain.transforms(found.positions))
-            reached = self._from_start(found.positions[inside], start)
+            found = self._widely(goal, starts) if colliding else self._search(goal, starts)
+            reached = self._from_start(self._reached(goal, found), start)
             solutions = _distinct(reached, valid, count)
             if len(solutions):
                 return solutions
             colliding.extend(reached[:1])
             nearest.append(found)
         if colliding:
-            raise CollidingError("the goal can be reached only in collision: move the goal or the obstacle", colliding[0])
+            raise CollidingError(
+                f"{self._chain.tool} reaches the goal only in positions that are not valid, such as in collision: move "
+                "the goal or the obstacle",
+                colliding[0],
+            )
         raise self._unreachable(goal, nearest)
 
     def _batches(self, goal: PoseGoal, first: Sequence[FloatArray]) -> list[FloatArray]:
         """Return batches of starts (k, n): the given ones, then samples, of which half are the nearest to the goal."""
         weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
         near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
-        half = BATCH // 2
-        batches = [
-            np.concatenate([near[half * i : half * (i + 1)], self._samples[half * i : half * (i + 1)]])
-            for i in range(BATCHES)
-        ]
+        batches = []
+        for end, size in zip(itertools.accumulate(BATCHES), BATCHES, strict=True):
+            part = slice((end - size) // 2, end // 2)
+            batches.append(np.concatenate([near[part], self._samples[part]]))
         return [np.concatenate([np.array(first), batches[0]]), *batches[1:]]
 
     def _search(self, goal: PoseGoal, starts: FloatArray) -> Descent:
-        """Move the starts to the pose itself, and those that do not reach it to the region around it."""
-        found = descend(self._chain, goal, starts, 0.0, CENTER_STEPS)
-        outside = np.flatnonzero(~goal.contains(self._chain.transforms(found.positions)).astype(bool))
-        if len(outside):
-            region = descend(self._chain, goal, found.positions[outside], INSIDE, REGION_STEPS)
-            found.positions[outside], found.cost_m2[outside] = region.positions, region.cost_m2
+        """Move the starts to the pose itself or, if none of them reaches it, to the region around it."""
+        found = descend(self._chain, goal, starts, 0.0, CENTER)
+        if not goal.contains(self._chain.transforms(found.positions)).any():
+            found = descend(self._chain, goal, found.positions, INSIDE, REGION)
         return found
+
+    def _widely(self, goal: PoseGoal, starts: FloatArray) -> Descent:
+        """Move the starts to different places of the region, because the pose itself is in collision."""
+        return descend(self._chain, goal, starts, INSIDE, WIDE)
+
+    def _reached(self, goal: PoseGoal, found: Descent) -> FloatArray:
+        """Return the joint positions (k, n) inside the region; if some of them are exact, only those."""
+        inside = goal.contains(self._chain.transforms(found.positions))
+        exact = inside & (found.cost_m2 <= EXACT_M2)
+        return found.positions[exact if exact.any() else inside]
 
     def _from_start(self, positions: FloatArray, start: FloatArray) -> FloatArray:
         """Return joint positions (k, n) without needless turns, sorted by their distance from ``start``."""

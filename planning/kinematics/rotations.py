@@ -7,7 +7,9 @@ import numpy as np
 from hal.types import FloatArray
 
 SMALL_RAD: Final = 1e-4
-"""Angle below which series replace quotients of small numbers. Their error is below 1e-12."""
+"""Angle below which series replace quotients of small numbers. Their error is below 1e-8."""
+NEARLY_HALF_TURN: Final = -0.9
+"""Cosine of the angle above which the sine is too inaccurate to find the axis of a rotation."""
 
 
 def matrices(quaternions: FloatArray) -> FloatArray:
@@ -41,31 +43,39 @@ def quaternions(rotations: FloatArray) -> FloatArray:
 
 
 def rotation_vectors(rotations: FloatArray) -> FloatArray:
-    """Return the rotation vectors (..., 3) of rotation matrices (..., 3, 3): axis times angle, in rad, up to pi."""
-    q = quaternions(rotations)
-    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
-    angle_rad = 2.0 * np.arctan2(sine, q[..., 3:])
+    """Return the rotation vectors (k, 3) of rotation matrices (k, 3, 3): axis times angle, in rad, up to pi."""
+    double = rotations - rotations.swapaxes(1, 2)
+    sines = 0.5 * double.reshape(-1, 9)[:, (7, 2, 3)]
+    sine = np.sqrt((sines * sines).sum(axis=1))
+    cosine = 0.5 * (rotations.trace(axis1=1, axis2=2) - 1.0)
     small = sine < SMALL_RAD
-    return np.asarray(q[..., :3] * np.where(small, 2.0 + sine**2 / 3.0, angle_rad / np.where(small, 1.0, sine)))
+    found = sines * np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))[:, None]
+    if (half_turns := cosine < NEARLY_HALF_TURN).any():
+        q = quaternions(rotations[half_turns])
+        half_rad = np.arccos(np.clip(q[:, 3:], -1.0, 1.0))
+        found[half_turns] = q[:, :3] * (2.0 * half_rad / np.sin(half_rad))
+    return found
 
 
 def vector_rates(vectors: FloatArray) -> FloatArray:
-    """Return the matrices (..., 3, 3) that convert an angular velocity to the rate of a rotation vector (..., 3).
+    """Return the matrices (k, 3, 3) that convert an angular velocity to the rate of a rotation vector (k, 3).
 
     The angular velocity is in the frame that turns.
     """
-    angle_rad = np.linalg.norm(vectors, axis=-1)
+    angle_rad = np.sqrt((vectors * vectors).sum(axis=1))
     small = angle_rad < SMALL_RAD
     safe = np.where(small, 1.0, angle_rad)
-    factor = np.where(small, 1.0 / 12.0, 1.0 / safe**2 - 1.0 / (2.0 * safe * np.tan(safe / 2.0)))
+    factor = np.where(small, 1.0 / 12.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / (safe * safe))
     cross = skew(vectors)
-    return np.asarray(np.eye(3) + 0.5 * cross + factor[..., None, None] * (cross @ cross))
+    found = 0.5 * cross + factor[:, None, None] * (cross @ cross)
+    found[:, (0, 1, 2), (0, 1, 2)] += 1.0
+    return found
 
 
 def skew(vectors: FloatArray) -> FloatArray:
     """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
     found = np.zeros((*vectors.shape, 3))
-    x, y, z = np.moveaxis(vectors, -1, 0)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
     found[..., 1, 0], found[..., 2, 0], found[..., 2, 1] = z, -y, x
     return found
