@@ -80,12 +80,12 @@ class Chain:
 
     def jacobian(self, positions: FloatArray) -> FloatArray:
         """Return the Jacobian (6, n) of the tool's frame: linear, then angular velocity, along the axes of the base."""
-        found: FloatArray = self.transforms_and_jacobians(np.asarray(positions)[None])[1][0]
-        return found
+        _, jacobians = self.transforms_and_jacobians(np.asarray(positions)[None])
+        return np.asarray(jacobians[0])
 
     def transforms(self, positions: FloatArray) -> FloatArray:
         """Return the poses of the tool (k, 4, 4) at several joint positions (k, n)."""
-        return self._links(positions)[-1] @ self._rest
+        return np.asarray(self._links(positions)[-1] @ self._rest)
 
     def transforms_and_jacobians(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the poses of the tool (k, 4, 4) and its Jacobians (k, 6, n) at several joint positions (k, n)."""

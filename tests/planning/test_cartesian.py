@@ -87,7 +87,10 @@ def test_jumps_of_the_joints_end_the_path() -> None:
     assert (found.fraction, len(found.positions)) == (0.0, 1)
     assert "in one step of the tool, above 0.01 rad" in found.reason
     assert path(DOWN, end, steps=Steps(jump_factor=3.0)).fraction == 1.0
-    near, turn = moved(DOWN, (0.0, 0.0, 0.005)), moved(DOWN + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.7]), (0.0, 0.0, 0.005))
+    near, turn = (
+        moved(DOWN, (0.0, 0.0, 0.005)),
+        moved(DOWN + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.7]), (0.0, 0.0, 0.005)),
+    )
     few = path(DOWN, near, turn, steps=Steps(longest_m=0.2, jump_factor=1.2, jump_rad=0.0))
     assert few.fraction == 0.5
     assert "times the mean step, above the factor 1.2" in few.reason
