@@ -21,7 +21,7 @@ STIFFENED: Final = 5.0
 """Factor of the damping after a step that does not improve."""
 LONGEST_STEP: Final = 1.0
 """Largest motion of a joint in one step, in rad or m."""
-PROGRESS: Final = 1e-3
+PROGRESS: Final = 1e-2
 """Relative decrease of the sum of squares below which a start is given up as stuck."""
 
 

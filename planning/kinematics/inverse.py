@@ -13,7 +13,7 @@ from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGo
 
 SAMPLES: Final = 1024
 """Number of random joint positions from which the starts of a search are chosen."""
-BATCHES: Final = (16, 48, 96, 96)
+BATCHES: Final = (16, 32, 64)
 """Number of starts that are computed at once, in turn. A goal is refused after the last batch."""
 CENTER: Final = Effort(steps=25, enough=8)
 """Effort to reach the pose itself."""
