@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hal.types import FloatArray
 from planning.errors import PlanningError
 from planning.kinematics.chain import Pose
-from planning.kinematics.rotations import matrices, rotation_vectors, vector_rates
+from planning.kinematics.rotations import euler_angles, euler_rates, matrices, rotation_vectors, vector_rates
 
 ROTATION_M: Final = 0.1
 """Distance that counts as much as a rotation by 1 rad when positions and orientations are compared, in m/rad."""
@@ -21,6 +21,14 @@ FARTHEST_M: Final = 1e3
 """Largest coordinate of a goal, in m. Larger values are in another unit."""
 INSIDE: Final = 0.9
 """Share of the tolerances at which the search for a pose inside the region aims."""
+
+
+Angles = Literal["rotation_vector", "xyz_euler"]
+"""Angles of a rotation, as in the parameterization of moveit_msgs/OrientationConstraint.
+
+- ``rotation_vector``: components of the axis times the angle, along the axes of the goal.
+- ``xyz_euler``: angles about x, then the new y, then the new z axis.
+"""
 
 
 class GoalError(PlanningError):
@@ -149,8 +157,7 @@ class Box:
 class PoseGoal:
     """Region of poses around a pose of the tool.
 
-    The orientation is inside if the rotation vector from the goal to the tool, along the axes of the goal, is within
-    the tolerances (``ROTATION_VECTOR`` in moveit_msgs/OrientationConstraint).
+    The orientation is inside if the angles of the rotation from the goal to the tool are within the tolerances.
     """
 
     pose: Pose
@@ -158,6 +165,8 @@ class PoseGoal:
     """Region of positions around the position of the pose."""
     orientation_tolerance_rad: tuple[float, float, float]
     """Tolerances about the x, y and z axes of the goal, in rad. The orientation about an axis is free from pi on."""
+    angles: Angles = "rotation_vector"
+    """Meaning of the angles."""
     _target: FloatArray = field(init=False, repr=False)
     """Orientation of the pose as a matrix (3, 3)."""
     _free: NDArray[np.bool_] = field(init=False, repr=False)
@@ -184,16 +193,17 @@ class PoseGoal:
             The excess (k, 6) in m. Its last three columns are rotations times ``ROTATION_M``.
         """
         beyond, _ = self._beyond(tools, share)
-        return np.concatenate([beyond, self._turned(self._vectors(tools), share) * ROTATION_M], axis=1)
+        return np.concatenate([beyond, self._turned(self._angles(tools, share), share) * ROTATION_M], axis=1)
 
     def excess_and_slopes(
         self, tools: FloatArray, jacobians: FloatArray, share: float
     ) -> tuple[FloatArray, FloatArray]:
         """Return the excess (k, 6) and its Jacobian (k, 6, n), given the Jacobians (k, 6, n) of the tool."""
-        (beyond, slopes), vectors = self._beyond(tools, share), self._vectors(tools)
-        turned = self._turned(vectors, share)
+        (beyond, slopes), angles = self._beyond(tools, share), self._angles(tools, share)
+        turned = self._turned(angles, share)
         active = ((turned != 0.0) | (share == 0.0)) & ~self._free
-        rates = (active[:, :, None] * ROTATION_M * vector_rates(vectors)) @ tools[:, :3, :3].swapaxes(1, 2)
+        rates = euler_rates(angles) if self._are_euler(share) else vector_rates(angles)
+        rates = (active[:, :, None] * ROTATION_M * rates) @ tools[:, :3, :3].swapaxes(1, 2)
         excess = np.concatenate([beyond, turned * ROTATION_M], axis=1)
         return excess, np.concatenate([slopes @ jacobians[:, :3], rates @ jacobians[:, 3:]], axis=1)
 
@@ -209,13 +219,19 @@ class PoseGoal:
     def _beyond(self, tools: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
         return self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
 
-    def _vectors(self, tools: FloatArray) -> FloatArray:
-        return rotation_vectors(self._target.T @ tools[:, :3, :3])
+    def _are_euler(self, share: float) -> bool:
+        """Whether to use Euler angles. The pose itself has no angles, so rotation vectors lead there more directly."""
+        return self.angles == "xyz_euler" and (share > 0.0 or bool(self._free.any()))
 
-    def _turned(self, vectors: FloatArray, share: float) -> FloatArray:
-        """Return the parts of rotation vectors (k, 3) beyond the tolerances."""
+    def _angles(self, tools: FloatArray, share: float) -> FloatArray:
+        """Return the angles (k, 3) from the goal to the tools, in rad."""
+        rotations = self._target.T @ tools[:, :3, :3]
+        return euler_angles(rotations) if self._are_euler(share) else rotation_vectors(rotations)
+
+    def _turned(self, angles: FloatArray, share: float) -> FloatArray:
+        """Return the parts of angles (k, 3) beyond the tolerances."""
         limit = np.where(self._free, np.inf, share * np.array(self.orientation_tolerance_rad))
-        return vectors - np.clip(vectors, -limit, limit)
+        return angles - np.clip(angles, -limit, limit)
 
 
 _ROUNDING_M: Final = 1e-9

@@ -72,6 +72,32 @@ def vector_rates(vectors: FloatArray) -> FloatArray:
     return found
 
 
+def euler_angles(rotations: FloatArray) -> FloatArray:
+    """Return the angles (k, 3) about x, the new y and the new z axis that make up rotations (k, 3, 3), in rad."""
+    r = rotations
+    about_y = np.arcsin(np.clip(r[:, 0, 2], -1.0, 1.0))
+    locked = np.abs(r[:, 0, 2]) > 1.0 - SMALL_RAD**2
+    about_x = np.where(locked, np.arctan2(r[:, 1, 0], r[:, 1, 1]), np.arctan2(-r[:, 1, 2], r[:, 2, 2]))
+    about_x = np.where(locked & (r[:, 0, 2] < 0.0), -about_x, about_x)
+    about_z = np.where(locked, 0.0, np.arctan2(-r[:, 0, 1], r[:, 0, 0]))
+    return np.stack([about_x, about_y, about_z], axis=1)
+
+
+def euler_rates(angles: FloatArray) -> FloatArray:
+    """Return the matrices (k, 3, 3) that convert an angular velocity to the rates of Euler angles (k, 3).
+
+    The angular velocity is in the frame that turns. Near 90 degrees about y, where the rates grow beyond all limits,
+    they are limited.
+    """
+    (_, sin_y, sin_z), (_, cos_y, cos_z) = np.sin(angles).T, np.cos(angles).T
+    cos_y = np.maximum(cos_y, SMALL_RAD)
+    found = np.zeros((len(angles), 3, 3))
+    found[:, 0, 0], found[:, 0, 1] = cos_z / cos_y, -sin_z / cos_y
+    found[:, 1, 0], found[:, 1, 1] = sin_z, cos_z
+    found[:, 2, :2], found[:, 2, 2] = -sin_y[:, None] * found[:, 0, :2], 1.0
+    return found
+
+
 def skew(vectors: FloatArray) -> FloatArray:
     """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
     found = np.zeros((*vectors.shape, 3))

@@ -21,6 +21,8 @@ REGIONS = [
     (Sphere(0.02), (0.05, 0.2, math.pi)),
     (Box((0.02, 0.04, 0.06), (0.5, 0.5, 0.5, 0.5)), (0.3, 4.0, math.pi)),
     (Sphere(0.02), (4.0, 4.0, 4.0)),
+    (Sphere(0.02), (0.05, 0.2, 0.1), "xyz_euler"),
+    (Sphere(0.02), (0.05, 0.2, 4.0), "xyz_euler"),
 ]
 
 
@@ -96,6 +98,26 @@ def test_a_region_contains_what_its_tolerances_allow(
     tool = np.eye(4)
     tool[:3, :3] = matrices(goal.pose.quaternion_xyzw) @ matrices(np.array(turn))
     tool[:3, 3] = goal.pose.position_m + offset
+    assert goal.contains(tool[None])[0] == inside
+
+
+@pytest.mark.parametrize(
+    ("angles", "tilt_rad", "inside"),
+    [
+        ("xyz_euler", 0.049, True),
+        ("xyz_euler", 0.051, False),
+        ("rotation_vector", 0.049, False),
+        ("rotation_vector", 0.03, True),
+    ],
+)
+def test_the_tilt_that_a_free_axis_leaves_depends_on_the_meaning_of_the_angles(
+    angles: Any, tilt_rad: float, inside: bool
+) -> None:
+    """After a half turn about z, a tilt of 0.03 rad about x is a rotation vector with x at 0.047."""
+    goal = PoseGoal(Pose(np.zeros(3), np.array(NONE)), Sphere(0.01), (0.05, 0.05, math.pi), angles)
+    tool = np.eye(4)
+    tilt, turn = (math.sin(tilt_rad / 2.0), 0.0, 0.0, math.cos(tilt_rad / 2.0)), (0.0, 0.0, 1.0, 0.0)
+    tool[:3, :3] = matrices(np.array(tilt)) @ matrices(np.array(turn))
     assert goal.contains(tool[None])[0] == inside
 
 

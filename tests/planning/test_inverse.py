@@ -3,6 +3,7 @@
 import contextlib
 import math
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hal.types import FloatArray, JointLimits
 from planning.kinematics.chain import Chain, Pose
 from planning.kinematics.goals import Box, CollidingError, PoseGoal, Sphere, UnreachableError
 from planning.kinematics.inverse import DISTINCT, InverseKinematics
+from planning.kinematics.rotations import matrices, quaternions
 from tests.planning.chains import SHARES, around, at_shares, chain, limits, model, random_positions
 
 ARMS = ("robot_arm", "so101")
@@ -143,6 +145,25 @@ def _tilted(quaternion: FloatArray) -> FloatArray:
     """Turn an orientation by 0.2 rad about y of the tool, which SO-101 cannot do at a fixed position."""
     tilted = quaternion + 0.1 * np.array([-quaternion[2], quaternion[3], quaternion[0], -quaternion[1]])
     return tilted / np.linalg.norm(tilted)
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("angles", ["rotation_vector", "xyz_euler"])
+@pytest.mark.parametrize("tolerance_rad", [(0.05, 0.05, 0.05), (0.05, 0.05, math.pi), (0.5, 0.5, 0.5)])
+def test_a_pose_shifted_within_its_tolerances_is_reached(arm: str, angles: Any, tolerance_rad: Any) -> None:
+    """Neither arm reaches the shifted pose exactly: both move their tool in five directions only."""
+    random = np.random.default_rng(9)
+    for positions in random_positions(arm, 3, seed=10):
+        tool = chain(arm).transforms(positions[None])[0]
+        turn = matrices(_quaternion(random.uniform(-0.9, 0.9, 3) * np.minimum(tolerance_rad, 0.5) / 2.0))
+        pose = Pose(tool[:3, 3] + random.uniform(-0.0025, 0.0025, 3), quaternions(tool[:3, :3] @ turn))
+        goal = PoseGoal(pose, Sphere(0.005), tolerance_rad, angles)
+        assert check(arm, goal, SOLVERS[arm].solve(goal, start(arm)))
+
+
+def _quaternion(vector: FloatArray) -> FloatArray:
+    angle_rad = float(np.linalg.norm(vector))
+    return np.array([*(vector / angle_rad * math.sin(angle_rad / 2.0)), math.cos(angle_rad / 2.0)])
 
 
 def test_the_first_solution_is_where_the_arm_already_is() -> None:
