@@ -38,7 +38,8 @@ class Chain:
             model: The MuJoCo model (mujoco.MjModel). It is not changed.
             limits: Limits of the planned joints by name, in the order of all positions.
             tool: Name of a body or a site of the model.
-            base: Name of the body in whose frame poses are given; by default, the body on which the arm stands.
+            base: Name of the body in whose frame poses are given; by default, the body on which the arm stands,
+                which is the world if the first body of the arm moves.
 
         Raises:
             PlanningError: A name is not in the model, or a joint does not move the tool relative to the base.
@@ -54,7 +55,7 @@ class Chain:
         self.upper = np.array([limit.upper for limit in self.limits])
         """Highest positions (n,), in rad or m."""
         joints, body = _joints(model, self.names), _tool_body(model, tool)
-        base_body = int(model.body_rootid[body]) if base is None else _find(model, "body", base)
+        base_body = _stand(model, body) if base is None else _find(model, "body", base)
         _check_on_path(model, {name: int(model.jnt_bodyid[j]) for name, j in joints.items()}, (base_body, body), tool)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -178,16 +179,21 @@ def _tool_body(model: Any, tool: str) -> int:
     return body if body >= 0 else int(model.site_bodyid[site])
 
 
+def _stand(model: Any, body: int) -> int:
+    """Return the fixed body that carries the arm of a body."""
+    root = int(model.body_rootid[body])
+    return 0 if model.body_jntnum[root] else root
+
+
 def _depth(model: Any, body: int) -> int:
     return len(_ancestors(model, body))
 
 
 def _ancestors(model: Any, body: int) -> list[int]:
-    """Return a body and its ancestors, without the world."""
-    found = []
-    while body:
-        found.append(body)
-        body = int(model.body_parentid[body])
+    """Return a body and its ancestors, up to the world."""
+    found = [body]
+    while found[-1]:
+        found.append(int(model.body_parentid[found[-1]]))
     return found
 
 

@@ -111,6 +111,14 @@ def test_the_pose_equals_that_of_the_urdf(arm: str, shares: list[float]) -> None
     assert matrices(pose.quaternion_xyzw) == pytest.approx(matrices(np.array(turned)), abs=2e-5)
 
 
+def test_an_arm_without_a_fixed_body_stands_on_the_world() -> None:
+    """MuJoCo merges the base of a URDF with the world."""
+    text = """<mujoco><worldbody><body name="link" pos="0 0 0.5"><joint name="one" axis="0 0 1"/><geom size="0.1"/>
+      <site name="tip" pos="0.2 0 0"/></body></worldbody></mujoco>"""
+    one = Chain(mujoco.MjModel.from_xml_string(text), {"one": LIMIT}, "tip")
+    assert one.pose(np.array([np.pi / 2.0])).position_m == pytest.approx([0.0, 0.2, 0.5])
+
+
 @pytest.mark.parametrize(
     ("names", "tool", "base", "code", "text"),
     [
