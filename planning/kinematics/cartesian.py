@@ -92,11 +92,12 @@ def tool_path(
 
     Raises:
         GoalError: A waypoint is invalid, or the path has too many steps.
+        PlanningError: The start is invalid.
     """
-    checks = checks or Checks()
+    start, checks = chain.checked(start), checks or Checks()
     if text := checks.at(start):
-        return ToolPath(start[None].copy(), 0.0, text)
-    found, shares, reason = [start.copy()], [0.0], ""
+        return ToolPath(start[None], 0.0, text)
+    found, shares, reason = [start], [0.0], ""
     for pose, share in _points(chain.pose(start), waypoints, steps):
         following = _follow(chain, pose, found[-1], steps)
         reason = (

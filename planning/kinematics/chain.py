@@ -1,5 +1,6 @@
 """Forward kinematics: the pose of an arm's tool and its Jacobian, as functions of the joint positions."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -74,6 +75,26 @@ class Chain:
         self._about = self._generators[0, :, :3, :3]
         self._along = (self._generators[0] + self._generators[2])[:, :3, 3]
         self._axes = axes * self.turns[self._order, None]
+
+    def checked(self, positions: FloatArray) -> FloatArray:
+        """Return joint positions of a client as an array (n,), in rad or m. They may be outside the limits.
+
+        Raises:
+            PlanningError: A number is missing or not finite.
+        """
+        found = np.array(positions, dtype=np.float64)
+        if found.shape != (len(self.names),):
+            raise PlanningError(
+                "INVALID_ROBOT_STATE",
+                f"{found.size} joint positions were sent for {len(self.names)} joints: send one "
+                f"for each of {', '.join(self.names)}",
+            )
+        for name, position in zip(self.names, found.tolist(), strict=True):
+            if not math.isfinite(position):
+                raise PlanningError(
+                    "INVALID_ROBOT_STATE", f"the position of {name} is {position}: send a finite number"
+                )
+        return found
 
     def pose(self, positions: FloatArray) -> Pose:
         """Return the pose of the tool at joint positions (n,), in rad or m."""

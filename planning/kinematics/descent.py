@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.types import FloatArray
 from planning.kinematics.chain import Chain
@@ -47,12 +48,22 @@ class Descent:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """Starts that still move, with their costs, gradients and curvatures."""
+    """Positions (k, n) with the sums of squared excess (k,), their gradients (k, n) and curvatures (k, n, n)."""
 
     positions: FloatArray
     cost: FloatArray
     gradient: FloatArray
     curvature: FloatArray
+
+    def of(self, starts: NDArray[np.intp]) -> "_State":
+        """Return the state of some of the starts."""
+        return _State(self.positions[starts], self.cost[starts], self.gradient[starts], self.curvature[starts])
+
+    def update(self, starts: NDArray[np.intp], new: "_State", better: NDArray[np.bool_]) -> None:
+        """Replace the state of those of ``starts`` that are better."""
+        replaced = starts[better]
+        self.positions[replaced], self.cost[replaced] = new.positions[better], new.cost[better]
+        self.gradient[replaced], self.curvature[replaced] = new.gradient[better], new.curvature[better]
 
 
 def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limits: Effort) -> Descent:
@@ -66,23 +77,20 @@ def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limi
         limits: When to stop.
     """
     state = _evaluate(chain, goal, np.clip(starts, chain.lower, chain.upper), share)
-    found = Descent(state.positions.copy(), state.cost.copy())
     damping = np.full(len(starts), DAMPING)
     moving = np.flatnonzero(state.cost > EXACT_M2)
     for _ in range(limits.steps):
         if not len(moving) or (moving[0] and np.count_nonzero(state.cost <= EXACT_M2) >= limits.enough):
             break
-        at = _State(*(getattr(state, name)[moving] for name in _State.__slots__))
+        at = state.of(moving)
         new = _evaluate(chain, goal, _step(chain, at, damping[moving]), share)
         better = new.cost < at.cost
         stuck = better & (at.cost - new.cost < PROGRESS * at.cost)
-        for name in _State.__slots__:
-            getattr(state, name)[moving[better]] = getattr(new, name)[better]
+        state.update(moving, new, better)
         damping[moving] = np.clip(damping[moving] * np.where(better, EASED, STIFFENED), *DAMPING_RANGE)
         stuck |= damping[moving] >= DAMPING_RANGE[1]
         moving = moving[~stuck & (state.cost[moving] > EXACT_M2)]
-    found.positions[:], found.cost_m2[:] = state.positions, state.cost
-    return found
+    return Descent(state.positions, state.cost)
 
 
 def _evaluate(chain: Chain, goal: PoseGoal, positions: FloatArray, share: float) -> _State:

@@ -23,6 +23,8 @@ WIDE: Final = Effort(steps=40, enough=max(BATCHES))
 """Effort to reach many places of the region."""
 DISTINCT: Final = 0.2
 """Smallest difference of a joint between two solutions, in rad or m."""
+SAME: Final = 1e-3
+"""Difference of all joints below which a solution is not checked again, in rad or m."""
 COUNT: Final = 8
 """Default for the maximum number of solutions."""
 
@@ -69,10 +71,12 @@ class InverseKinematics:
         Raises:
             UnreachableError: No joint positions were found. The error has the nearest pose.
             CollidingError: Joint positions were found, but none are valid.
+            PlanningError: ``start`` or a seed is invalid.
         """
+        first = [self._chain.checked(positions) for positions in (start, *seeds)]
         nearest: list[Descent] = []
         colliding: list[FloatArray] = []
-        for starts in self._batches(goal, [start, *seeds]):
+        for starts in self._batches(goal, first):
             found = self._widely(goal, starts) if colliding else self._search(goal, starts)
             reached = self._from_start(self._reached(goal, found), start)
             solutions = _distinct(reached, valid, count)
@@ -140,9 +144,15 @@ class InverseKinematics:
 def _distinct(positions: FloatArray, valid: Valid | None, count: int) -> FloatArray:
     """Return the first ``count`` joint positions that are valid and differ from one another."""
     found: list[FloatArray] = []
+    refused: list[FloatArray] = []
     for one in positions:
         if len(found) == count:
             break
-        if all(np.abs(one - other).max() >= DISTINCT for other in found) and (valid is None or valid(one)):
-            found.append(one)
+        if _is_near(one, found, DISTINCT) or _is_near(one, refused, SAME):
+            continue
+        (found if valid is None or valid(one) else refused).append(one)
     return np.array(found).reshape(-1, positions.shape[1])
+
+
+def _is_near(one: FloatArray, others: Sequence[FloatArray], distance: float) -> bool:
+    return any(float(np.abs(one - other).max()) < distance for other in others)

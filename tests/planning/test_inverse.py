@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.types import FloatArray, JointLimits
+from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, Pose
 from planning.kinematics.goals import Box, CollidingError, PoseGoal, Sphere, UnreachableError
 from planning.kinematics.inverse import DISTINCT, InverseKinematics
@@ -191,6 +192,32 @@ def test_solutions_that_are_not_valid_are_left_out() -> None:
     assert goal.contains(chain("robot_arm").transforms(caught.value.positions[None]))[0]
 
 
+def test_a_solution_is_checked_once() -> None:
+    """Most starts of SO-101 end in the same solution."""
+    seen: list[FloatArray] = []
+    goal = around("so101", random_positions("so101", 1, seed=8)[0])
+    with pytest.raises(CollidingError):
+        SOLVERS["so101"].solve(goal, start("so101"), valid=lambda at: bool(seen.append(at)))
+    exact = [at for at in seen if goal.distances(chain("so101").transforms(at[None]))[0, 0] < 1e-6]
+    assert len(exact) == 1
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        ([0.0] * 5, "5 joint positions were sent for 6 joints: send one for each of joint1, joint2"),
+        ([0.0, math.nan, 0.0, 0.0, 0.0, 0.0], "the position of joint2 is nan: send a finite number"),
+    ],
+)
+def test_a_wrong_start_is_refused(positions: list[float], message: str) -> None:
+    goal = around("robot_arm", start("robot_arm"))
+    with pytest.raises(PlanningError, match=message) as caught:
+        SOLVERS["robot_arm"].solve(goal, np.array(positions))
+    assert caught.value.code == "INVALID_ROBOT_STATE"
+    with pytest.raises(PlanningError, match=message):
+        SOLVERS["robot_arm"].solve(goal, start("robot_arm"), seeds=[np.array(positions)])
+
+
 def test_other_places_of_the_region_are_tried_if_its_center_collides() -> None:
     pose = chain("robot_arm").pose(random_positions("robot_arm", 1, seed=7)[0])
     goal = PoseGoal(pose, Sphere(0.05), (0.3,) * 3)
@@ -202,13 +229,17 @@ def test_other_places_of_the_region_are_tried_if_its_center_collides() -> None:
 
 
 def test_a_given_seed_is_tried() -> None:
-    """A solver whose own starts all end elsewhere finds the seed's solution."""
-    positions = random_positions("so101", 1, seed=8)[0]
-    goal = around("so101", positions)
-    solutions = SOLVERS["so101"].solve(
-        goal, start("so101"), seeds=[positions], valid=lambda at: bool(np.abs(at - positions).max() < 1e-6)
-    )
-    assert solutions == pytest.approx(positions[None], abs=1e-6)
+    """The robot_arm reaches a pose in infinitely many ways, of which only those near the seed are valid here."""
+    positions = random_positions("robot_arm", 1, seed=8)[0]
+    goal = around("robot_arm", positions)
+
+    def near(at: FloatArray) -> bool:
+        return bool(np.abs(at - positions).max() < 0.01)
+
+    solutions = SOLVERS["robot_arm"].solve(goal, start("robot_arm"), seeds=[positions], valid=near)
+    assert solutions == pytest.approx(positions[None], abs=0.01)
+    with pytest.raises(CollidingError):
+        SOLVERS["robot_arm"].solve(goal, start("robot_arm"), valid=near)
 
 
 def test_a_continuous_joint_does_not_turn_needlessly() -> None:
