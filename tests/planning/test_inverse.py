@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hal.types import FloatArray, JointLimits
 from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, Pose
-from planning.kinematics.goals import Box, CollidingError, PoseGoal, Sphere, UnreachableError
+from planning.kinematics.goals import ROTATION_M, Box, CollidingError, PoseGoal, Sphere, UnreachableError
 from planning.kinematics.inverse import DISTINCT, InverseKinematics
 from planning.kinematics.rotations import matrices, quaternions
 from tests.planning.chains import SHARES, around, at_shares, chain, limits, model, random_positions
@@ -61,6 +61,14 @@ def check(arm: str, goal: PoseGoal, solutions: FloatArray) -> int:
     gaps = np.abs(solutions[:, None] - solutions).max(axis=2) + np.eye(len(solutions))
     assert gaps.min() >= DISTINCT
     return 1
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_solutions_are_exact_if_the_pose_can_be_reached_exactly(arm: str) -> None:
+    for positions in random_positions(arm, 10, seed=12):
+        goal = around(arm, positions, tolerance_m=0.05, tolerance_rad=0.3)
+        solutions = SOLVERS[arm].solve(goal, start(arm))
+        assert goal.distances(chain(arm).transforms(solutions)).max() < 2e-6
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -113,6 +121,32 @@ def test_the_nearest_pose_is_as_near_as_the_arm_can_come() -> None:
         SOLVERS["robot_arm"].solve(goal, start("robot_arm"))
     assert caught.value.distance_m == pytest.approx(1.0 - 0.59, abs=1e-3)
     assert caught.value.angle_rad == 0.0
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_no_random_pose_is_nearer_than_the_nearest_pose(arm: str) -> None:
+    samples = chain(arm).transforms(random_positions(arm, 20_000, seed=13))
+    for seed in range(3):
+        inner = chain(arm).pose(random_positions(arm, 1, seed)[0]).position_m
+        goal = PoseGoal(Pose(inner, turned(seed)), Sphere(1e-3), (1e-3,) * 3)
+        with pytest.raises(UnreachableError) as caught:
+            SOLVERS[arm].solve(goal, start(arm))
+        found = math.hypot(caught.value.distance_m, ROTATION_M * caught.value.angle_rad)
+        assert found <= np.linalg.norm(goal.distances(samples) * (1.0, ROTATION_M), axis=1).min()
+
+
+@pytest.mark.parametrize("beyond_rad", [0.2, 0.5, 1.0])
+def test_the_nearest_position_beyond_a_limit_is_straight_beside_the_goal(beyond_rad: float) -> None:
+    """With joint1 at its limit, the arm moves in a vertical plane, and the nearest point is the goal's projection."""
+    narrow = {**limits("robot_arm"), "joint1": JointLimits(-0.5, 0.5, 1.0, 1.0, 1.0)}
+    one = Chain(model("robot_arm"), narrow, "gripper_base_link")
+    at = np.array([0.5, -0.6, -0.5, -0.4, -0.3, 0.0])
+    x, y, z = one.pose(at + np.eye(6)[0] * beyond_rad).position_m.tolist()
+    goal = PoseGoal(Pose(np.array([x, y, z]), np.array([0.0, 0.0, 0.0, 1.0])), Sphere(0.005), (math.pi,) * 3)
+    with pytest.raises(UnreachableError) as caught:
+        InverseKinematics(one).solve(goal, np.zeros(6))
+    assert caught.value.positions[0] == 0.5
+    assert caught.value.distance_m == pytest.approx(math.hypot(x, y) * math.sin(beyond_rad), rel=1e-3)
 
 
 @settings(max_examples=10)
