@@ -1,0 +1,160 @@
+"""Groups of joints, end effectors and named states of an arm, as MoveIt's SRDF files define them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from hal.robot_description.description import Description, UrdfJoint
+from hal.types import AT_LIMIT
+from planning.errors import PlanningError
+
+ARM: Final = "arm"
+"""Name of the derived group of the joints that move the tool."""
+HAND: Final = "hand"
+"""Name of the derived group of all other joints, and of its end effector."""
+
+States = Mapping[str, Mapping[str, float]]
+"""Joint positions by state and joint, in rad or m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Joints that are planned together."""
+
+    name: str
+    joints: tuple[str, ...]
+    """Joints with a position of their own: without fixed, passive and mimic joints."""
+    tip: str | None = None
+    """Last link of the group, if its joints form a chain, or the link that carries its end effector."""
+    states: States = field(default_factory=dict)
+    """Named states."""
+
+    def state(self, name: str) -> Mapping[str, float]:
+        """Return the positions of a named state by joint, in rad or m. Raises PlanningError."""
+        if name not in self.states:
+            known = f"choose one of {', '.join(self.states)}" if self.states else "the group has no named states"
+            raise PlanningError("INVALID_GOAL_CONSTRAINTS", f"the group {self.name} has no state {name}: {known}")
+        return self.states[name]
+
+
+@dataclass(frozen=True, slots=True)
+class EndEffector:
+    """A hand at the end of an arm."""
+
+    name: str
+    group: str
+    """Group of its joints."""
+    parent_link: str
+    """Link of the arm that carries it."""
+    parent_group: str = ""
+    """Group of the arm; empty if it is not given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Groups:
+    """Groups and end effectors of one robot, by name."""
+
+    groups: Mapping[str, Group]
+    end_effectors: Mapping[str, EndEffector]
+
+    def group(self, name: str) -> Group:
+        """Return the group with this name. Raises PlanningError."""
+        if name not in self.groups:
+            known = ", ".join(self.groups)
+            raise PlanningError("INVALID_GROUP_NAME", f"there is no group {name}: choose one of {known}")
+        return self.groups[name]
+
+
+def derive_groups(description: Description, driven: Sequence[str], tool: str, states: States) -> Groups:
+    """Derive the groups of an arm that has no SRDF.
+
+    Args:
+        description: Robot description.
+        driven: Names of the driven joints.
+        tool: Link that carries the hand. The driven joints between the base and this link form the group ``arm``,
+            the others form the group ``hand``.
+        states: Poses of the arm by name. Positions of joints of both groups become a state of each.
+
+    Raises:
+        PlanningError: A name is not in the description, no joint moves the tool, or a position is outside its limits.
+    """
+    for name in driven:
+        if name not in description.joints:
+            known = ", ".join(description.joints)
+            raise PlanningError("INVALID_ROBOT_STATE", f"the URDF has no joint {name}: choose from {known}")
+    path = [joint.name for joint in path_to(description, tool)]
+    members = {
+        ARM: tuple(name for name in path if name in driven),
+        HAND: tuple(name for name in driven if name not in path),
+    }
+    if not members[ARM]:
+        known = ", ".join(description.joints[name].child for name in driven)
+        raise PlanningError(
+            "INVALID_LINK_NAME", f"no driven joint moves the tool {tool}: choose a link such as {known}"
+        )
+    _check_states(description, driven, states)
+    tips = {ARM: tool, HAND: None}
+    groups = {
+        name: Group(name, joints, tips[name], _states_of(joints, states)) for name, joints in members.items() if joints
+    }
+    return Groups(groups, {HAND: EndEffector(HAND, HAND, tool, ARM)} if HAND in groups else {})
+
+
+def _states_of(joints: Sequence[str], states: States) -> States:
+    """Return the states that have positions for all of these joints, without other joints."""
+    return {
+        name: {joint: positions[joint] for joint in joints}
+        for name, positions in states.items()
+        if all(joint in positions for joint in joints)
+    }
+
+
+def _check_states(description: Description, driven: Sequence[str], states: States) -> None:
+    for state, positions in states.items():
+        for name, position in positions.items():
+            if name not in driven:
+                raise PlanningError(
+                    "INVALID_ROBOT_STATE", f"state {state}: {name} is not driven: choose from {', '.join(driven)}"
+                )
+            if problem := outside(description.joints[name], position):
+                raise PlanningError("INVALID_ROBOT_STATE", f"state {state}: {problem}: correct the position")
+
+
+def outside(joint: UrdfJoint, position: float) -> str:
+    """Describe a position outside the limits of a joint; empty if it is inside."""
+    slack = AT_LIMIT * (joint.upper - joint.lower)
+    if joint.kind == "continuous" or joint.lower - slack <= position <= joint.upper + slack:
+        return ""
+    return f"{joint.name} is at {position:g}, outside its limits {joint.lower:g} to {joint.upper:g}"
+
+
+def path_to(description: Description, link: str, base: str | None = None) -> list[UrdfJoint]:
+    """Return the joints from the base to a link, including fixed joints.
+
+    Args:
+        description: Robot description.
+        link: Name of the last link.
+        base: Name of the first link; by default, the root.
+
+    Raises:
+        PlanningError: A link does not exist, or ``base`` is not between the root and the link.
+    """
+    for name in (link, base):
+        if name is not None and name not in description.links:
+            known = ", ".join(description.links)
+            raise PlanningError("INVALID_LINK_NAME", f"the URDF has no link {name}: choose one of {known}")
+    joints = list(_joints_above(description, link))
+    if base is not None and base != link:
+        parents = [joint.parent for joint in joints]
+        if base not in parents:
+            raise PlanningError("INVALID_LINK_NAME", f"{base} does not carry {link}: swap them or name another link")
+        joints = joints[: parents.index(base) + 1]
+    return [] if base == link else joints[::-1]
+
+
+def _joints_above(description: Description, link: str) -> Iterator[UrdfJoint]:
+    """Yield the joints from a link up to the root."""
+    above = {joint.child: joint for joint in description.joints.values()}
+    while link in above:
+        yield above[link]
+        link = above[link].parent

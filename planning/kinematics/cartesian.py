@@ -1,0 +1,188 @@
+"""Straight paths of the tool, like MoveIt's compute_cartesian_path."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.kinematics.chain import Chain, Pose
+from planning.kinematics.descent import Effort, descend
+from planning.kinematics.goals import INSIDE, PoseGoal, Sphere, checked_pose, invalid
+from planning.kinematics.rotations import angle_between, slerp
+
+TURN_PER_METER: Final = 3.5
+"""Largest rotation of a step for each meter of its maximum length, in rad/m, as in MoveIt."""
+MOST_STEPS: Final = 20_000
+"""Maximum number of steps of a path."""
+EFFORT: Final = Effort(steps=40, enough=1)
+"""Effort to reach the next point from the previous one."""
+AT_LIMIT: Final = 1e-6
+"""Distance from a limit within which a joint is at the limit, in rad or m."""
+
+Problem = Callable[[FloatArray], str]
+"""Describes why joint positions (n,) are not valid, such as "link3 touches box". The text is empty if they are."""
+EdgeProblem = Callable[[FloatArray, FloatArray], str]
+"""Describes why the straight motion between two joint positions (n,) is not valid. The text is empty if it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Steps of a path and the jumps that end it."""
+
+    longest_m: float = 0.01
+    """Maximum motion of the tool between two points, in m."""
+    jump_rad: float = 0.5
+    """Largest motion of a revolute joint between two points, in rad; 0 for no limit."""
+    jump_m: float = 0.05
+    """Largest motion of a prismatic joint between two points, in m; 0 for no limit."""
+    jump_factor: float = 0.0
+    """Largest motion of the joints between two points, as a multiple of the mean motion; 0 for no limit."""
+    deviation_m: float = 5e-4
+    """Largest distance of a point from the line, in m."""
+    deviation_rad: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    """Largest rotation about the axes of the tool from the interpolated orientation, in rad; free from pi on."""
+
+    def __post_init__(self) -> None:
+        """Check the values. Raises GoalError."""
+        if not math.isfinite(self.longest_m) or self.longest_m <= 0.0:
+            raise invalid(f"the maximum step is {self.longest_m:g} m: send a finite number above 0")
+        for name in ("jump_rad", "jump_m", "jump_factor"):
+            if not getattr(self, name) >= 0.0:
+                raise invalid(f"{name} is {getattr(self, name):g}: send 0 for no limit, or a number above 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """Checks of a path, such as for collisions. By default, every path is valid."""
+
+    at: Problem = lambda _: ""
+    between: EdgeProblem = lambda _, __: ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolPath:
+    """Path of the tool along a straight line."""
+
+    positions: FloatArray
+    """Joint positions (m, n), in rad or m, starting with the start."""
+    fraction: float
+    """Share of the path that was reached, from 0 to 1."""
+    reason: str = ""
+    """Why the path ends early; empty if it does not."""
+
+
+def tool_path(
+    chain: Chain, start: FloatArray, waypoints: Sequence[Pose], steps: Steps, checks: Checks | None = None
+) -> ToolPath:
+    """Move the tool straight from one pose to the next. The orientation turns at a constant rate between them.
+
+    Args:
+        chain: Kinematics of the arm.
+        start: Joint positions at the start (n,), in rad or m.
+        waypoints: Poses of the tool after the start.
+        steps: Length of the steps and limits of jumps.
+        checks: Checks of each point and of the motion to it.
+
+    Returns:
+        The path up to the first point that cannot be reached, and the reason.
+
+    Raises:
+        GoalError: A waypoint is invalid, or the path has too many steps.
+        PlanningError: The start is invalid.
+    """
+    start, checks = chain.checked(start), checks or Checks()
+    if text := checks.at(start):
+        return ToolPath(start[None], 0.0, text)
+    found, shares, reason = [start], [0.0], ""
+    for pose, share in _points(chain.pose(start), waypoints, steps):
+        following = _follow(chain, pose, found[-1], steps)
+        reason = (
+            _miss(chain, pose, following, steps)
+            or _jump(chain, found[-1], following, steps)
+            or checks.at(following)
+            or checks.between(found[-1], following)
+        )
+        if reason:
+            break
+        found.append(following)
+        shares.append(share)
+    return _without_relative_jump(ToolPath(np.array(found), shares[-1], reason), shares, steps.jump_factor)
+
+
+def _points(start: Pose, waypoints: Sequence[Pose], steps: Steps) -> Iterator[tuple[Pose, float]]:
+    """Yield the points of the path, and the share of the path up to each of them. Raises GoalError."""
+    if not waypoints:
+        raise invalid("the path has no waypoints: send at least one pose")
+    poses = [start, *(checked_pose(pose.position_m, pose.quaternion_xyzw) for pose in waypoints)]
+    counts = [_count(one, other, steps.longest_m) for one, other in pairwise(poses)]
+    if sum(counts) > MOST_STEPS:
+        raise invalid(f"the path has {sum(counts)} steps, above {MOST_STEPS}: send a larger maximum step")
+    for number, (one, other) in enumerate(pairwise(poses)):
+        for step in range(1, counts[number] + 1):
+            share = step / counts[number]
+            position = one.position_m + share * (other.position_m - one.position_m)
+            between = Pose(position, slerp(one.quaternion_xyzw, other.quaternion_xyzw, share))
+            yield between, (number + share) / len(waypoints)
+
+
+def _count(one: Pose, other: Pose, longest_m: float) -> int:
+    """Return the number of steps between two poses."""
+    distance_m = float(np.linalg.norm(other.position_m - one.position_m))
+    angle_rad = angle_between(one.quaternion_xyzw, other.quaternion_xyzw)
+    return max(1, math.ceil(max(distance_m, angle_rad / TURN_PER_METER) / longest_m - 1e-9))
+
+
+def _goal(pose: Pose, steps: Steps) -> PoseGoal:
+    return PoseGoal(pose, Sphere(steps.deviation_m), steps.deviation_rad)
+
+
+def _follow(chain: Chain, pose: Pose, previous: FloatArray, steps: Steps) -> FloatArray:
+    """Return joint positions (n,) near the previous ones with the tool at the pose, or as near to it as possible."""
+    goal = _goal(pose, steps)
+    found = descend(chain, goal, previous[None], 0.0, EFFORT)
+    if not goal.contains(chain.transforms(found.positions))[0]:
+        found = descend(chain, goal, found.positions, INSIDE, EFFORT)
+    return np.asarray(found.positions[0])
+
+
+def _miss(chain: Chain, pose: Pose, positions: FloatArray, steps: Steps) -> str:
+    """Describe why the tool misses the pose at these joint positions (n,); empty if it does not."""
+    goal, tool = _goal(pose, steps), chain.transforms(positions[None])
+    if goal.contains(tool)[0]:
+        return ""
+    ends = (("lower", chain.lower, positions - chain.lower), ("upper", chain.upper, chain.upper - positions))
+    reached = [
+        f"{name} reaches its {end} limit {limit:.4f}"
+        for end, limits, room in ends
+        for name, limit, distance in zip(chain.names, limits.tolist(), room.tolist(), strict=True)
+        if distance <= AT_LIMIT
+    ]
+    if reached:
+        return " and ".join(reached)
+    distance_m, angle_rad = goal.distances(tool)[0].tolist()
+    return f"the arm cannot follow the line: {chain.tool} comes only within {distance_m:.4f} m and {angle_rad:.3f} rad"
+
+
+def _jump(chain: Chain, before: FloatArray, after: FloatArray, steps: Steps) -> str:
+    """Describe the first joint that jumps between two points (n,); empty if none does."""
+    for name, turns, moved in zip(chain.names, chain.turns.tolist(), np.abs(after - before).tolist(), strict=True):
+        limit, unit = (steps.jump_rad, "rad") if turns else (steps.jump_m, "m")
+        if limit and moved > limit:
+            return f"{name} jumps by {moved:.3f} {unit} in one step of the tool, above {limit:g} {unit}"
+    return ""
+
+
+def _without_relative_jump(path: ToolPath, shares: Sequence[float], factor: float) -> ToolPath:
+    """Cut a path before the first step that is much longer than the mean step."""
+    moved = np.abs(np.diff(path.positions, axis=0)).sum(axis=1)
+    jumps = np.flatnonzero(moved > factor * moved.mean()) if factor and len(moved) else np.array([], dtype=int)
+    if not len(jumps):
+        return path
+    end = int(jumps[0])
+    multiple = moved[end] / moved.mean()
+    reason = f"the joints jump by {multiple:.1f} times the mean step, above the factor {factor:g}"
+    return ToolPath(path.positions[: end + 1], shares[end], reason)

@@ -1,0 +1,110 @@
+"""Damped least squares with joint limits, for many starts at once."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.types import FloatArray
+from planning.kinematics.chain import Chain
+from planning.kinematics.goals import PoseGoal
+
+EXACT_M2: Final = 1e-14
+"""Sum of squared excess at which a start has reached the goal, in m²."""
+DAMPING: Final = 1e-3
+"""Initial damping, in m²/rad²."""
+DAMPING_RANGE: Final = (1e-9, 1e2)
+"""Lowest and highest damping. At the highest damping, no step improves."""
+EASED: Final = 0.2
+"""Factor of the damping after a step that improves."""
+STIFFENED: Final = 5.0
+"""Factor of the damping after a step that does not improve."""
+LONGEST_STEP: Final = 1.0
+"""Largest motion of a joint in one step, in rad or m."""
+PROGRESS: Final = 1e-2
+"""Relative decrease of the sum of squares below which a start is given up as stuck."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Limits of the effort of a descent."""
+
+    steps: int
+    """Maximum number of steps."""
+    enough: int
+    """Number of starts that have reached the goal at which the others stop, as soon as the first start has ended."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """Result of a descent from k starts."""
+
+    positions: FloatArray
+    """Joint positions (k, n), in rad or m, within the limits."""
+    cost_m2: FloatArray
+    """Sums of squared excess (k,), in m²."""
+
+
+@dataclass(slots=True, eq=False)
+class _State:
+    """Positions (k, n) with the sums of squared excess (k,), their gradients (k, n) and curvatures (k, n, n)."""
+
+    positions: FloatArray
+    cost: FloatArray
+    gradient: FloatArray
+    curvature: FloatArray
+
+    def of(self, starts: NDArray[np.intp]) -> "_State":
+        """Return the state of some of the starts."""
+        return _State(self.positions[starts], self.cost[starts], self.gradient[starts], self.curvature[starts])
+
+    def update(self, starts: NDArray[np.intp], new: "_State", better: NDArray[np.bool_]) -> None:
+        """Replace the state of those of ``starts`` that are better."""
+        replaced = starts[better]
+        self.positions[replaced], self.cost[replaced] = new.positions[better], new.cost[better]
+        self.gradient[replaced], self.curvature[replaced] = new.gradient[better], new.curvature[better]
+
+
+def descend(chain: Chain, goal: PoseGoal, starts: FloatArray, share: float, limits: Effort) -> Descent:
+    """Move from each start to a local minimum of the excess.
+
+    Args:
+        chain: Kinematics of the arm.
+        goal: Region of poses.
+        starts: Joint positions (k, n), in rad or m.
+        share: Share of the tolerances at which the excess begins.
+        limits: When to stop.
+    """
+    state = _evaluate(chain, goal, np.clip(starts, chain.lower, chain.upper), share)
+    damping = np.full(len(starts), DAMPING)
+    moving = np.flatnonzero(state.cost > EXACT_M2)
+    for _ in range(limits.steps):
+        if not len(moving) or (moving[0] and np.count_nonzero(state.cost <= EXACT_M2) >= limits.enough):
+            break
+        at = state.of(moving)
+        new = _evaluate(chain, goal, _step(chain, at, damping[moving]), share)
+        better = new.cost < at.cost
+        stuck = better & (at.cost - new.cost < PROGRESS * at.cost)
+        state.update(moving, new, better)
+        damping[moving] = np.clip(damping[moving] * np.where(better, EASED, STIFFENED), *DAMPING_RANGE)
+        stuck |= damping[moving] >= DAMPING_RANGE[1]
+        moving = moving[~stuck & (state.cost[moving] > EXACT_M2)]
+    return Descent(state.positions, state.cost)
+
+
+def _evaluate(chain: Chain, goal: PoseGoal, positions: FloatArray, share: float) -> _State:
+    excess, slopes = goal.excess_and_slopes(*chain.transforms_and_jacobians(positions), share)
+    turned = slopes.swapaxes(1, 2)
+    return _State(positions, (excess**2).sum(axis=1), (turned @ excess[..., None])[..., 0], turned @ slopes)
+
+
+def _step(chain: Chain, at: _State, damping: FloatArray) -> FloatArray:
+    """Return the next joint positions (k, n). Joints that press against a limit do not take part."""
+    pressed = (at.positions <= chain.lower) & (at.gradient > 0.0) | (at.positions >= chain.upper) & (at.gradient < 0.0)
+    part = np.where(pressed, 0.0, 1.0)
+    curvature = at.curvature * (part[:, :, None] * part[:, None, :]) + damping[:, None, None] * np.eye(part.shape[1])
+    move = -np.linalg.solve(curvature, (at.gradient * part)[..., None])[..., 0]
+    longest = np.abs(move).max(axis=1, keepdims=True)
+    move *= np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP))
+    return np.clip(at.positions + move, chain.lower, chain.upper)

@@ -1,0 +1,243 @@
+"""Goals for the tool as regions of poses, and checks of the poses and tolerances that a client sends."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.types import FloatArray
+from planning.errors import PlanningError
+from planning.kinematics.chain import Pose
+from planning.kinematics.rotations import euler_angles, euler_rates, matrices, rotation_vectors, vector_rates
+
+ROTATION_M: Final = 0.1
+"""Distance that counts as much as a rotation by 1 rad when positions and orientations are compared, in m/rad."""
+NORMALIZED_WITHIN: Final = 1e-3
+"""Largest deviation of a quaternion's length from 1 that is corrected without an error."""
+FARTHEST_M: Final = 1e3
+"""Largest coordinate of a goal, in m. Larger values are in another unit."""
+INSIDE: Final = 0.9
+"""Share of the tolerances at which the search for a pose inside the region aims."""
+
+
+Angles = Literal["rotation_vector", "xyz_euler"]
+"""Angles of a rotation, as in the parameterization of moveit_msgs/OrientationConstraint.
+
+- ``rotation_vector``: components of the axis times the angle, along the axes of the goal.
+- ``xyz_euler``: angles about x, then the new y, then the new z axis.
+"""
+
+
+class GoalError(PlanningError):
+    """The goal of a client is invalid or cannot be reached."""
+
+
+class UnreachableError(GoalError):
+    """No joint positions within the limits reach the goal."""
+
+    def __init__(self, message: str, nearest: Pose, positions: FloatArray, distance: tuple[float, float]) -> None:
+        super().__init__("NO_IK_SOLUTION", message)
+        self.nearest = nearest
+        """Nearest pose found that the tool can reach."""
+        self.positions = positions
+        """Joint positions (n,) of this pose, in rad or m."""
+        self.distance_m, self.angle_rad = distance
+
+
+class CollidingError(GoalError):
+    """The goal can be reached, but only with joint positions that are not valid."""
+
+    def __init__(self, message: str, positions: FloatArray) -> None:
+        super().__init__("GOAL_IN_COLLISION", message)
+        self.positions = positions
+        """One set of joint positions (n,) that reaches the goal and is not valid, in rad or m."""
+
+
+def invalid(message: str) -> GoalError:
+    """Return the error of a goal that is invalid by itself, whatever the arm."""
+    return GoalError("INVALID_GOAL_CONSTRAINTS", message)
+
+
+def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequence[float] | FloatArray) -> Pose:
+    """Check and normalize a pose of a client.
+
+    Args:
+        position_m: Position (3,), in m.
+        quaternion_xyzw: Orientation (4,). Its length must be 1, except for rounding.
+
+    Raises:
+        GoalError: A number is not finite or too large, or the quaternion's length is not 1.
+    """
+    position = _vector(position_m, "xyz", "position")
+    quaternion = _vector(quaternion_xyzw, "xyzw", "orientation")
+    for axis, value in zip("xyz", position.tolist(), strict=True):
+        if abs(value) > FARTHEST_M:
+            raise invalid(f"{axis} of the goal's position is {value:g} m, above {FARTHEST_M:g} m: send meters")
+    length = math.hypot(*quaternion.tolist())
+    if length == 0.0:
+        raise invalid("the quaternion of the goal's orientation has length 0: send w 1 for no rotation")
+    if abs(length - 1.0) > NORMALIZED_WITHIN:
+        raise invalid(f"the quaternion of the goal's orientation has length {length:.6g}: normalize it to length 1")
+    return Pose(position, quaternion / length)
+
+
+def _vector(values: Sequence[float] | FloatArray, names: str, what: str) -> FloatArray:
+    """Return the values as an array with one finite value for each letter of ``names``. Raises GoalError."""
+    found = np.array(values, dtype=np.float64)
+    if found.shape != (len(names),):
+        raise invalid(f"the goal's {what} needs {len(names)} numbers ({', '.join(names)}), not {found.size}")
+    for name, value in zip(names, found.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise invalid(f"{name} of the goal's {what} is {value}: send a finite number")
+    return found
+
+
+_IDENTITY: Final = np.eye(3)[None]
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """Region of positions around the position of a goal."""
+
+    radius_m: float
+
+    def check(self) -> None:
+        """Raise GoalError if the region has no size."""
+        _check_tolerance(self.radius_m, "position tolerance", " m")
+
+    def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return the shortest ways out of the region.
+
+        Args:
+            offsets: Offsets from the center (k, 3), in m.
+            share: Share of the region's size.
+
+        Returns:
+            The vectors (k, 3) from the region to the offsets, in m, and their derivatives (k or 1, 3, 3).
+        """
+        if share == 0.0:
+            return offsets, _IDENTITY
+        distance = np.sqrt((offsets * offsets).sum(axis=1, keepdims=True))
+        safe = np.where(distance > 0.0, distance, 1.0)
+        outside = np.maximum(1.0 - share * self.radius_m / safe, 0.0)
+        normal = offsets / safe
+        along = normal[:, :, None] * normal[:, None, :]
+        tangent = outside[..., None] * (_IDENTITY - along)
+        return outside * offsets, np.where(outside[..., None] > 0.0, along + tangent, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """Region of positions around the position of a goal, with flat sides."""
+
+    size_m: tuple[float, float, float]
+    """Lengths of the edges, in m. The goal is in the center."""
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Orientation of the box in the frame of the base link."""
+
+    def check(self) -> None:
+        """Raise GoalError if an edge has no length, or if the orientation is invalid."""
+        for axis, size in zip("xyz", self.size_m, strict=True):
+            _check_tolerance(size, f"size of the position region along {axis}", " m")
+        checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw)
+
+    def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return the shortest ways out of the region, as ``Sphere.excess`` does, but along the axes of the box."""
+        rotation = matrices(checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw).quaternion_xyzw)
+        own = offsets @ rotation
+        beyond = own - np.clip(own, *(np.array(self.size_m) / 2.0 * share * sign for sign in (-1.0, 1.0)))
+        active = (beyond != 0.0) | (share == 0.0)
+        return beyond, np.where(active[..., None], rotation.T, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseGoal:
+    """Region of poses around a pose of the tool.
+
+    The orientation is inside if the angles of the rotation from the goal to the tool are within the tolerances.
+    """
+
+    pose: Pose
+    region: Sphere | Box
+    """Region of positions around the position of the pose."""
+    orientation_tolerance_rad: tuple[float, float, float]
+    """Tolerances about the x, y and z axes of the goal, in rad. The orientation about an axis is free from pi on."""
+    angles: Angles = "rotation_vector"
+    """Meaning of the angles."""
+    _target: FloatArray = field(init=False, repr=False)
+    """Orientation of the pose as a matrix (3, 3)."""
+    _free: NDArray[np.bool_] = field(init=False, repr=False)
+    """Whether the orientation is free about each axis (3,)."""
+
+    def __post_init__(self) -> None:
+        """Check the goal. Raises GoalError."""
+        checked = checked_pose(self.pose.position_m, self.pose.quaternion_xyzw)
+        object.__setattr__(self, "pose", checked)
+        self.region.check()
+        for axis, tolerance in zip("xyz", self.orientation_tolerance_rad, strict=True):
+            _check_tolerance(tolerance, f"orientation tolerance about {axis}", " rad")
+        object.__setattr__(self, "_target", matrices(checked.quaternion_xyzw))
+        object.__setattr__(self, "_free", np.array(self.orientation_tolerance_rad) >= math.pi)
+
+    def excess(self, tools: FloatArray, share: float) -> FloatArray:
+        """Return how far poses (k, 4, 4) of the tool are from the region.
+
+        Args:
+            tools: Poses of the tool (k, 4, 4).
+            share: Share of the tolerances. At 0, the region is the pose itself, except for free axes.
+
+        Returns:
+            The excess (k, 6) in m. Its last three columns are rotations times ``ROTATION_M``.
+        """
+        beyond, _ = self._beyond(tools, share)
+        return np.concatenate([beyond, self._turned(self._angles(tools, share), share) * ROTATION_M], axis=1)
+
+    def excess_and_slopes(
+        self, tools: FloatArray, jacobians: FloatArray, share: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the excess (k, 6) and its Jacobian (k, 6, n), given the Jacobians (k, 6, n) of the tool."""
+        (beyond, slopes), angles = self._beyond(tools, share), self._angles(tools, share)
+        turned = self._turned(angles, share)
+        active = ((turned != 0.0) | (share == 0.0)) & ~self._free
+        rates = euler_rates(angles) if self._are_euler(share) else vector_rates(angles)
+        rates = (active[:, :, None] * ROTATION_M * rates) @ tools[:, :3, :3].swapaxes(1, 2)
+        excess = np.concatenate([beyond, turned * ROTATION_M], axis=1)
+        return excess, np.concatenate([slopes @ jacobians[:, :3], rates @ jacobians[:, 3:]], axis=1)
+
+    def distances(self, tools: FloatArray) -> FloatArray:
+        """Return the distances (k, 2) of poses (k, 4, 4) from the pose, in m and rad. Free axes do not count."""
+        excess = self.excess(tools, 0.0)
+        return np.stack([np.linalg.norm(excess[:, :3], axis=1), np.linalg.norm(excess[:, 3:], axis=1) / ROTATION_M], 1)
+
+    def contains(self, tools: FloatArray) -> NDArray[np.bool_]:
+        """Return whether each pose (k, 4, 4) is inside the region (k,)."""
+        return np.asarray(np.abs(self.excess(tools, 1.0)).max(axis=1) <= _ROUNDING_M)
+
+    def _beyond(self, tools: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
+        return self.region.excess(tools[:, :3, 3] - self.pose.position_m, share)
+
+    def _are_euler(self, share: float) -> bool:
+        """Whether to use Euler angles. The pose itself has no angles, so rotation vectors lead there more directly."""
+        return self.angles == "xyz_euler" and (share > 0.0 or bool(self._free.any()))
+
+    def _angles(self, tools: FloatArray, share: float) -> FloatArray:
+        """Return the angles (k, 3) from the goal to the tools, in rad."""
+        rotations = self._target.T @ tools[:, :3, :3]
+        return euler_angles(rotations) if self._are_euler(share) else rotation_vectors(rotations)
+
+    def _turned(self, angles: FloatArray, share: float) -> FloatArray:
+        """Return the parts of angles (k, 3) beyond the tolerances."""
+        limit = np.where(self._free, np.inf, share * np.array(self.orientation_tolerance_rad))
+        return angles - np.clip(angles, -limit, limit)
+
+
+_ROUNDING_M: Final = 1e-9
+"""Largest excess that counts as inside, in m."""
+
+
+def _check_tolerance(value: float, what: str, unit: str) -> None:
+    if not math.isfinite(value) or value <= 0.0:
+        raise invalid(f"the {what} is {value:g}{unit}: send a finite number above 0")

@@ -1,0 +1,158 @@
+"""Inverse kinematics: joint positions that bring the tool into a region of poses."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.kinematics.chain import Chain, pose_of
+from planning.kinematics.descent import EXACT_M2, Descent, Effort, descend
+from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGoal, UnreachableError
+
+SAMPLES: Final = 1024
+"""Number of random joint positions from which the starts of a search are chosen."""
+BATCHES: Final = (16, 32, 64)
+"""Number of starts that are computed at once, in turn. A goal is refused after the last batch."""
+CENTER: Final = Effort(steps=25, enough=8)
+"""Effort to reach the pose itself."""
+REGION: Final = Effort(steps=15, enough=8)
+"""Further effort to reach the region, if the pose itself cannot be reached."""
+WIDE: Final = Effort(steps=40, enough=max(BATCHES))
+"""Effort to reach many places of the region."""
+DISTINCT: Final = 0.2
+"""Smallest difference of a joint between two solutions, in rad or m."""
+SAME: Final = 1e-3
+"""Difference of all joints below which a solution is not checked again, in rad or m."""
+COUNT: Final = 8
+"""Default for the maximum number of solutions."""
+
+Valid = Callable[[FloatArray], bool]
+"""Returns whether joint positions (n,) are valid, for example free of collisions."""
+
+
+class InverseKinematics:
+    """Solver for one chain. The same seed and request give the same solutions."""
+
+    def __init__(self, chain: Chain, seed: int = 0) -> None:
+        """Choose random joint positions as starts.
+
+        Args:
+            chain: Kinematics of the arm.
+            seed: Seed of the random numbers.
+        """
+        self._chain = chain
+        lower = np.where(np.isfinite(chain.lower), chain.lower, -np.pi)
+        upper = np.where(np.isfinite(chain.upper), chain.upper, np.pi)
+        self._samples = np.random.default_rng(seed).uniform(lower, upper, (SAMPLES, len(lower)))
+        self._tools = chain.transforms(self._samples)
+
+    def solve(
+        self,
+        goal: PoseGoal,
+        start: FloatArray,
+        seeds: Sequence[FloatArray] = (),
+        valid: Valid | None = None,
+        count: int = COUNT,
+    ) -> FloatArray:
+        """Find joint positions within the limits that bring the tool into a region of poses.
+
+        Args:
+            goal: Region of poses of the tool.
+            start: Current joint positions (n,), in rad or m. They are tried first.
+            seeds: Further joint positions (n,) to try first.
+            valid: Returns whether joint positions are valid; by default, all are.
+            count: Maximum number of solutions.
+
+        Returns:
+            Distinct solutions (k, n) in rad or m, with k from 1 to ``count``. The nearest to ``start`` is first.
+
+        Raises:
+            UnreachableError: No joint positions were found. The error has the nearest pose.
+            CollidingError: Joint positions were found, but none are valid.
+            PlanningError: ``start`` or a seed is invalid.
+        """
+        first = [self._chain.checked(positions) for positions in (start, *seeds)]
+        nearest: list[Descent] = []
+        colliding: list[FloatArray] = []
+        for starts in self._batches(goal, first):
+            found = self._widely(goal, starts) if colliding else self._search(goal, starts)
+            reached = self._from_start(self._reached(goal, found), start)
+            solutions = _distinct(reached, valid, count)
+            if len(solutions):
+                return solutions
+            colliding.extend(reached[:1])
+            nearest.append(found)
+        if colliding:
+            raise CollidingError(
+                f"{self._chain.tool} reaches the goal only in positions that are not valid, such as in collision: move "
+                "the goal or the obstacle",
+                colliding[0],
+            )
+        raise self._unreachable(goal, nearest)
+
+    def _batches(self, goal: PoseGoal, first: Sequence[FloatArray]) -> list[FloatArray]:
+        """Return batches of starts (k, n): the given ones, then samples, of which half are the nearest to the goal."""
+        weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
+        near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
+        batches = []
+        for end, size in zip(itertools.accumulate(BATCHES), BATCHES, strict=True):
+            part = slice((end - size) // 2, end // 2)
+            batches.append(np.concatenate([near[part], self._samples[part]]))
+        return [np.concatenate([np.array(first), batches[0]]), *batches[1:]]
+
+    def _search(self, goal: PoseGoal, starts: FloatArray) -> Descent:
+        """Move the starts to the pose itself or, if none of them reaches it, to the region around it."""
+        found = descend(self._chain, goal, starts, 0.0, CENTER)
+        if not goal.contains(self._chain.transforms(found.positions)).any():
+            found = descend(self._chain, goal, found.positions, INSIDE, REGION)
+        return found
+
+    def _widely(self, goal: PoseGoal, starts: FloatArray) -> Descent:
+        """Move the starts to different places of the region, because the pose itself is in collision."""
+        return descend(self._chain, goal, starts, INSIDE, WIDE)
+
+    def _reached(self, goal: PoseGoal, found: Descent) -> FloatArray:
+        """Return the joint positions (k, n) inside the region; if some of them are exact, only those."""
+        inside = goal.contains(self._chain.transforms(found.positions))
+        exact = inside & (found.cost_m2 <= EXACT_M2)
+        return found.positions[exact if exact.any() else inside]
+
+    def _from_start(self, positions: FloatArray, start: FloatArray) -> FloatArray:
+        """Return joint positions (k, n) without needless turns, sorted by their distance from ``start``."""
+        turns = 2.0 * np.pi * np.round((positions - start) / (2.0 * np.pi)) * self._chain.turns
+        turned = positions - turns
+        allowed = (turned >= self._chain.lower) & (turned <= self._chain.upper)
+        positions = np.where(allowed, turned, positions)
+        return positions[np.argsort(np.linalg.norm(positions - start, axis=1), kind="stable")]
+
+    def _unreachable(self, goal: PoseGoal, nearest: Sequence[Descent]) -> UnreachableError:
+        costs = np.concatenate([found.cost_m2 for found in nearest])
+        positions = np.concatenate([found.positions for found in nearest])[np.argmin(costs)]
+        tool = self._chain.transforms(positions[None])
+        distance_m, angle_rad = goal.distances(tool)[0].tolist()
+        pose = pose_of(tool[0])
+        x, y, z = pose.position_m.tolist()
+        message = (
+            f"{self._chain.tool} cannot reach the goal: the nearest pose is {distance_m:.3f} m and {angle_rad:.2f} rad "
+            f"away, at x {x:.3f}, y {y:.3f}, z {z:.3f}; move the goal there or widen its tolerances"
+        )
+        return UnreachableError(message, pose, positions, (distance_m, angle_rad))
+
+
+def _distinct(positions: FloatArray, valid: Valid | None, count: int) -> FloatArray:
+    """Return the first ``count`` joint positions that are valid and differ from one another."""
+    found: list[FloatArray] = []
+    refused: list[FloatArray] = []
+    for one in positions:
+        if len(found) == count:
+            break
+        if _is_near(one, found, DISTINCT) or _is_near(one, refused, SAME):
+            continue
+        (found if valid is None or valid(one) else refused).append(one)
+    return np.array(found).reshape(-1, positions.shape[1])
+
+
+def _is_near(one: FloatArray, others: Sequence[FloatArray], distance: float) -> bool:
+    return any(float(np.abs(one - other).max()) < distance for other in others)
