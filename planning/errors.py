@@ -1,0 +1,25 @@
+"""Errors of planning, with MoveIt's names for the codes."""
+
+from typing import Literal
+
+Code = Literal[
+    "START_STATE_IN_COLLISION",
+    "START_STATE_INVALID",
+    "GOAL_IN_COLLISION",
+    "GOAL_STATE_INVALID",
+    "INVALID_GOAL_CONSTRAINTS",
+    "INVALID_LINK_NAME",
+    "INVALID_OBJECT_NAME",
+    "INVALID_ROBOT_STATE",
+    "PLANNING_FAILED",
+    "TIMED_OUT",
+]
+
+
+class PlanningError(Exception):
+    """No plan. The message names the joint, link or object, and the remedy."""
+
+    def __init__(self, code: Code, message: str) -> None:
+        super().__init__(message)
+        self.code: Code = code
+        """Name of the error code in moveit_msgs/MoveItErrorCodes."""
