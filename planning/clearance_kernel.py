@@ -1,0 +1,271 @@
+"""Clearances of poses and edges in compiled code.
+
+An edge is checked by conservative advancement. At a pose, the clearance of a pair divided by the largest speed of its
+two units gives the part of the edge that is free, before and after the pose. The next poses are in the middle of the
+remaining parts.
+
+The largest speed of a unit has two terms. The first is the sum, over the joints of its chain, of the joint's speed
+multiplied by the unit's largest distance from the joint's axis in this pose. The second one bounds how these distances
+grow: other joints of the chain move the unit away from the axis.
+"""
+
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+
+from planning.chain_tables import ChainTables
+from planning.compiled import compiled
+from planning.convex_distance import core_distance, in_frame, support
+from planning.pair_tables import PairTables
+from planning.placement import Placement, place
+from planning.shapes import KIND, MARGIN, MATRIX, PLANE, POINT, POSITION, RADIUS, is_exact, point_distance
+
+OPEN: Final = 128
+"""Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""
+SHARE: Final = 1e-3
+"""Share by which a distance may be underestimated in the check of an edge."""
+EXACT: Final = 1e-9
+"""Share by which a distance may be underestimated as a result."""
+
+
+@compiled
+def _from_center(geoms: Any, geom: int, cx: float, cy: float, cz: float) -> float:
+    """Return the distance of a point from a geom, or a lower bound."""
+    x, y, z = cx - geoms[geom, POSITION], cy - geoms[geom, POSITION + 1], cz - geoms[geom, POSITION + 2]
+    if geoms[geom, KIND] != POINT:
+        x, y, z = in_frame(geoms, geom, x, y, z)
+    return float(point_distance(geoms, geom, x, y, z) - geoms[geom, MARGIN])
+
+
+@compiled
+def _from_geom(geoms: Any, geom: int, other: int) -> float:
+    """Return the distance of the center of ``other`` from a geom, or a lower bound."""
+    x, y, z = geoms[other, POSITION], geoms[other, POSITION + 1], geoms[other, POSITION + 2]
+    return _from_center(geoms, geom, x, y, z)
+
+
+@compiled
+def _unit_bound(geoms: Any, centers: Any, radii: Any, first: Any, one: int, other: int) -> float:
+    """Return a lower bound of the distance of two units, from the spheres around them."""
+    ax, ay, az = centers[one, 0], centers[one, 1], centers[one, 2]
+    bx, by, bz = centers[other, 0], centers[other, 1], centers[other, 2]
+    if first[other + 1] - first[other] == 1:
+        bound = _from_center(geoms, first[other], ax, ay, az) - radii[one]
+    else:
+        bound = sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) - radii[one] - radii[other]
+    if first[one + 1] - first[one] == 1:
+        bound = max(bound, _from_center(geoms, first[one], bx, by, bz) - radii[other])
+    return float(bound)
+
+
+@compiled
+def _core_distance(geoms: Any, one: int, other: int, vertices: Any, beyond_m: float, share: float) -> float:
+    margin = geoms[one, MARGIN] + geoms[other, MARGIN]
+    if geoms[other, KIND] == PLANE:
+        nx, ny, nz = geoms[other, MATRIX + 2], geoms[other, MATRIX + 5], geoms[other, MATRIX + 8]
+        x, y, z = support(geoms, one, vertices, -nx, -ny, -nz)
+        x, y, z = x - geoms[other, POSITION], y - geoms[other, POSITION + 1], z - geoms[other, POSITION + 2]
+        return float(nx * x + ny * y + nz * z - margin)
+    return float(core_distance(geoms, one, other, vertices, beyond_m + margin, share) - margin)
+
+
+@compiled
+def _geom_distance(geoms: Any, one: int, other: int, vertices: Any, beyond_m: float, share: float) -> float:
+    """Return the distance of two geoms, or a lower bound that is above ``beyond_m``."""
+    if geoms[one, KIND] == PLANE:
+        one, other = other, one
+    if geoms[one, KIND] == PLANE:
+        return 1e300
+    bound = _from_geom(geoms, other, one) - geoms[one, RADIUS]
+    if geoms[one, KIND] == POINT and is_exact(geoms[other, KIND]):
+        return float(bound)
+    if geoms[other, KIND] != PLANE:
+        back = _from_geom(geoms, one, other) - geoms[other, RADIUS]
+        if geoms[other, KIND] == POINT and is_exact(geoms[one, KIND]):
+            return float(back)
+        bound = max(bound, back)
+    if bound > beyond_m:
+        return float(bound)
+    return _core_distance(geoms, one, other, vertices, beyond_m, share)
+
+
+@compiled
+def clearance(pairs: PairTables, now: Placement, start_m: float, share: float) -> tuple[float, int]:
+    """Return the smallest distance below ``start_m`` and its pair, or ``start_m`` and -1."""
+    best, found = start_m, -1
+    geoms, centers, radii, first_geom = now.geoms, now.unit_pos, pairs.unit_radius, pairs.first_geom
+    for pair in range(len(pairs.one)):
+        one, other = pairs.one[pair], pairs.other[pair]
+        if _unit_bound(geoms, centers, radii, first_geom, one, other) >= best:
+            continue
+        for i in range(first_geom[one], first_geom[one + 1]):
+            for j in range(first_geom[other], first_geom[other + 1]):
+                distance = _geom_distance(geoms, i, j, pairs.vertices, best, share)
+                if distance < best:
+                    best, found = distance, pair
+    return best, found
+
+
+@compiled
+def pose_clearance(
+    chains: ChainTables, pairs: PairTables, now: Placement, positions: Any, start_m: float
+) -> tuple[float, int]:
+    """Return the smallest distance below ``start_m`` at positions (n,) and its pair, or ``start_m`` and -1."""
+    place(chains, pairs, now, positions)
+    return clearance(pairs, now, start_m, EXACT)
+
+
+@compiled
+def _reach(now: Placement, joint: int, x: float, y: float, z: float) -> float:
+    """Return the distance of a point from the axis of a hinge."""
+    anchor, axis = now.anchor, now.axis
+    x, y, z = x - anchor[joint, 0], y - anchor[joint, 1], z - anchor[joint, 2]
+    along = x * axis[joint, 0] + y * axis[joint, 1] + z * axis[joint, 2]
+    return sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+
+
+@compiled
+def _set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
+    """Write the largest speed of each unit caused by the last joints of its chain, from each joint on."""
+    centers, radii, slides = now.unit_pos, pairs.unit_radius, chains.slides
+    for unit in range(len(pairs.frame)):
+        link = pairs.frame[unit]
+        if link < 0:
+            continue
+        total = 0.0
+        now.rate[unit, chains.chain_length[link]] = 0.0
+        for at in range(chains.chain_length[link] - 1, -1, -1):
+            joint = chains.chain[link, at]
+            if speeds[joint] > 0.0:
+                reach = 1.0
+                if not slides[joint]:
+                    reach = _reach(now, joint, centers[unit, 0], centers[unit, 1], centers[unit, 2]) + radii[unit]
+                total += speeds[joint] * reach
+            now.rate[unit, at] = total
+
+
+@compiled
+def _set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, unit: int) -> None:
+    """Write the same for each geom of a unit."""
+    geoms, link, slides, rates = now.geoms, pairs.frame[unit], chains.slides, now.geom_rate
+    now.rated[unit] = True
+    for geom in range(pairs.first_geom[unit], pairs.first_geom[unit + 1]):
+        total = 0.0
+        rates[geom, chains.chain_length[link]] = 0.0
+        x, y, z = geoms[geom, POSITION], geoms[geom, POSITION + 1], geoms[geom, POSITION + 2]
+        for at in range(chains.chain_length[link] - 1, -1, -1):
+            joint = chains.chain[link, at]
+            if speeds[joint] > 0.0:
+                total += speeds[joint] * (1.0 if slides[joint] else _reach(now, joint, x, y, z) + geoms[geom, RADIUS])
+            rates[geom, at] = total
+
+
+@compiled
+def _set_bends(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
+    """Write the largest growth of each unit's speed. It holds in every pose."""
+    for unit in range(len(pairs.frame)):
+        link, total, later = pairs.frame[unit], 0.0, 0.0
+        if link >= 0:
+            for at in range(chains.chain_length[link] - 1, -1, -1):
+                joint = chains.chain[link, at]
+                if not chains.slides[joint]:
+                    total += speeds[joint] * later
+                later += speeds[joint] * pairs.lever[unit, at]
+        now.bend[unit] = total
+
+
+@compiled
+def _free_part(rate: float, bend: float, reserve_m: float) -> float:
+    """Return the part of an edge in which a pair comes nearer by at most ``reserve_m``."""
+    if rate <= 0.0 and bend <= 0.0:
+        return 1e300
+    return float(2.0 * reserve_m / (rate + sqrt(rate * rate + 2.0 * bend * reserve_m)))
+
+
+@compiled
+def _free_pair(
+    pairs: PairTables, now: Placement, pair: int, bend: float, lengths_m: tuple[float, float], part: float
+) -> float:
+    """Return the part of an edge that is free around a pose for one pair, as ``free_around`` does for all pairs."""
+    padding, tolerance = lengths_m
+    one, other, common = pairs.one[pair], pairs.other[pair], pairs.common[pair]
+    geoms, rates, first_geom = now.geoms, now.geom_rate, pairs.first_geom
+    for i in range(first_geom[one], first_geom[one + 1]):
+        for j in range(first_geom[other], first_geom[other + 1]):
+            rate = rates[i, common] + rates[j, common]
+            enough = max(padding, (rate + 0.5 * bend * part) * part + padding - tolerance)
+            distance = _geom_distance(geoms, i, j, pairs.vertices, enough, SHARE)
+            if distance < padding:
+                return -1.0
+            if distance < enough:
+                part = min(part, _free_part(rate, bend, distance - padding + tolerance))
+    return part
+
+
+@compiled
+def free_around(
+    chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any, lengths_m: tuple[float, float], part: float
+) -> tuple[float, int]:
+    """Return the part of an edge that is free before and after a pose, at most ``part``; and the pair that limits it.
+
+    ``lengths_m`` are the padding and the tolerance. The result is -1 if the pose has less clearance than the padding.
+    """
+    padding, tolerance = lengths_m
+    _set_rates(chains, pairs, now, speeds)
+    now.rated[:] = False
+    limiting = -1
+    geoms, centers, radii, first_geom = now.geoms, now.unit_pos, pairs.unit_radius, pairs.first_geom
+    rates, bends, frames = now.rate, now.bend, pairs.frame
+    for pair in range(len(pairs.one)):
+        one, other, common = pairs.one[pair], pairs.other[pair], pairs.common[pair]
+        bend, rate = bends[one] + bends[other], rates[one, common] + rates[other, common]
+        enough = max(padding, (rate + 0.5 * bend * part) * part + padding - tolerance)
+        if _unit_bound(geoms, centers, radii, first_geom, one, other) >= enough:
+            continue
+        if not now.rated[one]:
+            _set_geom_rates(chains, pairs, now, speeds, one)
+        if frames[other] >= 0 and not now.rated[other]:
+            _set_geom_rates(chains, pairs, now, speeds, other)
+        free = _free_pair(pairs, now, pair, bend, lengths_m, part)
+        if free < part:
+            part, limiting = free, pair
+        if free < 0.0:
+            break
+    return part, limiting
+
+
+@compiled
+def edge_contact(
+    chains: ChainTables, pairs: PairTables, now: Placement, ends: Any, padding: float, tolerance: float
+) -> tuple[float, int, int]:
+    """Return the part of an edge at which it comes too near to something, the pair, and the number of poses checked.
+
+    ``ends`` (2, n) are the positions at both ends. The part and the pair are -1 if the edge is free.
+    """
+    speeds = np.zeros(len(chains.slides))
+    for i in range(len(chains.planned)):
+        speeds[chains.planned[i]] = abs(ends[1, i] - ends[0, i])
+    for i in range(len(chains.follower)):
+        speeds[chains.follower[i]] = chains.steepest[i] * speeds[chains.leader[i]]
+    _set_bends(chains, pairs, now, speeds)
+    low, high = np.zeros(OPEN), np.zeros(OPEN)
+    high[0], count, checked = 1.0, 1, 0
+    positions = np.empty(len(chains.planned))
+    while count > 0:
+        count -= 1
+        start, end = low[count], high[count]
+        middle = 0.5 * (start + end)
+        for i in range(len(positions)):
+            positions[i] = ends[0, i] + (ends[1, i] - ends[0, i]) * middle
+        place(chains, pairs, now, positions)
+        checked += 1
+        half = 0.5 * (end - start)
+        free, pair = free_around(chains, pairs, now, speeds, (padding, tolerance), half)
+        if free < 0.0:
+            return middle, pair, checked
+        if free < half:
+            low[count], high[count] = middle + free, end
+            low[count + 1], high[count + 1] = start, middle - free
+            count += 2
+    return -1.0, -1, checked
