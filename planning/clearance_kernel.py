@@ -23,6 +23,8 @@ from planning.shapes import KIND, MARGIN, MATRIX, PLANE, POINT, POSITION, RADIUS
 
 OPEN: Final = 128
 """Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""
+MOST: Final = 5_000
+"""Maximum number of poses for one edge. An edge that slides along something for longer is refused."""
 SHARE: Final = 1e-3
 """Share by which a distance may be underestimated in the check of an edge."""
 EXACT: Final = 1e-9
@@ -262,7 +264,7 @@ def edge_contact(
         checked += 1
         half = 0.5 * (end - start)
         free, pair = free_around(chains, pairs, now, speeds, (padding, tolerance), half)
-        if free < 0.0:
+        if free < 0.0 or checked >= MOST:
             return middle, pair, checked
         if free < half:
             low[count], high[count] = middle + free, end
