@@ -6,6 +6,9 @@ each 0.05 rad, counts the plans that touch something.
 """
 
 import argparse
+import bz2
+import io
+import itertools
 import re
 import tarfile
 import time
@@ -77,14 +80,13 @@ def main() -> None:
     with in_words():
         urdf = _plain((arguments.data / "ur5_spherized.urdf").read_text())
         allowed = srdf_pairs((arguments.data / "ur5.srdf").read_text())
-        problems = list(read_problems(arguments.data / "problems.tar.bz2", allowed))
-    every = max(1, len(problems) // arguments.problems)
+        problems = list(read_problems(arguments.data / "problems.tar.bz2", allowed, arguments.problems))
     results = Results()
     arm = ArmModel.from_string(urdf, dict.fromkeys(JOINTS, LIMIT))
     Collisions(arm, Scene()).edge_contact(np.zeros(6), np.ones(6))  # compiles
-    for problem in problems[::every]:
+    for problem in problems:
         run(problem, arm, urdf, results, (arguments.limit, arguments.searches))
-    show(results, len(problems[::every]))
+    show(results, len(problems))
 
 
 def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: tuple[float, int]) -> None:
@@ -104,12 +106,14 @@ def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: 
     results.times_s.append(time.perf_counter() - begun_s)
     results.valid += 1
     results.lengths_rad.append(path_length(path))
-    if touches(urdf, problem.scene, path):
+    if touches(urdf, problem.scene, arm.adjacent(), path):
         results.touching.append(problem.name)
 
 
 def show(results: Results, tried: int) -> None:
     """Print the figures."""
+    if not results.times_s:
+        raise SystemExit(f"none of the {results.valid} valid problems was solved: {' '.join(results.failed)}")
     times_ms, lengths_rad = np.array(results.times_s) * 1e3, np.array(results.lengths_rad)
     table = Table(title=f"{tried} problems, {results.valid} of them valid")
     rows = {
@@ -128,11 +132,12 @@ def show(results: Results, tried: int) -> None:
     Console().print(table)
 
 
-def read_problems(archive: Path, allowed: frozenset[Pair]) -> Iterator[Problem]:
-    """Yield the problems of an archive in the order of their names."""
-    with tarfile.open(archive) as files:
+def read_problems(archive: Path, allowed: frozenset[Pair], most: int) -> Iterator[Problem]:
+    """Yield about ``most`` problems of an archive, evenly from all sets, in the order of their names."""
+    unpacked = io.BytesIO(bz2.decompress(archive.read_bytes()))  # bz2 cannot seek back without a new start
+    with tarfile.open(fileobj=unpacked) as files:
         names = sorted(name for name in files.getnames() if re.search(r"request\d+\.yaml$", name))
-        for name in names:
+        for name in names[:: max(1, len(names) // most)]:
             request, scene = (_yaml(files, place) for place in (name, name.replace("request", "scene")))
             state = request["start_state"]["joint_state"]
             start = dict(zip(state["name"], state["position"], strict=True))
@@ -148,7 +153,7 @@ def read_problems(archive: Path, allowed: frozenset[Pair]) -> Iterator[Problem]:
 def _yaml(files: tarfile.TarFile, name: str) -> Any:
     file = files.extractfile(name)
     assert file is not None
-    return yaml.safe_load(file)
+    return yaml.load(file, Loader=yaml.CSafeLoader)
 
 
 def _scene(data: Any, allowed: frozenset[Pair]) -> Scene:
@@ -175,24 +180,24 @@ def _plain(urdf: str) -> str:
     return re.sub(r"(<robot\b[^>]*>)", rf"\1{SEEN}", urdf, count=1)
 
 
-def touches(urdf: str, scene: Scene, path: FloatArray) -> bool:
-    """Return whether MuJoCo finds a contact on a path (m, 6)."""
+def touches(urdf: str, scene: Scene, adjacent: frozenset[Pair], path: FloatArray) -> bool:
+    """Return whether MuJoCo finds a contact on a path (m, 6) between links that are not adjacent."""
+    allowed = scene.allowed | adjacent
     spec = mujoco.MjSpec.from_string(urdf)
     for item in scene.objects.values():
         for shape, pose in item.shapes:
             _add(spec, shape, item.pose @ pose)
     model: Any = spec.compile()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
     data: Any = mujoco.MjData(model)
     places = [int(model.joint(name).qposadr[0]) for name in JOINTS]
-    for one, other in zip(path[:-1], path[1:], strict=True):
+    for one, other in itertools.pairwise(path):
         count = int(np.ceil(np.linalg.norm(other - one) / FINE_RAD)) + 1
         for part in np.linspace(0.0, 1.0, count):
             data.qpos[places] = one + (other - one) * part
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_collision(model, data)
-            if any(_counts(model, geoms, scene.allowed) for geoms in data.contact.geom):
+            if any(_counts(model, geoms, allowed) for geoms in data.contact.geom):
                 return True
     return False
 

@@ -4,6 +4,7 @@ The arm is the tree of bodies that contains the planned joints. Every other body
 worldbody, is a world object. A world object is an obstacle in its initial pose, unless the planning scene removes it.
 """
 
+import builtins
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -136,10 +137,19 @@ class ArmModel:
         return objects
 
     def adjacent(self) -> frozenset[Pair]:
-        """Return the pairs of links of which one is the other's parent, each in sorted order."""
-        names = dict(zip(self.bodies, self.links, strict=True))
-        parents = ((names.get(int(self.model.body_parentid[body])), name) for body, name in names.items())
-        return frozenset(pair(one, other) for one, other in parents if one is not None)
+        """Return the pairs of links that a single joint connects, directly or through links welded to them.
+
+        MuJoCo leaves out the same pairs. Such links may touch each other.
+        """
+        model, welds = self.model, self.model.body_weldid
+        groups = dict[int, list[str]]()
+        for body, name in zip(self.bodies, self.links, strict=True):
+            groups.setdefault(int(welds[body]), []).append(name)
+        pairs: builtins.set[Pair] = builtins.set()
+        for weld, children in groups.items():
+            parents = groups.get(int(welds[model.body_parentid[weld]]), []) if weld else []
+            pairs |= {pair(parent, child) for parent in parents for child in children}
+        return frozenset(pairs)
 
     def outside(self, positions: FloatArray) -> str:
         """Describe the first joint whose position is not a number or outside its limits; empty if all are inside."""
