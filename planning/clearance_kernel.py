@@ -5,8 +5,8 @@ two units gives the part of the edge that is free, before and after the pose. Th
 remaining parts.
 
 The largest speed of a unit has two terms. The first is the sum, over the joints of its chain, of the joint's speed
-multiplied by the unit's largest distance from the joint's axis in this pose. The second one bounds how these distances
-grow: other joints of the chain move the unit away from the axis.
+multiplied by the unit's largest distance from the joint's axis in this pose. A sphere counts as its center. The second
+one bounds how these distances grow: other joints of the chain move the unit away from the axis.
 """
 
 from math import sqrt
@@ -19,7 +19,7 @@ from planning.compiled import compiled
 from planning.convex_distance import core_distance, in_frame, support
 from planning.pair_tables import PairTables
 from planning.placement import Placement, place
-from planning.shapes import KIND, MARGIN, MATRIX, PLANE, POINT, POSITION, RADIUS, is_exact, point_distance
+from planning.shapes import KIND, MARGIN, MATRIX, PLANE, POINT, POSITION, RADIUS, SWING, is_exact, point_distance
 
 OPEN: Final = 128
 """Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""
@@ -130,7 +130,7 @@ def _reach(now: Placement, joint: int, x: float, y: float, z: float) -> float:
 @compiled
 def _set_rates(chains: ChainTables, pairs: PairTables, now: Placement, speeds: Any) -> None:
     """Write the largest speed of each unit caused by the last joints of its chain, from each joint on."""
-    centers, radii, slides = now.unit_pos, pairs.unit_radius, chains.slides
+    centers, radii, slides = now.unit_pos, pairs.unit_swing, chains.slides
     for unit in range(len(pairs.frame)):
         link = pairs.frame[unit]
         if link < 0:
@@ -159,7 +159,7 @@ def _set_geom_rates(chains: ChainTables, pairs: PairTables, now: Placement, spee
         for at in range(chains.chain_length[link] - 1, -1, -1):
             joint = chains.chain[link, at]
             if speeds[joint] > 0.0:
-                total += speeds[joint] * (1.0 if slides[joint] else _reach(now, joint, x, y, z) + geoms[geom, RADIUS])
+                total += speeds[joint] * (1.0 if slides[joint] else _reach(now, joint, x, y, z) + geoms[geom, SWING])
             rates[geom, at] = total
 
 

@@ -46,6 +46,11 @@ class Geom(NamedTuple):
             return float(max(x, y, z))
         return self.margin_m + math.hypot(x, z)
 
+    @property
+    def swing_m(self) -> float:
+        """Distance from the origin to the farthest point that a rotation moves, in m: 0 for a sphere."""
+        return 0.0 if self.kind == shapes.POINT else self.radius_m
+
 
 class Unit(NamedTuple):
     """Geoms that move together and are checked together: a link, or one shape of an object."""
@@ -59,6 +64,10 @@ class Unit(NamedTuple):
     def frame(self) -> int:
         """Index of the link with which the unit moves, or ``WORLD``."""
         return self.geoms[0].frame
+
+    def swing_m(self, center: FloatArray) -> float:
+        """Return the distance from a center (3,) to the farthest point that a rotation about it moves, in m."""
+        return max(float(np.linalg.norm(geom.pose.position_m - center)) + geom.swing_m for geom in self.geoms)
 
     def sphere(self) -> tuple[FloatArray, float]:
         """Return the center (3,) in the unit's frame and the radius of a sphere around all geoms, in m."""

@@ -38,8 +38,10 @@ class PairTables(NamedTuple):
     """Center of the sphere around each unit in its frame (u, 3)."""
     unit_radius: FloatArray
     """Radius of the sphere around each unit (u,)."""
+    unit_swing: FloatArray
+    """Distance from that center to the farthest point that a rotation moves (u,)."""
     lever: FloatArray
-    """Largest distance of any point of each unit from the axis of each joint of its chain (u, c); 1 for a slide."""
+    """Largest distance of each unit from the axis of each joint of its chain (u, c); 1 for a slide."""
     one: Any
     """First unit of each pair (p,). It is never in the world."""
     other: Any
@@ -67,6 +69,9 @@ def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairT
         first_geom=_starts([len(unit.geoms) for unit in units]),
         unit_pos=np.array([center for center, _ in spheres]).reshape(-1, 3),
         unit_radius=np.array([min(radius, LONGEST_M) for _, radius in spheres], dtype=float),
+        unit_swing=np.array(
+            [min(unit.swing_m(center), LONGEST_M) for unit, (center, _) in zip(units, spheres, strict=True)]
+        ),
         lever=np.array([_levers(unit, chains, travels(arm, chains)) for unit in units]),
         one=one,
         other=other,
@@ -85,6 +90,7 @@ def _rows(geoms: Sequence[Geom]) -> FloatArray:
         row[shapes.RADIUS] = min(geom.radius_m, LONGEST_M)
         row[shapes.POSITION : shapes.POSITION + 3] = geom.pose.position_m
         row[shapes.MATRIX : shapes.MATRIX + 9] = geom.pose.matrix.ravel()
+        row[shapes.SWING] = min(geom.swing_m, LONGEST_M)
         row[shapes.FIRST_VERTEX], row[shapes.END_VERTEX] = first, end
     return rows
 
@@ -116,7 +122,9 @@ def _pairs(arm: ArmModel, scene: Scene, units: Sequence[Unit], chains: ChainTabl
 
 
 def _levers(unit: Unit, chains: ChainTables, travel: FloatArray) -> FloatArray:
-    """Return how far any point of a unit can be from the axis of each joint of its chain (c,), in m.
+    """Return how far a unit can be from the axis of each joint of its chain (c,), in m.
+
+    A sphere counts as its center, because a rotation about the center does not move the sphere.
 
     The bound holds in every pose: it adds up the distances between the joints.
     """
@@ -142,7 +150,7 @@ def _levers(unit: Unit, chains: ChainTables, travel: FloatArray) -> FloatArray:
 
 
 def _farthest(geoms: Sequence[Geom], anchor: FloatArray) -> float:
-    return float(max(np.linalg.norm(geom.pose.position_m - anchor) + geom.radius_m for geom in geoms))
+    return float(max(np.linalg.norm(geom.pose.position_m - anchor) + geom.swing_m for geom in geoms))
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:

@@ -44,7 +44,9 @@ FIRST_VERTEX: Final = 18
 """Column of the index of a hull's first vertex."""
 END_VERTEX: Final = 19
 """Column of the index after a hull's last vertex."""
-COLUMNS: Final = 20
+SWING: Final = 20
+"""Column of the distance from the center to the farthest point that a rotation moves: 0 for a sphere."""
+COLUMNS: Final = 21
 """Number of columns."""
 
 
