@@ -27,16 +27,23 @@ def in_frame(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float
 
 
 @compiled
+def in_world(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return a vector of the frame of a geom in the world."""
+    m = MATRIX
+    return (
+        geoms[geom, m] * x + geoms[geom, m + 1] * y + geoms[geom, m + 2] * z,
+        geoms[geom, m + 3] * x + geoms[geom, m + 4] * y + geoms[geom, m + 5] * z,
+        geoms[geom, m + 6] * x + geoms[geom, m + 7] * y + geoms[geom, m + 8] * z,
+    )
+
+
+@compiled
 def support(geoms: Any, geom: int, vertices: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Return the point of a geom's core that is farthest in a direction, in the world frame."""
-    m, p = MATRIX, POSITION
-    dx, dy, dz = in_frame(geoms, geom, x, y, z)
-    a, b, c = farthest(geoms, geom, vertices, dx, dy, dz)
-    return (
-        geoms[geom, m] * a + geoms[geom, m + 1] * b + geoms[geom, m + 2] * c + geoms[geom, p],
-        geoms[geom, m + 3] * a + geoms[geom, m + 4] * b + geoms[geom, m + 5] * c + geoms[geom, p + 1],
-        geoms[geom, m + 6] * a + geoms[geom, m + 7] * b + geoms[geom, m + 8] * c + geoms[geom, p + 2],
-    )
+    a, b, c = in_frame(geoms, geom, x, y, z)
+    a, b, c = farthest(geoms, geom, vertices, a, b, c)
+    a, b, c = in_world(geoms, geom, a, b, c)
+    return a + geoms[geom, POSITION], b + geoms[geom, POSITION + 1], c + geoms[geom, POSITION + 2]
 
 
 @compiled
@@ -67,14 +74,15 @@ def _without_idle(corners: Any, count: int, weights: Any) -> int:
 
 
 @compiled
-def core_distance(geoms: Any, one: int, other: int, vertices: Any, beyond_m: float, share: float) -> float:
+def core_distance(geoms: Any, one: int, other: int, vertices: Any, goal: tuple[float, float], normal: Any) -> float:
     """Return a lower bound of the distance between two cores, in m; 0 if they overlap.
 
-    The bound is below the distance by at most the share ``share``. The search ends early with a bound above
-    ``beyond_m``.
+    ``goal`` is (beyond, share): the bound is below the distance by at most the share, and the search ends early with a
+    bound above ``beyond``, in m. ``normal`` (3,) is the direction along which the bound separates the cores.
     """
     corners = np.empty((4, 3))
     weights = np.empty(4)
+    beyond_m, share = goal
     p = POSITION
     x, y = geoms[one, p] - geoms[other, p], geoms[one, p + 1] - geoms[other, p + 1]
     z = geoms[one, p + 2] - geoms[other, p + 2]
@@ -90,7 +98,9 @@ def core_distance(geoms: Any, one: int, other: int, vertices: Any, beyond_m: flo
         wx, wy, wz = ax - bx, ay - by, az - bz
         along = x * wx + y * wy + z * wz
         norm = sqrt(square)
-        bound = max(bound, along / norm)
+        if along / norm > bound:
+            bound = along / norm
+            normal[0], normal[1], normal[2] = x / norm, y / norm, z / norm
         if bound > beyond_m or (count > 0 and (square - along <= share * square or square >= last)):
             break
         last = square if count > 0 else last

@@ -37,6 +37,12 @@ class Placement(NamedTuple):
     """Work space: whether ``geom_rate`` is up to date for each unit (u,)."""
     bend: FloatArray
     """Work space: growth of the speed of each unit (u,)."""
+    curve: FloatArray
+    """Work space: largest acceleration of each unit (u,)."""
+    signed: FloatArray
+    """Work space: speed of each joint with its sign (j,)."""
+    normal: FloatArray
+    """Work space: direction of the last distance, of length 1 (3,)."""
 
 
 def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Placement:
@@ -54,6 +60,9 @@ def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Plac
         geom_rate=np.zeros((len(pairs.geoms), chains.chain.shape[1] + 1)),
         rated=np.zeros(units, dtype=np.bool_),
         bend=np.zeros(units),
+        curve=np.zeros(units),
+        signed=np.zeros(joints),
+        normal=np.zeros(3),
     )
 
 

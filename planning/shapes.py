@@ -106,6 +106,25 @@ def point_distance(geoms: Any, geom: int, x: float, y: float, z: float) -> float
 
 
 @compiled
+def point_direction(geoms: Any, geom: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return the vector from the nearest point of a core to a point outside it, if ``point_distance`` is exact."""
+    kind, top = geoms[geom, KIND], geoms[geom, SIZE + 2]
+    if kind == PLANE:
+        return 0.0, 0.0, 1.0
+    if kind == POINT:
+        return x, y, z
+    above = z - min(max(z, -top), top)
+    if kind == SEGMENT:
+        return x, y, above
+    if kind == CYLINDER:
+        across = sqrt(x * x + y * y)
+        share = max(1.0 - geoms[geom, SIZE] / max(across, 1e-300), 0.0)
+        return x * share, y * share, above
+    a, b = geoms[geom, SIZE], geoms[geom, SIZE + 1]
+    return x - min(max(x, -a), a), y - min(max(y, -b), b), above
+
+
+@compiled
 def is_exact(kind: float) -> bool:
     """Return whether ``point_distance`` is exact for a kind."""
     return kind <= CYLINDER or kind == PLANE
