@@ -58,7 +58,7 @@ def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairT
     units = [*arm_units(arm), *attached_units(arm, scene), *world_units(arm, scene)]
     geoms = [geom for unit in units for geom in unit.geoms]
     spheres = [unit.sphere() for unit in units]
-    vertices = [geom.vertices_m for geom in geoms]
+    vertices, travel = [geom.vertices_m for geom in geoms], travels(arm, chains)
     one, other, common = _pairs(arm, scene, units, chains)
     tables = PairTables(
         geoms=_rows(geoms),
@@ -72,7 +72,7 @@ def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairT
         unit_swing=np.array(
             [min(unit.swing_m(center), LONGEST_M) for unit, (center, _) in zip(units, spheres, strict=True)]
         ),
-        lever=np.array([_levers(unit, chains, travels(arm, chains)) for unit in units]),
+        lever=np.array([_levers(unit, chains, travel) for unit in units]),
         one=one,
         other=other,
         common=common,
@@ -107,15 +107,18 @@ def _pairs(arm: ArmModel, scene: Scene, units: Sequence[Unit], chains: ChainTabl
     moving = {int(joint) for joint in chains.planned}
     moving |= {int(joint) for joint, at in zip(chains.follower, chains.leader, strict=True) if int(at) in moving}
     allowed = scene.allowed | arm.adjacent()
+    paths = [_chain(chains, unit.frame) for unit in units]
     found: list[tuple[int, int, int]] = []
     for i, one in enumerate(units):
+        if one.frame == WORLD:
+            break  # the units of the world are last
         for j in range(i + 1, len(units)):
-            other = units[j]
-            first, second = _chain(chains, one.frame), _chain(chains, other.frame)
+            other, first, second = units[j], paths[i], paths[j]
             common = sum(1 for a, b in zip(first, second, strict=False) if a == b)
+            if moving.isdisjoint(first[common:]) and moving.isdisjoint(second[common:]):
+                continue
             touches = other.name in one.touch_links or one.name in other.touch_links or one.name == other.name
-            moves = moving & {*first[common:], *second[common:]}
-            if one.frame != WORLD and moves and not touches and pair(one.name, other.name) not in allowed:
+            if not touches and pair(one.name, other.name) not in allowed:
                 found.append((i, j, common))
     one_table, other_table, common_table = np.array(found, dtype=np.int64).reshape(-1, 3).T.copy()
     return one_table, other_table, common_table

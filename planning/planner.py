@@ -1,4 +1,4 @@
-"""Plan a short path: several searches, each followed by shortcuts. The shortest result wins."""
+"""Plan a short path: one or two searches, each followed by shortcuts. The shorter result wins."""
 
 from typing import Final
 
@@ -10,8 +10,10 @@ from planning.request import PathRequest, checked
 from planning.search import Remaining, path_of_checked
 from planning.smoothing import path_length, shortened
 
-SEARCHES: Final = 4
-"""Number of searches. One search may pass an obstacle on its long side."""
+SEARCHES: Final = 2
+"""Maximum number of searches. A single search may pass an obstacle on its long side."""
+POSES: Final = 500
+"""Number of checked poses after which no further search begins. A hard problem has a single search."""
 
 
 def plan_path(
@@ -32,7 +34,7 @@ def plan_path(
     Raises:
         PlanningError: The start or the goals are not possible, or no path was found in time.
     """
-    request = checked(arm, collisions, request)
+    request, begun = checked(arm, collisions, request), collisions.poses_checked
     best: FloatArray | None = None
     for number in range(searches):
         again = PathRequest(
@@ -47,7 +49,7 @@ def plan_path(
         path = shortened(path, collisions, request.margins, again.seed, remaining_s)
         if best is None or path_length(path) < path_length(best):
             best = path
-        if len(path) == 2 or remaining_s() <= 0.0:
+        if len(path) == 2 or remaining_s() <= 0.0 or collisions.poses_checked - begun >= POSES:
             break
     assert best is not None
     return best

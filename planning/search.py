@@ -33,7 +33,7 @@ PLANNERS: Final = {
 DEFAULT: Final = "rrtconnect"
 RANGES_RAD: Final = (1.0, 0.5, 2.0)
 """Longest edges that a search adds, one for each attempt in turn, in rad (m for a slide)."""
-EDGES: Final = 4_000
+EDGES: Final = 1_000
 """Maximum number of edges that the first attempt checks. Later attempts check more."""
 GROWTH: Final = 1.5
 """Factor by which the number of edges grows with each attempt."""
