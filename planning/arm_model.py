@@ -1,0 +1,214 @@
+"""The arm of a MuJoCo scene, for planning: its links, planned joints and geometry.
+
+The arm is the tree of bodies that contains the planned joints. Every other body of the scene, and every geom of the
+worldbody, is a world object. A world object is an obstacle in its initial pose, unless the planning scene removes it.
+"""
+
+import builtins
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.polynomial import polynomial
+
+from hal.types import FloatArray, JointLimits
+from planning.errors import PlanningError
+
+SLIDE: Final = int(mujoco.mjtJoint.mjJNT_SLIDE)
+HINGE: Final = int(mujoco.mjtJoint.mjJNT_HINGE)
+Pair = tuple[str, str]
+"""Names of two links or objects, in sorted order."""
+
+
+def pair(one: str, other: str) -> Pair:
+    """Return two names in sorted order."""
+    return (one, other) if one < other else (other, one)
+
+
+class Follower(NamedTuple):
+    """Coupling of a mimic joint, from a joint equality of the scene."""
+
+    joint: int
+    """Number of the mimic joint in the model."""
+    leader: int
+    """Number of the joint that it follows."""
+    coefficients: FloatArray
+    """Polynomial (5,), lowest power first: distance from the initial position as a function of the leader's."""
+
+
+class ArmModel:
+    """The arm of a compiled scene, with its own MuJoCo model and data.
+
+    Args:
+        model: Compiled scene (mujoco.MjModel), which this object keeps.
+        limits: Limits of the planned joints by name. Their order is the order of all joint vectors (n,).
+            A continuous joint has infinite position limits.
+
+    Raises:
+        PlanningError: A planned joint is missing, follows another joint, or is neither a hinge nor a slide.
+    """
+
+    def __init__(self, model: Any, limits: Mapping[str, JointLimits]) -> None:
+        self.model: Any = model
+        self.data: Any = mujoco.MjData(model)
+        self.joints = tuple(limits)
+        """Names of the planned joints (n)."""
+        self.limits = tuple(limits.values())
+        """Limits of the planned joints (n)."""
+        self.followers = _followers(model)
+        """Mimic joints. A leader comes before its followers."""
+        self.joint_ids = tuple(self._planned(name) for name in self.joints)
+        """Numbers of the planned joints in the model (n)."""
+        roots = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in self.joint_ids}
+        self.bodies = tuple(body for body in range(1, model.nbody) if int(model.body_rootid[body]) in roots)
+        """Numbers of the arm's bodies. A parent comes before its children."""
+        self.links = tuple(str(model.body(body).name) for body in self.bodies)
+        """Names of the arm's bodies."""
+        self._check_joints()
+        self._addresses = [int(model.jnt_qposadr[joint]) for joint in self.joint_ids]
+        self.lower = np.array([limit.lower for limit in self.limits])
+        """Lowest positions (n,), in rad or m."""
+        self.upper = np.array([limit.upper for limit in self.limits])
+        """Highest positions (n,), in rad or m."""
+        self._follow()
+        mujoco.mj_kinematics(self.model, self.data)
+
+    @classmethod
+    def from_file(cls, scene: Path, limits: Mapping[str, JointLimits]) -> "ArmModel":
+        """Read a scene file (MJCF)."""
+        return cls(mujoco.MjModel.from_xml_path(str(scene)), limits)
+
+    @classmethod
+    def from_string(cls, scene: str, limits: Mapping[str, JointLimits]) -> "ArmModel":
+        """Read a scene (MJCF or URDF) from a string."""
+        return cls(mujoco.MjModel.from_xml_string(scene), limits)
+
+    @property
+    def positions(self) -> FloatArray:
+        """Current positions of the planned joints (n,), in rad or m."""
+        return np.array(self.data.qpos[self._addresses])
+
+    def set(self, positions: FloatArray) -> None:
+        """Move the planned joints to positions (n,), in rad or m. Mimic joints follow."""
+        self.data.qpos[self._addresses] = positions
+        self._follow()
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def set_others(self, positions: Mapping[str, float]) -> None:
+        """Move joints by name, such as the hand's, which no plan moves. Raises PlanningError for an unknown name."""
+        for name, position in positions.items():
+            self.data.qpos[self.model.jnt_qposadr[self._joint(name)]] = position
+        self._follow()
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def link_pose(self, link: str) -> tuple[FloatArray, FloatArray]:
+        """Return the position (3,) in m and the rotation matrix (3, 3) of a link in the world frame."""
+        body = self.body(link)
+        return np.array(self.data.xpos[body]), np.array(self.data.xmat[body]).reshape(3, 3)
+
+    def body(self, link: str) -> int:
+        """Return the number of a link's body. Raises PlanningError for an unknown link."""
+        if link not in self.links:
+            raise PlanningError(
+                "INVALID_LINK_NAME", f'the arm has no link "{link}"; its links: {", ".join(self.links)}'
+            )
+        return self.bodies[self.links.index(link)]
+
+    def colliding_geoms(self, bodies: Iterable[int]) -> list[int]:
+        """Return the geoms of bodies that collide with anything (contype or conaffinity)."""
+        wanted, model = set(bodies), self.model
+        collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        return [geom for geom in range(model.ngeom) if collides[geom] and int(model.geom_bodyid[geom]) in wanted]
+
+    def link_geoms(self) -> dict[str, list[int]]:
+        """Return the colliding geoms of each link."""
+        return {link: self.colliding_geoms([body]) for link, body in zip(self.links, self.bodies, strict=True)}
+
+    def world_geoms(self) -> dict[str, list[int]]:
+        """Return the colliding geoms of each world object: a body with its children, or one geom of the worldbody."""
+        model, objects = self.model, dict[str, list[int]]()
+        for geom in self.colliding_geoms(set(range(model.nbody)) - set(self.bodies)):
+            root = int(model.body_rootid[model.geom_bodyid[geom]])
+            name = str(model.body(root).name if root else model.geom(geom).name)
+            objects.setdefault(name or (f"body {root}" if root else f"geom {geom}"), []).append(geom)
+        return objects
+
+    def adjacent(self) -> frozenset[Pair]:
+        """Return the pairs of links that a single joint connects, directly or through links welded to them.
+
+        MuJoCo leaves out the same pairs. Such links may touch each other.
+        """
+        model, welds = self.model, self.model.body_weldid
+        groups = dict[int, list[str]]()
+        for body, name in zip(self.bodies, self.links, strict=True):
+            groups.setdefault(int(welds[body]), []).append(name)
+        pairs: builtins.set[Pair] = builtins.set()
+        for weld, children in groups.items():
+            parents = groups.get(int(welds[model.body_parentid[weld]]), []) if weld else []
+            pairs |= {pair(parent, child) for parent in parents for child in children}
+        return frozenset(pairs)
+
+    def outside(self, positions: FloatArray) -> str:
+        """Describe the first joint whose position is not a number or outside its limits; empty if all are inside."""
+        for name, position, limit in zip(self.joints, positions, self.limits, strict=True):
+            if not math.isfinite(position):
+                return f"{name} is at {position}: give a finite position"
+            if not limit.lower <= position <= limit.upper:
+                return f"{name} is at {position:.4f}, outside its limits {limit.lower:.4f} to {limit.upper:.4f}"
+        return ""
+
+    def _follow(self) -> None:
+        qpos, start, addresses = self.data.qpos, self.model.qpos0, self.model.jnt_qposadr
+        for joint, leader, coefficients in self.followers:
+            here, there = addresses[joint], addresses[leader]
+            qpos[here] = start[here] + polynomial.polyval(qpos[there] - start[there], coefficients)
+
+    def _joint(self, name: str) -> int:
+        joint = int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name))
+        if joint < 0:
+            known = ", ".join(str(self.model.joint(i).name) for i in range(self.model.njnt))
+            raise PlanningError("INVALID_ROBOT_STATE", f'the scene has no joint "{name}"; its joints: {known}')
+        return joint
+
+    def _planned(self, name: str) -> int:
+        joint = self._joint(name)
+        for follower in self.followers:
+            if follower.joint == joint:
+                leader = self.model.joint(follower.leader).name
+                raise PlanningError("INVALID_ROBOT_STATE", f"{name} follows {leader}: plan for {leader} instead")
+        return joint
+
+    def _check_joints(self) -> None:
+        owned = set(self.bodies)
+        for joint in range(self.model.njnt):
+            if int(self.model.jnt_bodyid[joint]) in owned and int(self.model.jnt_type[joint]) not in (SLIDE, HINGE):
+                name = self.model.joint(joint).name
+                raise PlanningError(
+                    "INVALID_ROBOT_STATE", f"joint {name} of the arm is neither a hinge nor a slide: fix its body"
+                )
+
+
+def _followers(model: Any) -> tuple[Follower, ...]:
+    found = []
+    for row in range(model.neq):
+        is_joint = int(model.eq_type[row]) == int(mujoco.mjtEq.mjEQ_JOINT)
+        if is_joint and model.eq_active0[row] and int(model.eq_obj2id[row]) >= 0:
+            coefficients = np.array(model.eq_data[row, :5])
+            found.append(Follower(int(model.eq_obj1id[row]), int(model.eq_obj2id[row]), coefficients))
+    return _leaders_first(found)
+
+
+def _leaders_first(followers: Sequence[Follower]) -> tuple[Follower, ...]:
+    ordered: list[Follower] = []
+    waiting = list(followers)
+    while waiting:
+        open_joints = {follower.joint for follower in waiting}
+        ready = [follower for follower in waiting if follower.leader not in open_joints]
+        if not ready:
+            raise PlanningError("INVALID_ROBOT_STATE", "mimic joints of the scene follow each other in a circle")
+        ordered += ready
+        waiting = [follower for follower in waiting if follower not in ready]
+    return tuple(ordered)

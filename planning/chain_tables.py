@@ -1,0 +1,140 @@
+"""Convert the joints of an arm into arrays for compiled code.
+
+Indices: f for a link, j for a joint of the arm, n for a planned joint. A chain is the list of joints between the world
+and a link, starting at the world.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from hal.types import FloatArray
+from planning.arm_model import SLIDE, ArmModel
+from planning.errors import PlanningError
+
+
+class ChainTables(NamedTuple):
+    """Links and joints of an arm. Lengths in m, angles in rad."""
+
+    parent: Any
+    """Index of the parent link (f,); -1 for the world."""
+    link_pos: FloatArray
+    """Position of each link in its parent (f, 3)."""
+    link_mat: FloatArray
+    """Rotation matrix of each link in its parent (f, 3, 3)."""
+    first_joint: Any
+    """Index of the first joint of each link (f + 1,)."""
+    slides: Any
+    """Whether each joint is a slide (j,)."""
+    axis: FloatArray
+    """Axis of each joint in its link (j, 3)."""
+    anchor: FloatArray
+    """Point on the axis of each joint in its link (j, 3)."""
+    initial: FloatArray
+    """Position of each joint in the scene's initial pose (j,)."""
+    planned: Any
+    """Index of the joint of each planned joint (n,)."""
+    follower: Any
+    """Index of each mimic joint (m,), leaders first."""
+    leader: Any
+    """Index of the joint that each mimic joint follows (m,)."""
+    coefficients: FloatArray
+    """Polynomial of each mimic joint (m, 5)."""
+    steepest: FloatArray
+    """Largest speed of each mimic joint per speed of its leader (m,)."""
+    chain: Any
+    """Joints of each link's chain (f, c)."""
+    chain_length: Any
+    """Number of joints of each link's chain (f,)."""
+
+
+def chain_tables(arm: ArmModel) -> ChainTables:
+    """Return the tables of an arm. Raises PlanningError if a mimic joint has no bounded speed."""
+    model, bodies = arm.model, arm.bodies
+    frame = {body: index for index, body in enumerate(bodies)}
+    joints = [joint for body in bodies for joint in _joints(model, body)]
+    index = {joint: i for i, joint in enumerate(joints)}
+    followers = [follower for follower in arm.followers if follower.joint in index and follower.leader in index]
+    counts = [len(_joints(model, body)) for body in bodies]
+    chain, length = _chains(arm, frame, index)
+    return ChainTables(
+        parent=np.array([frame.get(int(model.body_parentid[body]), -1) for body in bodies]),
+        link_pos=np.array([model.body_pos[body] for body in bodies]),
+        link_mat=np.array([_matrix(model.body_quat[body]) for body in bodies]),
+        first_joint=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
+        slides=np.array([int(model.jnt_type[joint]) == SLIDE for joint in joints], dtype=np.bool_),
+        axis=np.array([model.jnt_axis[joint] for joint in joints]),
+        anchor=np.array([model.jnt_pos[joint] for joint in joints]),
+        initial=np.array([model.qpos0[model.jnt_qposadr[joint]] for joint in joints]),
+        planned=np.array([index[joint] for joint in arm.joint_ids]),
+        follower=np.array([index[follower.joint] for follower in followers], dtype=np.int64),
+        leader=np.array([index[follower.leader] for follower in followers], dtype=np.int64),
+        coefficients=np.array([follower.coefficients for follower in followers]).reshape(-1, 5),
+        steepest=np.array([_steepest(arm, follower.leader, follower.coefficients) for follower in followers]),
+        chain=chain,
+        chain_length=length,
+    )
+
+
+def joint_positions(arm: ArmModel) -> FloatArray:
+    """Return the current positions of all joints of the arm (j,), in the order of the tables."""
+    joints = [joint for body in arm.bodies for joint in _joints(arm.model, body)]
+    return np.array([arm.data.qpos[arm.model.jnt_qposadr[joint]] for joint in joints], dtype=float)
+
+
+def travels(arm: ArmModel, tables: ChainTables) -> FloatArray:
+    """Return how far each slide can be from its initial position (j,), in m; 0 for hinges."""
+    farthest = np.abs(joint_positions(arm) - tables.initial)
+    for joint, limit in zip(tables.planned, arm.limits, strict=True):
+        ends = np.array([limit.lower, limit.upper]) - tables.initial[joint]
+        farthest[joint] = max(farthest[joint], float(np.abs(ends).max()))
+    for follower, leader, terms in zip(tables.follower, tables.leader, tables.coefficients, strict=True):
+        powers = farthest[leader] ** np.arange(5) if terms[1:].any() else np.array([1.0, 0, 0, 0, 0])
+        farthest[follower] = float(np.abs(terms) @ powers)
+    return np.where(tables.slides, farthest, 0.0)
+
+
+def _joints(model: Any, body: int) -> list[int]:
+    first = int(model.body_jntadr[body])
+    return list(range(first, first + int(model.body_jntnum[body]))) if first >= 0 else []
+
+
+def _matrix(quaternion: FloatArray) -> FloatArray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def _chains(arm: ArmModel, frame: dict[int, int], index: dict[int, int]) -> tuple[Any, Any]:
+    chains: list[list[int]] = []
+    for body in arm.bodies:
+        parent = frame.get(int(arm.model.body_parentid[body]))
+        before = chains[parent] if parent is not None else []
+        chains.append(before + [index[joint] for joint in _joints(arm.model, body)])
+    table = np.zeros((len(chains), max(1, *(len(chain) for chain in chains))), dtype=np.int64)
+    for row, chain in enumerate(chains):
+        table[row, : len(chain)] = chain
+    return table, np.array([len(chain) for chain in chains])
+
+
+def _steepest(arm: ArmModel, leader: int, terms: FloatArray) -> float:
+    """Return the largest slope of a polynomial within the limits of the leader."""
+    if not terms[2:].any():
+        return abs(float(terms[1]))
+    if leader not in {*arm.joint_ids, *(follower.joint for follower in arm.followers)}:
+        return 0.0  # no plan moves the leader
+    farthest = math.inf
+    start = arm.model.qpos0[arm.model.jnt_qposadr[leader]]
+    if leader in arm.joint_ids:
+        limit = arm.limits[arm.joint_ids.index(leader)]
+        farthest = max(abs(limit.lower - start), abs(limit.upper - start))
+    elif arm.model.jnt_limited[leader]:
+        farthest = float(np.abs(arm.model.jnt_range[leader] - start).max())
+    if not math.isfinite(farthest):
+        name = arm.model.joint(leader).name
+        raise PlanningError(
+            "INVALID_ROBOT_STATE", f"{name} has no limits, and a joint follows it along a curve: give {name} limits"
+        )
+    return float(np.abs(terms[1:] * np.arange(1, 5)) @ farthest ** np.arange(4))

@@ -1,0 +1,122 @@
+"""Clearances of an arm in a scene, for poses and for edges (straight lines between two poses of the joints)."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.arm_model import ArmModel
+from planning.chain_tables import chain_tables, joint_positions
+from planning.clearance_kernel import edge_contact, pose_clearance
+from planning.pair_tables import pair_tables
+from planning.placement import placement
+from planning.scene import Scene
+
+PADDING_M: Final = 2e-3
+"""Smallest clearance of a pose by default, in m."""
+TOLERANCE_M: Final = 1e-3
+"""Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
+INFINITE_M: Final = 1e9
+
+
+class Clearance(NamedTuple):
+    """Smallest distance of a pose."""
+
+    distance_m: float
+    """Distance in m; infinite if nothing can touch. It is not positive in contact, and then not a depth."""
+    pair: tuple[str, str]
+    """Names of the two links or objects, the link first."""
+
+
+class Contact(NamedTuple):
+    """Place at which an edge comes too near to something."""
+
+    part: float
+    """Part of the edge, from 0 to 1."""
+    pair: tuple[str, str]
+    """Names of the two links or objects, the link first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Distances of the checks.
+
+    An accepted edge has, at every one of its points, a clearance of at least ``padding_m - tolerance_m``. The check of
+    an edge never advances by less than the part in which links move by ``tolerance_m``.
+    """
+
+    padding_m: float = PADDING_M
+    tolerance_m: float = TOLERANCE_M
+
+    def __post_init__(self) -> None:
+        if not (self.padding_m >= 0.0 and self.tolerance_m > 0.0 and math.isfinite(self.padding_m)):
+            raise ValueError(f"padding {self.padding_m} m must be at least 0, tolerance {self.tolerance_m} m above 0")
+
+    def within(self, clearance_m: float) -> "Margins":
+        """Return margins that a pose with a clearance has; its edges keep at least half of it."""
+        padding_m = min(self.padding_m, clearance_m)
+        return Margins(padding_m, min(self.tolerance_m, padding_m / 2.0) or self.tolerance_m)
+
+
+class Collisions:
+    """Collision checks of an arm in a scene.
+
+    The object keeps the positions that joints other than the planned ones have now. One thread may use it at a time.
+
+    Args:
+        arm: The arm.
+        scene: Objects and pairs that may touch.
+
+    Raises:
+        PlanningError: An object is attached to an unknown link, or a geom of the arm has an unsupported shape.
+    """
+
+    def __init__(self, arm: ArmModel, scene: Scene) -> None:
+        self._chains = chain_tables(arm)
+        self._pairs, self._names = pair_tables(arm, scene, self._chains)
+        self._now = placement(self._chains, self._pairs, joint_positions(arm))
+        self.poses_checked = 0
+        """Number of poses checked so far."""
+
+    def clearance(self, positions: FloatArray) -> Clearance:
+        """Return the smallest distance at positions (n,), in rad or m."""
+        self.poses_checked += 1
+        distance_m, pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), INFINITE_M)
+        return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
+
+    def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
+        """Return whether everything is at least ``padding_m`` apart at positions (n,)."""
+        self.poses_checked += 1
+        return pose_clearance(self._chains, self._pairs, self._now, _vector(positions), padding_m)[1] < 0
+
+    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = Margins()) -> Contact | None:
+        """Return where an edge comes nearer to something than the padding, or None if it is free.
+
+        Args:
+            start: Positions at the start (n,), in rad or m.
+            end: Positions at the end (n,).
+            margins: Padding and tolerance.
+        """
+        ends = np.array([start, end], dtype=float)
+        padding_m, tolerance_m = margins.padding_m, margins.tolerance_m
+        part, pair, checked = edge_contact(self._chains, self._pairs, self._now, ends, padding_m, tolerance_m)
+        self.poses_checked += checked
+        return Contact(part, self._named(pair)) if pair >= 0 else None
+
+    def path_contact(self, points: Sequence[FloatArray], margins: Margins = Margins()) -> Contact | None:
+        """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too."""
+        for index, (start, end) in enumerate(itertools.pairwise(points)):
+            if contact := self.edge_contact(start, end, margins):
+                return Contact(index + contact.part, contact.pair)
+        return None
+
+    def _named(self, pair: int) -> tuple[str, str]:
+        return self._names[self._pairs.one[pair]], self._names[self._pairs.other[pair]]
+
+
+def _vector(positions: FloatArray) -> FloatArray:
+    return np.ascontiguousarray(positions, dtype=float)

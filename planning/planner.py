@@ -1,0 +1,55 @@
+"""Plan a short path: one or two searches, each followed by shortcuts. The shorter result wins."""
+
+from typing import Final
+
+from hal.types import FloatArray
+from planning.arm_model import ArmModel
+from planning.collision import Collisions
+from planning.errors import PlanningError
+from planning.request import PathRequest, checked
+from planning.search import Remaining, path_of_checked
+from planning.smoothing import path_length, shortened
+
+SEARCHES: Final = 2
+"""Maximum number of searches. A single search may pass an obstacle on its long side."""
+POSES: Final = 500
+"""Number of checked poses after which no further search begins. A hard problem has a single search."""
+
+
+def plan_path(
+    arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining, searches: int = SEARCHES
+) -> FloatArray:
+    """Plan a short path from the start to one of the goals.
+
+    Args:
+        arm: The arm.
+        collisions: Checks of the arm in the scene.
+        request: Start, goals, margins, planner and seed.
+        remaining_s: Returns the time that is left, in seconds.
+        searches: Number of searches from which the shortest path is taken. A path without corners ends the searches.
+
+    Returns:
+        Points of the path (m, n), in rad or m. Every edge between them is free.
+
+    Raises:
+        PlanningError: The start or the goals are not possible, or no path was found in time.
+    """
+    request, begun = checked(arm, collisions, request), collisions.poses_checked
+    best: FloatArray | None = None
+    for number in range(searches):
+        again = PathRequest(
+            request.start, request.goals, request.planner_id, request.margins, request.seed + 7919 * number
+        )
+        try:
+            path = path_of_checked(arm, collisions, again, remaining_s)
+        except PlanningError:
+            if best is None:
+                raise
+            break
+        path = shortened(path, collisions, request.margins, again.seed, remaining_s)
+        if best is None or path_length(path) < path_length(best):
+            best = path
+        if len(path) == 2 or remaining_s() <= 0.0 or collisions.poses_checked - begun >= POSES:
+            break
+    assert best is not None
+    return best

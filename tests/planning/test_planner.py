@@ -1,0 +1,47 @@
+"""Plans of the planar arm and of the project's arms: short, free and repeatable."""
+
+import numpy as np
+import pytest
+
+from planning.collision import Collisions
+from planning.errors import PlanningError
+from planning.planner import plan_path
+from planning.request import PathRequest
+from planning.scene import Scene
+from planning.smoothing import path_length
+from tests.planning.arms import planar, robot_arm, so101
+
+
+def test_more_searches_never_give_a_longer_path_and_the_same_seed_gives_the_same_path():
+    arm = planar()
+    request = PathRequest(np.array([0.2, 0.0]), (np.array([1.4, 0.0]),), seed=4)
+    one, several, again = (
+        plan_path(arm, Collisions(arm, Scene()), request, lambda: 1.0, searches) for searches in (1, 4, 4)
+    )
+    assert several.tolist() == again.tolist()
+    assert path_length(several) <= path_length(one)
+
+
+@pytest.mark.parametrize(("make", "others"), [(robot_arm, {}), (so101, {"gripper": 0.7})])
+def test_the_arms_of_the_project_are_planned_among_the_objects_of_their_scene(make, others):
+    arm, random = make(), np.random.default_rng(5)
+    arm.set_others(others)
+    collisions = Collisions(arm, Scene(allowed=arm.adjacent()))
+    clear = []
+    while len(clear) < 4:
+        positions = random.uniform(arm.lower, arm.upper)
+        if collisions.is_clear(positions):
+            clear.append(positions)
+    for start, goal in zip(clear, clear[1:], strict=False):
+        path = plan_path(arm, collisions, PathRequest(start, (goal,)), lambda: 5.0)
+        parts = np.linspace(0.0, 1.0, 100)
+        poses = [one + (other - one) * part for one, other in zip(path, path[1:], strict=False) for part in parts]
+        assert min(collisions.clearance(pose).distance_m for pose in poses) >= 1e-3 - 1e-6
+
+
+def test_no_time_is_an_error_of_its_own():
+    arm = planar()
+    request = PathRequest(np.array([0.2, 0.0]), (np.array([1.4, 0.0]),))
+    with pytest.raises(PlanningError) as caught:
+        plan_path(arm, Collisions(arm, Scene()), request, lambda: 0.0)
+    assert caught.value.code == "TIMED_OUT"

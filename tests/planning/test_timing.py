@@ -1,0 +1,91 @@
+"""The time along a path: limits, ends, and clearance of the timed path."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hal.types import JointLimits
+from planning.collision import Collisions, Margins
+from planning.errors import PlanningError
+from planning.request import PathRequest
+from planning.scene import Scene
+from planning.search import find_path
+from planning.smoothing import path_length, shortened
+from planning.timing import PERIOD_S, scaled, timed
+from tests.planning.arms import planar
+
+ARM = planar()
+FREE = Collisions(ARM, Scene().without("post").without("floor").allow("base", "lower"))
+BLOCKED = Collisions(ARM, Scene())
+LIMITS = (JointLimits(-3.0, 3.0, 1.5, 4.0, 40.0), JointLimits(-3.0, 3.0, 1.0, 2.0, 60.0))
+
+
+@given(
+    points=st.lists(st.tuples(st.floats(-2.5, 2.5), st.floats(-2.0, 2.0)), min_size=2, max_size=7),
+    factors=st.tuples(st.sampled_from([0.1, 0.5, 1.0]), st.sampled_from([0.2, 1.0])),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_timed_path_keeps_all_limits(points, factors):
+    limits = scaled(LIMITS, *factors)
+    path = timed(np.array(points), limits, FREE)
+    assert path.positions[0] == pytest.approx(points[0])
+    assert path.positions[-1] == pytest.approx(points[-1], abs=1e-6)
+    assert np.all(np.diff(path.times_s) > 0.0)
+    for row in (0, -1):
+        assert path.velocities[row] == pytest.approx([0.0, 0.0], abs=1e-6)
+    steps_s = np.diff(path.times_s)[:, None]
+    for column, limit in enumerate(limits):
+        speed, acceleration = path.velocities[:, column], path.accelerations[:, column]
+        assert np.abs(speed).max() <= limit.velocity * 1.0001
+        assert np.abs(acceleration).max() <= limit.acceleration * 1.0001 + 1e-6
+        # the differences between the points agree with the derivatives, so neither is made up
+        if len(steps_s):
+            assert np.abs(np.diff(speed) / steps_s[:, 0]).max() <= limit.acceleration * 1.0001 + 1e-5
+            assert np.abs(np.diff(path.positions[:, column]) / steps_s[:, 0]).max() <= limit.velocity * 1.0001 + 1e-5
+            regular = steps_s[:, 0] > PERIOD_S / 2
+            assert np.abs(np.diff(acceleration) / steps_s[:, 0])[regular].max(initial=0.0) <= limit.jerk * 1.001 + 1e-4
+
+
+def test_corners_are_rounded_where_there_is_room_and_save_time():
+    corner = np.array([[0.0, 0.0], [1.0, 0.5], [0.5, 1.5]])
+    path = timed(corner, LIMITS, FREE)
+    stopped = timed(corner[:2], LIMITS, FREE).duration_s + timed(corner[1:], LIMITS, FREE).duration_s
+    assert path.duration_s < 0.95 * stopped
+    assert np.linalg.norm(path.velocities[5:-5], axis=1).min() > 0.1
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_planned_path_is_short_and_stays_clear_when_timed(seed):
+    request = PathRequest(np.array([0.2, 0.0]), (np.array([1.4, 0.0]),), seed=seed)
+    found = find_path(ARM, BLOCKED, request, lambda: 1.0)
+    short = shortened(found, BLOCKED, Margins(), seed, lambda: 1.0)
+    assert path_length(short) <= path_length(found)
+    assert shortened(found, BLOCKED, Margins(), seed, lambda: 1.0).tolist() == short.tolist()
+    path = timed(short, LIMITS, BLOCKED)
+    at_s = np.linspace(0.0, path.duration_s, 2000)
+    fine = np.array([np.interp(at_s, path.times_s, column) for column in path.positions.T]).T
+    assert min(BLOCKED.clearance(positions).distance_m for positions in fine) >= 1e-3 - 1e-6
+
+
+def test_a_corner_at_an_obstacle_is_not_cut():
+    """The planar arm folds, passes the post and unfolds: a wide blend would touch the post."""
+    path = np.array([[0.2, 0.0], [0.2, 2.0], [1.4, 2.0], [1.4, 0.0]])
+    assert BLOCKED.path_contact(list(path)) is None
+    timed_path = timed(path, LIMITS, BLOCKED)
+    assert BLOCKED.path_contact(list(timed_path.positions)) is None
+
+
+def test_a_path_that_touches_something_is_refused():
+    with pytest.raises(PlanningError, match="leaves left too near to post"):
+        timed(np.array([[0.2, 0.0], [1.4, 0.0]]), LIMITS, BLOCKED)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1.5, float("nan")])
+def test_a_scaling_factor_outside_its_range_is_refused(factor):
+    with pytest.raises(PlanningError, match="velocity scaling factor is"):
+        scaled(LIMITS, factor)
+
+
+def test_a_path_of_equal_points_takes_no_time():
+    assert timed(np.array([[0.1, 0.2], [0.1, 0.2]]), LIMITS, FREE).duration_s == 0.0
