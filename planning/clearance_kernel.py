@@ -39,7 +39,7 @@ from planning.shapes import (
 
 OPEN: Final = 128
 """Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""
-MOST: Final = 5_000
+MOST: Final = 2_000
 """Maximum number of poses for one edge. An edge that slides along something for longer is refused."""
 SHARE: Final = 1e-3
 """Share by which a distance may be underestimated in the check of an edge."""
@@ -306,10 +306,13 @@ def free_around(
     padding, tolerance = lengths_m
     _set_rates(chains, pairs, now, speeds)
     now.rated[:] = False
-    limiting = -1
+    limiting, hints = -1, now.hints
     geoms, centers, radii, first_geom = now.geoms, now.unit_pos, pairs.unit_radius, pairs.first_geom
     rates, bends, frames = now.rate, now.bend, pairs.frame
-    for pair in range(len(pairs.one)):
+    for number in range(-2, len(pairs.one)):
+        pair = hints[number + 2] if number < 0 else number
+        if pair < 0:
+            continue
         one, other, common = pairs.one[pair], pairs.other[pair], pairs.common[pair]
         bend, rate = bends[one] + bends[other], rates[one, common] + rates[other, common]
         enough = max(padding, (rate + 0.5 * bend * part) * part + padding - tolerance)
@@ -324,6 +327,8 @@ def free_around(
             part, limiting = free, pair
         if free < 0.0:
             break
+    if limiting >= 0 and limiting != hints[0]:
+        hints[0], hints[1] = limiting, hints[0]
     return part, limiting
 
 
@@ -337,6 +342,7 @@ def edge_contact(
     """
     speeds, signed = np.zeros(len(chains.slides)), now.signed
     signed[:] = 0.0
+    now.hints[:] = -1
     for i in range(len(chains.planned)):
         signed[chains.planned[i]] = ends[1, i] - ends[0, i]
         speeds[chains.planned[i]] = abs(ends[1, i] - ends[0, i])
