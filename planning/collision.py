@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from hal.types import FloatArray
+from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
 from planning.chain_tables import chain_tables, joint_positions
 from planning.clearance_kernel import edge_contact, pose_clearance
@@ -116,6 +116,16 @@ class Collisions:
 
     def _named(self, pair: int) -> tuple[str, str]:
         return self._names[self._pairs.one[pair]], self._names[self._pairs.other[pair]]
+
+
+def warm_up() -> None:
+    """Compile the checks, which takes about 20 s once for each installation. Call this before time limits count."""
+    one = '<geom size="0.1"/><body name="b"><joint name="j"/><geom type="box" size="0.1 0.1 0.1" pos="1 0 0"/></body>'
+    scene = f'<mujoco><worldbody><body name="a">{one}</body></worldbody></mujoco>'
+    arm = ArmModel.from_string(scene, {"j": JointLimits(-1.0, 1.0, 1.0, 1.0, 1.0)})
+    collisions = Collisions(arm, Scene())
+    collisions.clearance(np.zeros(1))
+    collisions.edge_contact(np.zeros(1), np.ones(1))
 
 
 def _vector(positions: FloatArray) -> FloatArray:

@@ -41,6 +41,8 @@ class Placement(NamedTuple):
     """Work space: largest acceleration of each unit (u,)."""
     signed: FloatArray
     """Work space: speed of each joint with its sign (j,)."""
+    hints: Any
+    """Work space: the pairs that limited the last poses (2,); -1 for none. They are checked first."""
     normal: FloatArray
     """Work space: direction of the last distance, of length 1 (3,)."""
 
@@ -62,6 +64,7 @@ def placement(chains: ChainTables, pairs: PairTables, joint: FloatArray) -> Plac
         bend=np.zeros(units),
         curve=np.zeros(units),
         signed=np.zeros(joints),
+        hints=np.full(2, -1),
         normal=np.zeros(3),
     )
 

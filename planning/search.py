@@ -37,7 +37,7 @@ EDGES: Final = 1_000
 """Maximum number of edges that the first attempt checks. Later attempts check more."""
 GROWTH: Final = 1.5
 """Factor by which the number of edges grows with each attempt."""
-BUSY_RATE: Final = 50
+BUSY_RATE: Final = 10
 """Number of calls of the termination condition between two looks at the time."""
 Remaining = Callable[[], float]
 """Function that returns the time that is left, in seconds. The package has no clock of its own."""

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning import clearance_kernel
 from planning.allowed_collisions import srdf_pairs
-from planning.collision import Collisions, Margins
+from planning.collision import Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
 from tests.planning.arms import planar, robot_arm, so101
@@ -132,3 +133,14 @@ def test_adjacent_links_are_not_checked_and_others_are():
     apart = Collisions(arm, Scene().without("post").without("floor"))
     pairs = {frozenset(apart._named(pair)) for pair in range(len(apart._pairs.one))}
     assert pairs == names - {frozenset(pair) for pair in arm.adjacent()}
+
+
+def test_after_the_warm_up_nothing_is_compiled():
+    warm_up()
+    kernels = (clearance_kernel.edge_contact, clearance_kernel.pose_clearance)
+    before = [list(kernel.signatures) for kernel in kernels]
+    collisions = Collisions(robot_arm(), Scene().with_object(box("box", 0.1, 0.3, 0.3, 0.3)))
+    collisions.clearance(np.zeros(6))
+    collisions.edge_contact(np.zeros(6), np.ones(6))
+    assert [list(kernel.signatures) for kernel in kernels] == before
+    assert all(before)

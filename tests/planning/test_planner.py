@@ -1,5 +1,7 @@
 """Plans of the planar arm and of the project's arms: short, free and repeatable."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -32,10 +34,10 @@ def test_the_arms_of_the_project_are_planned_among_the_objects_of_their_scene(ma
         positions = random.uniform(arm.lower, arm.upper)
         if collisions.is_clear(positions):
             clear.append(positions)
-    for start, goal in zip(clear, clear[1:], strict=False):
+    for start, goal in itertools.pairwise(clear):
         path = plan_path(arm, collisions, PathRequest(start, (goal,)), lambda: 5.0)
         parts = np.linspace(0.0, 1.0, 100)
-        poses = [one + (other - one) * part for one, other in zip(path, path[1:], strict=False) for part in parts]
+        poses = [one + (other - one) * part for one, other in itertools.pairwise(path) for part in parts]
         assert min(collisions.clearance(pose).distance_m for pose in poses) >= 1e-3 - 1e-6
 
 
