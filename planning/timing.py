@@ -100,11 +100,13 @@ def timed(
     margins, path = margins or Margins(), distinct(np.asarray(path, dtype=float))
     if len(path) < 2:
         return TimedPath(np.zeros(1), path, np.zeros_like(path), np.zeros_like(path))
+    # The check of a free edge leaves its points the padding minus the tolerance.
+    margins_kept = Margins(max(margins.padding_m - margins.tolerance_m, 0.0), margins.tolerance_m)
     corners = blended(path, collisions, margins)
     contact: Contact | None = None
     for choice in (corners, tuple(replace(corner, half=0.0) for corner in corners)):
         trajectory = _along(path, choice, limits)
-        if (contact := collisions.path_contact(list(trajectory.positions), margins)) is None:
+        if (contact := collisions.path_contact(list(trajectory.positions), margins_kept)) is None:
             return trajectory
     assert contact is not None
     one, other = contact.pair

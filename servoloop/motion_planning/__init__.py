@@ -1,0 +1,1 @@
+"""Plan motions of an arm around obstacles, from its arm folder."""

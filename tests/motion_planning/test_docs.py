@@ -1,0 +1,18 @@
+"""The code blocks of docs/planning.md run on a virtual arm."""
+
+from typing import Any
+
+import pytest
+
+from tests.pages import codes, named
+
+PAGE = "planning.md"
+
+
+@pytest.mark.runs(*named(PAGE, "python"))
+def test_every_block_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, Any] = {}
+    for block in codes(PAGE, "python"):
+        exec(block, names)
+    printed = capsys.readouterr().out
+    assert "'table', 'stand', 'cube', 'bin_A'" in printed and "Clearance(distance_m=" in printed
