@@ -130,3 +130,7 @@ def warm_up() -> None:
 
 def _vector(positions: FloatArray) -> FloatArray:
     return np.ascontiguousarray(positions, dtype=float)
+
+
+if __name__ == "__main__":
+    warm_up()

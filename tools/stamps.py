@@ -49,7 +49,8 @@ def project_key() -> str:
 
 def simulation_key() -> str:
     """Return one hash of all sources of compiled functions, because these functions call each other."""
-    sources = sorted(path for path in (ROOT / "sim_backend").rglob("*.py") if "@compiled" in path.read_text())
+    folders = (ROOT / "sim_backend", ROOT / "planning")
+    sources = sorted(path for one in folders for path in one.rglob("*.py") if "@compiled" in path.read_text())
     versions = [f"{name} {version}" for name, version in locked_packages().items() if name in ("numba", "llvmlite")]
     return digest(*sources, *versions, venv_key())
 

@@ -71,9 +71,10 @@ def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) ->
 
 
 def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
-    """Compile the simulation, because otherwise the first emulator would not answer during the compilation."""
-    command = (PYTHON, "-m", "sim_backend.compile_ahead")
-    step.follow([pool.submit(commands.run, "simulation", *command)], lambda: "the simulation, into machine code")
+    """Compile the simulation and the planning, because otherwise their first use would take up to a minute."""
+    parts = {"simulation": "sim_backend.compile_ahead", "planning": "planning.collision"}
+    runs = [pool.submit(commands.run, name, PYTHON, "-m", module) for name, module in parts.items()]
+    step.follow(runs, lambda: "the simulation and the planning, into machine code")
     stamp("simulation", simulation_key())
 
 

@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from hal.types import FloatArray, JointLimits
+from hal.types import FloatArray, JointLimits, far_outside
 from planning.arm_model import ArmModel
-from planning.collision import Clearance, Collisions
+from planning.collision import Clearance, Collisions, warm_up
 from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
 from planning.kinematics.inverse import InverseKinematics
@@ -57,6 +57,7 @@ class MotionPlanner:
             ArmInputError: The arm has no trajectory controller.
             PlanningError: The scene file does not have a joint or the tool.
         """
+        warm_up()
         files = ArmOptions(arm).files()
         limits = _planned(files)
         self._model = ArmModel(scene_spec(files.scene).compile(), limits)
@@ -107,7 +108,7 @@ class MotionPlanner:
             ArmInputError: A joint is unknown or missing, or a position is not finite.
             PlanningError: The start or the goal is not possible, or no path was found in time. ``code`` is MoveIt's.
         """
-        here = self._vector("the start", start)
+        here = self._inside("the start", start)
         self._model.set_others({joint: at for joint, at in start.items() if joint not in self.joints})
         end_s = time.monotonic() + time_limit_s
         collisions = Collisions(self._model, self.scene)
@@ -129,8 +130,13 @@ class MotionPlanner:
             return tuple(self._kinematics.solve(goal, here, valid=collisions.is_clear))
         if unknown := sorted(goal.keys() - set(self.joints)):
             raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose of {', '.join(self.joints)}")
-        within = np.clip(here, self._model.lower, self._model.upper)  # A joint may rest slightly outside its limits.
-        return (self._vector("the goal", {**dict(zip(self.joints, within.tolist(), strict=True)), **goal}),)
+        return (self._vector("the goal", {**dict(zip(self.joints, here.tolist(), strict=True)), **goal}),)
+
+    def _inside(self, what: str, positions: Positions) -> FloatArray:
+        """Return positions in joint order (n,). A joint that rests slightly outside its limits is moved to the limit."""
+        values = self._vector(what, positions)
+        far = [bool(far_outside(at, limit)) for at, limit in zip(values.tolist(), self._model.limits, strict=True)]
+        return np.where(far, values, np.clip(values, self._model.lower, self._model.upper))
 
     def _vector(self, what: str, positions: Positions) -> FloatArray:
         """Return positions in joint order (n,). Raises ArmInputError if one is missing or not finite."""
