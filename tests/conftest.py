@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from planning.collision import warm_up
 from sim_backend.compile_ahead import compile_ahead
 from tests.distribution import ComputingAside, in_real_time, stand_back
 from tests.marked import remember
@@ -35,10 +36,11 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the simulation before the workers start, because workers that compile together damage the cache."""
+    """Compile simulation and planning before the workers start: workers that compile together damage the cache."""
     _hear_interrupts()
     if not hasattr(config, "workerinput"):
         compile_ahead()
+        warm_up()
 
 
 @pytest.hookimpl(wrapper=True)
