@@ -4,10 +4,13 @@ OMPL's random generator is global in a process. Every attempt starts it anew wit
 that follow each other do not influence each other. Two requests at the same time in one process would: a caller with
 several threads runs one search at a time.
 
-At exit, OMPL's Python module prints objects that are still alive. The callbacks here keep no reference to OMPL's
-objects, so none is alive after a search, and nothing has to be hidden.
+At exit, OMPL's Python module prints its objects that are still alive. The callbacks here keep no reference to OMPL's
+objects, so none of a search is alive. A program that called gc.freeze() would keep OMPL's types alive, because the
+last collection leaves them out. gc.unfreeze() at exit ends that.
 """
 
+import atexit
+import gc
 from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Any, Final, NamedTuple
@@ -20,6 +23,8 @@ from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
 from planning.request import PathRequest, bounds, checked
+
+atexit.register(gc.unfreeze)
 
 PLANNERS: Final = {
     "rrtconnect": geometric.RRTConnect,

@@ -36,7 +36,7 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the simulation and the planning before the workers start, because workers that compile together damage the cache."""
+    """Compile simulation and planning before the workers start: workers that compile together damage the cache."""
     _hear_interrupts()
     if not hasattr(config, "workerinput"):
         compile_ahead()

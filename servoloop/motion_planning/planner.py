@@ -123,9 +123,7 @@ class MotionPlanner:
             dict(zip(self.joints, motion.velocities.T.tolist(), strict=True)),
         )
 
-    def _goals(
-        self, here: FloatArray, goal: Positions | PoseGoal, collisions: Collisions
-    ) -> tuple[FloatArray, ...]:
+    def _goals(self, here: FloatArray, goal: Positions | PoseGoal, collisions: Collisions) -> tuple[FloatArray, ...]:
         if isinstance(goal, PoseGoal):
             return tuple(self._kinematics.solve(goal, here, valid=collisions.is_clear))
         if unknown := sorted(goal.keys() - set(self.joints)):
@@ -141,7 +139,9 @@ class MotionPlanner:
     def _vector(self, what: str, positions: Positions) -> FloatArray:
         """Return positions in joint order (n,). Raises ArmInputError if one is missing or not finite."""
         if missing := [joint for joint in self.joints if joint not in positions]:
-            raise ArmInputError(f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}")
+            raise ArmInputError(
+                f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}"
+            )
         for joint, position in positions.items():
             if not math.isfinite(position):
                 raise ArmInputError(f"{what}: {joint} is {position}: use a finite number", joint)

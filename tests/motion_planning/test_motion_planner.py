@@ -14,9 +14,7 @@ from servoloop.motion_planning.planner import MotionPlanner
 
 START = {"shoulder_pan": -0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
 GOAL = {"shoulder_pan": 0.9}
-WALL = SceneObject(
-    "wall", ((Box(0.30, 0.02, 0.24), Pose()),), Pose(position_m=np.array([0.30, 0.0, 0.12]))
-)
+WALL = SceneObject("wall", ((Box(0.30, 0.02, 0.24), Pose()),), Pose(position_m=np.array([0.30, 0.0, 0.12])))
 
 
 @pytest.fixture(scope="module")

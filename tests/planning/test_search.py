@@ -143,6 +143,7 @@ def test_planner_ids_of_moveit(planner_id, stem):
 
 
 PROGRAM = """
+import gc
 import numpy as np
 from planning.collision import Collisions
 from planning.request import PathRequest
@@ -152,6 +153,7 @@ from tests.planning.arms import planar
 arm = planar()
 found = find_path(arm, Collisions(arm, Scene()), PathRequest(np.array([0.2, 0]), (np.array([1.4, 0]),)), lambda: 1.0)
 print(len(found) > 2)
+gc.freeze()
 """
 
 
