@@ -2,12 +2,13 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.parameters import TrajectoryParameters
 from hal.types import FloatArray, JointLimits, far_outside
 from planning.arm_model import ArmModel
 from planning.collision import Clearance, Collisions, warm_up
@@ -66,7 +67,7 @@ class MotionPlanner:
         self._seed = seed
         allowed = {links for links, why in reasons(files.scene, POSES, seed).items() if why in TOUCHING}
         self.scene = Scene(allowed=frozenset(allowed))
-        """Objects and pairs that may touch. Assign a changed copy: ``planner.scene = planner.scene.with_object(...)``."""
+        """Objects and pairs that may touch. Assign a changed copy, for example of ``scene.with_object``."""
         self.joints = self._model.joints
         """Names of the planned joints."""
         self.links = self._model.links
@@ -131,7 +132,7 @@ class MotionPlanner:
         return (self._vector("the goal", {**dict(zip(self.joints, here.tolist(), strict=True)), **goal}),)
 
     def _inside(self, what: str, positions: Positions) -> FloatArray:
-        """Return positions in joint order (n,). A joint that rests slightly outside its limits is moved to the limit."""
+        """Return positions in joint order (n,). A joint slightly outside its limits counts as at its limit."""
         values = self._vector(what, positions)
         far = [bool(far_outside(at, limit)) for at, limit in zip(values.tolist(), self._model.limits, strict=True)]
         return np.where(far, values, np.clip(values, self._model.lower, self._model.upper))
@@ -150,11 +151,10 @@ class MotionPlanner:
 
 def _planned(files: Files) -> dict[str, JointLimits]:
     """Return the limits of the joints that the arm's first trajectory controller moves, by joint name."""
-    kinds = [spec for spec in files.controllers.controllers if spec.kind == JointTrajectoryController.kind]
-    if not kinds:
-        raise ArmInputError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
-    joints: Sequence[str] = kinds[0].parameters.joints
-    return {joint: files.limits[joint] for joint in joints}
+    for spec in files.controllers.controllers:
+        if isinstance(spec.parameters, TrajectoryParameters):
+            return {joint: files.limits[joint] for joint in spec.parameters.joints}
+    raise ArmInputError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
 
 
 def _last_link(model: ArmModel) -> str:
