@@ -94,7 +94,8 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
-    Commands that a controller with a fault makes jump are limited in speed only, so they are not examined.
+    Commands that a controller with a fault makes jump are limited in speed only, so they are not examined. Neither are
+    commands of joints without torque: they follow joints that fall.
     """
 
     name = "smooth end"
@@ -117,6 +118,8 @@ class SmoothEnd(Invariant):
         if self.stack.ending and len(self._commands) == 3:
             self.examined += 1
             change = np.abs(np.diff(np.array(self._commands), 2, axis=0)[0]) / self.stack.loop.period_s**2
+            limp = {joint.name for joint in self.joints if not self.torque(joint)}
+            change[[name in limp for name in self.commanded]] = 0.0
             worst = int((change / self._acceleration).argmax())
             share = COMMANDS_SHARE if self.stack.control_stack.releases else RELIEF_SHARE
             if change[worst] > share * self._acceleration[worst]:
