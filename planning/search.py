@@ -38,9 +38,11 @@ PLANNERS: Final = {
 PRM: Final = "prm"
 """Stem of the ids of the planner in planning/roadmap.py."""
 DEFAULT: Final = "rrtconnect"
+NARROW: Final = "lbkpiece"
+"""Planner of every second attempt with the default planner."""
 RANGES_RAD: Final = (1.0, 0.5, 2.0)
 """Longest edges that a search adds, one for each attempt in turn, in rad (m for a slide)."""
-EDGES: Final = 1_000
+EDGES: Final = 150
 """Maximum number of edges that the first attempt checks. Later attempts check more."""
 IMPROVING_EDGES: Final = 5_000
 """Number of edges that RRTstar checks, even if it has a path already."""
@@ -108,12 +110,11 @@ def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest,
 
 
 def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
-    """Yield attempts without end. Every fourth one uses another planner."""
+    """Yield attempts without end. Every second one uses another planner, which is better in narrow passages."""
     for number in count():
-        other = "bkpiece" if stem == DEFAULT else DEFAULT
-        planner = other if number % 4 == 3 else stem
+        planner = stem if number % 2 == 0 else NARROW if stem == DEFAULT else DEFAULT
         edges = IMPROVING_EDGES if planner == "rrtstar" else int(EDGES * GROWTH**number)
-        yield Attempt(planner, RANGES_RAD[number % 4 % 3], edges, (seed * 1009 + number) % (2**31 - 1) + 1)
+        yield Attempt(planner, RANGES_RAD[number // 2 % 3], edges, (seed * 1009 + number) % (2**31 - 1) + 1)
 
 
 class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
