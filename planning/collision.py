@@ -96,6 +96,8 @@ class Collisions:
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = Margins()) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
 
+        An edge that needs more than 2,000 poses, because it stays very near to something, counts as not free.
+
         Args:
             start: Positions at the start (n,), in rad or m.
             end: Positions at the end (n,).
