@@ -52,6 +52,11 @@ def test_an_attached_object_of_an_unknown_link_is_refused():
         Collisions(planar(), Scene().attach(box("held", 0.1, 0.0, 0.0, 0.0), "palm"))
 
 
+def test_an_object_with_the_name_of_a_link_is_refused():
+    with pytest.raises(PlanningError, match='object "lower" has the name of a link: rename the object'):
+        Collisions(planar(), Scene().with_object(box("lower", 0.1, 0.5, 0.0, 0.15)))
+
+
 def test_allowed_pairs_may_touch():
     srdf = '<robot name="r"><disable_collisions link1="upper" link2="base" reason="Adjacent"/></robot>'
     assert srdf_pairs(srdf) == {("base", "upper")}
