@@ -107,7 +107,7 @@ def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: 
     except PlanningError as error:
         if error.code in ("TIMED_OUT", "PLANNING_FAILED"):
             results.valid += 1
-            results.failed.append(problem.name)
+            results.failed.append(f"{problem.name} ({error.code})")
         return
     results.valid += 1
     results.lengths_rad.append(path_length(plan.points))
