@@ -33,6 +33,7 @@ from planning.planner import SEARCHES, plan_path
 from planning.request import PathRequest
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
 from planning.smoothing import path_length
+from planning.timing import timed
 
 JOINTS: Final = (
     "shoulder_pan_joint",
@@ -65,7 +66,10 @@ class Results:
     valid: int = 0
     times_s: list[float] = field(default_factory=list)
     lengths_rad: list[float] = field(default_factory=list)
+    timing_s: list[float] = field(default_factory=list)
+    durations_s: list[float] = field(default_factory=list)
     touching: list[str] = field(default_factory=list)
+    touching_timed: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
 
 
@@ -93,21 +97,24 @@ def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: 
     """Plan one problem and add its figures. ``settings`` are the time limit in s and the number of searches."""
     limit_s, searches = settings
     begun_s = time.perf_counter()
+    collisions = Collisions(arm, problem.scene)
     request = PathRequest(problem.start, (problem.goal,))
     try:
-        path = plan_path(
-            arm, Collisions(arm, problem.scene), request, lambda: begun_s + limit_s - time.perf_counter(), searches
-        )
+        plan = plan_path(arm, collisions, request, lambda: begun_s + limit_s - time.perf_counter(), searches)
+        results.times_s.append(time.perf_counter() - begun_s)
+        motion = timed(plan.points, arm.limits, collisions, plan.margins)
+        results.timing_s.append(time.perf_counter() - begun_s - results.times_s[-1])
     except PlanningError as error:
         if error.code in ("TIMED_OUT", "PLANNING_FAILED"):
             results.valid += 1
-            results.failed.append(problem.name)
+            results.failed.append(f"{problem.name} ({error.code})")
         return
-    results.times_s.append(time.perf_counter() - begun_s)
     results.valid += 1
-    results.lengths_rad.append(path_length(path))
-    if touches(urdf, problem.scene, arm.adjacent(), path):
-        results.touching.append(problem.name)
+    results.lengths_rad.append(path_length(plan.points))
+    results.durations_s.append(motion.duration_s)
+    for path, touching in ((plan.points, results.touching), (motion.positions, results.touching_timed)):
+        if touches(urdf, problem.scene, arm.adjacent(), path):
+            touching.append(problem.name)
 
 
 def show(results: Results, tried: int) -> None:
@@ -116,13 +123,17 @@ def show(results: Results, tried: int) -> None:
         raise SystemExit(f"none of the {results.valid} valid problems was solved: {' '.join(results.failed)}")
     times_ms, lengths_rad = np.array(results.times_s) * 1e3, np.array(results.lengths_rad)
     table = Table(title=f"{tried} problems, {results.valid} of them valid")
+    timed_touching = f"{len(results.touching_timed)} {' '.join(results.touching_timed)}"
     rows = {
         "solved": f"{len(times_ms)} of {results.valid}",
         "solved within 1 s": f"{int((times_ms < 1000).sum())}",
-        "time, median": f"{np.median(times_ms):.0f} ms",
-        "time, 95th percentile": f"{np.percentile(times_ms, 95):.0f} ms",
+        "build, search and shortcuts, median": f"{np.median(times_ms):.0f} ms",
+        "build, search and shortcuts, 95th percentile": f"{np.percentile(times_ms, 95):.0f} ms",
         "path length, median": f"{np.median(lengths_rad):.2f} rad",
         "plans that touch on the fine check": f"{len(results.touching)} {' '.join(results.touching)}",
+        "time parameterization, median": f"{np.median(results.timing_s) * 1e3:.0f} ms",
+        "duration of the motion, median": f"{np.median(results.durations_s):.1f} s",
+        "trajectories that touch on the fine check": timed_touching,
         "not solved": " ".join(results.failed) or "none",
     }
     table.add_column("figure")

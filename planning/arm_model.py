@@ -65,7 +65,7 @@ class ArmModel:
         roots = {int(model.body_rootid[model.jnt_bodyid[joint]]) for joint in self.joint_ids}
         self.bodies = tuple(body for body in range(1, model.nbody) if int(model.body_rootid[body]) in roots)
         """Numbers of the arm's bodies. A parent comes before its children."""
-        self.links = tuple(str(model.body(body).name) for body in self.bodies)
+        self.links = tuple(str(model.body(body).name) or f"body {body}" for body in self.bodies)
         """Names of the arm's bodies."""
         self._check_joints()
         self._addresses = [int(model.jnt_qposadr[joint]) for joint in self.joint_ids]

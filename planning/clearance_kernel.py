@@ -149,6 +149,8 @@ def edge_contact(
     high[0], count, checked = 1.0, 1, 0
     positions = np.empty(len(chains.planned))
     while count > 0:
+        if checked >= MOST:
+            return low[count - 1], now.hints[0], checked
         count -= 1
         start, end = low[count], high[count]
         middle = 0.5 * (start + end)
@@ -158,7 +160,7 @@ def edge_contact(
         checked += 1
         half = 0.5 * (end - start)
         free, pair = free_around(chains, pairs, now, speeds, (padding, tolerance), half)
-        if free < 0.0 or checked >= MOST:
+        if free < 0.0:
             return middle, pair, checked
         if free < half:
             low[count], high[count] = middle + free, end

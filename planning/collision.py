@@ -20,6 +20,8 @@ PADDING_M: Final = 2e-3
 """Smallest clearance of a pose by default, in m."""
 TOLERANCE_M: Final = 1e-3
 """Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
+ROUNDING_M: Final = 1e-6
+"""Rounding of positions along an edge, in m."""
 INFINITE_M: Final = 1e9
 
 
@@ -53,13 +55,25 @@ class Margins:
     tolerance_m: float = TOLERANCE_M
 
     def __post_init__(self) -> None:
-        if not (self.padding_m >= 0.0 and self.tolerance_m > 0.0 and math.isfinite(self.padding_m)):
-            raise ValueError(f"padding {self.padding_m} m must be at least 0, tolerance {self.tolerance_m} m above 0")
+        if not (0.0 < self.tolerance_m <= self.padding_m < math.inf):
+            raise ValueError(
+                f"tolerance {self.tolerance_m} m must be above 0 and at most the padding {self.padding_m} m: "
+                "otherwise an accepted edge could touch something"
+            )
 
     def within(self, clearance_m: float) -> "Margins":
         """Return margins that a pose with a clearance has; its edges keep at least half of it."""
         padding_m = min(self.padding_m, clearance_m)
-        return Margins(padding_m, min(self.tolerance_m, padding_m / 2.0) or self.tolerance_m)
+        return self if padding_m == self.padding_m else Margins(padding_m, min(self.tolerance_m, padding_m / 2.0))
+
+    def for_parts(self) -> "Margins":
+        """Return margins that every part of an accepted edge has.
+
+        Between its checked poses, an accepted edge may be nearer than the padding. A second check of a part with the
+        same margins could therefore refuse it.
+        """
+        padding_m = max(self.padding_m - self.tolerance_m - ROUNDING_M, ROUNDING_M)
+        return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
 
 
 class Collisions:
@@ -95,6 +109,8 @@ class Collisions:
 
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = Margins()) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
+
+        An edge that needs more than 2,000 poses, because it stays very near to something, counts as not free.
 
         Args:
             start: Positions at the start (n,), in rad or m.

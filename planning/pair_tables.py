@@ -12,6 +12,7 @@ from hal.types import FloatArray
 from planning import shapes
 from planning.arm_model import ArmModel, pair
 from planning.chain_tables import ChainTables, travels
+from planning.errors import PlanningError
 from planning.geometry_tables import WORLD, Geom, Unit, arm_units, attached_units, world_units
 from planning.scene import Scene
 
@@ -54,7 +55,12 @@ def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairT
     """Return the tables of an arm in a scene, and the name of each unit.
 
     A pair is left out if no planned joint changes its distance, or if it may touch.
+
+    Raises PlanningError if an object has the name of a link.
     """
+    for name in (*scene.objects, *scene.attached):
+        if name in arm.links:
+            raise PlanningError("INVALID_OBJECT_NAME", f'object "{name}" has the name of a link: rename the object')
     units = [*arm_units(arm), *attached_units(arm, scene), *world_units(arm, scene)]
     geoms = [geom for unit in units for geom in unit.geoms]
     spheres = [unit.sphere() for unit in units]

@@ -1,6 +1,6 @@
 """A request for a path, and the checks of its start and its goals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -13,6 +13,8 @@ from planning.errors import Code, PlanningError
 
 CONTACT_M: Final = 1e-5
 """Clearance below which a start or a goal counts as in contact, in m."""
+Remaining = Callable[[], float]
+"""Function that returns the time that is left, in seconds. The package has no clock of its own."""
 AROUND: Final = np.pi
 """Distance beyond the start and the goals up to which a continuous joint is searched, in rad."""
 

@@ -11,7 +11,7 @@ last collection leaves them out. gc.unfreeze() at exit ends that.
 
 import atexit
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import count
 from typing import Any, Final, NamedTuple
 
@@ -22,30 +22,34 @@ from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.request import PathRequest, bounds, checked
+from planning.request import PathRequest, Remaining, bounds, checked
+from planning.roadmap import roadmap_path
 
 atexit.register(gc.unfreeze)
 
 PLANNERS: Final = {
     "rrtconnect": geometric.RRTConnect,
     "rrtstar": geometric.RRTstar,
-    "prm": geometric.PRM,
     "kpiece": geometric.KPIECE1,
     "bkpiece": geometric.BKPIECE1,
     "lbkpiece": geometric.LBKPIECE1,
 }
 """Planners of OMPL by the stem of MoveIt's planner ids, in lower case."""
+PRM: Final = "prm"
+"""Stem of the ids of the planner in planning/roadmap.py."""
 DEFAULT: Final = "rrtconnect"
+NARROW: Final = "lbkpiece"
+"""Planner of every second attempt with the default planner."""
 RANGES_RAD: Final = (1.0, 0.5, 2.0)
 """Longest edges that a search adds, one for each attempt in turn, in rad (m for a slide)."""
-EDGES: Final = 1_000
+EDGES: Final = 150
 """Maximum number of edges that the first attempt checks. Later attempts check more."""
+IMPROVING_EDGES: Final = 5_000
+"""Number of edges that RRTstar checks, even if it has a path already."""
 GROWTH: Final = 1.5
 """Factor by which the number of edges grows with each attempt."""
 BUSY_RATE: Final = 10
 """Number of calls of the termination condition between two looks at the time."""
-Remaining = Callable[[], float]
-"""Function that returns the time that is left, in seconds. The package has no clock of its own."""
 
 
 class Attempt(NamedTuple):
@@ -53,26 +57,26 @@ class Attempt(NamedTuple):
 
     planner: str
     range_rad: float
-    edges: float
+    edges: int
     """Maximum number of edges to check."""
     seed: int
 
 
 def planner_stem(planner_id: str) -> str | None:
-    """Return the key of ``PLANNERS`` for MoveIt's planner id, or None if the planner does not exist here.
+    """Return ``PRM`` or the key of ``PLANNERS`` for MoveIt's planner id, or None if the planner does not exist here.
 
     MoveIt uses its default planner for an unknown id, and ``find_path`` does the same. EST is not in OMPL's wheel.
     """
     stem = planner_id.rpartition("::")[2].removesuffix("kConfigDefault").lower()
     stem = {"": DEFAULT, "kpiece1": "kpiece", "bkpiece1": "bkpiece", "lbkpiece1": "lbkpiece"}.get(stem, stem)
-    return stem if stem in PLANNERS else None
+    return stem if stem == PRM or stem in PLANNERS else None
 
 
 def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
     """Search for a path from the start to one of the goals.
 
-    The same request with the same scene gives the same path if the time suffices. PRM is an exception: OMPL runs it in
-    two threads. RRTstar and PRM improve their path as long as there is time.
+    The same request with the same scene gives the same path if the time suffices. RRTstar improves its path until it
+    has checked ``IMPROVING_EDGES`` edges, or until the time ends.
 
     Args:
         arm: The arm.
@@ -106,13 +110,11 @@ def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest,
 
 
 def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
-    """Yield attempts without end. Every fourth one uses another planner."""
+    """Yield attempts without end. Every second one uses another planner, which is better in narrow passages."""
     for number in count():
-        other = "bkpiece" if stem == DEFAULT else DEFAULT
-        planner = other if number % 4 == 3 else stem
-        unlimited = planner in ("rrtstar", "prm")
-        edges = np.inf if unlimited else EDGES * GROWTH**number
-        yield Attempt(planner, RANGES_RAD[number % 4 % 3], edges, (seed * 1009 + number) % (2**31 - 1) + 1)
+        planner = stem if number % 2 == 0 else NARROW if stem == DEFAULT else DEFAULT
+        edges = IMPROVING_EDGES if planner == "rrtstar" else int(EDGES * GROWTH**number)
+        yield Attempt(planner, RANGES_RAD[number // 2 % 3], edges, (seed * 1009 + number) % (2**31 - 1) + 1)
 
 
 class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
@@ -132,6 +134,8 @@ class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
 def _run(
     arm: ArmModel, collisions: Collisions, request: PathRequest, attempt: Attempt, remaining_s: Remaining
 ) -> FloatArray | None:
+    if attempt.planner == PRM:
+        return roadmap_path(collisions, request, bounds(arm, request), attempt.seed, remaining_s)
     util.noOutputHandler()
     util.RNG.setSeed(attempt.seed)
     joints = range(len(arm.joints))
@@ -167,9 +171,6 @@ def _run(
 
 
 def _condition(edges: _Edges, attempt: Attempt, remaining_s: Remaining) -> Any:
-    if attempt.planner == "prm":
-        # PRM asks from a second thread, which a condition in Python would block forever.
-        return base.timedPlannerTerminationCondition(max(remaining_s(), 0.0))
     calls = count(1)
 
     def ends() -> bool:

@@ -85,8 +85,9 @@ def timed(
 ) -> TimedPath:
     """Return a trajectory along a path whose edges are free.
 
-    Corners are rounded if the blend is free. The points of the trajectory are checked again with straight edges
-    between them. If one touches something, the arm stops at every corner instead.
+    Corners are rounded if the blend is free. The points of the trajectory are checked again, with straight edges
+    between them and the margins that parts of the path have: the trajectory keeps a clearance of the padding minus 1.5
+    times the tolerance. If it does not, the arm stops at every corner instead.
 
     Args:
         path: Points (m, n), in rad or m.
@@ -100,13 +101,11 @@ def timed(
     margins, path = margins or Margins(), distinct(np.asarray(path, dtype=float))
     if len(path) < 2:
         return TimedPath(np.zeros(1), path, np.zeros_like(path), np.zeros_like(path))
-    # The check of a free edge leaves its points the padding minus the tolerance.
-    margins_kept = Margins(max(margins.padding_m - margins.tolerance_m, 0.0), margins.tolerance_m)
     corners = blended(path, collisions, margins)
     contact: Contact | None = None
     for choice in (corners, tuple(replace(corner, half=0.0) for corner in corners)):
         trajectory = _along(path, choice, limits)
-        if (contact := collisions.path_contact(list(trajectory.positions), margins_kept)) is None:
+        if (contact := collisions.path_contact(list(trajectory.positions), margins.for_parts())) is None:
             return trajectory
     assert contact is not None
     one, other = contact.pair

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from planning import clearance_kernel
 from planning.allowed_collisions import srdf_pairs
+from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
-from tests.planning.arms import planar, robot_arm, so101
+from tests.planning.arms import limits, planar, robot_arm, so101
 
 REACH = np.array([math.pi / 4, 0.0])
 """Positions at which the planar arm points to its post, which is about 1 m away."""
@@ -49,6 +50,11 @@ def test_an_attached_object_may_touch_its_link_and_its_touch_links():
 def test_an_attached_object_of_an_unknown_link_is_refused():
     with pytest.raises(PlanningError, match='no link "palm"'):
         Collisions(planar(), Scene().attach(box("held", 0.1, 0.0, 0.0, 0.0), "palm"))
+
+
+def test_an_object_with_the_name_of_a_link_is_refused():
+    with pytest.raises(PlanningError, match='object "lower" has the name of a link: rename the object'):
+        Collisions(planar(), Scene().with_object(box("lower", 0.1, 0.5, 0.0, 0.15)))
 
 
 def test_allowed_pairs_may_touch():
@@ -144,3 +150,16 @@ def test_after_the_warm_up_nothing_is_compiled():
     collisions.edge_contact(np.zeros(6), np.ones(6))
     assert [list(kernel.signatures) for kernel in kernels] == before
     assert all(before)
+
+
+def test_an_edge_that_needs_too_many_poses_is_refused():
+    """A capsule turns about its own axis beside a wall. Its bound of the speed does not know that nothing moves."""
+    scene = """<mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="0.201 0 0"/>
+    <body name="hand"><joint name="turn" axis="0 0 1"/><geom type="capsule" size="0.1 0.3"/></body>
+    </worldbody></mujoco>"""
+    collisions = Collisions(ArmModel.from_string(scene, {"turn": limits(-3.0, 3.0)}), Scene())
+    start, end = np.array([-1.0]), np.array([1.0])
+    assert collisions.edge_contact(start, end, Margins(0.0009, 0.0005)) is None
+    contact = collisions.edge_contact(start, end, Margins(0.0009999, 1e-7))
+    assert contact is not None
+    assert contact.pair == ("hand", "wall")

@@ -7,9 +7,9 @@ import pytest
 
 from planning.collision import Collisions
 from planning.errors import PlanningError
-from planning.planner import plan_path
+from planning.planner import plan_motion, plan_path
 from planning.request import PathRequest
-from planning.scene import Scene
+from planning.scene import Box, Pose, Scene, SceneObject
 from planning.smoothing import path_length
 from tests.planning.arms import planar, robot_arm, so101
 
@@ -18,7 +18,7 @@ def test_more_searches_never_give_a_longer_path_and_the_same_seed_gives_the_same
     arm = planar()
     request = PathRequest(np.array([0.2, 0.0]), (np.array([1.4, 0.0]),), seed=4)
     one, several, again = (
-        plan_path(arm, Collisions(arm, Scene()), request, lambda: 1.0, searches) for searches in (1, 4, 4)
+        plan_path(arm, Collisions(arm, Scene()), request, lambda: 1.0, searches).points for searches in (1, 4, 4)
     )
     assert several.tolist() == again.tolist()
     assert path_length(several) <= path_length(one)
@@ -35,10 +35,9 @@ def test_the_arms_of_the_project_are_planned_among_the_objects_of_their_scene(ma
         if collisions.is_clear(positions):
             clear.append(positions)
     for start, goal in itertools.pairwise(clear):
-        path = plan_path(arm, collisions, PathRequest(start, (goal,)), lambda: 5.0)
-        parts = np.linspace(0.0, 1.0, 100)
-        poses = [one + (other - one) * part for one, other in itertools.pairwise(path) for part in parts]
-        assert min(collisions.clearance(pose).distance_m for pose in poses) >= 1e-3 - 1e-6
+        path = plan_motion(arm, collisions, PathRequest(start, (goal,)), lambda: 5.0).positions
+        poses = [one + (other - one) * part for one, other in itertools.pairwise(path) for part in (0.0, 0.5, 1.0)]
+        assert min(collisions.clearance(pose).distance_m for pose in poses) >= 0.5e-3 - 2e-6
 
 
 def test_no_time_is_an_error_of_its_own():
@@ -47,3 +46,12 @@ def test_no_time_is_an_error_of_its_own():
     with pytest.raises(PlanningError) as caught:
         plan_path(arm, Collisions(arm, Scene()), request, lambda: 0.0)
     assert caught.value.code == "TIMED_OUT"
+
+
+def test_a_start_near_an_obstacle_is_timed_with_the_margins_of_its_plan():
+    arm = planar()
+    wall = SceneObject("wall", ((Box(0.2, 0.2, 0.2), Pose()),), Pose(np.array([0.8, -0.1205, 0.15])))
+    collisions = Collisions(arm, Scene().without("post").with_object(wall))
+    motion = plan_motion(arm, collisions, PathRequest(np.zeros(2), (np.array([1.0, 0.0]),)), lambda: 1.0)
+    assert motion.positions[-1] == pytest.approx([1.0, 0.0])
+    assert min(collisions.clearance(pose).distance_m for pose in motion.positions) > 0.0
