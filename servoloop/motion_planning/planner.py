@@ -16,7 +16,7 @@ from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
 from planning.kinematics.inverse import InverseKinematics
 from planning.planner import plan_path
-from planning.request import PathRequest, checked
+from planning.request import PathRequest
 from planning.scene import Scene
 from planning.timing import scaled, timed
 from servoloop.api.errors import ArmInputError
@@ -115,9 +115,8 @@ class MotionPlanner:
         collisions = Collisions(self._model, self.scene)
         goals = self._goals(here, goal, collisions)
         request = PathRequest(here, goals, seed=self._seed)
-        request = checked(self._model, collisions, request)  # reduces the margins to those of the start and the goal
-        path = plan_path(self._model, collisions, request, lambda: end_s - time.monotonic())
-        motion = timed(path, scaled(self._model.limits, speed, speed), collisions, request.margins)
+        plan = plan_path(self._model, collisions, request, lambda: end_s - time.monotonic())
+        motion = timed(plan.points, scaled(self._model.limits, speed, speed), collisions, plan.margins)
         return ArmTrajectory(
             motion.times_s.tolist(),
             dict(zip(self.joints, motion.positions.T.tolist(), strict=True)),
