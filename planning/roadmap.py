@@ -17,7 +17,7 @@ BATCH: Final = 150
 """Number of random poses that are added when the roadmap has no path."""
 NEIGHBORS: Final = 10
 """Number of nearest poses to which each pose is connected."""
-MOST: Final = 1_500
+MOST: Final = 1_000
 """Maximum number of poses of a roadmap."""
 
 
