@@ -17,7 +17,10 @@ IN_REAL_TIME = (
     *("tests/bench_arm/test_verb", "tests/monitor/test_docs", "tests/teach/test_docs", "tests/testing/test_docs"),
     *("tests/api/test_arm_servos", "tests/examples/", "tests/integrations/lerobot/test_lerobot_commands"),
     *("tests/faults/test_docs", "tests/handling/test_handling_over_ros", "tests/live/test_record_verb"),
-    "tests/commissioning/test_unknown_models",
+    *("tests/commissioning/test_unknown_models", "tests/commissioning/test_answers_no_reads"),
+    *("tests/command_socket/test_bad_clients", "tests/command_socket/test_commands", "tests/monitor/test_app"),
+    *("tests/handling/test_robot_client", "tests/view/test_mover_without_browser"),
+    "tests/docs/test_every_block_is_run",  # reads the marks of all these files
     *("tests/commissioning/test_set_up_read_by_others", "tests/servoloop/test_passport_verb", "tests/teleop/test_docs"),
     *("tests/servoloop/test_up_without_ros", "tests/command_socket/test_up_and_clients", "tests/api/test_arm_socket"),
     *("tests/view/test_first_page", "tests/view/test_move_in_chromium", "tests/view/test_page_in_chromium"),
