@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from hal.types import FloatArray
-from planning.kinematics.chain import Chain, Pose
+from planning.kinematics.chain import Chain, ToolPose
 from planning.kinematics.descent import Effort, descend
-from planning.kinematics.goals import INSIDE, PoseGoal, Sphere, checked_pose, invalid
+from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
 from planning.kinematics.rotations import angle_between, slerp
 
 TURN_PER_METER: Final = 3.5
@@ -76,7 +76,7 @@ class ToolPath:
 
 
 def tool_path(
-    chain: Chain, start: FloatArray, waypoints: Sequence[Pose], steps: Steps, checks: Checks | None = None
+    chain: Chain, start: FloatArray, waypoints: Sequence[ToolPose], steps: Steps, checks: Checks | None = None
 ) -> ToolPath:
     """Move the tool straight from one pose to the next. The orientation turns at a constant rate between them.
 
@@ -113,7 +113,7 @@ def tool_path(
     return _without_relative_jump(ToolPath(np.array(found), shares[-1], reason), shares, steps.jump_factor)
 
 
-def _points(start: Pose, waypoints: Sequence[Pose], steps: Steps) -> Iterator[tuple[Pose, float]]:
+def _points(start: ToolPose, waypoints: Sequence[ToolPose], steps: Steps) -> Iterator[tuple[ToolPose, float]]:
     """Yield the points of the path, and the share of the path up to each of them. Raises GoalError."""
     if not waypoints:
         raise invalid("the path has no waypoints: send at least one pose")
@@ -125,22 +125,22 @@ def _points(start: Pose, waypoints: Sequence[Pose], steps: Steps) -> Iterator[tu
         for step in range(1, counts[number] + 1):
             share = step / counts[number]
             position = one.position_m + share * (other.position_m - one.position_m)
-            between = Pose(position, slerp(one.quaternion_xyzw, other.quaternion_xyzw, share))
+            between = ToolPose(position, slerp(one.quaternion_xyzw, other.quaternion_xyzw, share))
             yield between, (number + share) / len(waypoints)
 
 
-def _count(one: Pose, other: Pose, longest_m: float) -> int:
+def _count(one: ToolPose, other: ToolPose, longest_m: float) -> int:
     """Return the number of steps between two poses."""
     distance_m = float(np.linalg.norm(other.position_m - one.position_m))
     angle_rad = angle_between(one.quaternion_xyzw, other.quaternion_xyzw)
     return max(1, math.ceil(max(distance_m, angle_rad / TURN_PER_METER) / longest_m - 1e-9))
 
 
-def _goal(pose: Pose, steps: Steps) -> PoseGoal:
-    return PoseGoal(pose, Sphere(steps.deviation_m), steps.deviation_rad)
+def _goal(pose: ToolPose, steps: Steps) -> PoseGoal:
+    return PoseGoal(pose, PositionSphere(steps.deviation_m), steps.deviation_rad)
 
 
-def _follow(chain: Chain, pose: Pose, previous: FloatArray, steps: Steps) -> FloatArray:
+def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) -> FloatArray:
     """Return joint positions (n,) near the previous ones with the tool at the pose, or as near to it as possible."""
     goal = _goal(pose, steps)
     found = descend(chain, goal, previous[None], 0.0, EFFORT)
@@ -149,7 +149,7 @@ def _follow(chain: Chain, pose: Pose, previous: FloatArray, steps: Steps) -> Flo
     return np.asarray(found.positions[0])
 
 
-def _miss(chain: Chain, pose: Pose, positions: FloatArray, steps: Steps) -> str:
+def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> str:
     """Describe why the tool misses the pose at these joint positions (n,); empty if it does not."""
     goal, tool = _goal(pose, steps), chain.transforms(positions[None])
     if goal.contains(tool)[0]:

@@ -15,8 +15,8 @@ from planning.kinematics.rotations import quaternions, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
-    """Pose of a frame in the frame of the base link."""
+class ToolPose:
+    """ToolPose of a frame in the frame of the base link."""
 
     position_m: FloatArray
     """Position (3,), in m."""
@@ -96,7 +96,7 @@ class Chain:
                 )
         return found
 
-    def pose(self, positions: FloatArray) -> Pose:
+    def pose(self, positions: FloatArray) -> ToolPose:
         """Return the pose of the tool at joint positions (n,), in rad or m."""
         return pose_of(self.transforms(np.asarray(positions)[None])[0])
 
@@ -137,9 +137,9 @@ class Chain:
         return links
 
 
-def pose_of(transform: FloatArray) -> Pose:
+def pose_of(transform: FloatArray) -> ToolPose:
     """Convert a transform (4, 4) to a pose."""
-    return Pose(transform[:3, 3].copy(), quaternions(transform[:3, :3]))
+    return ToolPose(transform[:3, 3].copy(), quaternions(transform[:3, :3]))
 
 
 def _generators(axes: FloatArray, anchors: FloatArray, turns: NDArray[np.bool_]) -> FloatArray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hal.types import FloatArray
 from planning.errors import PlanningError
-from planning.kinematics.chain import Pose
+from planning.kinematics.chain import ToolPose
 from planning.kinematics.rotations import euler_angles, euler_rates, matrices, rotation_vectors, vector_rates
 
 ROTATION_M: Final = 0.1
@@ -38,7 +38,7 @@ class GoalError(PlanningError):
 class UnreachableError(GoalError):
     """No joint positions within the limits reach the goal."""
 
-    def __init__(self, message: str, nearest: Pose, positions: FloatArray, distance: tuple[float, float]) -> None:
+    def __init__(self, message: str, nearest: ToolPose, positions: FloatArray, distance: tuple[float, float]) -> None:
         super().__init__("NO_IK_SOLUTION", message)
         self.nearest = nearest
         """Nearest pose found that the tool can reach."""
@@ -61,7 +61,7 @@ def invalid(message: str) -> GoalError:
     return GoalError("INVALID_GOAL_CONSTRAINTS", message)
 
 
-def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequence[float] | FloatArray) -> Pose:
+def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequence[float] | FloatArray) -> ToolPose:
     """Check and normalize a pose of a client.
 
     Args:
@@ -81,7 +81,7 @@ def checked_pose(position_m: Sequence[float] | FloatArray, quaternion_xyzw: Sequ
         raise invalid("the quaternion of the goal's orientation has length 0: send w 1 for no rotation")
     if abs(length - 1.0) > NORMALIZED_WITHIN:
         raise invalid(f"the quaternion of the goal's orientation has length {length:.6g}: normalize it to length 1")
-    return Pose(position, quaternion / length)
+    return ToolPose(position, quaternion / length)
 
 
 def _vector(values: Sequence[float] | FloatArray, names: str, what: str) -> FloatArray:
@@ -99,7 +99,7 @@ _IDENTITY: Final = np.eye(3)[None]
 
 
 @dataclass(frozen=True, slots=True)
-class Sphere:
+class PositionSphere:
     """Region of positions around the position of a goal."""
 
     radius_m: float
@@ -130,7 +130,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Box:
+class PositionBox:
     """Region of positions around the position of a goal, with flat sides."""
 
     size_m: tuple[float, float, float]
@@ -145,7 +145,7 @@ class Box:
         checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw)
 
     def excess(self, offsets: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the shortest ways out of the region, as ``Sphere.excess`` does, but along the axes of the box."""
+        """Return the shortest ways out of the region, as ``PositionSphere.excess`` does, along the axes of the box."""
         rotation = matrices(checked_pose((0.0, 0.0, 0.0), self.quaternion_xyzw).quaternion_xyzw)
         own = offsets @ rotation
         beyond = own - np.clip(own, *(np.array(self.size_m) / 2.0 * share * sign for sign in (-1.0, 1.0)))
@@ -160,8 +160,8 @@ class PoseGoal:
     The orientation is inside if the angles of the rotation from the goal to the tool are within the tolerances.
     """
 
-    pose: Pose
-    region: Sphere | Box
+    pose: ToolPose
+    region: PositionSphere | PositionBox
     """Region of positions around the position of the pose."""
     orientation_tolerance_rad: tuple[float, float, float]
     """Tolerances about the x, y and z axes of the goal, in rad. The orientation about an axis is free from pi on."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planning.errors import PlanningError
-from planning.kinematics.chain import Pose as ToolPose
-from planning.kinematics.goals import PoseGoal, Sphere
+from planning.kinematics.chain import ToolPose
+from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.scene import Box, Pose, SceneObject
 from servoloop import Arm, ArmInputError
 from servoloop.motion_planning.planner import MotionPlanner
@@ -47,7 +47,7 @@ def test_the_same_request_gives_the_same_motion(planner: MotionPlanner) -> None:
 
 def test_the_tool_reaches_a_pose_around_the_wall(planner: MotionPlanner) -> None:
     position_m, quaternion = planner.pose({**START, **GOAL})
-    goal = PoseGoal(ToolPose(position_m, quaternion), Sphere(0.005), (0.05, 0.05, 0.05))
+    goal = PoseGoal(ToolPose(position_m, quaternion), PositionSphere(0.005), (0.05, 0.05, 0.05))
     trajectory = planner.plan(START, goal)
     last = {joint: values[-1] for joint, values in trajectory.positions.items()}
     assert np.linalg.norm(planner.pose(last)[0] - position_m) <= 0.005
@@ -65,7 +65,9 @@ def test_impossible_requests_are_refused(planner: MotionPlanner) -> None:
         planner.plan({"shoulder_pan": 0.0}, GOAL)
     with pytest.raises(ArmInputError, match="shoulder_pan is nan"):
         planner.plan({**START, "shoulder_pan": math.nan}, GOAL)
-    far = PoseGoal(ToolPose(np.array([2.0, 0.0, 0.2]), np.array([0.0, 0.0, 0.0, 1.0])), Sphere(0.005), (4.0, 4.0, 4.0))
+    far = PoseGoal(
+        ToolPose(np.array([2.0, 0.0, 0.2]), np.array([0.0, 0.0, 0.0, 1.0])), PositionSphere(0.005), (4.0, 4.0, 4.0)
+    )
     with pytest.raises(PlanningError, match="cannot reach the goal: the nearest pose is") as refused:
         planner.plan(START, far)
     assert refused.value.code == "NO_IK_SOLUTION"

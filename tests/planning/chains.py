@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hal.robot_description.description import Description, parse_urdf
 from hal.types import FloatArray, JointLimits
 from planning.kinematics.chain import Chain
-from planning.kinematics.goals import PoseGoal, Sphere
+from planning.kinematics.goals import PoseGoal, PositionSphere
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {
@@ -64,4 +64,4 @@ def at_shares(arm: str, shares: list[float]) -> FloatArray:
 
 def around(arm: str, positions: FloatArray, tolerance_m: float = 0.005, tolerance_rad: float = 0.05) -> PoseGoal:
     """Return a region around the pose of the tool at these joint positions."""
-    return PoseGoal(chain(arm).pose(positions), Sphere(tolerance_m), (tolerance_rad,) * 3)
+    return PoseGoal(chain(arm).pose(positions), PositionSphere(tolerance_m), (tolerance_rad,) * 3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hal.types import FloatArray
 from planning.kinematics.cartesian import Checks, Steps, ToolPath, tool_path
-from planning.kinematics.chain import Pose
+from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import GoalError
 from planning.kinematics.rotations import angle_between, slerp
 from tests.planning.chains import chain
@@ -21,13 +21,13 @@ DOWN = np.array([0.0, -0.2, -0.9, -1.1, 2.2 - math.pi, 0.3])
 """Positions of the robot_arm in which the gripper points straight down."""
 
 
-def moved(start: FloatArray, offset_m: Sequence[float], arm: str = "robot_arm") -> Pose:
+def moved(start: FloatArray, offset_m: Sequence[float], arm: str = "robot_arm") -> ToolPose:
     """Return the pose of the tool, moved along the axes of the base."""
     pose = chain(arm).pose(start)
-    return Pose(pose.position_m + offset_m, pose.quaternion_xyzw)
+    return ToolPose(pose.position_m + offset_m, pose.quaternion_xyzw)
 
 
-def path(start: FloatArray, *poses: Pose, steps: Steps | None = None, checks: Checks | None = None) -> ToolPath:
+def path(start: FloatArray, *poses: ToolPose, steps: Steps | None = None, checks: Checks | None = None) -> ToolPath:
     return tool_path(chain("robot_arm"), start, poses, steps or Steps(), checks)
 
 
@@ -128,7 +128,7 @@ def test_wrong_requests_are_refused(steps: dict[str, float], poses: int, message
 
 def test_a_wrong_waypoint_is_refused() -> None:
     with pytest.raises(GoalError, match="length 0"):
-        path(DOWN, Pose(np.zeros(3), np.zeros(4)))
+        path(DOWN, ToolPose(np.zeros(3), np.zeros(4)))
 
 
 def test_a_five_joint_arm_keeps_the_line_and_turns_within_the_tolerance() -> None:

@@ -9,20 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.types import FloatArray
-from planning.kinematics.chain import Pose
-from planning.kinematics.goals import Box, GoalError, PoseGoal, Sphere, checked_pose
+from planning.kinematics.chain import ToolPose
+from planning.kinematics.goals import GoalError, PoseGoal, PositionBox, PositionSphere, checked_pose
 from planning.kinematics.rotations import matrices
 from tests.planning.chains import chain, random_positions
 
 NONE = (0.0, 0.0, 0.0, 1.0)
 QUARTER = (0.0, 0.0, math.sin(math.pi / 4.0), math.cos(math.pi / 4.0))
 REGIONS = [
-    (Sphere(0.02), (0.05, 0.2, 0.1)),
-    (Sphere(0.02), (0.05, 0.2, math.pi)),
-    (Box((0.02, 0.04, 0.06), (0.5, 0.5, 0.5, 0.5)), (0.3, 4.0, math.pi)),
-    (Sphere(0.02), (4.0, 4.0, 4.0)),
-    (Sphere(0.02), (0.05, 0.2, 0.1), "xyz_euler"),
-    (Sphere(0.02), (0.05, 0.2, 4.0), "xyz_euler"),
+    (PositionSphere(0.02), (0.05, 0.2, 0.1)),
+    (PositionSphere(0.02), (0.05, 0.2, math.pi)),
+    (PositionBox((0.02, 0.04, 0.06), (0.5, 0.5, 0.5, 0.5)), (0.3, 4.0, math.pi)),
+    (PositionSphere(0.02), (4.0, 4.0, 4.0)),
+    (PositionSphere(0.02), (0.05, 0.2, 0.1), "xyz_euler"),
+    (PositionSphere(0.02), (0.05, 0.2, 4.0), "xyz_euler"),
 ]
 
 
@@ -55,17 +55,21 @@ def test_a_wrong_pose_is_refused(position: Any, quaternion: Any, message: str) -
 @pytest.mark.parametrize(
     ("region", "tolerance", "message"),
     [
-        (Sphere(0.0), (0.1,) * 3, "the position tolerance is 0 m: send a finite number above 0"),
-        (Sphere(math.nan), (0.1,) * 3, "the position tolerance is nan m"),
-        (Box((0.1, -0.1, 0.1)), (0.1,) * 3, "the size of the position region along y is -0.1 m"),
-        (Box((0.1, 0.1, 0.1), (0.0,) * 4), (0.1,) * 3, "orientation has length 0"),
-        (Sphere(0.1), (0.1, 0.1, 0.0), "the orientation tolerance about z is 0 rad: send a finite number above 0"),
-        (Sphere(0.1), (math.inf, 0.1, 0.1), "the orientation tolerance about x is inf rad"),
+        (PositionSphere(0.0), (0.1,) * 3, "the position tolerance is 0 m: send a finite number above 0"),
+        (PositionSphere(math.nan), (0.1,) * 3, "the position tolerance is nan m"),
+        (PositionBox((0.1, -0.1, 0.1)), (0.1,) * 3, "the size of the position region along y is -0.1 m"),
+        (PositionBox((0.1, 0.1, 0.1), (0.0,) * 4), (0.1,) * 3, "orientation has length 0"),
+        (
+            PositionSphere(0.1),
+            (0.1, 0.1, 0.0),
+            "the orientation tolerance about z is 0 rad: send a finite number above 0",
+        ),
+        (PositionSphere(0.1), (math.inf, 0.1, 0.1), "the orientation tolerance about x is inf rad"),
     ],
 )
 def test_wrong_tolerances_are_refused(region: Any, tolerance: Any, message: str) -> None:
     with pytest.raises(GoalError) as caught:
-        PoseGoal(Pose(np.zeros(3), np.array(NONE)), region, tolerance)
+        PoseGoal(ToolPose(np.zeros(3), np.array(NONE)), region, tolerance)
     assert message in str(caught.value)
 
 
@@ -77,24 +81,24 @@ def test_a_rounded_quaternion_is_normalized() -> None:
 @pytest.mark.parametrize(
     ("region", "tolerance", "offset", "turn", "inside"),
     [
-        (Sphere(0.01), (0.1,) * 3, (0.0099, 0.0, 0.0), NONE, True),
-        (Sphere(0.01), (0.1,) * 3, (0.008, 0.008, 0.0), NONE, False),
-        (Box((0.02, 0.04, 0.06)), (0.1,) * 3, (0.0099, -0.0199, 0.0299), NONE, True),
-        (Box((0.02, 0.04, 0.06)), (0.1,) * 3, (0.0101, 0.0, 0.0), NONE, False),
-        (Box((0.02, 0.04, 0.06), QUARTER), (0.1,) * 3, (0.0199, 0.0099, 0.0), NONE, True),
-        (Box((0.02, 0.04, 0.06), QUARTER), (0.1,) * 3, (0.0, 0.0199, 0.0), NONE, False),
-        (Sphere(0.01), (0.1, 0.1, 1.58), (0.0, 0.0, 0.0), QUARTER, True),
-        (Sphere(0.01), (1.58, 1.58, 0.1), (0.0, 0.0, 0.0), QUARTER, False),
-        (Sphere(0.01), (0.1, 0.1, math.pi), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), True),
-        (Sphere(0.01), (0.1, math.pi, 0.1), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), False),
-        (Sphere(0.01), (4.0, 4.0, 4.0), (0.0, 0.0, 0.0), (0.6, 0.0, 0.8, 0.0), True),
+        (PositionSphere(0.01), (0.1,) * 3, (0.0099, 0.0, 0.0), NONE, True),
+        (PositionSphere(0.01), (0.1,) * 3, (0.008, 0.008, 0.0), NONE, False),
+        (PositionBox((0.02, 0.04, 0.06)), (0.1,) * 3, (0.0099, -0.0199, 0.0299), NONE, True),
+        (PositionBox((0.02, 0.04, 0.06)), (0.1,) * 3, (0.0101, 0.0, 0.0), NONE, False),
+        (PositionBox((0.02, 0.04, 0.06), QUARTER), (0.1,) * 3, (0.0199, 0.0099, 0.0), NONE, True),
+        (PositionBox((0.02, 0.04, 0.06), QUARTER), (0.1,) * 3, (0.0, 0.0199, 0.0), NONE, False),
+        (PositionSphere(0.01), (0.1, 0.1, 1.58), (0.0, 0.0, 0.0), QUARTER, True),
+        (PositionSphere(0.01), (1.58, 1.58, 0.1), (0.0, 0.0, 0.0), QUARTER, False),
+        (PositionSphere(0.01), (0.1, 0.1, math.pi), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), True),
+        (PositionSphere(0.01), (0.1, math.pi, 0.1), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), False),
+        (PositionSphere(0.01), (4.0, 4.0, 4.0), (0.0, 0.0, 0.0), (0.6, 0.0, 0.8, 0.0), True),
     ],
 )
 def test_a_region_contains_what_its_tolerances_allow(
     region: Any, tolerance: Any, offset: Any, turn: Any, inside: bool
 ) -> None:
     """``offset`` is along the axes of the base, ``turn`` about the axes of the goal."""
-    goal = PoseGoal(Pose(np.array([0.1, 0.2, 0.3]), np.array([0.5, 0.5, 0.5, 0.5])), region, tolerance)
+    goal = PoseGoal(ToolPose(np.array([0.1, 0.2, 0.3]), np.array([0.5, 0.5, 0.5, 0.5])), region, tolerance)
     tool = np.eye(4)
     tool[:3, :3] = matrices(goal.pose.quaternion_xyzw) @ matrices(np.array(turn))
     tool[:3, 3] = goal.pose.position_m + offset
@@ -114,7 +118,7 @@ def test_the_tilt_that_a_free_axis_leaves_depends_on_the_meaning_of_the_angles(
     angles: Any, tilt_rad: float, inside: bool
 ) -> None:
     """After a half turn about z, a tilt of 0.03 rad about x is a rotation vector with x at 0.047."""
-    goal = PoseGoal(Pose(np.zeros(3), np.array(NONE)), Sphere(0.01), (0.05, 0.05, math.pi), angles)
+    goal = PoseGoal(ToolPose(np.zeros(3), np.array(NONE)), PositionSphere(0.01), (0.05, 0.05, math.pi), angles)
     tool = np.eye(4)
     tilt, turn = (math.sin(tilt_rad / 2.0), 0.0, 0.0, math.cos(tilt_rad / 2.0)), (0.0, 0.0, 1.0, 0.0)
     tool[:3, :3] = matrices(np.array(tilt)) @ matrices(np.array(turn))

@@ -12,8 +12,15 @@ from hypothesis import strategies as st
 
 from hal.types import FloatArray, JointLimits
 from planning.errors import PlanningError
-from planning.kinematics.chain import Chain, Pose
-from planning.kinematics.goals import ROTATION_M, Box, CollidingError, PoseGoal, Sphere, UnreachableError
+from planning.kinematics.chain import Chain, ToolPose
+from planning.kinematics.goals import (
+    ROTATION_M,
+    CollidingError,
+    PoseGoal,
+    PositionBox,
+    PositionSphere,
+    UnreachableError,
+)
 from planning.kinematics.inverse import DISTINCT, InverseKinematics
 from planning.kinematics.rotations import matrices, quaternions
 from tests.planning.chains import SHARES, around, at_shares, chain, limits, model, random_positions
@@ -90,7 +97,7 @@ def refused(arm: str, number: int) -> float:
     """Check that poses out of reach are refused, and return the longest time, in seconds of processor."""
     longest_s = 0.0
     for seed in range(number):
-        goal = PoseGoal(Pose(far(seed), turned(seed)), Sphere(0.005), (0.05,) * 3)
+        goal = PoseGoal(ToolPose(far(seed), turned(seed)), PositionSphere(0.005), (0.05,) * 3)
         began_s = time.process_time()
         with pytest.raises(UnreachableError) as caught:
             SOLVERS[arm].solve(goal, start(arm))
@@ -116,7 +123,9 @@ def test_200_poses_out_of_reach_are_refused(arm: str) -> None:
 
 def test_the_nearest_pose_is_as_near_as_the_arm_can_come() -> None:
     """The stretched robot_arm reaches 0.59 m above its base."""
-    goal = PoseGoal(Pose(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])), Sphere(0.005), (math.pi,) * 3)
+    goal = PoseGoal(
+        ToolPose(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])), PositionSphere(0.005), (math.pi,) * 3
+    )
     with pytest.raises(UnreachableError) as caught:
         SOLVERS["robot_arm"].solve(goal, start("robot_arm"))
     assert caught.value.distance_m == pytest.approx(1.0 - 0.59, abs=1e-3)
@@ -128,7 +137,7 @@ def test_no_random_pose_is_nearer_than_the_nearest_pose(arm: str) -> None:
     samples = chain(arm).transforms(random_positions(arm, 20_000, seed=13))
     for seed in range(3):
         inner = chain(arm).pose(random_positions(arm, 1, seed)[0]).position_m
-        goal = PoseGoal(Pose(inner, turned(seed)), Sphere(1e-3), (1e-3,) * 3)
+        goal = PoseGoal(ToolPose(inner, turned(seed)), PositionSphere(1e-3), (1e-3,) * 3)
         with pytest.raises(UnreachableError) as caught:
             SOLVERS[arm].solve(goal, start(arm))
         found = math.hypot(caught.value.distance_m, ROTATION_M * caught.value.angle_rad)
@@ -142,7 +151,9 @@ def test_the_nearest_position_beyond_a_limit_is_straight_beside_the_goal(beyond_
     one = Chain(model("robot_arm"), narrow, "gripper_base_link")
     at = np.array([0.5, -0.6, -0.5, -0.4, -0.3, 0.0])
     x, y, z = one.pose(at + np.eye(6)[0] * beyond_rad).position_m.tolist()
-    goal = PoseGoal(Pose(np.array([x, y, z]), np.array([0.0, 0.0, 0.0, 1.0])), Sphere(0.005), (math.pi,) * 3)
+    goal = PoseGoal(
+        ToolPose(np.array([x, y, z]), np.array([0.0, 0.0, 0.0, 1.0])), PositionSphere(0.005), (math.pi,) * 3
+    )
     with pytest.raises(UnreachableError) as caught:
         InverseKinematics(one).solve(goal, np.zeros(6))
     assert caught.value.positions[0] == 0.5
@@ -159,19 +170,19 @@ def test_solutions_are_inside_the_region_and_the_limits(arm: str, shares: list[f
 @pytest.mark.parametrize(
     ("region", "tolerance_rad"),
     [
-        (Sphere(0.005), (0.3, 0.3, math.pi)),
-        (Sphere(0.005), (math.pi, math.pi, 0.3)),
-        (Box((0.1, 0.1, 0.02)), (0.3, 0.3, 0.3)),
+        (PositionSphere(0.005), (0.3, 0.3, math.pi)),
+        (PositionSphere(0.005), (math.pi, math.pi, 0.3)),
+        (PositionBox((0.1, 0.1, 0.02)), (0.3, 0.3, 0.3)),
     ],
 )
 def test_a_five_joint_arm_uses_the_tolerances_of_a_pose_that_it_cannot_reach_exactly(
-    region: Sphere | Box, tolerance_rad: tuple[float, float, float]
+    region: PositionSphere | PositionBox, tolerance_rad: tuple[float, float, float]
 ) -> None:
     for positions in random_positions("so101", 2, seed=3):
         pose = chain("so101").pose(positions)
-        shifted = PoseGoal(Pose(pose.position_m, _tilted(pose.quaternion_xyzw)), region, tolerance_rad)
+        shifted = PoseGoal(ToolPose(pose.position_m, _tilted(pose.quaternion_xyzw)), region, tolerance_rad)
         assert check("so101", shifted, SOLVERS["so101"].solve(shifted, start("so101")))
-        exact = PoseGoal(shifted.pose, Sphere(1e-6), (1e-6,) * 3)
+        exact = PoseGoal(shifted.pose, PositionSphere(1e-6), (1e-6,) * 3)
         with pytest.raises(UnreachableError):
             SOLVERS["so101"].solve(exact, start("so101"))
 
@@ -191,8 +202,8 @@ def test_a_pose_shifted_within_its_tolerances_is_reached(arm: str, angles: Any, 
     for positions in random_positions(arm, 3, seed=10):
         tool = chain(arm).transforms(positions[None])[0]
         turn = matrices(_quaternion(random.uniform(-0.9, 0.9, 3) * np.minimum(tolerance_rad, 0.5) / 2.0))
-        pose = Pose(tool[:3, 3] + random.uniform(-0.0025, 0.0025, 3), quaternions(tool[:3, :3] @ turn))
-        goal = PoseGoal(pose, Sphere(0.005), tolerance_rad, angles)
+        pose = ToolPose(tool[:3, 3] + random.uniform(-0.0025, 0.0025, 3), quaternions(tool[:3, :3] @ turn))
+        goal = PoseGoal(pose, PositionSphere(0.005), tolerance_rad, angles)
         assert check(arm, goal, SOLVERS[arm].solve(goal, start(arm)))
 
 
@@ -254,7 +265,7 @@ def test_a_wrong_start_is_refused(positions: list[float], message: str) -> None:
 
 def test_other_places_of_the_region_are_tried_if_its_center_collides() -> None:
     pose = chain("robot_arm").pose(random_positions("robot_arm", 1, seed=7)[0])
-    goal = PoseGoal(pose, Sphere(0.05), (0.3,) * 3)
+    goal = PoseGoal(pose, PositionSphere(0.05), (0.3,) * 3)
 
     def clear(at: FloatArray) -> bool:
         return float(np.linalg.norm(chain("robot_arm").pose(at).position_m - pose.position_m)) > 0.02
@@ -280,7 +291,7 @@ def test_a_continuous_joint_does_not_turn_needlessly() -> None:
     free = {**limits("robot_arm"), "joint6": JointLimits(-math.inf, math.inf, 1.0, 1.0, 1.0)}
     one = Chain(model("robot_arm"), free, "gripper_base_link")
     positions = np.array([0.1, 0.5, 0.6, 0.4, 0.3, 9.0])
-    goal = PoseGoal(one.pose(positions), Sphere(1e-3), (0.01,) * 3)
+    goal = PoseGoal(one.pose(positions), PositionSphere(1e-3), (0.01,) * 3)
     solutions = InverseKinematics(one).solve(goal, positions + 0.1)
     assert np.abs(solutions[:, 5] - 9.1).max() <= math.pi
     assert np.abs(solutions[0] - positions).max() < 0.5
