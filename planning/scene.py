@@ -14,6 +14,7 @@ import numpy as np
 from hal.types import FloatArray
 from planning.arm_model import Pair, pair
 from planning.errors import PlanningError
+from planning.kinematics.rotations import matrices
 
 FLAT_M: Final = 1e-6
 """Extent below which a mesh counts as flat, in m. A flat mesh has no volume and no hull."""
@@ -43,13 +44,7 @@ class Pose:
             raise PlanningError(
                 "INVALID_OBJECT_NAME", f"quaternion {[x, y, z, w]} has length {length:.3g}: normalize it to length 1"
             )
-        x, y, z, w = x / length, y / length, z / length, w / length
-        rows = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-        return cls(position, np.array(rows))
+        return cls(position, matrices(np.array([x, y, z, w]) / length))
 
     def __matmul__(self, other: "Pose") -> "Pose":
         """Return the pose of a frame whose pose relative to this one is ``other``."""

@@ -15,10 +15,10 @@ from planning.collision import Clearance, Collisions, warm_up
 from planning.kinematics.chain import Chain
 from planning.kinematics.goals import PoseGoal
 from planning.kinematics.inverse import InverseKinematics
-from planning.planner import plan_path
+from planning.planner import plan_motion
 from planning.request import PathRequest
 from planning.scene import Scene
-from planning.timing import scaled, timed
+from planning.timing import scaled
 from servoloop.api.errors import ArmInputError
 from servoloop.api.options import ArmOptions
 from servoloop.api.trajectory import ArmTrajectory
@@ -115,8 +115,8 @@ class MotionPlanner:
         collisions = Collisions(self._model, self.scene)
         goals = self._goals(here, goal, collisions)
         request = PathRequest(here, goals, seed=self._seed)
-        plan = plan_path(self._model, collisions, request, lambda: end_s - time.monotonic())
-        motion = timed(plan.points, scaled(self._model.limits, speed, speed), collisions, plan.margins)
+        limits = scaled(self._model.limits, speed, speed)
+        motion = plan_motion(self._model, collisions, request, lambda: end_s - time.monotonic(), limits)
         return ArmTrajectory(
             motion.times_s.tolist(),
             dict(zip(self.joints, motion.positions.T.tolist(), strict=True)),
@@ -127,7 +127,7 @@ class MotionPlanner:
         if isinstance(goal, PoseGoal):
             return tuple(self._kinematics.solve(goal, here, valid=collisions.is_clear))
         if unknown := sorted(goal.keys() - set(self.joints)):
-            raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose of {', '.join(self.joints)}")
+            raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {', '.join(self.joints)}")
         return (self._vector("the goal", {**dict(zip(self.joints, here.tolist(), strict=True)), **goal}),)
 
     def _inside(self, what: str, positions: Positions) -> FloatArray:

@@ -59,7 +59,7 @@ def test_impossible_requests_are_refused(planner: MotionPlanner) -> None:
     assert refused.value.code == "GOAL_IN_COLLISION"
     with pytest.raises(PlanningError, match="shoulder_pan"):
         planner.plan(START, {"shoulder_pan": 5.0})
-    with pytest.raises(ArmInputError, match="no planned joint elbow: choose of shoulder_pan"):
+    with pytest.raises(ArmInputError, match="no planned joint elbow: choose one of shoulder_pan"):
         planner.plan(START, {"elbow": 0.1})
     with pytest.raises(ArmInputError, match="need a position of shoulder_lift"):
         planner.plan({"shoulder_pan": 0.0}, GOAL)
