@@ -54,6 +54,19 @@ def pose_clearance(
 
 
 @compiled
+def pair_distances(chains: ChainTables, pairs: PairTables, now: Placement, positions: Any, distances: Any) -> None:
+    """Write the distance of each pair at positions (n,) into ``distances`` (p,)."""
+    place(chains, pairs, now, positions)
+    geoms, first_geom = now.geoms, pairs.first_geom
+    for pair in range(len(pairs.one)):
+        one, other = pairs.one[pair], pairs.other[pair]
+        for i in range(first_geom[one], first_geom[one + 1]):
+            for j in range(first_geom[other], first_geom[other + 1]):
+                distance = geom_distance(geoms, i, j, pairs.vertices, (distances[pair], EXACT), now.normal)
+                distances[pair] = min(distances[pair], distance)
+
+
+@compiled
 def _free_part(rate: float, bend: float, reserve_m: float) -> float:
     """Return the part of an edge in which a pair comes nearer by at most ``reserve_m``."""
     if rate <= 0.0 and bend <= 0.0:

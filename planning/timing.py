@@ -48,6 +48,15 @@ class TimedPath:
         """Duration, in seconds."""
         return float(self.times_s[-1])
 
+    def since(self, from_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return the times (k,) and positions (k, n) of the rest from a time on, in s. k is at least 2."""
+        at_s = min(max(from_s, 0.0), self.duration_s)
+        first = np.array([np.interp(at_s, self.times_s, column) for column in self.positions.T])
+        later = self.times_s > at_s
+        if not later.any():
+            return np.full(2, at_s), np.array([first, first])
+        return np.concatenate(([at_s], self.times_s[later])), np.concatenate([first[None], self.positions[later]])
+
 
 @dataclass(frozen=True, slots=True)
 class _Caps:
