@@ -1,8 +1,9 @@
 """Run roboplan on the same problems, in its own interpreter.
 
 The task is a JSON document with the URDF, the SRDF, the names of the joints, the pairs of links that may touch, the
-links that never move, the time limit in s and the problems. A problem has the start, the goal and the shapes, each as kind, sizes and transform.
-The answer has, for each problem, the path, the time of the search and the total time in s, or null.
+links that never move, the time limit in s and the problems. A problem has the start, the goal and the shapes, each as
+kind, sizes and transform. The answer has, for each problem, the path, the time of the search and the total time in s,
+or null.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Plan the public problems of a UR5 and collect the figures."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,9 @@ from planning.paths.request import PathRequest
 from planning.paths.search import find_path
 from planning.paths.smoothing import path_length
 from planning.paths.timing import timed
+
+SHOWN = 2
+"""Number of names of problems in a row."""
 
 
 @dataclass(slots=True)
@@ -81,7 +84,6 @@ def _rows(results: Results) -> dict[str, str]:
         raise SystemExit(f"none of the {results.valid} valid problems was solved: {' '.join(results.failed)}")
     times_ms, lengths_rad = np.array(results.times_s) * 1e3, np.array(results.lengths_rad)
     plan_ms = np.array(results.plan_s) * 1e3
-    timed_touching = f"{len(results.touching_timed)} {' '.join(results.touching_timed)}"
     rows = {
         "solved": f"{len(times_ms)} of {results.valid}",
         "solved within 1 s": f"{int((times_ms < 1000).sum())}",
@@ -90,13 +92,18 @@ def _rows(results: Results) -> dict[str, str]:
         "with shortcuts, median": f"{np.median(times_ms):.0f} ms",
         "with shortcuts, 95th percentile": f"{np.percentile(times_ms, 95):.0f} ms",
         "path length, median": f"{np.median(lengths_rad):.2f} rad",
-        "plans that touch on the fine check": f"{len(results.touching)} {' '.join(results.touching)}",
-        "not solved": " ".join(results.failed) or "none",
+        "plans that touch on the fine check": _counted(results.touching),
+        "not solved": _counted(results.failed),
     }
     if results.timing_s:
         rows |= {
             "time parameterization, median": f"{np.median(results.timing_s) * 1e3:.0f} ms",
             "duration of the motion, median": f"{np.median(results.durations_s):.1f} s",
-            "trajectories that touch on the fine check": timed_touching,
+            "trajectories that touch on the fine check": _counted(results.touching_timed),
         }
     return rows
+
+
+def _counted(names: Sequence[str]) -> str:
+    """Return a number of problems with the first of their names."""
+    return f"{len(names)} {', '.join(names[:SHOWN])}{', ...' if len(names) > SHOWN else ''}"
