@@ -28,6 +28,7 @@ from planning.motion import (
 )
 from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest
+from planning.paths.smooth_timing import timed_smoothly
 from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Scene
@@ -36,6 +37,8 @@ THINNING_M: Final = 2e-4
 """Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
 ROUNDING_M: Final = 1e-6
 """The same for points on the straight edges of a motion."""
+SLOWER: Final = 1.5
+"""Factor up to which a straight motion may take longer along a spline, which is nearer to the line than blends are."""
 NEAR: Final = Margins(1e-3, 5e-4)
 """Distances that count as a contact of a motion under way."""
 
@@ -113,6 +116,9 @@ class GroupPlanner:
             return LineMotion(None, found.fraction, found.reason)
         points = thinned(np.array([whole(one) for one in found.positions]), collisions.levers_m, THINNING_M)
         path = timed(points, limits, collisions, margins)
+        smooth = timed_smoothly(points, limits, collisions, margins)
+        if smooth is not None and smooth.duration_s < SLOWER * path.duration_s:
+            path = smooth
         return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
 
     def inverse(
