@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.eeprom import SILENCES, TRIES, Change, EepromError, eeprom, update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS
+from drivers.eeprom import SILENCES, TRIES, Change, EepromError, eeprom, update
 from drivers.errors import PortLost, ServoError, ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import sts, xl320

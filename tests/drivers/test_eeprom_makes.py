@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from calibration.eeprom import Change, EepromError, update
 from drivers.bus.bus import Bus
+from drivers.eeprom import Change, EepromError, update
 from drivers.errors import ServoSilent
 from drivers.servos import ax_mx as dxl
 from drivers.servos import x

@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration import angles
-from calibration.angles import LARGEST_OFFSET, TURN, Travel
-from calibration.eeprom import update
 from drivers.bus.bus import Bus
-from drivers.servos import sts
+from drivers.eeprom import update
+from drivers.servos import angles, sts
+from drivers.servos.angles import LARGEST_OFFSET, TURN, Travel
 from drivers.servos.register import ByteOrder
 from sim_backend.buses.feetech import VirtualBus
 from sim_backend.buses.port import VirtualPort
