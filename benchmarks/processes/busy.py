@@ -14,7 +14,7 @@ from typing import Final
 
 from rich.console import Console
 
-from benchmarks.children import kill, start
+from benchmarks.processes.children import kill, start
 from servoloop.stack.processes import end_with_parent
 
 CUBES: Final = 3

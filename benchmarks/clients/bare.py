@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import serial
 
-from benchmarks.peers import Client
+from benchmarks.clients.peers import Client
 from drivers.errors import DriverError
 from drivers.port import Port
 from drivers.port.serial_port import LARGEST_VMIN, SerialPort

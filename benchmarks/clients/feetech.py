@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from benchmarks import peers
-from benchmarks.bare import bare
-from benchmarks.peers import Client, Driver, Work, cycle_size
+from benchmarks.clients import peers
+from benchmarks.clients.bare import bare
+from benchmarks.clients.peers import Client, Driver, Work, cycle_size
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
