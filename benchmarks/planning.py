@@ -28,12 +28,12 @@ from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel, Pair, pair
 from planning.collision import Collisions, warm_up
 from planning.errors import PlanningError
-from planning.planner import SEARCHES, plan_path
-from planning.request import PathRequest
+from planning.paths.planner import SEARCHES, plan_path
+from planning.paths.request import PathRequest
+from planning.paths.smoothing import path_length
+from planning.paths.timing import timed
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
-from planning.smoothing import path_length
 from planning.srdf_file import read_pairs
-from planning.timing import timed
 
 JOINTS: Final = (
     "shoulder_pan_joint",

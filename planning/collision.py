@@ -10,10 +10,10 @@ import numpy as np
 
 from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
-from planning.chain_tables import chain_tables, joint_positions
-from planning.clearance_kernel import edge_contact, pair_distances, pose_clearance
-from planning.pair_tables import pair_tables
-from planning.placement import placement
+from planning.clearance.chain_tables import chain_tables, joint_positions
+from planning.clearance.kernel import edge_contact, pair_distances, pose_clearance
+from planning.clearance.pair_tables import pair_tables
+from planning.clearance.placement import placement
 from planning.scene import Scene
 
 PADDING_M: Final = 2e-3

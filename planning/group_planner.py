@@ -24,10 +24,10 @@ from planning.motion import (
     positions_of,
     with_positions,
 )
-from planning.planner import plan_path
-from planning.request import PathRequest
+from planning.paths.planner import plan_path
+from planning.paths.request import PathRequest
+from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Scene
-from planning.timing import TimedPath, scaled, timed
 
 MARGINS: Final = Margins()
 """Distances that motions and states keep by default."""

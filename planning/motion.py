@@ -9,9 +9,9 @@ from planning.errors import PlanningError
 from planning.kinematics.cartesian import Steps
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal
-from planning.request import Remaining
+from planning.paths.request import Remaining
+from planning.paths.timing import TimedPath
 from planning.scene import Scene
-from planning.timing import TimedPath
 
 State = Mapping[str, float]
 """Positions of all driven joints of a robot by name, in rad or m."""

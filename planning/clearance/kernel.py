@@ -2,7 +2,7 @@
 
 An edge is checked by conservative advancement. At a pose, the clearance of a pair divided by the largest speed of its
 two units gives the part of the edge that is free, before and after the pose. The next poses are in the middle of the
-remaining parts. planning/speed_bounds.py describes the speeds.
+remaining parts. planning/clearance/speed_bounds.py describes the speeds.
 """
 
 from math import sqrt
@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from planning.chain_tables import ChainTables
-from planning.compiled import compiled
-from planning.geom_distance import geom_distance, unit_bound
-from planning.pair_tables import PairTables
-from planning.placement import Placement, place
-from planning.speed_bounds import approach, set_bends, set_geom_rates, set_rates
+from planning.clearance.chain_tables import ChainTables
+from planning.clearance.compiled import compiled
+from planning.clearance.geom_distance import geom_distance, unit_bound
+from planning.clearance.pair_tables import PairTables
+from planning.clearance.placement import Placement, place
+from planning.clearance.speed_bounds import approach, set_bends, set_geom_rates, set_rates
 
 OPEN: Final = 128
 """Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""

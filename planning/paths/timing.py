@@ -14,9 +14,9 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from hal.types import FloatArray, JointLimits
-from planning.blends import Corner, blended, distinct
 from planning.collision import Collisions, Contact, Margins
 from planning.errors import PlanningError
+from planning.paths.blends import Corner, blended, distinct
 
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in s."""
