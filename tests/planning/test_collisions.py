@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planning import clearance_kernel
-from planning.allowed_collisions import srdf_pairs
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
+from planning.srdf_file import parse_pairs
 from tests.planning.arms import limits, planar, robot_arm, so101
 
 REACH = np.array([math.pi / 4, 0.0])
@@ -59,18 +59,19 @@ def test_an_object_with_the_name_of_a_link_is_refused():
 
 def test_allowed_pairs_may_touch():
     srdf = '<robot name="r"><disable_collisions link1="upper" link2="base" reason="Adjacent"/></robot>'
-    assert srdf_pairs(srdf) == {("base", "upper")}
+    assert parse_pairs(srdf) == {("base", "upper"): "Adjacent"}
     scene = Scene().allow("post", "lower").allow("post", "left").allow("right", "post")
     assert Collisions(planar(), scene).is_clear(REACH)
     assert not Collisions(planar(), scene.forbid("lower", "post")).is_clear(REACH)
 
 
 @pytest.mark.parametrize(
-    ("srdf", "words"), [("<robot>", "not XML"), ('<r><disable_collisions link1="a"/></r>', "needs link1 and link2")]
+    ("srdf", "words"),
+    [("<robot>", "not well-formed XML"), ('<robot><disable_collisions link1="a"/></robot>', "needs link1 and link2")],
 )
 def test_a_broken_srdf_is_refused(srdf, words):
     with pytest.raises(PlanningError, match=words):
-        srdf_pairs(srdf)
+        parse_pairs(srdf)
 
 
 def test_an_edge_that_passes_an_obstacle_is_refused_at_the_obstacle():
