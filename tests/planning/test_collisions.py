@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning import clearance_kernel
 from planning.arm_model import ArmModel
+from planning.clearance import kernel
 from planning.collision import Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
@@ -144,7 +144,7 @@ def test_adjacent_links_are_not_checked_and_others_are():
 
 def test_after_the_warm_up_nothing_is_compiled():
     warm_up()
-    kernels = (clearance_kernel.edge_contact, clearance_kernel.pose_clearance)
+    kernels = (kernel.edge_contact, kernel.pose_clearance)
     before = [list(kernel.signatures) for kernel in kernels]
     collisions = Collisions(robot_arm(), Scene().with_object(box("box", 0.1, 0.3, 0.3, 0.3)))
     collisions.clearance(np.zeros(6))
