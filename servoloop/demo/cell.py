@@ -23,8 +23,6 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
-
     from nodes.stack_monitor import StackMonitor
 
 ARM = "arm_controller"
@@ -75,7 +73,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
         DriverError: A process failed; the message has its last output.
         Interrupted: A signal arrived.
     """
-    from nodes.client_node import client_node
+    from nodes.client_node import client_node, has_service
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
     from nodes.stack_monitor import StackMonitor
@@ -97,7 +95,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
             if options.poses:
-                processes.wait_until(lambda: _planner_serves(node), "starting the motion planner", START_S)
+                processes.wait_until(lambda: has_service(node, PLANNER_SERVICE), "starting the motion planner", START_S)
             process_ids["pick_place"] = _start_node(processes, arm, options, live)
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
@@ -150,10 +148,6 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     started["stack"] = processes.start("stack", *command)
     processes.wait_until(ready.exists, "starting the stack", START_S)
     return started
-
-
-def _planner_serves(node: "Node") -> bool:
-    return PLANNER_SERVICE in {name for name, _ in node.get_service_names_and_types()}
 
 
 def _start_node(processes: Processes, arm: ArmFolder, options: CellOptions, live: Live) -> int:

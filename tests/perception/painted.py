@@ -90,8 +90,8 @@ def paint(
         normal[mine] = (points[mine] - apple.center_m) / apple.radius_m
         albedo[mine], red, bad = texture(apple, normal[mine])
         alone = np.isfinite(hits(eye - apple.center_m, rays, apple.radius_m)).sum()
-        share = (lambda flags: float(flags.mean()) if len(flags) else 0.0)
-        truths.append(PaintedTruth(2000 * apple.radius_m, apple.center_m, share(red), share(bad), mine.sum() / alone))
+        red_share, bad_share = (float(flags.mean()) if len(flags) else 0.0 for flags in (red, bad))
+        truths.append(PaintedTruth(2000 * apple.radius_m, apple.center_m, red_share, bad_share, mine.sum() / alone))
     lit = np.maximum(normal @ lamp.direction, 0.0)
     for apple in apples:
         start = points + normal * 1e-4
