@@ -19,7 +19,7 @@ from moveit_msgs.msg import (
 from moveit_msgs.srv import GetCartesianPath, GetPlanningScene
 from shape_msgs.msg import SolidPrimitive
 
-from nodes.pick_place.pose_settings import PoseSettings, ToolPose
+from pick_place.pose_settings import PoseSettings, ToolPose
 
 JOINT_TOLERANCE_RAD: Final = 1e-3
 POSITION_TOLERANCE_M: Final = 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from nodes.pick_place.pose_settings import PickObject, PoseSettings, above
+from pick_place.pose_settings import PickObject, PoseSettings, above
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from servoloop.motion_planning.planner import MotionPlanner

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import Protocol
 
-from nodes.pick_place.settings import normal_grade
+from pick_place.settings import normal_grade
 
 
 class JobPhase(StrEnum):

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
-from nodes.pick_place.pose_motions import PoseMotions
-from nodes.pick_place.pose_settings import PickObject, PoseSettings, ToolPose, above
+from pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
+from pick_place.pose_motions import PoseMotions
+from pick_place.pose_settings import PickObject, PoseSettings, ToolPose, above
 
 SETTINGS = PoseSettings()
 PICK, BIN_B = SETTINGS.pick, SETTINGS.bins["B"]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from nodes.pick_place.settings import normal_grade
+from pick_place.settings import normal_grade
 
 
 def candidate(grades: Iterable[str]) -> str | None:

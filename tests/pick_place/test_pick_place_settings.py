@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 
 CONFIG = Path(__file__).parents[2] / "config" / "vision_pick_place_controller.yaml"
 

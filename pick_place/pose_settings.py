@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from hal.plausible import range_mistake
-from nodes.pick_place.settings import ArmSettings, grade_mistakes, seconds_mistakes
+from pick_place.settings import ArmSettings, grade_mistakes, seconds_mistakes
 
 ToolPose = tuple[float, ...]
 """Position x, y, z in m and quaternion x, y, z, w of the tool in the frame of the settings."""

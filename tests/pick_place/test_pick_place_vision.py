@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from nodes.pick_place.job import JobPhase, State
-from nodes.pick_place.state import state_json
-from nodes.pick_place.vision import candidate, reason_not_fresh
+from pick_place.job import JobPhase, State
+from pick_place.state import state_json
+from pick_place.vision import candidate, reason_not_fresh
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 
 from collections.abc import Collection, Sequence
 
-from nodes.pick_place.job import JobArm, JobHand, JobMove, JobOutcome, JobPhase, Run
-from nodes.pick_place.settings import JobSettings
+from pick_place.job import JobArm, JobHand, JobMove, JobOutcome, JobPhase, Run
+from pick_place.settings import JobSettings
 
 
 class JointMotions:

@@ -6,8 +6,8 @@ A free plan leads above the pick pose or the bin. A straight line leads down to 
 from collections.abc import Collection, Sequence
 from typing import Protocol
 
-from nodes.pick_place.job import JobHand, JobMove, JobOutcome, JobPhase, Run
-from nodes.pick_place.pose_settings import PoseSettings, ToolPose, above
+from pick_place.job import JobHand, JobMove, JobOutcome, JobPhase, Run
+from pick_place.pose_settings import PoseSettings, ToolPose, above
 
 
 class JobPlanner(Protocol):

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
-from nodes.pick_place.joint_motions import JointMotions
-from nodes.pick_place.settings import JobSettings
+from pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
+from pick_place.joint_motions import JointMotions
+from pick_place.settings import JobSettings
 
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
 PICK = (0.0, -0.35, -0.70, -0.70, -1.10, 1.55)

@@ -2,7 +2,7 @@
 
 import json
 
-from nodes.pick_place.job import State
+from pick_place.job import State
 
 
 def state_json(seq: int, time_s: float, state: State) -> str:
