@@ -8,7 +8,7 @@ m.
 from math import sqrt
 from typing import Any, Final
 
-from planning.compiled import compiled
+from planning.clearance.compiled import compiled
 
 POINT: Final = 0
 """Sphere: ``margin`` is its radius."""

@@ -2,7 +2,7 @@
 
 An edge is checked by conservative advancement. At a pose, the clearance of a pair divided by the largest speed of its
 two units gives the part of the edge that is free, before and after the pose. The next poses are in the middle of the
-remaining parts. planning/speed_bounds.py describes the speeds.
+remaining parts. planning/clearance/speed_bounds.py describes the speeds.
 """
 
 from math import sqrt
@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from planning.chain_tables import ChainTables
-from planning.compiled import compiled
-from planning.geom_distance import geom_distance, unit_bound
-from planning.pair_tables import PairTables
-from planning.placement import Placement, place
-from planning.speed_bounds import approach, set_bends, set_geom_rates, set_rates
+from planning.clearance.chain_tables import ChainTables
+from planning.clearance.compiled import compiled
+from planning.clearance.geom_distance import geom_distance, unit_bound
+from planning.clearance.pair_tables import PairTables
+from planning.clearance.placement import Placement, place
+from planning.clearance.speed_bounds import approach, set_bends, set_geom_rates, set_rates
 
 OPEN: Final = 128
 """Maximum number of open parts of an edge. Parts at least halve, so they are never as many."""
@@ -51,6 +51,19 @@ def pose_clearance(
     """Return the smallest distance below ``start_m`` at positions (n,) and its pair, or ``start_m`` and -1."""
     place(chains, pairs, now, positions)
     return clearance(pairs, now, start_m, EXACT)
+
+
+@compiled
+def pair_distances(chains: ChainTables, pairs: PairTables, now: Placement, positions: Any, distances: Any) -> None:
+    """Write the distance of each pair at positions (n,) into ``distances`` (p,)."""
+    place(chains, pairs, now, positions)
+    geoms, first_geom = now.geoms, pairs.first_geom
+    for pair in range(len(pairs.one)):
+        one, other = pairs.one[pair], pairs.other[pair]
+        for i in range(first_geom[one], first_geom[one + 1]):
+            for j in range(first_geom[other], first_geom[other + 1]):
+                distance = geom_distance(geoms, i, j, pairs.vertices, (distances[pair], EXACT), now.normal)
+                distances[pair] = min(distances[pair], distance)
 
 
 @compiled

@@ -8,11 +8,9 @@ import numpy as np
 
 from hal.types import FloatArray, JointLimits, far_outside
 from planning.arm_model import ArmModel
-from planning.collision import Collisions, Margins
+from planning.collision import CONTACT_M, Collisions, Margins
 from planning.errors import Code, PlanningError
 
-CONTACT_M: Final = 1e-5
-"""Clearance below which a start or a goal counts as in contact, in m."""
 Remaining = Callable[[], float]
 """Function that returns the time that is left, in seconds. The package has no clock of its own."""
 AROUND: Final = np.pi

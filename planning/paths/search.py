@@ -22,8 +22,8 @@ from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.request import PathRequest, Remaining, bounds, checked
-from planning.roadmap import roadmap_path
+from planning.paths.request import PathRequest, Remaining, bounds, checked
+from planning.paths.roadmap import roadmap_path
 
 atexit.register(gc.unfreeze)
 
@@ -36,7 +36,7 @@ PLANNERS: Final = {
 }
 """Planners of OMPL by the stem of MoveIt's planner ids, in lower case."""
 PRM: Final = "prm"
-"""Stem of the ids of the planner in planning/roadmap.py."""
+"""Stem of the ids of the planner in planning/paths/roadmap.py."""
 DEFAULT: Final = "rrtconnect"
 NARROW: Final = "lbkpiece"
 """Planner of every second attempt with the default planner."""

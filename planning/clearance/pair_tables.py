@@ -9,11 +9,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from hal.types import FloatArray
-from planning import shapes
 from planning.arm_model import ArmModel, pair
-from planning.chain_tables import ChainTables, travels
+from planning.clearance import shapes
+from planning.clearance.chain_tables import ChainTables, travels
+from planning.clearance.geometry_tables import WORLD, Geom, Unit, arm_units, attached_units, world_units
 from planning.errors import PlanningError
-from planning.geometry_tables import WORLD, Geom, Unit, arm_units, attached_units, world_units
 from planning.scene import Scene
 
 LONGEST_M: Final = 1e6

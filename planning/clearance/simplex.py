@@ -6,7 +6,7 @@ of 0 means that the corner does not contribute to the nearest point.
 
 from typing import Any
 
-from planning.compiled import compiled
+from planning.clearance.compiled import compiled
 
 
 @compiled

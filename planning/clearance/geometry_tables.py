@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from hal.types import FloatArray
-from planning import shapes
 from planning.arm_model import ArmModel
+from planning.clearance import shapes
 from planning.errors import PlanningError
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Scene, SceneObject, Shape, Sphere
 
@@ -24,7 +24,7 @@ class Geom(NamedTuple):
 
     kind: int
     size: FloatArray
-    """Size (3,), as planning/shapes.py defines it for each kind."""
+    """Size (3,), as planning/clearance/shapes.py defines it for each kind."""
     margin_m: float
     frame: int
     """Index of the link, or ``WORLD``."""

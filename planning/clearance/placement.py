@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hal.types import FloatArray
-from planning.chain_tables import ChainTables
-from planning.compiled import compiled
-from planning.pair_tables import PairTables
-from planning.shapes import KIND, MATRIX, POINT, POSITION
+from planning.clearance.chain_tables import ChainTables
+from planning.clearance.compiled import compiled
+from planning.clearance.pair_tables import PairTables
+from planning.clearance.shapes import KIND, MATRIX, POINT, POSITION
 
 
 class Placement(NamedTuple):

@@ -12,11 +12,11 @@ along an obstacle is therefore checked in few poses. Mimic joints that follow a 
 from math import sqrt
 from typing import Any
 
-from planning.chain_tables import ChainTables
-from planning.compiled import compiled
-from planning.pair_tables import PairTables
-from planning.placement import Placement
-from planning.shapes import POSITION, SWING
+from planning.clearance.chain_tables import ChainTables
+from planning.clearance.compiled import compiled
+from planning.clearance.pair_tables import PairTables
+from planning.clearance.placement import Placement
+from planning.clearance.shapes import POSITION, SWING
 
 
 @compiled

@@ -7,10 +7,10 @@ from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.request import PathRequest, Remaining, checked
-from planning.search import path_of_checked
-from planning.smoothing import path_length, shortened
-from planning.timing import TimedPath, timed
+from planning.paths.request import PathRequest, Remaining, checked
+from planning.paths.search import path_of_checked
+from planning.paths.smoothing import path_length, shortened
+from planning.paths.timing import TimedPath, timed
 
 SEARCHES: Final = 2
 """Maximum number of searches. A single search may pass an obstacle on its long side."""

@@ -5,9 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from planning.compiled import compiled
-from planning.shapes import MATRIX, POSITION, farthest
-from planning.simplex import on_edge, on_face, on_tetrahedron
+from planning.clearance.compiled import compiled
+from planning.clearance.shapes import MATRIX, POSITION, farthest
+from planning.clearance.simplex import on_edge, on_face, on_tetrahedron
 
 ROUNDS: Final = 60
 """Maximum number of rounds. Most pairs take fewer than ten."""

@@ -14,9 +14,9 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from hal.types import FloatArray, JointLimits
-from planning.blends import Corner, blended, distinct
 from planning.collision import Collisions, Contact, Margins
 from planning.errors import PlanningError
+from planning.paths.blends import Corner, blended, distinct
 
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in s."""
@@ -47,6 +47,15 @@ class TimedPath:
     def duration_s(self) -> float:
         """Duration, in seconds."""
         return float(self.times_s[-1])
+
+    def since(self, from_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return the times (k,) and positions (k, n) of the rest from a time on, in s. k is at least 2."""
+        at_s = min(max(from_s, 0.0), self.duration_s)
+        first = np.array([np.interp(at_s, self.times_s, column) for column in self.positions.T])
+        later = self.times_s > at_s
+        if not later.any():
+            return np.full(2, at_s), np.array([first, first])
+        return np.concatenate(([at_s], self.times_s[later])), np.concatenate([first[None], self.positions[later]])
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.collision import Collisions
-from planning.request import PathRequest, Remaining
+from planning.paths.request import PathRequest, Remaining
 
 BATCH: Final = 150
 """Number of random poses that are added when the roadmap has no path."""

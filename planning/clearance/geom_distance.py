@@ -1,11 +1,11 @@
-"""Distances of geoms and units in compiled code. The shapes are in planning/shapes.py."""
+"""Distances of geoms and units in compiled code. The shapes are in planning/clearance/shapes.py."""
 
 from math import sqrt
 from typing import Any
 
-from planning.compiled import compiled
-from planning.convex_distance import core_distance, in_frame, in_world, support
-from planning.shapes import (
+from planning.clearance.compiled import compiled
+from planning.clearance.convex_distance import core_distance, in_frame, in_world, support
+from planning.clearance.shapes import (
     KIND,
     MARGIN,
     MATRIX,

@@ -6,7 +6,7 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.collision import Collisions, Margins
-from planning.request import Remaining
+from planning.paths.request import Remaining
 
 TRIES: Final = 400
 """Maximum number of shortcuts tried."""
