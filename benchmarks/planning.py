@@ -25,15 +25,15 @@ from rich.table import Table
 
 from benchmarks.arguments import in_words, positive
 from hal.types import FloatArray, JointLimits
-from planning.allowed_collisions import srdf_pairs
 from planning.arm_model import ArmModel, Pair, pair
 from planning.collision import Collisions, warm_up
 from planning.errors import PlanningError
-from planning.planner import SEARCHES, plan_path
-from planning.request import PathRequest
+from planning.paths.planner import SEARCHES, plan_path
+from planning.paths.request import PathRequest
+from planning.paths.smoothing import path_length
+from planning.paths.timing import timed
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
-from planning.smoothing import path_length
-from planning.timing import timed
+from planning.srdf_file import read_pairs
 
 JOINTS: Final = (
     "shoulder_pan_joint",
@@ -83,7 +83,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with in_words():
         urdf = _plain((arguments.data / "ur5_spherized.urdf").read_text())
-        allowed = srdf_pairs((arguments.data / "ur5.srdf").read_text())
+        allowed = frozenset(read_pairs(arguments.data / "ur5.srdf"))
         problems = list(read_problems(arguments.data / "problems.tar.bz2", allowed, arguments.problems))
     results = Results()
     arm = ArmModel.from_string(urdf, dict.fromkeys(JOINTS, LIMIT))

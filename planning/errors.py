@@ -5,6 +5,7 @@ from typing import Literal
 Code = Literal[
     "START_STATE_IN_COLLISION",
     "START_STATE_INVALID",
+    "FRAME_TRANSFORM_FAILURE",
     "GOAL_IN_COLLISION",
     "GOAL_STATE_INVALID",
     "INVALID_GOAL_CONSTRAINTS",

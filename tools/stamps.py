@@ -6,6 +6,7 @@ import re
 import sys
 from pathlib import Path
 
+from interface_packages import needed_packages
 from places import HOOKS, INTERFACES, LOCK, ROOT, STAMPS, VENV
 
 
@@ -59,4 +60,5 @@ def interface_key(package: str) -> str:
     tools = [
         f"{name} {version}" for name, version in locked_packages().items() if re.match("ros-|cmake|empy|numpy", name)
     ]
-    return digest(INTERFACES / package, HOOKS, *tools)
+    sources = [INTERFACES / name for name in (package, *sorted(needed_packages(package)))]
+    return digest(*sources, HOOKS, *tools)

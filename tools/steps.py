@@ -4,11 +4,12 @@ import os
 import re
 import shutil
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
 from commands import Commands, SetUpError
+from interface_packages import needed_packages
 from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
 from plain_path import plain_root
 from progress import Step
@@ -99,8 +100,12 @@ def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPool
     state = dict.fromkeys(stale, "")
     venv = root / VENV.relative_to(ROOT)
     prefixes = {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
+    futures: dict[str, Future[None]] = {}
 
     def build(package: str) -> None:
+        for needed in needed_packages(package).intersection(stale):
+            futures[needed].result()
+
         def on_line(line: str) -> None:
             if count := re.match(r"\[(\d+/\d+)\]", line):
                 state[package] = count.group(1)
@@ -126,7 +131,9 @@ def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPool
         stamp(f"interfaces-{package}", interface_key(package))
         state[package] = "done"
 
-    futures = [pool.submit(build, package) for package in stale]
+    for package in stale:  # A package comes after those that it needs, so a waiting build never blocks them.
+        futures[package] = pool.submit(build, package)
     step.follow(
-        futures, lambda: ", ".join(f"{name} {text}" for name, text in state.items() if text not in ("", "done"))
+        list(futures.values()),
+        lambda: ", ".join(f"{name} {text}" for name, text in state.items() if text not in ("", "done")),
     )

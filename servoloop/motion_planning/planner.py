@@ -7,29 +7,17 @@ from typing import Final
 
 import numpy as np
 
-from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
-from controller.trajectory.parameters import TrajectoryParameters
-from hal.types import FloatArray, JointLimits, far_outside
-from planning.arm_model import ArmModel
-from planning.collision import Clearance, Collisions, warm_up
-from planning.kinematics.chain import Chain
+from hal.types import FloatArray
+from planning.collision import Clearance, warm_up
 from planning.kinematics.goals import PoseGoal
-from planning.kinematics.inverse import InverseKinematics
-from planning.planner import plan_motion
-from planning.request import PathRequest
+from planning.motion import JointGoal, MotionRequest, Scaling, ToolGoal
+from planning.robot import PlanningRobot
 from planning.scene import Scene
-from planning.timing import scaled
 from servoloop.api.errors import ArmInputError
 from servoloop.api.options import ArmOptions
 from servoloop.api.trajectory import ArmTrajectory
-from servoloop.moveit.collision_matrix import reasons
-from servoloop.stack.robot_files import Files
-from sim_backend.scene.scene_file import scene_spec
+from servoloop.motion_planning.robot import arm_group, planning_robot
 
-TOUCHING: Final = ("Adjacent", "User", "Default", "Always")
-"""Reasons for which two links of the arm may touch. Pairs that were never seen to touch are checked, too."""
-POSES: Final = 500
-"""Number of random poses from which the links follow that always touch."""
 TIME_LIMIT_S: Final = 5.0
 """Default for the maximum time of a search, in seconds."""
 
@@ -49,8 +37,7 @@ class MotionPlanner:
 
         Args:
             arm: Name or folder of the arm.
-            tool: Link or site of the scene file that a pose goal brings to its pose. None: the last link that the
-                arm's trajectory controller moves.
+            tool: Link or site of the scene file that a pose goal brings to its pose. None: the tip of the arm's group.
             seed: Seed of all random numbers, at least 1.
 
         Raises:
@@ -60,29 +47,30 @@ class MotionPlanner:
         """
         warm_up()
         files = ArmOptions(arm).files()
-        limits = _planned(files)
-        self._model = ArmModel(scene_spec(files.scene).compile(), limits)
-        self._chain = Chain(self._model.model, limits, tool or _last_link(self._model))
-        self._kinematics = InverseKinematics(self._chain, seed)
+        self.robot: PlanningRobot = planning_robot(files)
+        """Groups, kinematics and plans of the robot."""
+        self._group = self.robot.group(arm_group(self.robot, files).name)
+        self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
-        allowed = {links for links, why in reasons(files.scene, POSES, seed).items() if why in TOUCHING}
-        self.scene = Scene(allowed=frozenset(allowed))
+        self.scene: Scene = self.robot.scene
         """Objects and pairs that may touch. Assign a changed copy, for example of ``scene.with_object``."""
-        self.joints = self._model.joints
+        self.joints = self._group.joints
         """Names of the planned joints."""
-        self.links = self._model.links
+        self.links = self.robot.links
         """Names of the arm's links, to which objects can be attached."""
-        self.objects = tuple(self._model.world_geoms())
+        self.objects = self.robot.objects
         """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
 
     def pose(self, positions: Positions) -> tuple[FloatArray, FloatArray]:
         """Return the position (3,) in m and the quaternion (4,), x y z w, of the tool in the frame of the base."""
-        pose = self._chain.pose(self._vector("the positions", positions))
+        state = self._state("the positions", positions)
+        chain = self._group.chain(self._tool, state)
+        pose = chain.pose(np.array([state[joint] for joint in chain.names]))
         return pose.position_m, pose.quaternion_xyzw
 
     def clearance(self, positions: Positions) -> Clearance:
         """Return the smallest distance of the arm to itself and to all objects, and the pair that has it."""
-        return Collisions(self._model, self.scene).clearance(self._vector("the positions", positions))
+        return self._group.clearance(self._state("the positions", positions), self.scene)
 
     def plan(
         self,
@@ -109,54 +97,41 @@ class MotionPlanner:
             ArmInputError: A joint is unknown or missing, or a position is not finite.
             PlanningError: The start or the goal is not possible, or no path was found in time. ``code`` is MoveIt's.
         """
-        here = self._inside("the start", start)
-        self._model.set_others({joint: at for joint, at in start.items() if joint not in self.joints})
         end_s = time.monotonic() + time_limit_s
-        collisions = Collisions(self._model, self.scene)
-        goals = self._goals(here, goal, collisions)
-        request = PathRequest(here, goals, seed=self._seed)
-        limits = scaled(self._model.limits, speed, speed)
-        motion = plan_motion(self._model, collisions, request, lambda: end_s - time.monotonic(), limits)
+        request = MotionRequest(
+            start=self._state("the start", start),
+            goals=(self._goal(goal),),
+            scene=self.scene,
+            remaining_s=lambda: end_s - time.monotonic(),
+            scaling=Scaling(speed, speed),
+            seed=self._seed,
+        )
+        path = self._group.plan(request).path
         return ArmTrajectory(
-            motion.times_s.tolist(),
-            dict(zip(self.joints, motion.positions.T.tolist(), strict=True)),
-            dict(zip(self.joints, motion.velocities.T.tolist(), strict=True)),
+            path.times_s.tolist(),
+            dict(zip(self.joints, path.positions.T.tolist(), strict=True)),
+            dict(zip(self.joints, path.velocities.T.tolist(), strict=True)),
         )
 
-    def _goals(self, here: FloatArray, goal: Positions | PoseGoal, collisions: Collisions) -> tuple[FloatArray, ...]:
+    def _goal(self, goal: Positions | PoseGoal) -> JointGoal | ToolGoal:
         if isinstance(goal, PoseGoal):
-            return tuple(self._kinematics.solve(goal, here, valid=collisions.is_clear))
+            return ToolGoal(goal, self._tool)
         if unknown := sorted(goal.keys() - set(self.joints)):
             raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {', '.join(self.joints)}")
-        return (self._vector("the goal", {**dict(zip(self.joints, here.tolist(), strict=True)), **goal}),)
+        _check_finite("the goal", goal)
+        return JointGoal(goal)
 
-    def _inside(self, what: str, positions: Positions) -> FloatArray:
-        """Return positions in joint order (n,). A joint slightly outside its limits counts as at its limit."""
-        values = self._vector(what, positions)
-        far = [bool(far_outside(at, limit)) for at, limit in zip(values.tolist(), self._model.limits, strict=True)]
-        return np.where(far, values, np.clip(values, self._model.lower, self._model.upper))
-
-    def _vector(self, what: str, positions: Positions) -> FloatArray:
-        """Return positions in joint order (n,). Raises ArmInputError if one is missing or not finite."""
+    def _state(self, what: str, positions: Positions) -> dict[str, float]:
+        """Return the state of all driven joints, of which the hand's may be left out. Raises ArmInputError."""
         if missing := [joint for joint in self.joints if joint not in positions]:
             raise ArmInputError(
                 f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}"
             )
-        for joint, position in positions.items():
-            if not math.isfinite(position):
-                raise ArmInputError(f"{what}: {joint} is {position}: use a finite number", joint)
-        return np.array([float(positions[joint]) for joint in self.joints])
+        _check_finite(what, positions)
+        return self.robot.state({**self.robot.rest, **positions})
 
 
-def _planned(files: Files) -> dict[str, JointLimits]:
-    """Return the limits of the joints that the arm's first trajectory controller moves, by joint name."""
-    for spec in files.controllers.controllers:
-        if isinstance(spec.parameters, TrajectoryParameters):
-            return {joint: files.limits[joint] for joint in spec.parameters.joints}
-    raise ArmInputError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
-
-
-def _last_link(model: ArmModel) -> str:
-    """Return the link that the last planned joint moves, whose other planned joints come before it."""
-    bodies = [int(model.model.jnt_bodyid[joint]) for joint in model.joint_ids]
-    return model.links[max(model.bodies.index(body) for body in bodies)]
+def _check_finite(what: str, positions: Positions) -> None:
+    for joint, position in positions.items():
+        if not math.isfinite(position):
+            raise ArmInputError(f"{what}: {joint} is {position}: use a finite number", joint)
