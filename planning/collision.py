@@ -78,6 +78,10 @@ class Margins:
         return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
 
 
+MARGINS: Final = Margins()
+"""Distances of all checks by default."""
+
+
 class Collisions:
     """Collision checks of an arm in a scene.
 
@@ -126,7 +130,7 @@ class Collisions:
             found[names] = min(found.get(names, math.inf), float(distances[pair]))
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
-    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = Margins()) -> Contact | None:
+    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
 
         An edge that needs more than 2,000 poses, because it stays very near to something, counts as not free.
@@ -142,7 +146,7 @@ class Collisions:
         self.poses_checked += checked
         return Contact(part, self._named(pair)) if pair >= 0 else None
 
-    def path_contact(self, points: Sequence[FloatArray], margins: Margins = Margins()) -> Contact | None:
+    def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
         """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too."""
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):

@@ -1,13 +1,15 @@
 """Plans of one group of joints: free motions, straight motions and inverse kinematics."""
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import Any, Final
 
 import numpy as np
 
 from hal.types import FloatArray, JointLimits, far_outside
 from planning.arm_model import ArmModel
-from planning.collision import CONTACT_M, Clearance, Collisions, Margins
+from planning.collision import CONTACT_M, MARGINS, Clearance, Collisions, Margins
+from planning.constraints import ConstrainedCollisions, PathConstraints, Region
 from planning.errors import PlanningError
 from planning.group_goals import GroupGoals
 from planning.groups import Group
@@ -29,8 +31,6 @@ from planning.paths.request import PathRequest
 from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Scene
 
-MARGINS: Final = Margins()
-"""Distances that motions and states keep by default."""
 NEAR: Final = Margins(1e-3, 5e-4)
 """Distances that count as a contact of a motion under way."""
 
@@ -61,11 +61,16 @@ class GroupPlanner:
         Raises:
             PlanningError: The start or all goals are not possible, or no motion was found in time.
         """
+        return self._within(request.constraints, request.start)._plan(request)
+
+    def _plan(self, request: MotionRequest) -> Motion:
         begun_s = request.remaining_s()
         limits = scaled(tuple(self.limits.values()), request.scaling.velocity, request.scaling.acceleration)
         arm = self._arm(request.start)
-        collisions, start = Collisions(arm, request.scene), self._inside(request.start)
+        start = self._inside(request.start)
+        collisions = self._collisions(arm, request.scene, request.constraints, request.start)
         goals = self._goals(request.start, request.seed).positions(request.goals, start, collisions, request.margins)
+        goals = _kept(goals, collisions)
         asked = PathRequest(start, tuple(goals), request.planner_id, request.margins, request.seed)
         plan = plan_path(arm, collisions, asked, request.remaining_s, request.searches)
         found_s = request.remaining_s()
@@ -78,11 +83,15 @@ class GroupPlanner:
         Raises:
             PlanningError: A waypoint or the start is invalid, or the link does not exist.
         """
+        return self._within(request.constraints, request.start)._straight(request)
+
+    def _straight(self, request: LineRequest) -> LineMotion:
         limits = scaled(tuple(self.limits.values()), request.scaling.velocity, request.scaling.acceleration)
         arm, chain = self._arm(request.start), self.chain(request.link, request.start)
         scene = request.scene if request.avoid_collisions else Scene(allowed=arm.everything())
-        collisions, start = Collisions(arm, scene), self._inside(request.start)
-        own = [self.joints.index(name) for name in chain.names]
+        start = self._inside(request.start)
+        collisions = self._collisions(arm, scene, request.constraints, request.start)
+        own = self._indices(chain)
 
         def whole(positions: FloatArray) -> FloatArray:
             full = start.copy()
@@ -170,6 +179,32 @@ class GroupPlanner:
         chain = Chain(self._model, {joint: self.limits[joint] for joint in moving}, name, others=others)
         return chain.at_point(offset_m) if any(offset_m) else chain
 
+    def _indices(self, chain: Chain) -> list[int]:
+        return [self.joints.index(name) for name in chain.names]
+
+    def _within(self, constraints: PathConstraints, start: State) -> "GroupPlanner":
+        """Return a planner whose limits are those of the path constraints. Raises PlanningError."""
+        if not constraints.joints:
+            return self
+        if text := constraints.broken_range(start):
+            raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the joint there first")
+        narrowed = copy(self)
+        narrowed.limits = constraints.limits(self.limits)
+        return narrowed
+
+    def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
+        """Return the checks of a request. Raises PlanningError if the start breaks a constraint."""
+        if not constraints.regions:
+            return Collisions(arm, scene)
+        regions = []
+        for region in constraints.regions:
+            chain = self.chain(region.link, start, region.offset_m)
+            regions.append(Region(chain, region.goal, self._indices(chain)))
+        collisions = ConstrainedCollisions(arm, scene, regions)
+        if text := collisions.broken_region(self._inside(start)):
+            raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the link there first")
+        return collisions
+
     def _arm(self, state: State) -> ArmModel:
         arm = ArmModel(self._model, self.limits)
         arm.set_others({joint: state[joint] for joint in self._others})
@@ -191,6 +226,17 @@ class GroupPlanner:
 
     def _motion(self, path: TimedPath, start: State, search_s: float, timing_s: float) -> Motion:
         return Motion(self.joints, path, with_positions(start, self.joints, path.positions[-1]), search_s, timing_s)
+
+
+def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:
+    """Return the goals (n,) that keep the constraints. Raises PlanningError if none does."""
+    if not isinstance(collisions, ConstrainedCollisions):
+        return list(goals)
+    texts = [collisions.broken_region(goal) for goal in goals]
+    kept = [goal for goal, text in zip(goals, texts, strict=True) if not text]
+    if not kept:
+        raise PlanningError("GOAL_VIOLATES_PATH_CONSTRAINTS", f"goal: {texts[0]}: move the goal, or widen it")
+    return kept
 
 
 def _text(contact: tuple[float, tuple[str, str]] | None) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from hal.types import FloatArray
 from planning.collision import Margins
+from planning.constraints import PathConstraints
 from planning.errors import PlanningError
 from planning.kinematics.cartesian import Steps
 from planning.kinematics.chain import ToolPose
@@ -59,6 +60,8 @@ class MotionRequest:
     scene: Scene
     remaining_s: Remaining
     """Returns the time that is left for planning, in seconds."""
+    constraints: PathConstraints = field(default_factory=PathConstraints)
+    """Constraints that the motion keeps."""
     planner_id: str = ""
     """MoveIt's planner id; RRT-Connect by default."""
     searches: int = 2
@@ -84,6 +87,8 @@ class LineRequest:
     scaling: Scaling = field(default_factory=Scaling)
     margins: Margins = field(default_factory=Margins)
     avoid_collisions: bool = True
+    constraints: PathConstraints = field(default_factory=PathConstraints)
+    """Constraints that the motion keeps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
