@@ -23,15 +23,11 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
-    from rclpy.node import Node
-
     from nodes.stack_monitor import StackMonitor
 
 ARM = "arm_controller"
 NODE = "nodes.vision_pick_place_controller"
 START_S = 60.0
-PLANNER_SERVICE = "/move_action/_action/send_goal"
-"""Service of the motion planner, which is the last one to appear."""
 ADDRESS = re.compile(r"the page is at (\S+)")
 """Message of ``servoloop view`` when the page is ready."""
 LEFT = "the processes of the demo will end on their own"
@@ -78,6 +74,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.client_node import client_node
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
+    from nodes.planning_client.presence import is_planner_present
     from nodes.stack_monitor import StackMonitor
 
     choose_ros_domain()
@@ -97,7 +94,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
             if options.poses:
-                processes.wait_until(lambda: _planner_serves(node), "starting the motion planner", START_S)
+                processes.wait_until(lambda: is_planner_present(node), "starting the motion planner", START_S)
             process_ids["pick_place"] = _start_node(processes, arm, options, live)
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
@@ -150,10 +147,6 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     started["stack"] = processes.start("stack", *command)
     processes.wait_until(ready.exists, "starting the stack", START_S)
     return started
-
-
-def _planner_serves(node: "Node") -> bool:
-    return PLANNER_SERVICE in {name for name, _ in node.get_service_names_and_types()}
 
 
 def _start_node(processes: Processes, arm: ArmFolder, options: CellOptions, live: Live) -> int:
