@@ -29,8 +29,3 @@ def client_node(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
             executor.shutdown(timeout_sec=1.0)
             node.destroy_node()
             rclpy.try_shutdown()
-
-
-def has_service(node: Node, name: str) -> bool:
-    """Return whether any node of the graph serves the service ``name``."""
-    return name in {known for known, _ in node.get_service_names_and_types()}

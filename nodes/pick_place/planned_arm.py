@@ -14,6 +14,8 @@ from nodes.pick_place import planning_messages as messages
 from nodes.pick_place.action_goals import ActionGoals
 from nodes.pick_place.arm import HAND_TOPIC
 from nodes.pick_place.waiter import Waiter
+from nodes.planning_client.goals import error_text
+from nodes.planning_client.scenes import OBJECTS, removal
 from pick_place.job import JobOutcome
 from pick_place.pose_settings import PoseSettings, ToolPose
 
@@ -65,7 +67,7 @@ class PlannedArm:
         if not outcome.reached:
             return outcome
         if line.fraction < COMPLETE:
-            reason = messages.error_text(line.error_code)
+            reason = error_text(line.error_code)
             return JobOutcome(False, f"the straight line ends after {line.fraction:.0%} of its length: {reason}")
         return await self._executions.send(ExecuteTrajectory.Goal(trajectory=line.solution))
 
@@ -94,7 +96,7 @@ class PlannedArm:
 
     async def _remove(self, *, only_attached: bool) -> JobOutcome:
         """Remove the object where it is. MoveIt reports a failure if an object that is to be removed is not there."""
-        outcome, response = await self._call(self._scene, messages.OBJECTS)
+        outcome, response = await self._call(self._scene, OBJECTS)
         if not outcome.reached:
             return outcome
         name, scene = self._settings.target.name, response.scene
@@ -103,7 +105,7 @@ class PlannedArm:
         laid = name in {item.id for item in scene.world.collision_objects} and not only_attached
         if not (attached or laid):
             return JobOutcome(True)
-        return await self._change(messages.removed(self._settings, attached=attached))
+        return await self._change(removal(name, is_attached=attached))
 
     async def _change(self, scene: PlanningScene) -> JobOutcome:
         outcome, response = await self._call(self._changes, ApplyPlanningScene.Request(scene=scene))
@@ -125,4 +127,4 @@ class PlannedArm:
 
 
 def _reason(result: Any) -> str:
-    return messages.error_text(result.error_code)
+    return error_text(result.error_code)

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 ARM = "arm_controller"
 NODE = "nodes.vision_pick_place_controller"
 START_S = 60.0
-PLANNER_SERVICE = "/move_action/_action/send_goal"
-"""Service of the motion planner, which is the last one to appear."""
 ADDRESS = re.compile(r"the page is at (\S+)")
 """Message of ``servoloop view`` when the page is ready."""
 LEFT = "the processes of the demo will end on their own"
@@ -73,9 +71,10 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
         DriverError: A process failed; the message has its last output.
         Interrupted: A signal arrived.
     """
-    from nodes.client_node import client_node, has_service
+    from nodes.client_node import client_node
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
+    from nodes.planning_client.presence import is_planner_present
     from nodes.stack_monitor import StackMonitor
 
     choose_ros_domain()
@@ -95,7 +94,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
             if options.poses:
-                processes.wait_until(lambda: has_service(node, PLANNER_SERVICE), "starting the motion planner", START_S)
+                processes.wait_until(lambda: is_planner_present(node), "starting the motion planner", START_S)
             process_ids["pick_place"] = _start_node(processes, arm, options, live)
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
