@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from hal.robot_description.link_meshes import link_meshes
+from sim_backend.apples.apple import Apple
 from sim_backend.apples.spheres import apple_diameters_mm, replace_cube
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.gears import Gears
@@ -206,6 +207,11 @@ class World:
     def cube_bin(self) -> str | None:
         """Return the bin in which the cube is at rest; None if it moves, is in no bin, or does not exist."""
         return None if self.cell is None else self.cell.cube_bin()
+
+    @property
+    def apple(self) -> Apple | None:
+        """The apple that is on its way, if apples take the place of the cube."""
+        return None if self.cell is None else self.cell.apple
 
     def clear_table(self) -> None:
         """Remove stand, bins and cube, if there are any."""
