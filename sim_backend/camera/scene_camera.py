@@ -53,6 +53,10 @@ class SceneCamera:
         self._at = slice(int(self._model.joint("cube").qposadr[0]), int(self._model.joint("cube").qposadr[0]) + 7)
         self._view = CameraView(self._model, self._data, self.camera, self._light, {self._geom: skin_of(FIRST_APPLE)})
         self._film = Film(sensor or Sensor(), self.camera.width, self.camera.height)
+        mujoco.mj_kinematics(self._model, self._data)
+        x, y, z = (float(value) for value in self._data.geom("stand").xpos)
+        self.stand_m = (x, y, z + float(self._model.geom("stand").size[2]))
+        """Middle of the top of the stand in the world, in m."""
         self._apple: Apple | None = None
         self._cast_at: FloatArray | None = None
         self._sights: list[Sight] = []
