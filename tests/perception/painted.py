@@ -90,8 +90,15 @@ def paint(
         normal[mine] = (points[mine] - apple.center_m) / apple.radius_m
         albedo[mine], red, bad = texture(apple, normal[mine])
         alone = np.isfinite(hits(eye - apple.center_m, rays, apple.radius_m)).sum()
-        red_share, bad_share = (float(flags.mean()) if len(flags) else 0.0 for flags in (red, bad))
-        truths.append(PaintedTruth(2000 * apple.radius_m, apple.center_m, red_share, bad_share, mine.sum() / alone))
+        truths.append(
+            PaintedTruth(
+                2000 * apple.radius_m,
+                apple.center_m,
+                red.sum() / max(len(red), 1),
+                bad.sum() / max(len(bad), 1),
+                mine.sum() / alone,
+            )
+        )
     lit = np.maximum(normal @ lamp.direction, 0.0)
     for apple in apples:
         start = points + normal * 1e-4
@@ -157,4 +164,4 @@ def random_lamp(rng: np.random.Generator) -> Lamp:
     warm = rng.uniform(-0.35, 0.35)
     color = np.array([1.0 + warm, 1.0, 1.0 - warm])
     direction = unit(np.array([*rng.uniform(-0.7, 0.7, 2), 1.0]))
-    return Lamp(direction, color, rng.uniform(0.5, 1.2), rng.uniform(0.25, 0.6), rng.uniform(0.003, 0.015))
+    return Lamp(direction, color, rng.uniform(0.4, 0.9), rng.uniform(0.2, 0.5), rng.uniform(0.003, 0.015))

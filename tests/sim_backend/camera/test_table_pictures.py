@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_backend.camera.apple import Apple, Spot, draw_apple
+from sim_backend.apples.apple import Apple, Spot, draw_apple
 from sim_backend.camera.light import Light, draw_light, rgb_of_temperature
 from sim_backend.camera.sensor import Sensor
 from sim_backend.camera.table import LyingApple, Table, draw_tray, render, table_camera
