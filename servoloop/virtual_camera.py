@@ -8,6 +8,7 @@ from drivers.clock import Clock
 from perception.camera_view import CameraPose, CameraView
 from perception.errors import CameraLost, CameraMissing, CameraSilent
 from perception.frames import Frame
+from perception.grading.settings import GradingSettings
 from perception.intrinsics import Intrinsics
 from sim_backend.camera.light import Light
 from sim_backend.camera.scene_camera import SceneCamera
@@ -17,6 +18,11 @@ from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 RATE_HZ: Final = 10.0
 POLL_S: Final = 0.005
 """Interval at which the camera looks for a new state of the world."""
+REGION: Final = (1.2, 0.8)
+"""Half sizes of the region around the stand in which apples are searched, along x and y, in diameters of the largest
+apple."""
+TOLERANCE: Final = 0.15
+"""Deviation from the sizes of the scene that a measured diameter may have."""
 SMOOTHING: Final = 0.2
 """Weight of the newest interval in the measured rate."""
 
@@ -63,9 +69,15 @@ class VirtualCamera:
         return CameraView(intrinsics, CameraPose(camera.axes, camera.position_m, self._camera.stand_m[2]))
 
     @property
-    def stand_m(self) -> tuple[float, float, float]:
-        """Middle of the top of the stand in base_link, in m."""
-        return self._camera.stand_m
+    def settings(self) -> GradingSettings:
+        """Settings of the grading: only apples of the scene's sizes, on the stand, have a grade."""
+        x, y, _ = self._camera.stand_m
+        low_mm, high_mm = self._camera.diameters_mm
+        along_m, across_m = (0.001 * share * high_mm for share in REGION)
+        return GradingSettings(
+            region_m=(x - along_m, y - across_m, x + along_m, y + across_m),
+            diameter_mm=(low_mm * (1.0 - TOLERANCE), high_mm * (1.0 + TOLERANCE)),
+        )
 
     def open(self) -> None:
         """Connect to the emulator. Raises CameraMissing if no emulator runs."""

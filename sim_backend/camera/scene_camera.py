@@ -47,6 +47,9 @@ class SceneCamera:
         self._model, self._data = world.model, world.data
         if CAMERA not in [self._model.cam(i).name for i in range(self._model.ncam)]:
             raise ArmFileError(f'{scene}: the scene has no camera: add <camera name="{CAMERA}" .../> to <worldbody>')
+        assert world.cell is not None and world.cell.tray is not None
+        self.diameters_mm = world.cell.tray.diameters_mm
+        """Smallest and largest diameter of the apples."""
         self._light, self._seed, self._taken = light or Light(), seed, 0
         self.camera = PinholeCamera.of(self._model, self._data, CAMERA)
         self._geom = int(self._model.geom("cube").id)

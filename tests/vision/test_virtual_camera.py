@@ -9,14 +9,10 @@ import pytest
 from perception.errors import CameraLost, CameraMissing, CameraSilent
 from perception.frames import CameraSource
 from perception.grading.grader import Grader
-from perception.grading.settings import GradingSettings
 from servoloop.stack.arm_folders import find_arm
 from servoloop.virtual_camera import VirtualCamera
 from sim_backend.scene.world import World
 from sim_backend.scene.world_feed import WorldFeed, feed_path
-
-ROOM_M = (0.07, 0.045)
-"""Half sizes of the region around the stand in which apples are searched."""
 
 
 class WorldClock:
@@ -70,8 +66,7 @@ def test_it_is_a_camera_source(camera: VirtualCamera, clock: WorldClock) -> None
 
 def test_the_grader_agrees_with_the_truth(camera: VirtualCamera, clock: WorldClock) -> None:
     camera.open()
-    (x, y, _), (along, across) = camera.stand_m, ROOM_M
-    grader = Grader(camera.view, GradingSettings(region_m=(x - along, y - across, x + along, y + across)))
+    grader = Grader(camera.view, camera.settings)
     for _ in range(3):
         (apple,) = grader.grade(camera.read(1.0).rgb)
         truth = camera.truth()
