@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_backend.camera.apple import Apple
+from sim_backend.apples.apple import Apple
 from sim_backend.compiled import compiled
 
 FloatArray = NDArray[np.float64]

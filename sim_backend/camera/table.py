@@ -7,7 +7,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from sim_backend.camera.apple import DIAMETERS_MM, Apple, draw_apple
+from sim_backend.apples.apple import DIAMETERS_MM, Apple, draw_apple
 from sim_backend.camera.light import Light
 from sim_backend.camera.pinhole import FloatArray, PinholeCamera
 from sim_backend.camera.sensor import Film, Sensor

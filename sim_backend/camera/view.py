@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.camera.bundle import Bundle
 from sim_backend.camera.light import Light
 from sim_backend.camera.pinhole import PinholeCamera
 from sim_backend.camera.shading import albedo, linear, shade
@@ -109,27 +110,39 @@ class _Pass:
         self._hits = cast(model, data, self._eye, self.rays, self._still)
         self._radiance = np.tile(linear(SKY), (len(self.rays), 1))
         seen = np.flatnonzero(self._hits[0] >= 0)
-        toward, reach, lit = self._lit_points(data, seen, self._hits, self._still)
-        self._radiance[seen] = self._shade(data, seen, self._hits, lit)[0]
+        hits = _of_rows(self._hits, seen)
+        toward, reach, lit = self._lit_points(data, seen, hits, self._still)
+        self._radiance[seen] = self._shade(data, seen, hits, lit)[0]
         # Only lit points can be in the shadow of a moving geom.
-        self._bright, self._toward, self._reach = seen[lit], toward[lit], reach[lit]
-        self._dark = self._shade(data, self._bright, self._hits, np.zeros(len(self._bright), np.bool_))[0]
+        self._bright, self._reach = seen[lit], reach[lit]
+        self._from_eye, self._from_lamp = Bundle(self._eye, self.rays), Bundle(self._lamp, toward[lit])
+        unlit = np.zeros(len(self._bright), np.bool_)
+        self._dark = self._shade(data, self._bright, _of_rows(hits, lit), unlit)[0]
 
     def sight(self, data: Any) -> Sight:
         """Return what all rays meet."""
-        model, radiance = self._model, self._radiance.copy()
-        first = cast(model, data, self._lamp, self._toward, self._moving)[1]
-        shadow = first <= self._reach - TOUCH_M
-        radiance[self._bright[shadow]] = self._dark[shadow]
-        hits = cast(model, data, self._eye, self.rays, self._moving, self._hits)
-        changed = np.flatnonzero(hits[1] < self._hits[1])
-        _, _, lit = self._lit_points(data, changed, hits, self._all)
+        radiance, geom = self._radiance.copy(), self._hits[0].copy()
         kind = np.zeros(len(radiance), np.int8)
-        radiance[changed], kind[changed] = self._shade(data, changed, hits, lit)
-        return Sight(radiance, hits[0], kind)
+        self._darken(data, radiance)
+        rows = self._from_eye.near(self._model, data, self._moving)
+        still = _of_rows(self._hits, rows)
+        hits = cast(self._model, data, self._eye, self.rays[rows], self._moving, still)
+        changed = np.flatnonzero(hits[1] < still[1])
+        rows, hits = rows[changed], _of_rows(hits, changed)
+        _, _, lit = self._lit_points(data, rows, hits, self._all)
+        geom[rows] = hits[0]
+        radiance[rows], kind[rows] = self._shade(data, rows, hits, lit)
+        return Sight(radiance, geom, kind)
+
+    def _darken(self, data: Any, radiance: FloatArray) -> None:
+        """Store the radiance of points of still geoms in the shadow of moving ones."""
+        rows = self._from_lamp.near(self._model, data, self._moving)
+        first = cast(self._model, data, self._lamp, self._from_lamp.rays[rows], self._moving)[1]
+        shadow = rows[first <= self._reach[rows] - TOUCH_M]
+        radiance[self._bright[shadow]] = self._dark[shadow]
 
     def _points(self, rows: Any, hits: Hits) -> FloatArray:
-        points: FloatArray = self._eye + self.rays[rows] * hits[1][rows, None]
+        points: FloatArray = self._eye + self.rays[rows] * hits[1][:, None]
         return points
 
     def _lit_points(self, data: Any, rows: Any, hits: Hits, geoms: Any) -> tuple[FloatArray, FloatArray, Any]:
@@ -140,13 +153,13 @@ class _Pass:
         away = self._points(rows, hits) - self._lamp
         reach = np.linalg.norm(away, axis=1)
         toward = away / reach[:, None]
-        facing = np.einsum("ni,ni->n", hits[2][rows], toward) < 0.0
+        facing = np.einsum("ni,ni->n", hits[2], toward) < 0.0
         first = cast(self._model, data, self._lamp, toward, geoms)[1]
         return toward, reach, facing & (first > reach - TOUCH_M)
 
     def _shade(self, data: Any, rows: Any, hits: Hits, lit: Any) -> tuple[FloatArray, NDArray[np.int8]]:
         """Return radiance and kind of skin at the hits of some rays."""
-        geom, points = hits[0][rows], self._points(rows, hits)
+        geom, points = hits[0], self._points(rows, hits)
         color = albedo(self._colors, self._model.geom_type, geom, points)
         kind = np.full(len(rows), NO_SKIN, np.int8)
         for number, skin in self._skins.items():
@@ -158,7 +171,12 @@ class _Pass:
             size = self._model.geom_size[number]
             local = np.einsum("ni,ij->nj", away, data.geom_xmat[number].reshape(3, 3))
             color[own], kind[own] = _painted(skin, local / np.where(size > 0.0, size, size[0]))
-        return shade(color, kind, hits[2][rows], self.rays[rows], lit, self._sun), kind
+        return shade(color, kind, hits[2], self.rays[rows], lit, self._sun), kind
+
+
+def _of_rows(hits: Hits, rows: Any) -> Hits:
+    geom, distance, normal = hits
+    return geom[rows], distance[rows], normal[rows]
 
 
 def _painted(skin: Skin, points: FloatArray) -> tuple[FloatArray, NDArray[np.int8]]:
