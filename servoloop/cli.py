@@ -32,6 +32,7 @@ from servoloop.commands.scan import scan
 from servoloop.commands.set_up import setup
 from servoloop.commands.simulate import simulate
 from servoloop.commands.teach import teleop
+from servoloop.commands.topic_host import topic_host
 from servoloop.commands.tune import tune
 from servoloop.commands.up import demo, pick, up
 from servoloop.commands.view import monitor, view
@@ -48,7 +49,7 @@ app = typer.Typer(
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, pick, demo),
+    "Run an arm": (up, topic_host, pick, demo),
     "Watch and record": (view, monitor, record, plot),
     "Move an arm manually": (goto, jog, stop, teleop, replay),
     "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
