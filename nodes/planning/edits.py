@@ -6,12 +6,12 @@ from dataclasses import replace
 from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
 from std_msgs.msg import Header
 
-from nodes.planning.allowed import AllowedCollisions
+from nodes.planning.conversion.allowed import AllowedCollisions
+from nodes.planning.conversion.frames import Frames, link_point
+from nodes.planning.conversion.poses import pose_message, pose_of
+from nodes.planning.conversion.semantic import robot_name
+from nodes.planning.conversion.shapes import centered, copied, has_shapes, shapes_of
 from nodes.planning.errors import RequestError
-from nodes.planning.frames import Frames, link_point
-from nodes.planning.poses import pose_message, pose_of
-from nodes.planning.semantic import robot_name
-from nodes.planning.shapes import centered, copied, has_shapes, shapes_of
 from nodes.planning.world import World
 from planning.motion import State
 from planning.robot import PlanningRobot
@@ -21,7 +21,7 @@ from planning.scene import Pose, SceneObject
 class WorldEdit:
     """A series of changes. ``world`` is the result; if a change is refused, use the world from before."""
 
-    def __init__(self, robot: PlanningRobot, world: World, state: Callable[[], State]) -> None:
+    def __init__(self, robot: PlanningRobot, world: World, state: Callable[[], State | None]) -> None:
         self.world = world
         """The world with the changes so far."""
         self._robot = robot

@@ -8,9 +8,9 @@ import numpy as np
 from moveit_msgs.msg import CollisionObject
 from std_msgs.msg import ColorRGBA, Header
 
-from nodes.planning.allowed import AllowedCollisions
-from nodes.planning.poses import pose_message
-from nodes.planning.shapes import PLANE_DEPTH_M, PLANE_M, add_shapes
+from nodes.planning.conversion.allowed import AllowedCollisions
+from nodes.planning.conversion.poses import pose_message
+from nodes.planning.conversion.shapes import PLANE_DEPTH_M, PLANE_M, add_shapes
 from planning.robot import PlanningRobot
 from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
 

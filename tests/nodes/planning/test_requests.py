@@ -19,12 +19,12 @@ from shape_msgs.msg import SolidPrimitive
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from nodes.planning.constraints import ConstraintReader
+from nodes.planning.conversion.constraints import ConstraintReader
+from nodes.planning.conversion.frames import Frames
+from nodes.planning.conversion.semantic import srdf_text
+from nodes.planning.conversion.trajectories import checked_points, duration, part, timed_path
 from nodes.planning.errors import REFUSALS
-from nodes.planning.frames import Frames
-from nodes.planning.semantic import srdf_text
 from nodes.planning.states import state_message, state_of, world_of
-from nodes.planning.trajectories import checked_points, duration, part, timed_path
 from nodes.planning.world import first_world
 from planning.kinematics.goals import PositionBox, PositionSphere
 from planning.motion import JointGoal, ToolGoal

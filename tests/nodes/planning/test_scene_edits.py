@@ -14,9 +14,9 @@ from moveit_msgs.msg import (
 from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 from std_msgs.msg import Header
 
+from nodes.planning.conversion.frames import Frames
 from nodes.planning.edits import WorldEdit
 from nodes.planning.errors import REFUSALS
-from nodes.planning.frames import Frames
 from nodes.planning.world import World, first_world
 from planning.arm_model import pair
 from planning.scene import Box

@@ -6,13 +6,14 @@ from itertools import product
 from typing import Final
 
 import numpy as np
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped
 from moveit_msgs.msg import BoundingVolume, Constraints, JointConstraint, OrientationConstraint, PositionConstraint
 from shape_msgs.msg import SolidPrimitive
 
-from hal.types import FloatArray
+from nodes.planning.conversion.frames import Frames, link_point
+from nodes.planning.conversion.poses import pose_of, quaternion_of, tool_pose, vector_of
 from nodes.planning.errors import RequestError
-from nodes.planning.frames import Frames, link_point
-from nodes.planning.poses import pose_of, quaternion_of, tool_pose, vector_of
 from planning.constraints import LinkRegion, PathConstraints
 from planning.errors import PlanningError
 from planning.kinematics.goals import Angles, PoseGoal, PositionBox, PositionSphere, checked_pose
@@ -70,6 +71,30 @@ class ConstraintReader:
             regions.append(LinkRegion(goal.goal, goal.link, goal.offset_m))
         return PathConstraints(ranges, regions)
 
+    def pose_goal(self, message: PoseStamped, link: str, position_m: float, turn_rad: float) -> ToolGoal:
+        """Return the goal that brings a link to a pose within tolerances. Raises RequestError or PlanningError."""
+        pose = self._frames.in_base(message.header.frame_id) @ self.goal_pose(message.pose)
+        name, (placed,) = self.planned_link(link or None, [pose])
+        return ToolGoal(PoseGoal(tool_pose(placed), PositionSphere(position_m), (turn_rad,) * 3), name)
+
+    def goal_pose(self, message: PoseMessage) -> Pose:
+        """Return the pose of a goal. Raises RequestError if it is not finite or its quaternion is not of length 1."""
+        return _goal_pose(message)
+
+    def planned_link(self, name: str | None, poses: Sequence[Pose]) -> tuple[str | None, list[Pose]]:
+        """Return the link to plan for, and its poses that bring a link of the URDF to given poses.
+
+        Raises:
+            RequestError: The link does not exist.
+        """
+        point = link_point(self._robot, name) if name is not None else None
+        if point is not None:  # a frame that is fixed to the link that is planned for
+            return point.link, [pose @ point.pose.inverse() for pose in poses]
+        if name is not None and name not in self._robot.links:
+            known = ", ".join(self._robot.links)
+            raise RequestError("INVALID_LINK_NAME", f'there is no link "{name}": choose one of {known}')
+        return name, list(poses)
+
     def _joints(
         self, constraints: Sequence[JointConstraint]
     ) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
@@ -115,12 +140,10 @@ class ConstraintReader:
         turned, tolerance_rad, angles = self._orientation(orientation)
         center, volume = region
         point = link_point(self._robot, name) if name is not None else None
-        if point is not None:  # a frame that is fixed to the link that is planned for
-            name, offset_m = point.link, tuple((point.pose @ Pose(_array(offset_m))).position_m.tolist())
-            turned = Pose(turned.position_m, turned.matrix @ point.pose.matrix.T)
-        elif name is not None and name not in self._robot.links:
-            known = ", ".join(self._robot.links)
-            raise RequestError("INVALID_LINK_NAME", f'there is no link "{name}": choose one of {known}')
+        if point is not None:
+            x, y, z = (point.pose @ Pose(np.array(offset_m))).position_m.tolist()
+            offset_m = (x, y, z)
+        name, (turned,) = self.planned_link(name, [turned])
         target = tool_pose(Pose(center.position_m, turned.matrix))
         return ToolGoal(PoseGoal(target, volume, tolerance_rad, angles), name, offset_m)
 
@@ -172,7 +195,7 @@ def _anywhere() -> Region:
     return Pose(), PositionSphere(ANYWHERE_M)
 
 
-def _goal_pose(message: object) -> Pose:
+def _goal_pose(message: PoseMessage) -> Pose:
     try:
         return pose_of(message)
     except PlanningError as error:
@@ -194,10 +217,6 @@ def _tolerance(value: float, smallest: float) -> float:
 def _check_kind(message: Constraints) -> None:
     if message.visibility_constraints:
         raise RequestError("UNRECOGNIZED_GOAL_TYPE", "visibility constraints are not supported: send a pose")
-
-
-def _array(values: Sequence[float]) -> FloatArray:
-    return np.array(values)
 
 
 def _invalid(message: str) -> RequestError:

@@ -11,8 +11,8 @@ from moveit_msgs.msg import CollisionObject
 from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import Plane, SolidPrimitive
 
+from nodes.planning.conversion.poses import is_identity, pose_message, pose_of
 from nodes.planning.errors import RequestError
-from nodes.planning.poses import is_identity, pose_message, pose_of
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Shape, Sphere
 
 PLANE_M: Final = 20.0
@@ -136,3 +136,8 @@ def _posed(
 
 def _invalid(message: str) -> RequestError:
     return RequestError("INVALID_OBJECT_NAME", message)
+
+
+def without_shapes(item: CollisionObject) -> CollisionObject:
+    """Return an object with its name, type and pose only."""
+    return CollisionObject(header=item.header, id=item.id, type=item.type, pose=item.pose)

@@ -7,8 +7,8 @@ import numpy as np
 from moveit_msgs.msg import CollisionObject
 
 from hal.robot_description.kinematics import child_pose
+from nodes.planning.conversion.poses import pose_of
 from nodes.planning.errors import RequestError
-from nodes.planning.poses import pose_of
 from planning.errors import PlanningError
 from planning.motion import State
 from planning.robot import PlanningRobot
@@ -25,10 +25,14 @@ class LinkPoint:
 
 
 class Frames:
-    """Frames of a robot in one state with the objects around it."""
+    """Frames of a robot in one state with the objects around it. If the state is not known, only fixed frames exist."""
 
     def __init__(
-        self, robot: PlanningRobot, state: State, scene: Scene, items: Mapping[str, CollisionObject] | None = None
+        self,
+        robot: PlanningRobot,
+        state: State | None,
+        scene: Scene,
+        items: Mapping[str, CollisionObject] | None = None,
     ) -> None:
         self._robot = robot
         self._state = state
@@ -53,8 +57,16 @@ class Frames:
         return self._robot.origin.inverse() @ self.in_scene(name)
 
     def _known(self, name: str) -> Pose:
+        if (
+            self._state is None
+            and name != self._robot.frame
+            and (name in self._robot.links or name in self._scene.attached)
+        ):
+            raise RequestError(
+                "ROBOT_STATE_STALE", f"the pose of {name} is not known without /joint_states: start the stack"
+            )
         try:
-            return self._robot.frame_pose(name, self._state, self._scene)
+            return self._robot.frame_pose(name, self._state or self._robot.rest, self._scene)
         except PlanningError as error:
             raise RequestError("FRAME_TRANSFORM_FAILURE", str(error)) from None
 
