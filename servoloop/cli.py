@@ -26,6 +26,7 @@ from servoloop.commands.doctor import doctor
 from servoloop.commands.emulate import emulate, fault
 from servoloop.commands.goto import goto
 from servoloop.commands.jog import jog, stop
+from servoloop.commands.plan_server import plan_server
 from servoloop.commands.ports import ports
 from servoloop.commands.record import plot, record, replay
 from servoloop.commands.scan import scan
@@ -48,7 +49,7 @@ app = typer.Typer(
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, pick, demo),
+    "Run an arm": (up, plan_server, pick, demo),
     "Watch and record": (view, monitor, record, plot),
     "Move an arm manually": (goto, jog, stop, teleop, replay),
     "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
