@@ -58,6 +58,15 @@ def test_the_only_shape_of_an_object_without_a_pose_gives_its_pose() -> None:
     assert change.world.scene.objects["crate"].pose.position_m.tolist() == [0.3, 0.1, 0.2]
 
 
+def test_shape_without_a_pose_is_at_the_pose_of_its_object() -> None:
+    item = box("crate", at(0.3, 0.1, 0.2))
+    item.primitive_poses = []
+    change = edit()
+    change.apply_object(item)
+    crate = change.world.scene.objects["crate"]
+    assert (crate.pose @ crate.shapes[0][1]).position_m.tolist() == [0.3, 0.1, 0.2]
+
+
 def test_poses_are_in_the_frame_of_the_header() -> None:
     change = edit()
     change.apply_object(box("crate", at(0.3, 0.0, 0.2, (0.0, 0.0, HALF, HALF))))
@@ -93,31 +102,6 @@ def test_an_attached_object_moves_with_its_link_and_returns_to_the_world() -> No
     place = back.world.scene.objects["crate"].pose.position_m
     assert place == pytest.approx([0.3 * np.cos(0.5), 0.3 * np.sin(0.5), 0.2], abs=1e-6)
     assert not back.world.scene.attached
-
-
-def test_one_change_detaches_and_removes_or_replaces_an_attached_object() -> None:
-    change, gone = edit(), CollisionObject(id="crate", operation=CollisionObject.REMOVE)
-    held = AttachedCollisionObject(link_name="link5", object=box("crate", at(0.0, 0.0, 0.1), frame="link5"))
-    for objects in ([gone], [box("crate", at(0.3, 0.1, 0.2))]):
-        change.apply_attached(held)
-        scene = PlanningScene(is_diff=True)
-        scene.world.collision_objects = objects
-        scene.robot_state.attached_collision_objects = [AttachedCollisionObject(object=gone)]
-        change.apply_scene(scene)
-        assert not change.world.scene.attached
-        assert ("crate" in change.world.items) == (objects != [gone])
-
-
-def test_one_change_removes_and_attaches_an_object() -> None:
-    change = edit()
-    change.apply_object(box("crate", at(0.3, 0.1, 0.2)))
-    scene = PlanningScene(is_diff=True)
-    scene.world.collision_objects = [CollisionObject(id="crate", operation=CollisionObject.REMOVE)]
-    held = AttachedCollisionObject(link_name="link5", object=box("crate", at(0.0, 0.0, 0.1), frame="link5"))
-    scene.robot_state.attached_collision_objects = [held]
-    change.apply_scene(scene)
-    assert set(change.world.scene.attached) == {"crate"}
-    assert "crate" not in change.world.scene.objects
 
 
 def test_a_matrix_allows_and_forbids_pairs_also_by_default() -> None:
