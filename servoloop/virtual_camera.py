@@ -27,6 +27,17 @@ SMOOTHING: Final = 0.2
 """Weight of the newest interval in the measured rate."""
 
 
+def grading_settings(camera: SceneCamera) -> GradingSettings:
+    """Return settings of the grading for a scene: only apples of its sizes, on its stand, have a grade."""
+    x, y, _ = camera.stand_m
+    low_mm, high_mm = camera.diameters_mm
+    along_m, across_m = (0.001 * share * high_mm for share in REGION)
+    return GradingSettings(
+        region_m=(x - along_m, y - across_m, x + along_m, y + across_m),
+        diameter_mm=(low_mm * (1.0 - TOLERANCE), high_mm * (1.0 + TOLERANCE)),
+    )
+
+
 class VirtualCamera:
     """Camera of an emulator's scene; implementation of ``perception.frames.CameraSource``."""
 
@@ -70,14 +81,8 @@ class VirtualCamera:
 
     @property
     def settings(self) -> GradingSettings:
-        """Settings of the grading: only apples of the scene's sizes, on the stand, have a grade."""
-        x, y, _ = self._camera.stand_m
-        low_mm, high_mm = self._camera.diameters_mm
-        along_m, across_m = (0.001 * share * high_mm for share in REGION)
-        return GradingSettings(
-            region_m=(x - along_m, y - across_m, x + along_m, y + across_m),
-            diameter_mm=(low_mm * (1.0 - TOLERANCE), high_mm * (1.0 + TOLERANCE)),
-        )
+        """Settings of the grading for this scene."""
+        return grading_settings(self._camera)
 
     def open(self) -> None:
         """Connect to the emulator. Raises CameraMissing if no emulator runs."""

@@ -4,7 +4,7 @@ import logging
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,6 +22,9 @@ from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder, require_writable
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 LOG = logging.getLogger("servoloop")
 
@@ -143,8 +146,26 @@ def demo(
         require_extras("the view", "view")
     make_folder(options.out)
     console = Console()
+    if options.vision:
+        raise typer.Exit(_sort_apples(options, console))
     with Live(console) as live:
         report = run(jobs, repeat, options, live)
     reports.print_table(report, console)
     reports.write_json(report, options.out / "result.json")
     raise typer.Exit(0 if reports.succeeded(report) else 1)
+
+
+def _sort_apples(options: CellOptions, console: "Console") -> int:
+    """Sort apples by what the virtual camera sees, print the report and return the exit status."""
+    require_extras("the camera", "sim")
+
+    from servoloop.demo.jobs import Live
+    from servoloop.demo.sort_apples import sort_apples
+    from servoloop.demo.sorting import APPLES
+    from servoloop.demo.sorting_report import print_sorting, write_sorting
+
+    with Live(console) as live:
+        report = sort_apples(options, live, APPLES)
+    print_sorting(report, console)
+    write_sorting(report, options.out / "result.json")
+    return 0 if report.success else 1

@@ -23,6 +23,7 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
+    from nodes.sorting_monitor import SortingMonitor
     from nodes.stack_monitor import StackMonitor
 
 ARM = "arm_controller"
@@ -44,6 +45,8 @@ class Cell:
     """Name of the hardware component."""
     joints: Sequence[str]
     """Joints of the arm, without the hand."""
+    sorting: "SortingMonitor | None"
+    """Monitor of the jobs that start from pictures; None if the cell has no camera."""
     process_ids: Mapping[str, int]
     """Process IDs of ``emulator``, ``stack`` and ``pick_place``."""
 
@@ -74,6 +77,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.client_node import client_node
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
+    from nodes.sorting_monitor import SortingMonitor
     from nodes.stack_monitor import StackMonitor
 
     choose_ros_domain()
@@ -93,7 +97,12 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
             picker, homing = PickClient(node, executor), Homing(node, executor, settings)
             runner = JobRunner(RosClients(monitor, picker, homing), live, camera, signals, processes)
             runner.wait_for_node(START_S)
-            yield Cell(runner, monitor, files.component.name, settings.joints, process_ids)
+            sorting: SortingMonitor | None = None
+            if options.vision:
+                sorting = SortingMonitor()
+                sorting.subscribe(node)
+                process_ids["camera"] = _start_camera(processes, link, files, live)
+            yield Cell(runner, monitor, files.component.name, settings.joints, sorting, process_ids)
         live.say("drawing the pictures")
         processes.end()
 
@@ -129,6 +138,7 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']})")
     seed, record = options.seed, options.record
     built = ("--backlash", str(options.backlash_deg), *(() if seed is None else ("--seed", str(seed))))
+    built += () if options.apples is None else ("--apples", str(options.apples))
     command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)
     started["emulator"] = processes.start("emulator", *command)
     served = [feed_path(link), *device_paths(link, buses).values()]
@@ -145,3 +155,9 @@ def _start_node(processes: Processes, arm: ArmFolder, live: Live) -> int:
     """Start the pick-and-place node and return its process ID."""
     live.say("starting the pick-and-place node")
     return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(arm.pick_place))
+
+
+def _start_camera(processes: Processes, link: Path, files: Files, live: Live) -> int:
+    """Start the perception node with the virtual camera and return its process ID."""
+    live.say("starting the camera")
+    return processes.start("camera", "servoloop.demo.camera_process", str(link), str(files.scene))
