@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from controller.host.host_controller import HostController
@@ -29,6 +30,8 @@ class ForeignControllers:
     """The controllers of another controller manager, connected by two topics."""
 
     topics: HostTopics
+    record: Path | None = None
+    """File of the recording, if any."""
     controllers: list[HostController] = field(default_factory=list)
     """The controller that follows the commands, once it is loaded."""
 
@@ -41,7 +44,8 @@ class ForeignControllers:
                 f"{stack.files.urdf_path} has no position command interface: topic-host moves joints to positions"
             )
         joints = joints_of(positions)
-        controller = HostController(NAME, joints, limits_of(joints, stack.files.limits), hardware.joints)
+        others = stack.files.description.joints.keys() - set(joints)
+        controller = HostController(NAME, joints, limits_of(joints, stack.files.limits), hardware.joints, others)
         stack.loop.manager.registry.add(controller)
         self.controllers.append(controller)
 
@@ -57,7 +61,7 @@ def topic_host(
     ports: Mapping[str, str] | None,
     files: Files,
     ready: Callable[[str], None],
-    topics: HostTopics,
+    program: ForeignControllers,
 ) -> int:
     """Run an arm under another controller manager until a signal or a fault.
 
@@ -66,7 +70,7 @@ def topic_host(
         ports: Devices by bus. None: virtual servos.
         files: Files of the arm. The controllers of its controllers file are not used.
         ready: Called with the name and the rate of the stack when it accepts commands.
-        topics: Topics of the states and the commands.
+        program: The other controller manager.
 
     Returns:
         Exit status.
@@ -76,4 +80,4 @@ def topic_host(
     """
     require_ros()
     files = replace(files, controllers=replace(files.controllers, controllers=()))
-    return up(kind, ports, files, ready, UpOptions(), ForeignControllers(topics))
+    return up(kind, ports, files, ready, UpOptions(record=program.record), program)

@@ -2,7 +2,7 @@
 
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from enum import StrEnum
 from typing import ClassVar, Final
 
@@ -53,9 +53,22 @@ class HostController:
     kind: ClassVar[str] = "servoloop/HostController"
 
     def __init__(
-        self, name: str, joints: Sequence[str], limits: Sequence[JointLimits], hardware_joints: Sequence[str]
+        self,
+        name: str,
+        joints: Sequence[str],
+        limits: Sequence[JointLimits],
+        hardware_joints: Sequence[str],
+        others: Collection[str] = (),
     ) -> None:
-        """Create a controller. ``hardware_joints`` are all joints, in the order of the measurements."""
+        """Create a controller.
+
+        Args:
+            name: Name of the controller.
+            joints: Names of the joints.
+            limits: Limits in the order of ``joints``.
+            hardware_joints: All measured joints, in the order of the measurements.
+            others: Joints of the robot that cannot be commanded. Messages may name them.
+        """
         self.name = name
         self.parameters = Parameters()
         self.joints = tuple(joints)
@@ -64,7 +77,7 @@ class HostController:
         self.command: FloatArray = np.full(len(joints), np.nan)
         self.reason = ""
         """Why the joints hold their positions; empty if they do not."""
-        self._messages = JointCommands(joints)
+        self._messages = JointCommands(joints, others)
         self._inbox: deque[FloatArray] = deque(maxlen=1)
         self._losses: deque[str] = deque(maxlen=1)
         self._at = indices(joints, hardware_joints)

@@ -1,6 +1,6 @@
 """Check the joint commands of another program and sort them into the order of the joints."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -18,8 +18,10 @@ class JointCommands:
     joints with a position command interface.
     """
 
-    def __init__(self, joints: Sequence[str]) -> None:
+    def __init__(self, joints: Sequence[str], others: Collection[str] = ()) -> None:
+        """``others`` are joints of the robot that cannot be commanded, such as mimic joints. Messages may name them."""
         self.joints = tuple(joints)
+        self._others = frozenset(others)
 
     def sorted(self, names: Sequence[str], positions: Sequence[float]) -> FloatArray:
         """Return the commands (n,) of one message, in rad or m. NaN marks a joint without a command.
@@ -51,7 +53,7 @@ class JointCommands:
         return np.array([given.get(joint, np.nan) for joint in self.joints], dtype=np.float64)
 
     def _check_names(self, names: Sequence[str]) -> None:
-        if unknown := [name for name in names if name not in self.joints]:
+        if unknown := [name for name in names if name not in self.joints and name not in self._others]:
             raise RefusedCommandError(
                 f"the command names {', '.join(unknown)}, but this arm moves {', '.join(self.joints)}: use the same "
                 "joint names on both sides"

@@ -7,7 +7,7 @@ import pytest
 
 from controller.host.joint_commands import JointCommands, RefusedCommandError
 
-ARM = JointCommands(["a", "b"])
+ARM = JointCommands(["a", "b"], {"mimic"})
 NAN = math.nan
 
 
@@ -19,8 +19,9 @@ NAN = math.nan
         (["b"], [2.0], [NAN, 2.0]),
         (["a", "b"], [NAN, 2.0], [NAN, 2.0]),
         (["wheel", "a", "b"], [1.0, 2.0], [1.0, 2.0]),
+        (["a", "mimic", "b"], [1.0, 3.0, 2.0], [1.0, 2.0]),
     ],
-    ids=["all", "other order", "some", "not commanded", "with a joint without command interface"],
+    ids=["all", "other order", "some", "not commanded", "without command interface", "with a mimic joint"],
 )
 def test_a_command_is_sorted_by_joint(names: list[str], positions: list[float], expected: list[float]) -> None:
     assert np.array_equal(ARM.sorted(names, positions), expected, equal_nan=True)
