@@ -9,7 +9,7 @@ import yaml
 from pick_place.pose_settings import PickObject, PoseSettings, above
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
-from servoloop.motion_planning.planner import MotionPlanner
+from servoloop import MotionPlanner
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import NODE, load_pick_place
 

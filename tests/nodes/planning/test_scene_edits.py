@@ -180,7 +180,7 @@ def test_invalid_objects_are_refused(message: CollisionObject, code: str, text: 
     change = edit()
     with pytest.raises(REFUSALS, match=text) as caught:
         change.apply_object(message)
-    assert caught.value.code == code
+    assert isinstance(caught.value, REFUSALS) and caught.value.code == code
 
 
 def test_a_scene_for_another_robot_is_refused() -> None:
