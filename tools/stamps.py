@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from interface_packages import needed_packages
-from places import HOOKS, INTERFACES, LOCK, ROOT, STAMPS, VENV
+from places import HOOKS, INTERFACES, LOCK, MOVEIT_PY, ROOT, STAMPS, VENV
 
 
 def digest(*parts: str | Path) -> str:
@@ -46,6 +46,10 @@ def venv_key() -> str:
 
 def project_key() -> str:
     return digest(ROOT / "pyproject.toml")
+
+
+def moveit_py_key() -> str:
+    return digest(MOVEIT_PY / "pyproject.toml")
 
 
 def simulation_key() -> str:

@@ -6,15 +6,16 @@ import shutil
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from commands import Commands, SetUpError
 from interface_packages import needed_packages
-from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
+from places import HOOKS, INTERFACES, LOCK, LOGS, MOVEIT_PY, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
 from plain_path import plain_root
 from progress import Step
 from requirements import outdated
-from stamps import digest, interface_key, locked_packages, project_key, simulation_key, stamp, venv_key
+from stamps import digest, interface_key, locked_packages, moveit_py_key, project_key, simulation_key, stamp, venv_key
 
 CORES = len(os.sched_getaffinity(0))
 PIP = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--progress-bar=off")
@@ -69,6 +70,18 @@ def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) ->
     command = (*UV, "--editable", ROOT)
     step.follow([pool.submit(commands.run, "project", *command)], lambda: "servoloop itself, editable")
     stamp("project", project_key())
+
+
+def is_moveit_present() -> bool:
+    """Return whether Python finds a real MoveIt, whose package ``moveit`` must not be replaced."""
+    paths = [str(SITE_PACKAGES), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    return PathFinder.find_spec("moveit", paths) is not None
+
+
+def install_moveit_py(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    command = (*UV, "--editable", MOVEIT_PY)
+    step.follow([pool.submit(commands.run, "moveit_py", *command)], lambda: "MoveIt's Python interface, editable")
+    stamp("moveit_py", moveit_py_key())
 
 
 def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:

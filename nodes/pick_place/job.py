@@ -1,11 +1,11 @@
-"""Run one pick-and-place job step by step. Imports no ROS package: the caller provides an arm and a state callback."""
+"""Run one pick-and-place job step by step. Imports no ROS package: the caller provides motions and a state callback."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import Protocol
 
-from nodes.pick_place.settings import JobSettings, Pose, normal_grade
+from nodes.pick_place.settings import normal_grade
 
 
 class JobPhase(StrEnum):
@@ -64,7 +64,7 @@ class JobOutcome:
 
 
 class JobArm(Protocol):
-    """Interface through which a job moves the arm."""
+    """Interface through which a job moves the arm to joint positions."""
 
     async def move(self, positions_rad: Sequence[float]) -> JobOutcome:
         """Move to a pose and return the outcome. Failures are returned and never raised."""
@@ -79,13 +79,17 @@ class JobArm(Protocol):
         ...
 
 
+Run = Callable[[], Awaitable[JobOutcome]]
+"""Carries out a step and returns its outcome. Failures are returned and never raised."""
+
+
 @dataclass(frozen=True, slots=True)
 class JobMove:
     """A motion of the arm."""
 
     phase: JobPhase
     where: str
-    pose_rad: Pose
+    run: Run
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,20 +98,24 @@ class JobHand:
 
     phase: JobPhase
     what: str
-    position_m: float
+    run: Run
 
 
-def steps(settings: JobSettings, grade: str) -> tuple[JobMove | JobHand, ...]:
-    """Return all steps of a job for a known grade."""
-    return (
-        JobMove(JobPhase.READY, "the ready pose", settings.ready_rad),
-        JobHand(JobPhase.OPEN_GRIPPER, "opening the gripper", settings.hand_open_m),
-        JobMove(JobPhase.GRASP, "the pick pose", settings.pick_rad),
-        JobHand(JobPhase.CLOSE_GRIPPER, "closing the gripper", settings.hand_closed_m),
-        JobMove(JobPhase.PLACE, f"bin {grade}", settings.bins_rad[grade]),
-        JobHand(JobPhase.RELEASE, "opening the gripper", settings.hand_open_m),
-        JobMove(JobPhase.DONE, "the ready pose", settings.ready_rad),
-    )
+class JobMotions(Protocol):
+    """Motions of a job: to joint positions, or planned to poses of the tool."""
+
+    @property
+    def grades(self) -> Collection[str]:
+        """Grades that have a bin."""
+        ...
+
+    def steps(self, grade: str) -> Sequence[JobMove | JobHand]:
+        """Return all steps of a job for a known grade."""
+        ...
+
+    def stop(self) -> None:
+        """Make the running step end soon, at the present position of the arm."""
+        ...
 
 
 class _EndedError(Exception):
@@ -125,14 +133,12 @@ class PickPlaceJob:
         self,
         request_id: int,
         grade: str,
-        settings: JobSettings,
-        arm: JobArm,
+        motions: JobMotions,
         tell: Callable[[State], None],
     ) -> None:
         self.request_id = request_id
         self.grade = normal_grade(grade)
-        self._settings = settings
-        self._arm = arm
+        self._motions = motions
         self._tell = tell
         self._cancel_reason: str | None = None
 
@@ -140,7 +146,7 @@ class PickPlaceJob:
         """End the job soon, with arm and fingers at their present positions. Only the first reason is kept."""
         if self._cancel_reason is None:
             self._cancel_reason = reason
-            self._arm.stop()
+            self._motions.stop()
 
     async def run(self) -> Result:
         """Run the job. Every failure is reported as a state and returned; none is raised."""
@@ -157,26 +163,32 @@ class PickPlaceJob:
 
     async def _run(self) -> None:
         self._report(JobPhase.START, f"job {self.request_id}, grade {self.grade}", feedback=True)
-        if self.grade not in self._settings.bins_rad:
-            known = ", ".join(self._settings.bins_rad)
+        if self.grade not in self._motions.grades:
+            known = ", ".join(self._motions.grades)
             raise _EndedError(JobEnding.ABORTED, f"there is no bin for grade {self.grade!r}; known grades: {known}")
-        for step in steps(self._settings, self.grade):
+        for step in self._motions.steps(self.grade):
             self._check_cancel()
             if isinstance(step, JobMove):
                 await self._move(step)
             else:
-                self._arm.hand(step.position_m)
-                self._report(step.phase, step.what)
+                await self._command_hand(step)
 
     async def _move(self, step: JobMove) -> None:
         # The phase "done" is reported only at the ready pose. The motion back belongs to the phase "release".
         if step.phase is not JobPhase.DONE:
             self._report(step.phase, f"moving to {step.where}", feedback=True)
-        outcome = await self._arm.move(step.pose_rad)
+        outcome = await step.run()
         self._check_cancel(outcome.text)
         if not outcome.reached:
             raise _EndedError(JobEnding.ABORTED, f"on the way to {step.where}: {outcome.text}")
         self._report(step.phase, f"at {step.where}")
+
+    async def _command_hand(self, step: JobHand) -> None:
+        outcome = await step.run()
+        if not outcome.reached:
+            self._check_cancel(outcome.text)
+            raise _EndedError(JobEnding.ABORTED, f"while {step.what}: {outcome.text}")
+        self._report(step.phase, step.what)
 
     def _check_cancel(self, text: str = "") -> None:
         if self._cancel_reason is not None:

@@ -118,6 +118,8 @@ class JobRun:
     bin: str | None
     duration_s: float
     message: str
+    contacts: tuple[str, ...]
+    """Contacts of the arm with anything except the cube, each as "link and object"."""
     at_cycles: FollowingError
     between_cycles: FollowingError
 
@@ -164,7 +166,7 @@ class JobRunner:
             self._clean_up()
         samples = self._monitor.newest.samples
         self._camera.poll()
-        self._camera.trace = WorldTrace()
+        self._camera.trace, self._camera.contacts = WorldTrace(), set()
         samples.clear()
         self._live.job(grade)
         started_s = perf_counter()
@@ -172,10 +174,11 @@ class JobRunner:
         duration_s = perf_counter() - started_s
         at, between = _errors(samples, self._camera.trace)
         where = self._rest()
+        contacts = tuple(sorted(self._camera.contacts))
         success = outcome.success and where == grade.strip().upper()
         self._failed = not success
         self._live.done(grade, where, success, outcome.message)
-        return JobRun(grade, success, where, duration_s, outcome.message, at, between)
+        return JobRun(grade, success, where, duration_s, outcome.message, contacts, at, between)
 
     def _clean_up(self) -> None:
         """Open the hand and move the arm home. When the next job starts, the simulation puts the cube on the stand."""
@@ -225,11 +228,12 @@ class JobRunner:
 
 
 class Camera:
-    """Reader of the simulated world: the bin of the cube, and the joint positions between the cycles."""
+    """Reader of the simulated world: the bin of the cube, the joint positions between the cycles, and contacts."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
         self.bin: str | None = None
         self.trace = WorldTrace()
+        self.contacts: set[str] = set()
         self._client = client
         self._joints = list(joints)
 
@@ -237,6 +241,7 @@ class Camera:
         """Read everything that the emulator has published since the last call."""
         for publication in self._client.all():
             self.bin = publication["cube_bin"]
+            self.contacts.update(publication["contacts"])
             for time_s, positions in publication["trace"]:
                 self.trace.times_s.append(time_s)
                 self.trace.positions.append(positions[: len(self._joints)])

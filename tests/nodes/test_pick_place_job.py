@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
+from nodes.pick_place.joint_motions import JointMotions
 from nodes.pick_place.settings import JobSettings
 
 READY = (0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828)
@@ -57,7 +58,7 @@ class RecordedJob:
 
     def __init__(self, arm: RecordingArm, grade: str = "B") -> None:
         self.states: list[State] = []
-        self.inner = PickPlaceJob(7, grade, JobSettings(), arm, self.states.append)
+        self.inner = PickPlaceJob(7, grade, JointMotions(JobSettings(), arm), self.states.append)
 
     def run(self) -> Result:
         return asyncio.run(self.inner.run())

@@ -18,6 +18,7 @@ def test_configuration_file_equals_the_defaults() -> None:
     default = JobSettings()
     assert parameters.pop("pick_place_action_name") == "/sorting/arm/pick_place"
     assert parameters.pop("auto_goal_from_vision") is True
+    assert parameters.pop("motion") == "joints"
     assert tuple(parameters.pop("joints")) == default.joints
     poses = parameters.pop("poses")
     assert (tuple(poses["ready"]), tuple(poses["pick"])) == (default.ready_rad, default.pick_rad)

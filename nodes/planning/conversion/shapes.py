@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import chain
+from itertools import chain, zip_longest
 from typing import Any, Final
 
 import numpy as np
@@ -125,10 +125,10 @@ def _posed(
     poses: Sequence[PoseMessage],
     convert: Callable[[str, Any], tuple[Shape, Pose]],
 ) -> list[tuple[Shape, Pose]]:
-    if len(shapes) != len(poses):
+    if len(shapes) < len(poses):
         raise _invalid(f'object "{owner}" has {len(shapes)} {field} and {len(poses)} poses for them: give as many')
     found = []
-    for shape, pose in zip(shapes, poses, strict=True):
+    for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, poses can be left out.
         converted, own = convert(owner, shape)
         found.append((converted, pose_of(pose) @ own))
     return found

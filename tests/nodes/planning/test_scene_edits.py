@@ -58,6 +58,15 @@ def test_the_only_shape_of_an_object_without_a_pose_gives_its_pose() -> None:
     assert change.world.scene.objects["crate"].pose.position_m.tolist() == [0.3, 0.1, 0.2]
 
 
+def test_shape_without_a_pose_is_at_the_pose_of_its_object() -> None:
+    item = box("crate", at(0.3, 0.1, 0.2))
+    item.primitive_poses = []
+    change = edit()
+    change.apply_object(item)
+    crate = change.world.scene.objects["crate"]
+    assert (crate.pose @ crate.shapes[0][1]).position_m.tolist() == [0.3, 0.1, 0.2]
+
+
 def test_poses_are_in_the_frame_of_the_header() -> None:
     change = edit()
     change.apply_object(box("crate", at(0.3, 0.0, 0.2, (0.0, 0.0, HALF, HALF))))
