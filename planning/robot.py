@@ -15,6 +15,7 @@ from planning.group_planner import GroupPlanner
 from planning.groups import Group, Groups
 from planning.motion import State, Touch, Validity
 from planning.scene import Pose, Scene
+from planning.world_objects import world_objects
 
 
 class PlanningRobot:
@@ -53,13 +54,14 @@ class PlanningRobot:
         self.links = arm.links
         """Names of the robot's links."""
         self.objects = tuple(arm.world_geoms())
-        """Names of the objects of the scene file. ``Scene.without(name)`` removes one."""
+        """Names of the objects of the scene file, including those with shapes that ``scene`` does not have."""
         root = int(model.body_rootid[arm.bodies[0]])
         self.frame = str(model.body(root).name)
         """Frame of the poses of links."""
         self.origin = Pose(*arm.link_pose(self.frame))
         """Pose of ``frame`` in the world of the scene."""
-        self.scene = Scene(allowed=frozenset(allowed))
+        own = world_objects(arm)
+        self.scene = Scene(objects=own, allowed=frozenset(allowed), removed=frozenset(own))
         """Scene with the objects of the scene file, from which all scenes are made."""
         self.rest: State = dict(zip(self.limits, arm.positions.tolist(), strict=True))
         """Positions of the driven joints in the scene file."""
@@ -101,6 +103,15 @@ class PlanningRobot:
         """Return the poses of links in the frame of ``frame``. Raises PlanningError for an unknown link."""
         arm, back = self._placed(state), self.origin.inverse()
         return {link: back @ Pose(*arm.link_pose(link)) for link in links}
+
+    def carried_links(self, link: str) -> tuple[str, ...]:
+        """Return a link and all links that move with it. Raises PlanningError for an unknown link."""
+        arm = self.arm()
+        carried = {arm.body(link)}
+        for body in arm.bodies:  # a parent comes before its children
+            if int(self.model.body_parentid[body]) in carried:
+                carried.add(body)
+        return tuple(name for name, body in zip(arm.links, arm.bodies, strict=True) if body in carried)
 
     def frame_pose(self, name: str, state: State, scene: Scene | None = None) -> Pose:
         """Return the pose of a frame in the world of the scene.

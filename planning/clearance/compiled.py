@@ -13,8 +13,11 @@ KEY_FILE: Final = "sources.sha256"
 
 
 def compiled(function: Function) -> Function:
-    """Compile ``function`` and cache its machine code on disk. The first call in an installation takes seconds."""
-    return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+    """Compile ``function`` and cache its machine code on disk. The first call in an installation takes seconds.
+
+    Other threads run while the function runs, so that a control loop in the same process keeps its period.
+    """
+    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
 def remove_stale(folder: Path) -> None:

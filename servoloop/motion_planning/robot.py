@@ -5,14 +5,14 @@ from typing import Final
 
 from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
 from controller.trajectory.parameters import TrajectoryParameters
+from hal.errors import ArmFileError
 from planning.arm_model import ArmModel
 from planning.errors import PlanningError
 from planning.groups import Group, Groups, States, derive_groups
 from planning.robot import PlanningRobot
 from planning.srdf_file import read_pairs, read_srdf
-from servoloop.api.errors import ArmInputError
 from servoloop.manual.poses import Poses
-from servoloop.moveit.collision_matrix import reasons
+from servoloop.motion_planning.collision_matrix import reasons
 from servoloop.stack.arm_folders import read_arm
 from servoloop.stack.pick_place import load_pick_place
 from servoloop.stack.robot_files import CONFIG, Files
@@ -35,8 +35,7 @@ def planning_robot(files: Files) -> PlanningRobot:
     the pick-place job, of the robot file and of ``servoloop pose``.
 
     Raises:
-        ArmInputError: The arm has no trajectory controller.
-        HalError: The files of the arm have mistakes.
+        HalError: The files of the arm have mistakes, or it has no trajectory controller.
         PlanningError: The scene file does not have a joint, or the SRDF has mistakes.
     """
     model = scene_spec(files.scene).compile()
@@ -60,12 +59,12 @@ def srdf_of(files: Files) -> Path | None:
 
 
 def arm_group(robot: PlanningRobot, files: Files) -> Group:
-    """Return the group of the arm's first trajectory controller. Raises ArmInputError."""
+    """Return the group of the arm's first trajectory controller. Raises ArmFileError."""
     joints = set(_arm_joints(files))
     for group in robot.groups.groups.values():
         if set(group.joints) == joints:
             return group
-    raise ArmInputError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add one")
+    raise ArmFileError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add one")
 
 
 def _derived(files: Files, model: object) -> Groups:
@@ -77,11 +76,11 @@ def _derived(files: Files, model: object) -> Groups:
 
 
 def _arm_joints(files: Files) -> tuple[str, ...]:
-    """Return the joints of the first trajectory controller. Raises ArmInputError."""
+    """Return the joints of the first trajectory controller. Raises ArmFileError."""
     for spec in files.controllers.controllers:
         if isinstance(spec.parameters, TrajectoryParameters):
             return tuple(spec.parameters.joints)
-    raise ArmInputError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
+    raise ArmFileError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
 
 
 def _states(files: Files, joints: tuple[str, ...]) -> States:

@@ -1,6 +1,7 @@
-"""Plan motions of an arm from the files of its folder: around the objects of its scene and those of the program."""
+"""Plan motions of an arm around the objects of its scene and those of the program."""
 
 import math
+import threading
 import time
 from collections.abc import Mapping
 from typing import Final
@@ -9,24 +10,30 @@ import numpy as np
 
 from hal.types import FloatArray
 from planning.collision import Clearance, warm_up
-from planning.kinematics.goals import PoseGoal
+from planning.kinematics.goals import PoseGoal, PositionSphere, checked_pose
 from planning.motion import JointGoal, MotionRequest, Scaling, ToolGoal
+from planning.paths.timing import TimedPath
 from planning.robot import PlanningRobot
 from planning.scene import Scene
 from servoloop.api.errors import ArmInputError
-from servoloop.api.options import ArmOptions
-from servoloop.api.trajectory import ArmTrajectory
+from servoloop.api.options import ArmOptions, setup_errors
+from servoloop.api.planning.pose import ArmPose
+from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
+from servoloop.extras import require_extras
 from servoloop.motion_planning.robot import arm_group, planning_robot
 
 TIME_LIMIT_S: Final = 5.0
 """Default for the maximum time of a search, in seconds."""
+
+SEARCH: Final = threading.Lock()
+"""Held during a search, because OMPL's random generator is global in the process."""
 
 Positions = Mapping[str, float]
 """Joint positions by joint name, in rad or m."""
 
 
 class MotionPlanner:
-    """Plans motions of one arm. The same seed, scene and request give the same motion. One thread may use it.
+    """Plans motions of one arm. The same seed, scene and request give the same motion.
 
     Obstacles are the objects of the arm's scene file, such as its table, and all objects of ``scene``. The planner
     only computes: ``Arm.follow`` carries out its trajectories.
@@ -41,15 +48,16 @@ class MotionPlanner:
             seed: Seed of all random numbers, at least 1.
 
         Raises:
-            ArmSetupError: The files of the arm are invalid.
-            ArmInputError: The arm has no trajectory controller.
+            ArmSetupError: The files of the arm are invalid, or the extra ``planning`` is not installed.
             PlanningError: The scene file does not have a joint or the tool.
         """
+        with setup_errors():
+            require_extras("motion planning", "planning")
+            files = ArmOptions(arm).files()
+            self.robot: PlanningRobot = planning_robot(files)
+            """Groups, kinematics and plans of the robot."""
+            self._group = self.robot.group(arm_group(self.robot, files).name)
         warm_up()
-        files = ArmOptions(arm).files()
-        self.robot: PlanningRobot = planning_robot(files)
-        """Groups, kinematics and plans of the robot."""
-        self._group = self.robot.group(arm_group(self.robot, files).name)
         self._tool = self._group.chain(tool, self.robot.rest).tool
         self._seed = seed
         self.scene: Scene = self.robot.scene
@@ -61,10 +69,20 @@ class MotionPlanner:
         self.objects = self.robot.objects
         """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
 
-    def pose(self, positions: Positions) -> tuple[FloatArray, FloatArray]:
+    @property
+    def tool(self) -> str:
+        """Link or site that a pose goal brings to its pose."""
+        return self._tool
+
+    @property
+    def carrier(self) -> str:
+        """Link to which objects are attached by default: the tip of the arm's group."""
+        return self._group.group.tip or self.links[-1]
+
+    def pose(self, positions: Positions, tool: str | None = None) -> tuple[FloatArray, FloatArray]:
         """Return the position (3,) in m and the quaternion (4,), x y z w, of the tool in the frame of the base."""
         state = self._state("the positions", positions)
-        chain = self._group.chain(self._tool, state)
+        chain = self._group.chain(tool or self._tool, state)
         pose = chain.pose(np.array([state[joint] for joint in chain.names]))
         return pose.position_m, pose.quaternion_xyzw
 
@@ -75,11 +93,11 @@ class MotionPlanner:
     def plan(
         self,
         start: Positions,
-        goal: Positions | PoseGoal,
+        goal: Positions | PoseGoal | ArmPose,
         *,
         speed: float = 1.0,
         time_limit_s: float = TIME_LIMIT_S,
-    ) -> ArmTrajectory:
+    ) -> PlannedTrajectory:
         """Plan a motion that touches nothing, within the limits of velocity, acceleration and jerk.
 
         Args:
@@ -97,23 +115,42 @@ class MotionPlanner:
             ArmInputError: A joint is unknown or missing, or a position is not finite.
             PlanningError: The start or the goal is not possible, or no path was found in time. ``code`` is MoveIt's.
         """
-        end_s = time.monotonic() + time_limit_s
+        end_s, state = time.monotonic() + time_limit_s, self._state("the start", start)
         request = MotionRequest(
-            start=self._state("the start", start),
+            start=state,
             goals=(self._goal(goal),),
             scene=self.scene,
             remaining_s=lambda: end_s - time.monotonic(),
             scaling=Scaling(speed, speed),
             seed=self._seed,
         )
-        path = self._group.plan(request).path
-        return ArmTrajectory(
+        with SEARCH:
+            path = self._group.plan(request).path
+        return PlannedTrajectory(
             path.times_s.tolist(),
             dict(zip(self.joints, path.positions.T.tolist(), strict=True)),
             dict(zip(self.joints, path.velocities.T.tolist(), strict=True)),
+            state,
         )
 
-    def _goal(self, goal: Positions | PoseGoal) -> JointGoal | ToolGoal:
+    def contact(self, trajectory: ArmTrajectory, start: Positions) -> str:
+        """Describe what a trajectory of the planned joints touches in ``scene``; empty if it touches nothing.
+
+        Args:
+            trajectory: Points of the planned joints.
+            start: Positions of all joints, for those that the trajectory does not move.
+        """
+        positions = np.array([trajectory.positions[joint] for joint in self.joints]).T
+        path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
+        found = self._group.future_contact(path, 0.0, self._state("the start", start), self.scene)
+        return "" if found is None else f"{found.one} comes too near to {found.other} after {found.time_s:.1f} s"
+
+    def _goal(self, goal: Positions | PoseGoal | ArmPose) -> JointGoal | ToolGoal:
+        if isinstance(goal, ArmPose):
+            quaternion = (0.0, 0.0, 0.0, 1.0) if goal.quaternion_xyzw is None else goal.quaternion_xyzw
+            pose = checked_pose(goal.position_m, quaternion)
+            region = PositionSphere(goal.tolerance_m)
+            return ToolGoal(PoseGoal(pose, region, goal.tolerances_rad()), goal.tool or self._tool)
         if isinstance(goal, PoseGoal):
             return ToolGoal(goal, self._tool)
         if unknown := sorted(goal.keys() - set(self.joints)):

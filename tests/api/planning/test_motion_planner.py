@@ -9,8 +9,7 @@ from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
 from planning.scene import Box, Pose, SceneObject
-from servoloop import Arm, ArmInputError
-from servoloop.motion_planning.planner import MotionPlanner
+from servoloop import Arm, ArmInputError, MotionPlanner
 
 START = {"shoulder_pan": -0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
 GOAL = {"shoulder_pan": 0.9}
