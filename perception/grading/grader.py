@@ -14,7 +14,7 @@ from perception.frames import Picture
 from perception.grading.light import Pixels, relative_to_table
 from perception.grading.outlines import Outline, colored, outlines, rest
 from perception.grading.settings import GradingSettings
-from perception.grading.skin import RIM, Skin, skin_of
+from perception.grading.skin import RIM_PX, Skin, skin_of
 from perception.grading.spheres import Sphere, fit_sphere
 
 MOST_ERROR: Final = 0.12
@@ -167,11 +167,12 @@ class Grader:
         for other in nearer:
             free &= other.sphere.inside(rays)[1] > 1.1
         visible = float(free.sum()) / max(int(inside.sum()), 1)
-        judged = free & (away < RIM)
+        radius_px = np.sqrt(max(float(inside.sum()), 1.0) / np.pi)
+        judged = free & (away < max(1.0 - RIM_PX / radius_px, 0.0) ** 2)
         if judged.sum() < LEAST_SKIN:
             return Skin(0.0, 0.0), 0.0
         colors = relative[rows, columns].reshape(-1, 3)[judged].astype(np.float64) * self._settings.table_rgb
-        return skin_of(colors, places[judged]), visible
+        return skin_of(colors, places[judged], judged.reshape(height, width)), visible
 
 
 def _box(outline: Outline) -> tuple[int, int, int, int]:

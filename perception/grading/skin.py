@@ -8,6 +8,7 @@ of another object is not a defect.
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +20,8 @@ RED_HUE: Final = 0.6
 """Largest hue of red skin, (G - B) / (R - B) in linear light: 0 is red, 1 is yellow."""
 DARKER: Final = -0.3
 """Largest log of the brightness of a defect, relative to the darkest sound skin at the same place."""
+HALF: Final = -0.65
+"""Largest log of the relative brightness of a pixel that mixes a defect and sound skin, and is mostly a defect."""
 BLACK: Final = -1.9
 """Log of the relative brightness below which a pixel is a defect, whatever its color is."""
 BROWN: Final = (0.28, 0.74)
@@ -40,10 +43,10 @@ CHROMA_BIN: Final = 0.15
 """Bin width of the colors of sound skin, in log ratios."""
 COMMON: Final = 0.02
 """Smallest share of a color that counts as a color of the sound skin."""
-RIM: Final = 0.98
-"""Squared distance from the middle of the outline up to which skin is judged. Pixels at the rim mix apple and table."""
-RING: Final = 0.9
-"""Squared distance from which pixels also stand for those beyond ``RIM``."""
+RIM_PX: Final = 1.2
+"""Width of the rim of an apple whose skin is not judged, in pixels, because it mixes the apple and the table."""
+RING: Final = 0.08
+"""Width of the ring inside the rim, as a squared share of the radius. Its pixels also stand for the rim."""
 DIMMEST: Final = 1e-3
 """Lowest brightness, relative to the table."""
 
@@ -58,12 +61,13 @@ class Skin:
     """Share that is a defect."""
 
 
-def judge(colors: FloatArray, places: FloatArray) -> tuple[Flags, Flags]:
+def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, Flags]:
     """Return which pixels are red and which are defects.
 
     Args:
         colors: Linear RGB (n, 3) of the pixels, relative to a white surface.
         places: Positions (n, 2) of the pixels in the outline, whose radius is 1.
+        area: The n pixels in a part (height, width) of the picture.
     """
     red, green, blue = np.maximum(colors, DIMMEST).T
     is_red = (green - blue) < RED_HUE * np.maximum(red - blue, DIMMEST)
@@ -73,13 +77,24 @@ def judge(colors: FloatArray, places: FloatArray) -> tuple[Flags, Flags]:
     relative = brightness - _sound(brightness, places, is_red, brown)
     skin_colors = _common(np.log(ratio_green), np.log(ratio_blue), (relative > -0.2) & ~brown)
     defect = (relative < BLACK) | ((relative < DARKER) & brown & ~skin_colors)
+    defect = defect | (_beside(defect, area) & (relative < HALF))
     return is_red & ~defect, defect
 
 
-def skin_of(colors: FloatArray, places: FloatArray) -> Skin:
+def _beside(defect: Flags, area: Flags) -> Flags:
+    """Return which pixels are beside a defect. There, the color is a mixture that is neither brown nor sound."""
+    mask = np.zeros(area.shape, np.uint8)
+    mask[area] = defect
+    beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0
+    return beside
+
+
+def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> Skin:
     """Return the shares of red pixels and defects, from the arguments of ``judge``."""
-    red, defect = judge(colors, places)
-    weights = np.where((places * places).sum(axis=1) > RING, (1.0 - RING) / (RIM - RING), 1.0)
+    red, defect = judge(colors, places, area)
+    away = (places * places).sum(axis=1)
+    ring = float(away.max()) - RING
+    weights = np.where(away > ring, (1.0 - ring) / RING, 1.0)
     total = float(weights.sum())
     return Skin(float(weights @ red) / total, float(weights @ defect) / total)
 
