@@ -28,22 +28,26 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("servoloop")
 
+HardwareOption = Annotated[
+    HardwareKind | None,
+    typer.Option(help="Hardware that the control loop drives (default: the plugin named in the URDF)."),
+]
+PortOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
+]
+ReadyFileOption = Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")]
+
 
 @grouped_options
 def up(
     *,
-    hardware: Annotated[
-        HardwareKind | None,
-        typer.Option(help="Hardware that the control loop drives (default: the plugin named in the URDF)."),
-    ] = None,
-    port: Annotated[
-        list[str] | None,
-        typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
-    ] = None,
+    hardware: HardwareOption = None,
+    port: PortOption = None,
     arm: ControlledArm,
     options: UpOptions,
     network: NetworkOption = False,
-    ready_file: Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")] = None,
+    ready_file: ReadyFileOption = None,
 ) -> None:
     """Run the control stack of an arm until Ctrl-C, with or without ROS 2.
 
@@ -55,10 +59,7 @@ def up(
 
     log_to_terminal()
     set_network(network)
-    if ready_file is not None:
-        if ready_file.is_dir():
-            raise DriverError(f"--ready-file {ready_file} is a folder; choose a file")
-        require_writable(ready_file.parent)
+    check_ready_file(ready_file)
     if options.record is not None:
         check_path(options.record)
     files = arm.read()
@@ -70,6 +71,14 @@ def up(
             write_ready(ready_file)
 
     raise typer.Exit(run(hardware, devices, files, ready, options))
+
+
+def check_ready_file(path: Path | None) -> None:
+    """Check that the file for --ready-file can be written. Raises DriverError."""
+    if path is not None:
+        if path.is_dir():
+            raise DriverError(f"--ready-file {path} is a folder; choose a file")
+        require_writable(path.parent)
 
 
 def write_ready(path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.bus import BAUDS, CLIENTS, compare, show
-from benchmarks.busy import without_priority
+from benchmarks.processes.busy import without_priority
 from benchmarks.stalls import JointSteps
 
 pytestmark = pytest.mark.slow
