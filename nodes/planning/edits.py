@@ -30,6 +30,9 @@ class WorldEdit:
     def apply_scene(self, message: PlanningScene) -> None:
         """Apply a scene: changes if ``is_diff`` is set, or a whole scene.
 
+        Objects are detached, then those of the world are changed, then objects are attached. A change can therefore
+        detach an object and remove it, or remove an object and attach it.
+
         Raises:
             RequestError, PlanningError: A part of the scene is invalid, or the scene is for another robot.
         """
@@ -43,10 +46,17 @@ class WorldEdit:
         matrix = message.allowed_collision_matrix
         if matrix.entry_names or matrix.default_entry_names:
             self.world = replace(self.world, allowed=AllowedCollisions.from_message(matrix))
-        for held in message.robot_state.attached_collision_objects:  # before the world, as in MoveIt
+        attached = message.robot_state.attached_collision_objects
+        loosened = [held for held in attached if held.object.operation == CollisionObject.REMOVE]
+        fastened = [held for held in attached if held not in loosened]
+        for held in loosened:
             self._change_attached(held)
         for item in message.world.collision_objects:
-            self._change_object(item)
+            replaced = item.operation == CollisionObject.REMOVE and item.id in {held.object.id for held in fastened}
+            if not replaced or item.id in self.world.scene.objects:
+                self._change_object(item)
+        for held in fastened:
+            self._change_attached(held)
         self._set_colors_and_padding(message)
         self.world = self.world.settled(self._robot)
 

@@ -1,9 +1,11 @@
 """Tests of the planning server with a stack and a client of MoveIt's interfaces."""
 
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 
 pytest.importorskip("rclpy")
@@ -27,7 +29,7 @@ from std_msgs.msg import String
 
 from nodes.publishing import LATCHED
 from tests.ros.plan_client import READY, PlanClient, box, joint_constraints, joint_goal, planning_stack, remove
-from tests.ros.stack_process import StackProcess
+from tests.ros.stack_process import StackProcess, running, until
 
 pytestmark = pytest.mark.ros
 
@@ -223,3 +225,14 @@ def test_a_second_server_does_not_start(client: PlanClient, tmp_path: Path) -> N
     assert "another node is named /move_group" in second.words
     assert "Traceback" not in second.words
     assert client.run(joint_goal(plan_only=True, **READY)).error_code.val == SUCCESS
+
+
+def test_up_starts_the_server_and_both_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(int(os.environ.get("ROS_DOMAIN_ID", "0")) + 1))
+    with running(tmp_path, "--hardware", "mock", "--plan") as stack:
+        until(lambda: "planning for robot_arm as /move_group" in stack.words, lambda: stack.process.poll())
+        child = psutil.Process(stack.process.pid).children()[0]
+        assert "plan-server" in child.cmdline()
+    assert stack.process.returncode == 0
+    assert not child.is_running()
+    assert "Traceback" not in stack.words
