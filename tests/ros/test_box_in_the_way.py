@@ -31,8 +31,8 @@ SIDE_RAD = 1.1
 SHARE = 0.3
 """Share of the limits of velocity and acceleration."""
 SIDE_M = 0.05
-"""Length of the edges of the box, in m. The box appears at least 0.7 rad ahead: the hand and the box take 0.45 rad of it,
-and the arm needs the rest to brake."""
+"""Length of the edges of the box, in m. The box appears at least 0.7 rad ahead. The hand and the box take 0.45 rad of
+it, and the arm needs the rest to brake."""
 ROBOT = robot_arm()
 INVALIDATED = MoveItErrorCodes.MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE
 
