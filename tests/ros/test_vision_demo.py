@@ -2,6 +2,10 @@
 
 import io
 import json
+import os
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,11 +23,26 @@ from servoloop.demo.sorting_report import print_sorting, write_sorting
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-@pytest.mark.parametrize("arm", ["robot_arm", "so101"])
-def test_two_apples_are_sorted(ros_domain: int, tmp_path: Path, arm: str) -> None:
+COMMAND = "servoloop demo --vision"
+LONGEST_S = 500.0
+
+
+@pytest.mark.runs(COMMAND)
+def test_the_command_sorts_twelve_apples(ros_domain: int, tmp_path: Path) -> None:
+    words = shlex.split(f"{COMMAND} --out {tmp_path}")[1:]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(ros_domain), "COLUMNS": "100"}
+    command = [sys.executable, "-m", "servoloop", *words]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "apples in the right bins: 12 of 12" in done.stdout
+    grades = {apple["true"]["grade"] for apple in json.loads((tmp_path / "result.json").read_text())["sorted"]}
+    assert grades == {"A", "B", "C"}
+
+
+def test_two_apples_are_sorted_with_a_small_arm(ros_domain: int, tmp_path: Path) -> None:
     words = io.StringIO()
     console = Console(file=words, width=200)
-    report = sort_apples(CellOptions(tmp_path, arm=arm, vision=True), Live(console), 2)
+    report = sort_apples(CellOptions(tmp_path, arm="so101", vision=True), Live(console), 2)
     print_sorting(report, console)
     assert report.success, words.getvalue()
     assert "apples in the right bins: 2 of 2" in words.getvalue()
