@@ -1,6 +1,6 @@
 """Changes of the planning scene as clients send them: objects, attached objects and whole scenes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
@@ -30,6 +30,9 @@ class WorldEdit:
     def apply_scene(self, message: PlanningScene) -> None:
         """Apply a scene: changes if ``is_diff`` is set, or a whole scene.
 
+        Objects are detached, then those of the world are changed, then objects are attached. A change can therefore
+        detach an object and remove it, or remove an object and attach it.
+
         Raises:
             RequestError, PlanningError: A part of the scene is invalid, or the scene is for another robot.
         """
@@ -43,9 +46,16 @@ class WorldEdit:
         matrix = message.allowed_collision_matrix
         if matrix.entry_names or matrix.default_entry_names:
             self.world = replace(self.world, allowed=AllowedCollisions.from_message(matrix))
+        attached = message.robot_state.attached_collision_objects
+        loosened = [held for held in attached if held.object.operation == CollisionObject.REMOVE]
+        fastened = [held for held in attached if held not in loosened]
+        for held in loosened:
+            self._change_attached(held)
         for item in message.world.collision_objects:
-            self._change_object(item)
-        for held in message.robot_state.attached_collision_objects:
+            replaced = item.operation == CollisionObject.REMOVE and item.id in {held.object.id for held in fastened}
+            if not replaced or item.id in self.world.scene.objects:
+                self._change_object(item)
+        for held in fastened:
             self._change_attached(held)
         self._set_colors_and_padding(message)
         self.world = self.world.settled(self._robot)
@@ -104,14 +114,14 @@ class WorldEdit:
         )
 
     def _remove(self, name: str) -> None:
+        """Remove an object, or all objects if the name is empty. An attached object of this name stays attached."""
         scene = self.world.scene
-        own = [name] if name else list(scene.objects)
-        if name and name not in scene.objects and name not in self.world.names(self._robot):
-            raise RequestError("INVALID_OBJECT_NAME", f'there is no object "{name}": {self._known(scene.objects)}')
-        if name in self._robot.links or name in scene.attached:
-            raise RequestError(
-                "INVALID_OBJECT_NAME", f'"{name}" is not an object of the world: detach attached objects first'
-            )
+        if name in scene.attached:
+            return
+        removable = [*scene.objects, *(one for one in self._robot.objects if one not in scene.removed)]
+        if name and name not in removable:
+            raise RequestError("INVALID_OBJECT_NAME", f'there is no object "{name}": {_known(removable)}')
+        own = [name] if name else removable
         for one in own:
             scene = scene.without(one)
         items = {key: item for key, item in self.world.items.items() if key not in own}
@@ -125,7 +135,7 @@ class WorldEdit:
         if message.id not in self.world.scene.objects:
             raise RequestError(
                 "INVALID_OBJECT_NAME",
-                f'there is no object "{message.id}" to move: {self._known(self.world.scene.objects)}',
+                f'there is no object "{message.id}" to move: {_known(self.world.scene.objects)}',
             )
         pose = self._frames().in_scene(message.header.frame_id) @ pose_of(message.pose)
         self._put(self.world.items[message.id], pose)
@@ -167,7 +177,7 @@ class WorldEdit:
         else:
             raise RequestError(
                 "INVALID_OBJECT_NAME",
-                f'there is no object "{item.id}" to attach: send its shapes; {self._known(self.world.items)}',
+                f'there is no object "{item.id}" to attach: send its shapes; {_known(self.world.items)}',
             )
         own = frames.in_scene(link).inverse() @ pose
         shapes = shapes_of(item)
@@ -179,9 +189,7 @@ class WorldEdit:
         attached, name = self.world.scene.attached, message.object.id
         own = [name] if name else [key for key, held in attached.items() if message.link_name in ("", held.link)]
         if name and name not in attached:
-            raise RequestError(
-                "INVALID_OBJECT_NAME", f'"{name}" is not attached; attached objects: {self._known(attached)}'
-            )
+            raise RequestError("INVALID_OBJECT_NAME", f'"{name}" is not attached; attached objects: {_known(attached)}')
         for one in own:
             self._put(self.world.items[one], self._frames().in_scene(one))
 
@@ -210,7 +218,6 @@ class WorldEdit:
     def _frames(self) -> Frames:
         return Frames(self._robot, self._state(), self.world.scene, self.world.items)
 
-    @staticmethod
-    def _known(names: object) -> str:
-        known = ", ".join(map(str, names)) if names else "none"  # type: ignore[call-overload]
-        return f"known objects: {known}"
+
+def _known(names: Iterable[str]) -> str:
+    return f"known objects: {', '.join(names) or 'none'}"

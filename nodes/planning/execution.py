@@ -93,7 +93,7 @@ class Execution:
             )
         checked_points(message)
         chosen = self._chosen(message, names)
-        now = self._store.snapshot()
+        now = await self._store.snapshot()
         self._check_start(message, now)
         order = tuple(self._robot.limits)
         path = timed_path(message, order, [now.state[joint] for joint in order])
@@ -180,7 +180,8 @@ class Execution:
         try:
             while running.is_outdated and running in self._running and not running.stop.requested:
                 running.is_outdated = False
-                contact = await self._workers.compute(partial(self._contact, running, self._store.snapshot()))
+                now = await self._store.snapshot()
+                contact = await self._workers.compute(partial(self._contact, running, now))
                 if contact is not None:
                     text = f"{contact.one} would touch {contact.other}: the motion stops along its path"
                     self._log.warning(printable_line(f"the scene has changed, and {text}"))

@@ -7,6 +7,7 @@ from typing import Final
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from nodes.pick_place.waiter import Waiter
 from nodes.planning.errors import RequestError
 from nodes.publishing import ANY_CLIENT
 from planning.robot import PlanningRobot
@@ -14,12 +15,16 @@ from planning.robot import PlanningRobot
 STALE_S: Final = 2.0
 """Age from which on a measured position is not used, in seconds."""
 
+POLL_S: Final = 0.05
+"""Period of checks for the first positions, in seconds."""
+
 
 class JointMonitor:
     """Positions of the driven joints. All calls come from the thread of the executor."""
 
     def __init__(self, node: Node, robot: PlanningRobot) -> None:
         self._robot = robot
+        self._waiter = Waiter(node)
         self._positions: dict[str, float] = {}
         self._seen_s: dict[str, float] = {}
         self.listeners: list[Callable[[], None]] = []
@@ -40,6 +45,13 @@ class JointMonitor:
                     f"/joint_states has no position of {joint} since {STALE_S:g} s: start the stack",
                 )
         return {joint: self._positions[joint] for joint in self._robot.limits}
+
+    async def wait(self) -> None:
+        """Wait for the first positions, which arrive shortly after the start of this server, at most ``STALE_S``."""
+        for _ in range(round(STALE_S / POLL_S)):
+            if self._seen_s.keys() >= self._robot.limits.keys():
+                return
+            await self._waiter.until(POLL_S)
 
     def _on_states(self, message: JointState) -> None:
         now_s = monotonic()

@@ -54,7 +54,7 @@ class Planning:
         """Plan a motion and show it. Raises RequestError or PlanningError."""
         robot = self.requests.robot
         limit_s = self.requests.time_limit_s(request)
-        now = self._store.snapshot()
+        now = await self._store.snapshot()
         if diff is not None and _has_changes(diff):
             edit = WorldEdit(robot, now.world, lambda: now.state)
             edit.apply_scene(diff)

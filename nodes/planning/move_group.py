@@ -46,10 +46,10 @@ class MoveGroupNode:
         execution.controllers = controllers(node, routes, joints)
         planning = Planning(node, Requests(robot), store, self._workers)
         self._queries = QueryServices(node, planning, store, joints, self._workers)
-        self._actions = MoveActions(node, planning, execution)
         group = ReentrantCallbackGroup()
         node.create_subscription(String, "/trajectory_execution_event", self._on_event, 10, callback_group=group)
         node.create_timer(CHECK_S, self._look_for_others, callback_group=group)
+        self._actions = MoveActions(node, planning, execution)  # the last, because clients wait for /move_action
 
     async def stop(self, reason: str) -> None:
         """Stop all motions along their paths and wait for their ends."""

@@ -94,7 +94,7 @@ class QueryServices:
 
     async def _inverse(self, request: Any, response: Any) -> Any:
         async def compute() -> None:
-            now = self._store.snapshot()
+            now = await self._store.snapshot()
             found = await self._workers.compute(partial(self._requests.inverse, request.ik_request, now))
             response.solution = state_message(self._robot, found)
 
@@ -103,7 +103,7 @@ class QueryServices:
 
     async def _forward(self, request: Any, response: Any) -> Any:
         async def compute() -> None:
-            now = self._now(request.robot_state.joint_state.name)
+            now = await self._now(request.robot_state.joint_state.name)
             response.pose_stamped = await self._workers.compute(partial(self._requests.forward, request, now))
             response.fk_link_names = list(request.fk_link_names)
 
@@ -112,7 +112,7 @@ class QueryServices:
 
     async def _straight(self, request: Any, response: Any) -> Any:
         async def compute() -> None:
-            now = self._now(request.start_state.joint_state.name)
+            now = await self._now(request.start_state.joint_state.name)
             start, found = await self._workers.compute(partial(self._requests.straight, request, now))
             response.start_state, response.fraction = state_message(self._robot, start), found.fraction
             if found.motion is not None:
@@ -127,7 +127,7 @@ class QueryServices:
 
     async def _validity(self, request: Any, response: Any) -> Any:
         try:
-            now = self._now(request.robot_state.joint_state.name)
+            now = await self._now(request.robot_state.joint_state.name)
             found, broken, world = await self._workers.compute(partial(self._requests.validity, request, now))
         except REFUSALS as error:
             self._refused("/check_state_validity", error)
@@ -174,11 +174,11 @@ class QueryServices:
             response.error_code = self._refused("/get_urdf", error)
         return response
 
-    def _now(self, names: list[str]) -> Snapshot:
+    async def _now(self, names: list[str]) -> Snapshot:
         """Return the scene and the state. A request that names all joints needs no measured state."""
         if set(self._robot.limits) <= set(names):
             return Snapshot(self._store.world, self._robot.rest)
-        return self._store.snapshot()
+        return await self._store.snapshot()
 
     async def _answer(self, response: Any, name: str, work: Awaitable[None]) -> None:
         """Carry out the work and set the error code of a response."""

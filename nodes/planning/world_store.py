@@ -48,8 +48,9 @@ class WorldStore:
             node.create_subscription(kind, topic, change, CHANGES, callback_group=group)
         node.create_timer(STATE_S, self._publish_state, callback_group=group)
 
-    def snapshot(self) -> Snapshot:
+    async def snapshot(self) -> Snapshot:
         """Return the scene and the measured state. Raises RequestError if the state is not known."""
+        await self._joints.wait()
         return Snapshot(self.world, self._joints.state())
 
     def apply(self, what: str, change: Change) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.errors import DriverError
-from nodes.ros_environment import require_ros
+from nodes.ros_environment import PLANNING_PACKAGES, require_ros
 from servoloop.commands.option_groups import grouped_options
 from servoloop.commands.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
@@ -62,6 +62,8 @@ def up(
     check_ready_file(ready_file)
     if options.record is not None:
         check_path(options.record)
+    if options.plan:
+        _check_planning(options)
     files = arm.read()
     devices = parse_ports(port or [], files.robot.file.lines())
 
@@ -79,6 +81,14 @@ def check_ready_file(path: Path | None) -> None:
         if path.is_dir():
             raise DriverError(f"--ready-file {path} is a folder; choose a file")
         require_writable(path.parent)
+
+
+def _check_planning(options: UpOptions) -> None:
+    """Check that the planning server can start, before the arm gets torque. Raises DriverError or RosError."""
+    if not options.ros:
+        raise DriverError("--plan needs ROS 2: leave out --no-ros")
+    require_ros(PLANNING_PACKAGES)
+    require_extras("motion planning", "planning")
 
 
 def write_ready(path: Path) -> None:

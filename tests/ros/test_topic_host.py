@@ -17,6 +17,7 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from nodes.topic_host.topics import COMMANDS, STATES
+from tests.pages import commands
 from tests.ros.stack_process import PATIENCE_S, StackProcess
 from tests.topic_host.plugin import TopicSystem
 
@@ -26,6 +27,8 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_ro
 JOINT = "shoulder_pan"
 PERIOD_S = 0.01
 STATUS = "servoloop: topic host"
+(HOST,) = commands("ros2-control-host.md")
+"""Command of the documentation. Its servos are replaced by a mock."""
 
 
 class PluginNode:
@@ -88,8 +91,8 @@ class PluginNode:
 def host(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StackProcess]:
     folder = tmp_path_factory.mktemp("host")
     ready = folder / "ready"
-    words = ("--arm", "so101", "--hardware", "mock", "--rate", "100", "--ready-file", str(ready))
-    host = StackProcess(folder / "host.log", "topic-host", *words)
+    words = HOST.removeprefix("servoloop ").replace("--port /dev/ttyACM0", "--hardware mock").split()
+    host = StackProcess(folder / "host.log", *words, "--ready-file", str(ready))
     try:
         host.wait_for(ready)
         yield host
@@ -110,6 +113,7 @@ def plugin(host: StackProcess) -> Iterator[PluginNode]:
         rclpy.shutdown()
 
 
+@pytest.mark.runs(HOST)
 def test_the_arm_follows_commands_at_100_hz_and_holds_when_they_end(host: StackProcess, plugin: PluginNode) -> None:
     assert set(plugin.states[-1].name) == set(JOINTS) and len(plugin.states[-1].velocity) == len(JOINTS)
     plugin.run(0.3, lambda time_s: {})  # no controller is active: NaN for each joint

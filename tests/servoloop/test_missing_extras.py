@@ -39,6 +39,8 @@ LINES: Final = (
     Line("up --hardware mujoco", ("sim",)),
     Line("up --rtf 5", ("sim",)),
     Line("pick A", ("ros",)),
+    Line("plan-server", ("planning", "ros")),
+    Line(f"topic-host --port {PORT}", ("ros",)),
     Line("goto 0.2 -0.1 0.2", ("planning", "ros")),
     Line("scene list", ("planning", "ros")),
     Line("scene add shelf box 0.1 0.1 0.1 --at 0.3 0 0.1", ("planning", "ros")),

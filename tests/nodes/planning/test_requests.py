@@ -162,7 +162,7 @@ def test_invalid_states_are_refused(names: list[str], positions: list[float], te
     message = RobotState(joint_state=JointState(name=names, position=positions))
     with pytest.raises(REFUSALS, match=text) as caught:
         state_of(robot_arm(), message, READY)
-    assert caught.value.code == "INVALID_ROBOT_STATE"
+    assert isinstance(caught.value, REFUSALS) and caught.value.code == "INVALID_ROBOT_STATE"
 
 
 def test_the_objects_of_a_start_state_are_attached() -> None:

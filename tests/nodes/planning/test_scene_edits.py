@@ -104,6 +104,33 @@ def test_an_attached_object_moves_with_its_link_and_returns_to_the_world() -> No
     assert not back.world.scene.attached
 
 
+def test_one_change_detaches_and_removes_or_replaces_an_attached_object() -> None:
+    change, gone = edit(), CollisionObject(id="crate", operation=CollisionObject.REMOVE)
+    held = AttachedCollisionObject(link_name="link5", object=box("crate", at(0.0, 0.0, 0.1), frame="link5"))
+    for objects in ([gone], [box("crate", at(0.3, 0.1, 0.2))]):
+        change.apply_attached(held)
+        scene = PlanningScene(is_diff=True)
+        scene.world.collision_objects = objects
+        scene.robot_state.attached_collision_objects = [AttachedCollisionObject(object=gone)]
+        change.apply_scene(scene)
+        assert not change.world.scene.attached
+        assert ("crate" in change.world.items) == (objects != [gone])
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_one_change_removes_and_attaches_an_object(exists: bool) -> None:
+    change = edit()
+    if exists:
+        change.apply_object(box("crate", at(0.3, 0.1, 0.2)))
+    scene = PlanningScene(is_diff=True)
+    scene.world.collision_objects = [CollisionObject(id="crate", operation=CollisionObject.REMOVE)]
+    held = AttachedCollisionObject(link_name="link5", object=box("crate", at(0.0, 0.0, 0.1), frame="link5"))
+    scene.robot_state.attached_collision_objects = [held]
+    change.apply_scene(scene)
+    assert set(change.world.scene.attached) == {"crate"}
+    assert "crate" not in change.world.scene.objects
+
+
 def test_a_matrix_allows_and_forbids_pairs_also_by_default() -> None:
     matrix = AllowedCollisionMatrix(
         entry_names=["crate", "link5"],
