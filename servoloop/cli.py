@@ -15,7 +15,7 @@ from drivers.errors import DriverError
 from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
-from servoloop.commands import arms, bench, passport, servo, teach
+from servoloop.commands import arms, bench, camera, passport, servo, teach
 from servoloop.commands import calibrate as calibration
 from servoloop.commands import jog as pose
 from servoloop.commands import servo as register
@@ -69,6 +69,7 @@ for group, name in (
     (arms, "arms"),
     (bench, "bench"),
     (calibration, "calibration"),
+    (camera, "camera"),
     (passport, "passport"),
     (pose, "pose"),
     (register, "register"),
