@@ -9,8 +9,8 @@ from apple_quality_msgs.msg import AppleQualityArray
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from nodes.pick_place.job import JobPhase
-from nodes.pick_place.settings import normal_grade
+from pick_place.job import JobPhase
+from pick_place.settings import normal_grade
 
 KEPT: Final = 100
 """Number of messages with a graded apple that are kept between two jobs."""

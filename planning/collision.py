@@ -10,10 +10,10 @@ import numpy as np
 
 from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
-from planning.chain_tables import chain_tables, joint_positions
-from planning.clearance_kernel import edge_contact, pose_clearance
-from planning.pair_tables import pair_tables
-from planning.placement import placement
+from planning.clearance.chain_tables import chain_tables, joint_positions
+from planning.clearance.kernel import edge_contact, pair_distances, pose_clearance
+from planning.clearance.pair_tables import pair_tables
+from planning.clearance.placement import placement
 from planning.scene import Scene
 
 PADDING_M: Final = 2e-3
@@ -22,6 +22,8 @@ TOLERANCE_M: Final = 1e-3
 """Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
 ROUNDING_M: Final = 1e-6
 """Rounding of positions along an edge, in m."""
+CONTACT_M: Final = 1e-5
+"""Clearance below which a pose counts as in contact, in m."""
 INFINITE_M: Final = 1e9
 
 
@@ -76,6 +78,10 @@ class Margins:
         return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
 
 
+MARGINS: Final = Margins()
+"""Distances of all checks by default."""
+
+
 class Collisions:
     """Collision checks of an arm in a scene.
 
@@ -107,7 +113,24 @@ class Collisions:
         self.poses_checked += 1
         return pose_clearance(self._chains, self._pairs, self._now, _vector(positions), padding_m)[1] < 0
 
-    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = Margins()) -> Contact | None:
+    def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
+        """Return the nearest pair at positions (n,) if it is nearer than ``padding_m``, or None."""
+        self.poses_checked += 1
+        pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), padding_m)[1]
+        return Contact(0.0, self._named(pair)) if pair >= 0 else None
+
+    def nearer(self, positions: FloatArray, below_m: float) -> list[Clearance]:
+        """Return the pairs of names that are nearer than ``below_m`` at positions (n,), the nearest first."""
+        self.poses_checked += 1
+        distances = np.full(len(self._pairs.one), np.inf)
+        pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
+        found: dict[tuple[str, str], float] = {}
+        for pair in np.flatnonzero(distances < below_m).tolist():
+            names = self._named(pair)
+            found[names] = min(found.get(names, math.inf), float(distances[pair]))
+        return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
+
+    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
 
         An edge that needs more than 2,000 poses, because it stays very near to something, counts as not free.
@@ -123,7 +146,7 @@ class Collisions:
         self.poses_checked += checked
         return Contact(part, self._named(pair)) if pair >= 0 else None
 
-    def path_contact(self, points: Sequence[FloatArray], margins: Margins = Margins()) -> Contact | None:
+    def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
         """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too."""
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):
@@ -142,6 +165,7 @@ def warm_up() -> None:
     collisions = Collisions(arm, Scene())
     collisions.clearance(np.zeros(1))
     collisions.edge_contact(np.zeros(1), np.ones(1))
+    collisions.nearer(np.zeros(1), 0.0)
 
 
 def _vector(positions: FloatArray) -> FloatArray:

@@ -77,6 +77,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.client_node import client_node
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
+    from nodes.planning_client.presence import is_planner_present
     from nodes.sorting_monitor import SortingMonitor
     from nodes.stack_monitor import StackMonitor
 
@@ -85,13 +86,20 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     link = out / "bus"
     files = read_arm_files(arm, robot=options.robot)
     settings = load_pick_place(arm.pick_place).settings()
+    if options.poses and not arm.pick_place_poses.exists():
+        raise DriverError(f"--poses: {arm.pick_place_poses} is missing: write it like config/pick_place_poses.yaml")
     require_cell(files, settings.bins_rad)
     with Signals(LEFT) as signals, Processes(out, os.environ, lambda: signals.count) as processes:
         process_ids = _start(processes, link, files, options, live)
-        process_ids["pick_place"] = _start_node(processes, arm, live)
+        if options.poses:
+            live.say("starting the motion planner")
+            processes.start("plan_server", "servoloop", "plan-server", "--arm", str(arm.folder))
+        process_ids["pick_place"] = _start_node(processes, arm, options, live)
         if options.view:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
+            if options.poses:
+                processes.wait_until(lambda: is_planner_present(node), "starting the motion planner", START_S)
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
             picker, homing = PickClient(node, executor), Homing(node, executor, settings)
@@ -151,10 +159,11 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     return started
 
 
-def _start_node(processes: Processes, arm: ArmFolder, live: Live) -> int:
+def _start_node(processes: Processes, arm: ArmFolder, options: CellOptions, live: Live) -> int:
     """Start the pick-and-place node and return its process ID."""
     live.say("starting the pick-and-place node")
-    return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(arm.pick_place))
+    parameters = arm.pick_place_poses if options.poses else arm.pick_place
+    return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(parameters))
 
 
 def _start_camera(processes: Processes, link: Path, files: Files, live: Live) -> int:

@@ -24,6 +24,9 @@ class CellOptions:
     backlash_deg: BacklashOption = BACKLASH_DEG
     seed: SeedOption = None
     record: RecordOption = None
+    poses: Annotated[
+        bool, typer.Option("--poses", help="Plan motions to poses of the tool instead of moving to joint positions.")
+    ] = False
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
     vision: Annotated[

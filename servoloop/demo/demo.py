@@ -55,7 +55,8 @@ class DemoReport:
     """Joints of the arm, in the order of all figures."""
     runs: tuple[JobRun, ...]
     comparisons: Mapping[str, JobRun]
-    """Comparison runs, by the missing compensation; only if all grades were picked. They need not succeed."""
+    """Comparison runs, by the missing compensation; only if all grades were picked without a planner. They need not
+    succeed."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -72,7 +73,7 @@ def demo(
     """
     jobs = [grade for _ in range(repeat) for grade in grades]
     with cell(options, live) as ready:
-        return _measure(jobs, ready, are_all_grades(grades, options.found()))
+        return _measure(jobs, ready, are_all_grades(grades, options.found()) and not options.poses)
 
 
 def loop_figures(ready: Cell) -> dict[str, float]:
@@ -145,6 +146,8 @@ def print_table(report: DemoReport, console: Console) -> None:
     console.print()
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
+    touched = sorted({contact for run in report.runs for contact in run.contacts})
+    console.print(f"contacts of the arm, except with the cube: {', '.join(touched) or 'none'}")
 
 
 def _loop_table(report: DemoReport) -> Table:
@@ -201,6 +204,7 @@ def _run(run: JobRun, joints: Sequence[str]) -> dict[str, Any]:
         "bin": run.bin,
         "duration_s": round(run.duration_s, 3),
         "message": run.message,
+        "contacts": list(run.contacts),
         "following_error_at_the_cycles": run.at_cycles.as_dict(joints),
         "following_error_between_them": run.between_cycles.as_dict(joints),
     }

@@ -123,6 +123,8 @@ class JobRun:
     bin: str | None
     duration_s: float
     message: str
+    contacts: tuple[str, ...]
+    """Contacts of the arm with anything except the cube, each as "link and object"."""
     at_cycles: FollowingError
     between_cycles: FollowingError
 
@@ -169,7 +171,7 @@ class JobRunner:
             self._clean_up()
         samples = self._monitor.newest.samples
         self.camera.poll()
-        self.camera.trace = WorldTrace()
+        self.camera.trace, self.camera.contacts = WorldTrace(), set()
         samples.clear()
         self._live.job(grade)
         started_s = perf_counter()
@@ -177,10 +179,11 @@ class JobRunner:
         duration_s = perf_counter() - started_s
         at, between = _errors(samples, self.camera.trace)
         where = self._rest()
+        contacts = tuple(sorted(self.camera.contacts))
         success = outcome.success and where == grade.strip().upper()
         self._failed = not success
         self._live.done(grade, where, success, outcome.message)
-        return JobRun(grade, success, where, duration_s, outcome.message, at, between)
+        return JobRun(grade, success, where, duration_s, outcome.message, contacts, at, between)
 
     def _clean_up(self) -> None:
         """Open the hand and move the arm home. When the next job starts, the simulation puts the cube on the stand."""
@@ -230,13 +233,14 @@ class JobRunner:
 
 
 class Camera:
-    """Reader of the simulated world: the bin of the cube, and the joint positions between the cycles."""
+    """Reader of the simulated world: the bin of the cube, the joint positions between the cycles, and contacts."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
         self.bin: str | None = None
         self.newest: dict[str, Any] | None = None
         """The newest publication."""
         self.trace = WorldTrace()
+        self.contacts: set[str] = set()
         self._client = client
         self._joints = list(joints)
 
@@ -244,6 +248,7 @@ class Camera:
         """Read everything that the emulator has published since the last call."""
         for publication in self._client.all():
             self.bin, self.newest = publication["cube_bin"], publication
+            self.contacts.update(publication["contacts"])
             for time_s, positions in publication["trace"]:
                 self.trace.times_s.append(time_s)
                 self.trace.positions.append(positions[: len(self._joints)])

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.robot_description.link_meshes import link_meshes
 from sim_backend.apples.apple import Apple
@@ -23,7 +24,7 @@ from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
 from sim_backend.scene.backlash import motor_name, with_gaps
-from sim_backend.scene.cube_cell import CubeCell, FloatArray, Pose, Tray, has_cell
+from sim_backend.scene.cube_cell import CUBE, CubeCell, FloatArray, Pose, Tray, has_cell
 from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
@@ -73,10 +74,12 @@ class World:
         self.timestep_s = float(self.model.opt.timestep)
         self.joints: tuple[str, ...] = tuple(self.model.actuator(i).name for i in range(self.model.nu))
         self._find_joints()
+        self._arm_geoms = self._of_arm()
         self.cell: CubeCell | None = None
         """The cube with its stand and bins; None if the scene has only the arm."""
         if has_cell(self.model):
-            self.cell = CubeCell(self.model, self.data, self.arrays, self._of_arm(), self._tray)
+            self.cell = CubeCell(self.model, self.data, self.arrays, self._arm_geoms, self._tray)
+        self._cube_geoms = np.array([self.model.geom(geom).name == CUBE for geom in range(self.model.ngeom)])
         first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
         self.ready: FloatArray = first[self._qpos]
         """The ready pose with the hand open, in the order of `joints`."""
@@ -207,6 +210,19 @@ class World:
     def cube_bin(self) -> str | None:
         """Return the bin in which the cube is at rest; None if it moves, is in no bin, or does not exist."""
         return None if self.cell is None else self.cell.cube_bin()
+
+    def arm_contacts(self) -> set[str]:
+        """Return the contacts of the arm with anything except the cube, each as "link and object"."""
+        pairs = self.data.contact.geom
+        of_arm = self._arm_geoms[pairs]
+        touching = of_arm.any(axis=1) & ~self._cube_geoms[pairs].any(axis=1)
+        return {self._contact_name(pair, arms) for pair, arms in zip(pairs[touching], of_arm[touching], strict=True)}
+
+    def _contact_name(self, pair: NDArray[np.int32], of_arm: NDArray[np.bool_]) -> str:
+        link, other = pair if of_arm[0] else pair[::-1]
+        body = self.model.body(self.model.geom_bodyid[other]).name
+        other_name = self.model.geom(other).name if body == "world" else body
+        return f"{self.model.body(self.model.geom_bodyid[link]).name} and {other_name}"
 
     @property
     def apple(self) -> Apple | None:

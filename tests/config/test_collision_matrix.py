@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from servoloop.moveit.collision_matrix import LinkModel, Pair, count, pair, reasons
+from servoloop.motion_planning.collision_matrix import LinkModel, Pair, count, pair, reasons
 from sim_backend.scene.world import SCENE
 from tests.config.arm import CONFIG, DESCRIPTION, ROOT, SRDF, read
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning import clearance_kernel
-from planning.allowed_collisions import srdf_pairs
 from planning.arm_model import ArmModel
+from planning.clearance import kernel
 from planning.collision import Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
+from planning.srdf_file import parse_pairs
 from tests.planning.arms import limits, planar, robot_arm, so101
 
 REACH = np.array([math.pi / 4, 0.0])
@@ -59,18 +59,19 @@ def test_an_object_with_the_name_of_a_link_is_refused():
 
 def test_allowed_pairs_may_touch():
     srdf = '<robot name="r"><disable_collisions link1="upper" link2="base" reason="Adjacent"/></robot>'
-    assert srdf_pairs(srdf) == {("base", "upper")}
+    assert parse_pairs(srdf) == {("base", "upper"): "Adjacent"}
     scene = Scene().allow("post", "lower").allow("post", "left").allow("right", "post")
     assert Collisions(planar(), scene).is_clear(REACH)
     assert not Collisions(planar(), scene.forbid("lower", "post")).is_clear(REACH)
 
 
 @pytest.mark.parametrize(
-    ("srdf", "words"), [("<robot>", "not XML"), ('<r><disable_collisions link1="a"/></r>', "needs link1 and link2")]
+    ("srdf", "words"),
+    [("<robot>", "not well-formed XML"), ('<robot><disable_collisions link1="a"/></robot>', "needs link1 and link2")],
 )
 def test_a_broken_srdf_is_refused(srdf, words):
     with pytest.raises(PlanningError, match=words):
-        srdf_pairs(srdf)
+        parse_pairs(srdf)
 
 
 def test_an_edge_that_passes_an_obstacle_is_refused_at_the_obstacle():
@@ -143,7 +144,7 @@ def test_adjacent_links_are_not_checked_and_others_are():
 
 def test_after_the_warm_up_nothing_is_compiled():
     warm_up()
-    kernels = (clearance_kernel.edge_contact, clearance_kernel.pose_clearance)
+    kernels = (kernel.edge_contact, kernel.pose_clearance)
     before = [list(kernel.signatures) for kernel in kernels]
     collisions = Collisions(robot_arm(), Scene().with_object(box("box", 0.1, 0.3, 0.3, 0.3)))
     collisions.clearance(np.zeros(6))

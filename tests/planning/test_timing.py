@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from hal.types import JointLimits
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.request import PathRequest
+from planning.paths.request import PathRequest
+from planning.paths.search import find_path
+from planning.paths.smoothing import path_length, shortened
+from planning.paths.timing import PERIOD_S, scaled, timed
 from planning.scene import Pose, Scene, SceneObject, Sphere
-from planning.search import find_path
-from planning.smoothing import path_length, shortened
-from planning.timing import PERIOD_S, scaled, timed
 from tests.planning.arms import planar
 
 ARM = planar()

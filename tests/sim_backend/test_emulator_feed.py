@@ -43,6 +43,9 @@ class StillWorld:
     def cube_bin(self) -> str | None:
         return "A"
 
+    def arm_contacts(self) -> set[str]:
+        return {"link5 and stand"}
+
 
 @pytest.fixture
 def feed(tmp_path: Path) -> Iterator[WorldFeed]:
@@ -66,6 +69,7 @@ def test_a_publication_contains_poses_and_joints(feed: WorldFeed) -> None:
         "joints": {"joint1": 0.5, "hand": 0.01},
         "dropped_s": 0.25,
         "trace": [],
+        "contacts": [],
     }
     assert client.newest() is None
     client.close()
@@ -88,6 +92,15 @@ def test_the_trace_has_joint_positions_since_the_last_publication(feed: WorldFee
     for now_s in (1.01, 1.02, 2.0):
         feed.tick(now_s, world, 0.0)
     assert [p["trace"] for p in client.all()] == [[], [[1.01, [0.5, 0.01]], [1.02, [0.5, 0.01]], [2.0, [0.5, 0.01]]]]
+    client.close()
+
+
+def test_contacts_since_the_last_publication_are_published_once(feed: WorldFeed) -> None:
+    client, world = WorldFeedClient(feed.path), StillWorld()
+    publish(feed, world)
+    for now_s in (1.01, 2.0):
+        feed.tick(now_s, world, 0.0)
+    assert [p["contacts"] for p in client.all()] == [[], ["link5 and stand"]]
     client.close()
 
 
