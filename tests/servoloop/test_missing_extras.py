@@ -38,6 +38,8 @@ LINES: Final = (
     Line("up", ("sim",)),
     Line("up --hardware mujoco", ("sim",)),
     Line("up --rtf 5", ("sim",)),
+    Line("up --urdf missing.xacro", ("xacro",)),
+    Line(f"topic-host --port {PORT}", ("ros",)),
     Line("pick A", ("ros",)),
     Line("demo --arm missing", ("sim",)),
     Line("view missing.mcap --no-browser", ("view",)),

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -60,7 +59,7 @@ class ReferenceJoint:
 
 def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
     """Read every joint that has a servo. Return the joints by name."""
-    limits = _limits(files.urdf_path)
+    limits = _limits(files.description.xml)
     joints: dict[str, ReferenceJoint] = {}
     for path in dict.fromkeys(files.robot_paths.values()):
         robot = _parsed(path.read_bytes())
@@ -97,10 +96,10 @@ def _gain(entry: Mapping[str, Any]) -> dict[str, int]:
     return {} if entry.get("position_p") is None else {"position_p": entry["position_p"]}
 
 
-def _limits(urdf: Path) -> dict[str, tuple[float, float, float]]:
+def _limits(urdf: str) -> dict[str, tuple[float, float, float]]:
     """Return the lower, upper and velocity limit of each joint whose limits are plain numbers."""
     found: dict[str, tuple[float, float, float]] = {}
-    for joint in ElementTree.parse(urdf).getroot().iter("joint"):
+    for joint in ElementTree.fromstring(urdf).iter("joint"):
         limit = joint.find("limit")
         if limit is None or joint.get("type") not in ("revolute", "prismatic"):
             continue
