@@ -42,7 +42,7 @@ class Joint:
     """Whether goals may differ from commands to compensate the servo's compliance."""
 
     stops: tuple[float, float] | None = None
-    """Ends of the joint's travel, in rad or m, if a <command_interface> narrows ``limits``; otherwise None."""
+    """Ends of the joint's travel, in rad or m, if soft limits or a <command_interface> narrow ``limits``."""
 
     _units_per_count: float = field(init=False, repr=False, compare=False)
     _counts_range: tuple[int, int] | None = field(init=False, repr=False, compare=False, default=None)
