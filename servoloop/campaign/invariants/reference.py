@@ -59,7 +59,7 @@ class ReferenceJoint:
 
 def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
     """Read every joint that has a servo. Return the joints by name."""
-    limits = _limits(files.description.xml)
+    limits, gears = _limits(files.description.xml), _gears(files.description.xml)
     joints: dict[str, ReferenceJoint] = {}
     for path in dict.fromkeys(files.robot_paths.values()):
         robot = _parsed(path.read_bytes())
@@ -68,7 +68,7 @@ def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
         first_bus = next(iter(robot.get("buses") or {"": None}))
         for name, entry in robot["joints"].items():
             if name in limits:
-                mounted = {"bus": first_bus, **entry, **calibrated.get(name, {})}
+                mounted = {"bus": first_bus, **entry, **calibrated.get(name, {}), **gears.get(name, {})}
                 joints[name] = _joint(name, mounted, limits[name])
     return joints
 
@@ -77,6 +77,8 @@ def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, floa
     model = MODELS[entry["model"]]
     middle = (model.last_count + 1) // 2
     unit = 2.0 * math.pi / model.counts_per_turn * entry.get("metres_per_radian", 1.0) * entry.get("sign", 1)
+    unit /= entry.get("reduction", 1.0)
+    middle -= round(entry.get("offset", 0.0) / unit)
     return ReferenceJoint(
         name=name,
         bus=entry["bus"],
@@ -90,6 +92,18 @@ def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, floa
         torque_limit=entry.get("torque_limit", 1.0),
         registers={**entry.get("settings", {}), **_gain(entry)},
     )
+
+
+def _gears(urdf: str) -> dict[str, dict[str, float]]:
+    """Return the reduction and the offset of each joint with a transmission."""
+    found: dict[str, dict[str, float]] = {}
+    for block in ElementTree.fromstring(urdf).iter("ros2_control"):
+        for joint in block.findall("transmission/joint"):
+            found[str(joint.get("name"))] = {
+                "reduction": float(joint.findtext("mechanical_reduction", "1")),
+                "offset": float(joint.findtext("offset", "0")),
+            }
+    return found
 
 
 def _gain(entry: Mapping[str, Any]) -> dict[str, int]:
