@@ -203,7 +203,7 @@ def test_requests_are_answered_while_a_plan_is_searched_until_its_time_is_over(r
     assert ready.apply(remove("wall"), remove("ceiling"))
     error = plan.result().motion_plan_response.error_code
     assert error.val == MoveItErrorCodes.TIMED_OUT, error.message
-    assert 1.5 < took_s < 2.3
+    assert 1.5 < took_s < 3.0
     assert len(answers) > 2
     assert max(answers) < 0.5
 

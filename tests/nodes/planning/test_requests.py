@@ -202,6 +202,13 @@ def test_a_part_of_a_trajectory() -> None:
         (JointTrajectory(joint_names=["joint1"]), "no points"),
         (trajectory(0.0, math.nan), "point 1: the position of joint2 is nan"),
         (trajectory(0.0, 0.5, step_s=0.0), "point 1 is at 0 s"),
+        (JointTrajectory(joint_names=["joint1"] * 2, points=trajectory(0.0).points), "names a joint twice"),
+        (
+            JointTrajectory(
+                joint_names=["joint1"], points=[JointTrajectoryPoint(positions=[0.0], velocities=[0.0] * 2)]
+            ),
+            "point 0 has invalid velocities",
+        ),
     ],
 )
 def test_invalid_trajectories_are_refused(message: JointTrajectory, text: str) -> None:
