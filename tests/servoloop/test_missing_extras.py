@@ -200,12 +200,7 @@ def test_a_real_arm_needs_only_the_base_installation_and_ros(folder: Path) -> No
             Line(f"scan {link}"),
             Line(f"doctor --arm so101 --port {link}"),
             Line(f"register read present_position --id 1 --port {link}"),
-            Line("camera list"),
-    Line("camera show 77", ("vision",)),
-    Line("camera board board.pdf", ("vision",)),
-    Line("camera calibrate 77", ("vision",)),
-    Line("camera plane 77 --x 0.1 --y 0.1", ("vision",)),
-    Line(f"passport save now.yaml --arm so101 --port {link}"),
+            Line(f"passport save now.yaml --arm so101 --port {link}"),
             Line(f"bench bus --port {link} --ids 1-6 --cycles 20"),
             Line(f"up --arm so101 --port {link} --ready-file {folder / 'never' / 'ready'}"),
         ]
