@@ -1,5 +1,6 @@
 """Run the demo that sorts apples in a new cell, and draw what the camera saw."""
 
+from servoloop.demo.camera_recording import CameraRecording
 from servoloop.demo.cell import cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.demo import FIGURES_S, loop_figures
@@ -15,9 +16,26 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
         DriverError: A process failed; the message has its last output.
         Interrupted: The user ended the demo.
     """
+    from nodes.camera_pictures import PICTURES
+
+    pictures = None if options.record is None else CameraRecording(options.record, PICTURES)
+    try:
+        report = _sorted(options, live, count, pictures)
+    finally:
+        if pictures is not None:
+            pictures.close()
+    if pictures is not None:
+        live.say("adding the pictures to the recording")
+        pictures.merge()
+    return report
+
+
+def _sorted(options: CellOptions, live: Live, count: int, pictures: CameraRecording | None) -> SortingReport:
     scene = options.found().scene
     with cell(options, live) as ready:
         assert ready.sorting is not None
+        if pictures is not None:
+            ready.sorting.receive_pictures(pictures.add)
         sorter = Sorter(ready, ready.sorting, scene, live)
         apples = tuple(sorter.run(count))
         ready.runner.idle(FIGURES_S)
