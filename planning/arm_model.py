@@ -151,6 +151,11 @@ class ArmModel:
             pairs |= {pair(parent, child) for parent in parents for child in children}
         return frozenset(pairs)
 
+    def everything(self) -> frozenset[Pair]:
+        """Return all pairs of links and world objects, for a scene in which contacts do not matter."""
+        names = [*self.links, *self.world_geoms()]
+        return frozenset(pair(one, other) for one in self.links for other in names if one != other)
+
     def outside(self, positions: FloatArray) -> str:
         """Describe the first joint whose position is not a number or outside its limits; empty if all are inside."""
         for name, position, limit in zip(self.joints, positions, self.limits, strict=True):

@@ -10,18 +10,20 @@ import numpy as np
 
 from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
-from planning.chain_tables import chain_tables, joint_positions
-from planning.clearance_kernel import edge_contact, pose_clearance
-from planning.pair_tables import pair_tables
-from planning.placement import placement
+from planning.clearance.chain_tables import chain_tables, joint_positions
+from planning.clearance.kernel import edge_contact, pair_distances, pose_clearance
+from planning.clearance.pair_tables import pair_tables, planned_levers
+from planning.clearance.placement import placement
 from planning.scene import Scene
 
 PADDING_M: Final = 2e-3
-"""Smallest clearance of a pose by default, in m."""
+"""Smallest clearance of a pose by default, in m. The links of the arm keep at most this distance from each other."""
 TOLERANCE_M: Final = 1e-3
 """Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
 ROUNDING_M: Final = 1e-6
 """Rounding of positions along an edge, in m."""
+CONTACT_M: Final = 1e-5
+"""Clearance below which a pose counts as in contact, in m."""
 INFINITE_M: Final = 1e9
 
 
@@ -76,6 +78,10 @@ class Margins:
         return Margins(padding_m, min(self.tolerance_m, padding_m) / 2.0)
 
 
+MARGINS: Final = Margins()
+"""Distances of all checks by default."""
+
+
 class Collisions:
     """Collision checks of an arm in a scene.
 
@@ -93,21 +99,43 @@ class Collisions:
         self._chains = chain_tables(arm)
         self._pairs, self._names = pair_tables(arm, scene, self._chains)
         self._now = placement(self._chains, self._pairs, joint_positions(arm))
+        world = self._pairs.frame < 0
+        self._to_world = world[self._pairs.one] | world[self._pairs.other]
+        self.levers_m = planned_levers(self._chains, self._pairs)
+        """Largest motion of any geometry per motion of each joint (n,), in m/rad; 1 for a slide."""
         self.poses_checked = 0
         """Number of poses checked so far."""
 
     def clearance(self, positions: FloatArray) -> Clearance:
         """Return the smallest distance at positions (n,), in rad or m."""
         self.poses_checked += 1
+        self._pad(0.0)
         distance_m, pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), INFINITE_M)
         return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether everything is at least ``padding_m`` apart at positions (n,)."""
-        self.poses_checked += 1
-        return pose_clearance(self._chains, self._pairs, self._now, _vector(positions), padding_m)[1] < 0
+        """Return whether the arm is ``padding_m`` away from objects, and at most that from itself."""
+        return self.contact(positions, padding_m) is None
 
-    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = Margins()) -> Contact | None:
+    def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
+        """Return the nearest pair at positions (n,) if it is nearer than the padding, or None."""
+        self.poses_checked += 1
+        own_m = self._pad(padding_m)
+        pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), own_m)[1]
+        return Contact(0.0, self._named(pair)) if pair >= 0 else None
+
+    def nearer(self, positions: FloatArray, below_m: float) -> list[Clearance]:
+        """Return the pairs of names that are nearer than ``below_m`` at positions (n,), the nearest first."""
+        self.poses_checked += 1
+        distances = np.full(len(self._pairs.one), np.inf)
+        pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
+        found: dict[tuple[str, str], float] = {}
+        for pair in np.flatnonzero(distances < below_m).tolist():
+            names = self._named(pair)
+            found[names] = min(found.get(names, math.inf), float(distances[pair]))
+        return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
+
+    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
 
         An edge that needs more than 2,000 poses, because it stays very near to something, counts as not free.
@@ -118,17 +146,29 @@ class Collisions:
             margins: Padding and tolerance.
         """
         ends = np.array([start, end], dtype=float)
-        padding_m, tolerance_m = margins.padding_m, margins.tolerance_m
+        padding_m, tolerance_m = self._pad(margins.padding_m), margins.tolerance_m
+        if padding_m < margins.padding_m:  # the tolerance fits the padding of objects, but not that of links
+            tolerance_m = min(tolerance_m, padding_m / 2.0)
         part, pair, checked = edge_contact(self._chains, self._pairs, self._now, ends, padding_m, tolerance_m)
         self.poses_checked += checked
         return Contact(part, self._named(pair)) if pair >= 0 else None
 
-    def path_contact(self, points: Sequence[FloatArray], margins: Margins = Margins()) -> Contact | None:
+    def path_contact(self, points: Sequence[FloatArray], margins: Margins = MARGINS) -> Contact | None:
         """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too."""
         for index, (start, end) in enumerate(itertools.pairwise(points)):
             if contact := self.edge_contact(start, end, margins):
                 return Contact(index + contact.part, contact.pair)
         return None
+
+    def deviation_m(self, moved: FloatArray) -> float:
+        """Return the largest change of a distance if the joints move by ``moved`` (n,), each in rad or m."""
+        return float(np.abs(moved) @ self.levers_m)
+
+    def _pad(self, padding_m: float) -> float:
+        """Set the padding of pairs with objects, and return that of pairs of links."""
+        own_m = min(padding_m, PADDING_M)
+        self._pairs.extra[:] = (padding_m - own_m) * self._to_world
+        return own_m
 
     def _named(self, pair: int) -> tuple[str, str]:
         return self._names[self._pairs.one[pair]], self._names[self._pairs.other[pair]]
@@ -142,6 +182,7 @@ def warm_up() -> None:
     collisions = Collisions(arm, Scene())
     collisions.clearance(np.zeros(1))
     collisions.edge_contact(np.zeros(1), np.ones(1))
+    collisions.nearer(np.zeros(1), 0.0)
 
 
 def _vector(positions: FloatArray) -> FloatArray:

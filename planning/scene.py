@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.types import FloatArray
 from planning.arm_model import Pair, pair
@@ -109,6 +110,8 @@ class Mesh:
 
     vertices_m: FloatArray
     """Vertices (v, 3), in m."""
+    triangles: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    """Indices of the corners of each triangle (t, 3), for pictures only."""
 
     def sides_m(self) -> tuple[float, ...]:
         """Return the lengths that must be positive: the extents along the principal axes of the vertices."""
@@ -162,7 +165,7 @@ class Scene:
         Raises:
             PlanningError: The object has no shape, or a shape has a size that is not positive.
         """
-        _check(item)
+        check_object(item)
         attached = {name: held for name, held in self.attached.items() if name != item.name}
         return replace(self, objects={**self.objects, item.name: item}, attached=attached)
 
@@ -174,7 +177,7 @@ class Scene:
 
     def attach(self, item: SceneObject, link: str, touch_links: Iterable[str] = ()) -> "Scene":
         """Return a scene in which an object moves with a link. ``item.pose`` is relative to the link."""
-        _check(item)
+        check_object(item)
         held = Attached(item, link, frozenset(touch_links))
         return replace(self.without(item.name), attached={**self.attached, item.name: held})
 
@@ -198,7 +201,8 @@ class Scene:
         return replace(self, allowed=self.allowed - {pair(one, other)})
 
 
-def _check(item: SceneObject) -> None:
+def check_object(item: SceneObject) -> None:
+    """Check an object. Raises PlanningError if it has no shape, or a size that is not positive and finite."""
     if not item.shapes:
         raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: give it at least one')
     for shape, pose in item.shapes:

@@ -11,6 +11,7 @@ from xml.parsers.expat import ExpatError
 from hal.robot_description.description import Description
 from hal.robot_description.xml_places import is_xacro, parse_xml, place
 from hal.text_file import read_xml
+from planning.arm_model import Pair, pair
 from planning.errors import PlanningError
 from planning.groups import EndEffector, Group, Groups, outside, path_to
 
@@ -46,6 +47,10 @@ def parse_srdf(xml: str, description: Description, file: str = "the SRDF") -> Gr
     Raises:
         SrdfError: The file has mistakes.
     """
+    return _Reader(_root(xml, file), description).groups()
+
+
+def _root(xml: str, file: str) -> Element:
     try:
         robot = parse_xml(xml, file)
     except ExpatError as error:
@@ -56,7 +61,34 @@ def parse_srdf(xml: str, description: Description, file: str = "the SRDF") -> Gr
         raise SrdfError(
             f"{place(robot)}: this file is xacro, not SRDF: run 'xacro FILE > robot.srdf' and use its output"
         )
-    return _Reader(robot, description).groups()
+    return robot
+
+
+def read_pairs(path: Path) -> dict[Pair, str]:
+    """Read the pairs of links that an SRDF file leaves out of collision checks. Raises SrdfError."""
+    return parse_pairs(read_xml(path, SrdfError), str(path))
+
+
+def parse_pairs(xml: str, file: str = "the SRDF") -> dict[Pair, str]:
+    """Parse the ``<disable_collisions>`` elements of an SRDF.
+
+    Args:
+        xml: The SRDF as text.
+        file: Name of the file, for messages.
+
+    Returns:
+        The reason of each pair of links, such as "Adjacent" or "Never"; empty if the element has none.
+
+    Raises:
+        SrdfError: The text is not XML, or an element names fewer than two links.
+    """
+    found: dict[Pair, str] = {}
+    for element in _root(xml, file).iter("disable_collisions"):
+        one, other = element.get("link1"), element.get("link2")
+        if not one or not other:
+            raise SrdfError(f"{place(element)}: a <disable_collisions> needs link1 and link2: add both")
+        found[pair(one, other)] = element.get("reason", "")
+    return found
 
 
 class _Reader:

@@ -19,9 +19,12 @@ if TYPE_CHECKING:
         ArmTimeoutError,
         MotionCanceledError,
         MotionFailedError,
+        PlanFailedError,
         StreamEndedError,
     )
     from servoloop.api.motion import ArmMotion
+    from servoloop.api.planning.motion_planner import MotionPlanner
+    from servoloop.api.planning.pose import ArmPose
     from servoloop.api.stream import TargetStream
     from servoloop.api.trajectory import ArmTrajectory
 
@@ -32,12 +35,15 @@ __all__ = [
     "ArmError",
     "ArmInputError",
     "ArmMotion",
+    "ArmPose",
     "ArmSetupError",
     "ArmState",
     "ArmTimeoutError",
     "ArmTrajectory",
     "MotionCanceledError",
     "MotionFailedError",
+    "MotionPlanner",
+    "PlanFailedError",
     "StreamEndedError",
     "TargetStream",
 ]
@@ -45,8 +51,10 @@ __all__ = [
 _MODULES = {
     "Arm": "arm",
     "ArmMotion": "motion",
+    "ArmPose": "planning.pose",
     "ArmState": "backend",
     "ArmTrajectory": "trajectory",
+    "MotionPlanner": "planning.motion_planner",
     "TargetStream": "stream",
 }
 

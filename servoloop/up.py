@@ -4,6 +4,7 @@ import gc
 import logging
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from time import time
 from typing import TYPE_CHECKING, Final, Protocol
@@ -20,6 +21,7 @@ from servoloop.stack.control_stack import ControlStack
 from servoloop.stack.device_choice import chosen_devices
 from servoloop.stack.hardware import HardwareKind, HardwareSetup
 from servoloop.stack.loop_thread import LEFT, LoopThread
+from servoloop.stack.plan_process import planning_server
 from servoloop.stack.processes import claim_realtime_priority
 from servoloop.stack.robot_files import Files, initial_states, servo_ids
 from servoloop.stack.ros_interface import RosInterface, WithoutRos
@@ -161,6 +163,12 @@ class _Up:
         LOG.warning("the stack runs without ROS %s. %s", reason, WORKS)
         return False
 
+    def _planning(self) -> AbstractContextManager[None]:
+        """Return the context in which the planning server runs, if it is wanted."""
+        if not self._options.plan:
+            return nullcontext()
+        return planning_server(self._stack.files, sim_time=self._simulated is not None)
+
     def _ros_stack(self) -> "Stack":
         from nodes.stack import Stack
 
@@ -198,7 +206,8 @@ class _Up:
         thread = run.start()
         try:
             ready(f"{loop.hardware.name} at {1.0 / loop.period_s:g} Hz")
-            surface.spin(lambda: run.done or run.hangs())
+            with self._planning():
+                surface.spin(lambda: run.done or run.hangs())
         finally:
             run.signals.ask()  # also end the loop if ROS fails
             while thread.is_alive() and not run.hangs():

@@ -9,7 +9,7 @@ import argparse
 import sys
 
 from hal.errors import ArmFileError
-from servoloop.moveit.collision_matrix import SAMPLES, SEED, lines, reasons
+from servoloop.motion_planning.collision_matrix import SAMPLES, SEED, lines, reasons
 from servoloop.stack.arm_folders import OWN, find_arm
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -28,11 +29,18 @@ class Chain:
     """Joints between the base link and a tool, which is a body or a site of a MuJoCo model.
 
     The kinematics are copied from the model, so that a chain has no state and computes many poses at once. Joints
-    between base and tool that are not planned stay at their reference position. With k sets of positions, transforms
+    between base and tool that are not planned do not move. With k sets of positions, transforms
     have shape (k, 4, 4) and Jacobians (k, 6, n); the first three rows of a Jacobian are linear velocities.
     """
 
-    def __init__(self, model: Any, limits: Mapping[str, JointLimits], tool: str, base: str | None = None) -> None:
+    def __init__(
+        self,
+        model: Any,
+        limits: Mapping[str, JointLimits],
+        tool: str,
+        base: str | None = None,
+        others: Mapping[str, float] | None = None,
+    ) -> None:
         """Copy the kinematics of a model.
 
         Args:
@@ -41,6 +49,7 @@ class Chain:
             tool: Name of a body or a site of the model.
             base: Name of the body in whose frame poses are given; by default, the body on which the arm stands,
                 which is the world if the first body of the arm moves.
+            others: Positions of joints that are not planned, by name; by default, those of the model.
 
         Raises:
             PlanningError: A name is not in the model, or a joint does not move the tool relative to the base.
@@ -59,6 +68,8 @@ class Chain:
         base_body = _stand(model, body) if base is None else _find(model, "body", base)
         _check_on_path(model, {name: int(model.jnt_bodyid[j]) for name, j in joints.items()}, (base_body, body), tool)
         data = mujoco.MjData(model)
+        for name, position in (others or {}).items():
+            data.qpos[model.jnt_qposadr[_find(model, "joint", name)]] = position
         mujoco.mj_kinematics(model, data)
         world = _transform(data.xmat[base_body], data.xpos[base_body])
         inverse = np.linalg.inv(world)
@@ -75,6 +86,12 @@ class Chain:
         self._about = self._generators[0, :, :3, :3]
         self._along = (self._generators[0] + self._generators[2])[:, :3, 3]
         self._axes = axes * self.turns[self._order, None]
+
+    def at_point(self, offset_m: Sequence[float]) -> "Chain":
+        """Return a chain whose tool frame is moved by an offset (3,) along the axes of the tool, in m."""
+        moved = copy(self)
+        moved._rest = self._rest @ _transform(np.eye(3), np.array(offset_m, dtype=float))
+        return moved
 
     def checked(self, positions: FloatArray) -> FloatArray:
         """Return joint positions of a client as an array (n,), in rad or m. They may be outside the limits.
@@ -135,6 +152,12 @@ class Chain:
         for joint in range(len(self.names)):
             np.matmul(links[joint], steps[:, joint], out=links[joint + 1])
         return links
+
+
+def moved_by(model: Any, joints: Sequence[str], tool: str) -> tuple[str, ...]:
+    """Return those of the joints that move a body or a site of the model. Raises PlanningError."""
+    path = _ancestors(model, _tool_body(model, tool))
+    return tuple(name for name, joint in _joints(model, joints).items() if int(model.jnt_bodyid[joint]) in path)
 
 
 def pose_of(transform: FloatArray) -> ToolPose:

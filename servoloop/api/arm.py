@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Any, Self, overload
 from hal.types import JointLimits
 from servoloop.api.backend import ArmBackend, ArmState, JointGoal, Observer
 from servoloop.api.checks import check_goal, check_joints
-from servoloop.api.errors import ArmInputError
+from servoloop.api.errors import ArmInputError, ArmSetupError
 from servoloop.api.gripper import ArmGripper
 from servoloop.api.motion import ArmMotion
 from servoloop.api.stream import TargetStream
 from servoloop.api.targets import Positions, approach_s, by_joint, duration_of, goal_of, pose_named
-from servoloop.api.trajectory import ArmTrajectory
+from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
 
 if TYPE_CHECKING:
     from controller.interface import Controller, ControllerType
+    from servoloop.api.planning.arm_planner import ArmPlanner
+    from servoloop.api.planning.arm_scene import ArmScene
+    from servoloop.api.planning.pose import ArmPose
 
 STREAM_AGE_S = 0.2
 """Default of the maximum time between two streamed targets, in seconds: six targets of a policy at 30 Hz."""
@@ -62,7 +65,7 @@ class Arm:
         options = ArmOptions(str(name_or_folder), rate_hz, _path(controllers), _path(record))
         ports = [port] if isinstance(port, str) else list(port or ())
         loop = ThreadLoop(options.files(), ports, options.record)
-        self._use(loop.backend, loop.close)
+        self._use(loop.backend, loop.close, options.arm)
 
     @classmethod
     def simulated(
@@ -97,7 +100,7 @@ class Arm:
         options = ArmOptions(str(name_or_folder), rate_hz, _path(controllers), _path(record))
         arm = cls.__new__(cls)
         loop = SimulatedLoop(options.files(), options.record, seed, backlash_deg)
-        arm._use(loop.backend, loop.close)
+        arm._use(loop.backend, loop.close, options.arm)
         return arm
 
     @classmethod
@@ -117,11 +120,13 @@ class Arm:
 
         connected = cls.__new__(cls)
         backend = SocketBackend.find(arm)
-        connected._use(backend, backend.close)
+        connected._use(backend, backend.close, str(backend.description.folder or backend.description.name))
         return connected
 
-    def _use(self, backend: ArmBackend, close: Callable[[], None]) -> None:
+    def _use(self, backend: ArmBackend, close: Callable[[], None], source: str) -> None:
         self._backend, self._close, self._arm = backend, close, backend.description
+        self._source = source
+        self._own_planner: ArmPlanner | None = None
         self.gripper = ArmGripper(self._arm, self.move_to)
         """Gripper of the arm."""
 
@@ -160,10 +165,20 @@ class Arm:
         """One sentence for each joint with a fault or an alarm. Empty if there is none."""
         return self.state.faults
 
+    @property
+    def scene(self) -> "ArmScene":
+        """Obstacles around the arm, for ``plan``, ``follow`` and ``move_to(pose=...)``."""
+        return self._planner.scene
+
+    def pose(self, tool: str | None = None) -> "ArmPose":
+        """Return the measured pose of a link or site in the frame of the base; None: of the arm's tool."""
+        return self._planner.pose(tool)
+
     def move_to(
         self,
-        target: Positions | str,
+        target: Positions | str | None = None,
         *,
+        pose: "ArmPose | None" = None,
         duration: float | None = None,
         speed: float | None = None,
         wait: bool = True,
@@ -173,7 +188,8 @@ class Arm:
 
         Args:
             target: Positions by joint name, an array with one position for each of ``joints``, in rad or m, or the name
-                of a saved pose. Joints without a position do not move.
+                of a saved pose. Joints without a position do not move. The motion ignores obstacles.
+            pose: Pose of the tool to use instead of a target. The motion is planned around the obstacles of ``scene``.
             duration: Duration of the motion, in seconds. Limits may make it longer.
             speed: Share of the velocity limits to use instead of a duration, above 0 and at most 1. Default: 0.25.
             wait: Whether to wait for the end of the motion.
@@ -185,12 +201,18 @@ class Arm:
         Raises:
             ArmInputError: A joint or a pose does not exist, or a value is not finite or outside the limits. The arm
                 does not move.
+            PlanFailedError: No motion to ``pose`` was found. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives the joint.
             MotionFailedError: The motion ended before its target.
             ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
             ArmEndedError: The control loop has ended.
         """
         asked_s, share = duration_of(duration, speed)
+        if (target is None) == (pose is None) or (pose is not None and duration is not None):
+            raise ArmInputError("give either a target or a pose, and no duration for a pose")
+        if pose is not None:
+            return self.follow(self.plan(pose, speed=share), wait=wait, timeout=timeout)
+        assert target is not None
         positions = pose_named(target, self._arm) if isinstance(target, str) else by_joint(target, self._arm)
         goal = JointGoal(tuple(positions), (asked_s or 1.0,), (tuple(positions.values()),))
         check_goal(goal, self._arm)
@@ -199,13 +221,58 @@ class Arm:
             goal = JointGoal(goal.joints, (planned_s,), goal.positions)
         return self._started(goal, wait, timeout)
 
+    def plan(
+        self, goal: "Positions | str | ArmPose", *, speed: float = 0.25, time_limit_s: float = 5.0
+    ) -> PlannedTrajectory:
+        """Plan a motion from the measured state around the obstacles of ``scene``. Nothing moves.
+
+        Args:
+            goal: Positions of joints of the arm without its gripper, as for ``move_to``; or a pose of the tool.
+            speed: Share of the limits of velocity and acceleration, above 0 and at most 1.
+            time_limit_s: Maximum time of the search, in seconds.
+
+        Returns:
+            A trajectory for ``follow``.
+
+        Raises:
+            ArmSetupError: The extra ``planning`` is not installed.
+            ArmInputError: A joint or a named pose does not exist, or a value is not finite.
+            PlanFailedError: The start or the goal is not possible, or no path was found in time.
+        """
+        from servoloop.api.planning.pose import ArmPose
+
+        _, share = duration_of(None, speed)
+        if isinstance(goal, ArmPose):
+            return self._planner.plan(goal, share, time_limit_s)
+        positions = pose_named(goal, self._arm) if isinstance(goal, str) else by_joint(goal, self._arm)
+        check_joints(positions, self._arm)
+        return self._planner.plan(positions, share, time_limit_s)
+
+    def attach(self, name: str, link: str | None = None, touch_links: Sequence[str] | None = None) -> None:
+        """Let an object of ``scene`` move with a link from now on, such as a cube in the gripper.
+
+        Args:
+            name: Name of the object.
+            link: Link that carries it; None: the last link of the arm, which carries the gripper.
+            touch_links: Links that may touch it; None: the carrying link and all links after it.
+
+        Raises:
+            PlanFailedError: The object or a link does not exist.
+        """
+        self.scene.attach(name, link, touch_links)
+
+    def detach(self, name: str) -> None:
+        """Leave an attached object where it is now. Raises PlanFailedError if it is not attached."""
+        self.scene.detach(name)
+
     def follow(
         self, trajectory: ArmTrajectory, *, approach: float = 0.25, wait: bool = True, timeout: float = math.inf
     ) -> ArmMotion:
         """Follow a trajectory. The arm first moves to its first point.
 
         Args:
-            trajectory: Points of some joints, each at its time.
+            trajectory: Points of some joints, each at its time. A trajectory of ``plan`` is refused if the arm is no
+                longer where it begins, or if an obstacle has come into its way since.
             approach: Share of the velocity limits on the way to the first point, above 0 and at most 1.
             wait: Whether to wait for the end of the motion.
             timeout: Maximum time to wait, in seconds.
@@ -215,6 +282,7 @@ class Arm:
 
         Raises:
             ArmInputError: The trajectory is invalid, or leaves the limits. The arm does not move.
+            PlanFailedError: The trajectory was planned for another start or scene. The arm does not move.
             ArmBusyError: A stream is open, the torque is off, or another controller drives a joint.
             MotionFailedError: The motion ended before its target.
             ArmTimeoutError: The motion takes longer than ``timeout``. It continues.
@@ -223,6 +291,8 @@ class Arm:
         _, share = duration_of(None, approach)
         goal = goal_of(trajectory, 0.0)
         check_goal(goal, self._arm)
+        if isinstance(trajectory, PlannedTrajectory):
+            self._planner.check(trajectory)
         first = dict(zip(goal.joints, goal.positions[0], strict=True))
         needed_s = approach_s(first, self.state.command, self.limits, share)
         return self._started(goal_of(trajectory, max(0.0, needed_s - goal.times_s[0])), wait, timeout)
@@ -394,6 +464,19 @@ class Arm:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def _planner(self) -> "ArmPlanner":
+        """Planner of the arm, which is created at first use."""
+        from servoloop.extras import missing_extras
+
+        if self._own_planner is None:
+            if sentence := missing_extras("motion planning", "planning"):
+                raise ArmSetupError(sentence)
+            from servoloop.api.planning.arm_planner import ArmPlanner
+
+            self._own_planner = ArmPlanner(self._source, self.limits, lambda: self.state)
+        return self._own_planner
 
     def _measured_after(self, time_s: float) -> Callable[[], bool]:
         return lambda: self.state.time_s > time_s

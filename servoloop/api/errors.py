@@ -3,6 +3,7 @@
 ArmError
 ├── ArmSetupError      the arm cannot be started
 ├── ArmInputError      a target, a path or an argument is invalid, and nothing has moved
+│   └── PlanFailedError    no motion around the obstacles was found
 ├── ArmBusyError       another program or another call moves the arm
 ├── MotionFailedError  a motion ended before its target
 │   └── MotionCanceledError  a motion was canceled or replaced
@@ -34,6 +35,21 @@ class ArmSetupError(ArmError):
 
 class ArmInputError(ArmError, ValueError):
     """A target, a path or an argument is invalid. Nothing has moved because of this call."""
+
+
+class PlanFailedError(ArmInputError):
+    """No motion around the obstacles was found. The message names the links, the joint or the object."""
+
+    def __init__(self, text: str, joint: str = "", code: str = "PLANNING_FAILED") -> None:
+        """Create an error.
+
+        Args:
+            text: Problem and remedy, in one sentence.
+            joint: Name of the affected joint; empty if the error does not concern a single joint.
+            code: MoveIt's name of the error.
+        """
+        super().__init__(text, joint)
+        self.code = code
 
 
 class ArmBusyError(ArmError):

@@ -56,3 +56,11 @@ class ArmTrajectory:
             {joint: [row[i] for row in rows] for i, joint in enumerate(joints)},
             {joint: [row[i] for row in speeds] for i, joint in enumerate(joints)},
         )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTrajectory(ArmTrajectory):
+    """Trajectory around obstacles. ``Arm.follow`` refuses it if the arm is not where it begins."""
+
+    start: Mapping[str, float] = field(default_factory=dict)
+    """Positions of all joints at the start, in rad or m, including those that do not move."""

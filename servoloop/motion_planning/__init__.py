@@ -1,5 +1,1 @@
-"""Plan motions of an arm around obstacles, from its arm folder."""
-
-from servoloop.extras import require_extras
-
-require_extras("motion planning", "planning")
+"""Read the files of an arm for planning."""

@@ -13,7 +13,7 @@ import yaml
 
 from hal.errors import ArmFileError
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.moveit.collision_matrix import SAMPLES, reasons
+from servoloop.motion_planning.collision_matrix import SAMPLES, reasons
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.moveit.srdf import States, srdf
 from servoloop.moveit.surroundings import CollisionShape, Objects, surroundings

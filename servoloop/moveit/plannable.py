@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from hal.robot_file.robot_file import load_robot_file
-from servoloop.moveit.collision_matrix import LinkModel, Pair, arm_links
+from servoloop.motion_planning.collision_matrix import LinkModel, Pair, arm_links
 from servoloop.moveit.surroundings import Objects, Pose, spec_with
 from servoloop.stack.arm_folders import ArmFolder
 from servoloop.stack.pick_place import PickPlace, load_pick_place

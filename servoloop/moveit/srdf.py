@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 from hal.robot_description.description import Description
-from servoloop.moveit.collision_matrix import Pair, lines
+from servoloop.motion_planning.collision_matrix import Pair, lines
 
 GROUPS = ("arm", "hand")
 States = Mapping[tuple[str, str], Mapping[str, float]]

@@ -11,7 +11,7 @@ import numpy as np
 
 from hal.errors import ArmFileError
 from hal.types import FloatArray
-from servoloop.moveit.collision_matrix import LinkModel, arm_links
+from servoloop.motion_planning.collision_matrix import LinkModel, arm_links
 from sim_backend.scene.scene_file import scene_model, scene_spec
 
 ROOM_M: Final = 0.005

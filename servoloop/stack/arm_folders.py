@@ -15,7 +15,7 @@ from servoloop.stack.robot_files import CONFIG, NO_ARGUMENTS, Files, ServoFiles,
 
 ARMS: Final = CONFIG / "arms"
 ARM_FILE: Final = "arm.yaml"
-PATHS: Final = ("urdf", "robot", "scene", "controllers", "pick_place")
+PATHS: Final = ("urdf", "robot", "scene", "controllers", "pick_place", "pick_place_poses")
 OWN: Final = "robot_arm"
 """Default arm."""
 
@@ -34,6 +34,7 @@ class ArmFile(BaseModel):
     scene: str = "scene.xml"
     controllers: str = "controllers.yaml"
     pick_place: str = "pick_place.yaml"
+    pick_place_poses: str = "pick_place_poses.yaml"
     calibration: ArmPlan = ArmPlan()
     """Plan for calibrating the servos to the joint angles of the URDF."""
     source: str = ""
@@ -74,6 +75,11 @@ class ArmFolder:
     def pick_place(self) -> Path:
         """Path of the parameter file of the pick-place node."""
         return self._path(self.file.pick_place)
+
+    @property
+    def pick_place_poses(self) -> Path:
+        """Path of the parameter file with which the pick-place node plans to poses. Not every arm has it."""
+        return self._path(self.file.pick_place_poses)
 
     def _path(self, name: str) -> Path:
         return (self.folder / name).resolve()

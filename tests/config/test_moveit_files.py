@@ -13,7 +13,7 @@ import yaml
 
 from hal.errors import ArmFileError
 from servoloop import cli
-from servoloop.moveit.collision_matrix import Pair, pair
+from servoloop.motion_planning.collision_matrix import Pair, pair
 from servoloop.moveit.files import MOVEIT, moveit_files, read_objects, read_padding_m
 from servoloop.moveit.plannable import PaddedArm, rest_poses, working_poses
 from servoloop.stack.arm_folders import ARMS, ArmFolder, find_arm, read_arm, read_arm_files

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planning import clearance_kernel
-from planning.allowed_collisions import srdf_pairs
 from planning.arm_model import ArmModel
-from planning.collision import Collisions, Margins, warm_up
+from planning.clearance import kernel
+from planning.collision import PADDING_M, Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
+from planning.srdf_file import parse_pairs
 from tests.planning.arms import limits, planar, robot_arm, so101
 
 REACH = np.array([math.pi / 4, 0.0])
@@ -59,18 +59,19 @@ def test_an_object_with_the_name_of_a_link_is_refused():
 
 def test_allowed_pairs_may_touch():
     srdf = '<robot name="r"><disable_collisions link1="upper" link2="base" reason="Adjacent"/></robot>'
-    assert srdf_pairs(srdf) == {("base", "upper")}
+    assert parse_pairs(srdf) == {("base", "upper"): "Adjacent"}
     scene = Scene().allow("post", "lower").allow("post", "left").allow("right", "post")
     assert Collisions(planar(), scene).is_clear(REACH)
     assert not Collisions(planar(), scene.forbid("lower", "post")).is_clear(REACH)
 
 
 @pytest.mark.parametrize(
-    ("srdf", "words"), [("<robot>", "not XML"), ('<r><disable_collisions link1="a"/></r>', "needs link1 and link2")]
+    ("srdf", "words"),
+    [("<robot>", "not well-formed XML"), ('<robot><disable_collisions link1="a"/></robot>', "needs link1 and link2")],
 )
 def test_a_broken_srdf_is_refused(srdf, words):
     with pytest.raises(PlanningError, match=words):
-        srdf_pairs(srdf)
+        parse_pairs(srdf)
 
 
 def test_an_edge_that_passes_an_obstacle_is_refused_at_the_obstacle():
@@ -143,7 +144,7 @@ def test_adjacent_links_are_not_checked_and_others_are():
 
 def test_after_the_warm_up_nothing_is_compiled():
     warm_up()
-    kernels = (clearance_kernel.edge_contact, clearance_kernel.pose_clearance)
+    kernels = (kernel.edge_contact, kernel.pose_clearance)
     before = [list(kernel.signatures) for kernel in kernels]
     collisions = Collisions(robot_arm(), Scene().with_object(box("box", 0.1, 0.3, 0.3, 0.3)))
     collisions.clearance(np.zeros(6))
@@ -163,3 +164,17 @@ def test_an_edge_that_needs_too_many_poses_is_refused():
     contact = collisions.edge_contact(start, end, Margins(0.0009999, 1e-7))
     assert contact is not None
     assert contact.pair == ("hand", "wall")
+
+
+def test_a_wide_padding_applies_to_objects_and_not_between_links():
+    """The planar arm is folded, with its tip near its own base."""
+    folded = np.array([0.0, math.pi - 0.45])
+    collisions = Collisions(planar(end=3.1), Scene().without("floor").without("post"))
+    gap_m = collisions.clearance(folded).distance_m
+    assert PADDING_M < gap_m < 0.2
+    assert collisions.is_clear(folded, padding_m=0.25)
+    wall = SceneObject("wall", ((Sphere(0.05), Pose()),), Pose(np.array([0.0, 0.25, 0.2])))
+    near = Collisions(planar(end=3.1), Scene().without("floor").without("post").with_object(wall))
+    distance_m = near.clearance(np.zeros(2)).distance_m
+    assert near.is_clear(np.zeros(2), distance_m - 1e-6) and not near.is_clear(np.zeros(2), distance_m + 1e-6)
+    assert near.edge_contact(np.zeros(2), np.array([0.01, 0.0]), Margins(distance_m + 1e-3, 1e-3)) is not None

@@ -7,10 +7,10 @@ import pytest
 
 from planning.collision import Collisions
 from planning.errors import PlanningError
-from planning.planner import plan_motion, plan_path
-from planning.request import PathRequest
+from planning.paths.planner import plan_motion, plan_path
+from planning.paths.request import PathRequest
+from planning.paths.smoothing import path_length
 from planning.scene import Box, Pose, Scene, SceneObject
-from planning.smoothing import path_length
 from tests.planning.arms import planar, robot_arm, so101
 
 

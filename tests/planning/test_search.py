@@ -10,9 +10,9 @@ import pytest
 
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.request import PathRequest
+from planning.paths.request import PathRequest
+from planning.paths.search import find_path, planner_stem
 from planning.scene import Box, Pose, Scene, SceneObject
-from planning.search import find_path, planner_stem
 from tests.planning.arms import ROOT, planar
 
 START, GOAL = np.array([0.2, 0.0]), np.array([1.4, 0.0])
@@ -148,9 +148,9 @@ PROGRAM = """
 import gc
 import numpy as np
 from planning.collision import Collisions
-from planning.request import PathRequest
+from planning.paths.request import PathRequest
 from planning.scene import Scene
-from planning.search import find_path
+from planning.paths.search import find_path
 from tests.planning.arms import planar
 arm = planar()
 found = find_path(arm, Collisions(arm, Scene()), PathRequest(np.array([0.2, 0]), (np.array([1.4, 0]),)), lambda: 1.0)

@@ -1,0 +1,43 @@
+"""Compile Python functions to machine code with numba, and keep their types for the type checker."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., object])
+KEY_FILE: Final = "sources.sha256"
+"""Name of the file in ``__pycache__`` with the hash of the sources from which the machine code there was compiled."""
+
+
+def compiled(function: Function) -> Function:
+    """Compile ``function`` and cache its machine code on disk. The first call in an installation takes seconds.
+
+    Other threads run while the function runs, so that a control loop in the same process keeps its period.
+    """
+    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def remove_stale(folder: Path) -> None:
+    """Remove the machine code of a folder if one of its sources has changed.
+
+    The machine code of a function contains that of the functions it calls, but numba compares only the file of the
+    function itself. A folder that is not writable belongs to an installation, whose sources do not change.
+    """
+    key = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))).hexdigest()
+    cache = folder / "__pycache__"
+    known = cache / KEY_FILE
+    if known.is_file() and known.read_text() == key:
+        return
+    try:
+        cache.mkdir(exist_ok=True)
+        for index in cache.glob("*.nbi"):
+            index.unlink(missing_ok=True)
+        known.write_text(key)
+    except OSError:
+        return
+
+
+remove_stale(Path(__file__).parent)

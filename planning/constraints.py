@@ -1,0 +1,120 @@
+"""Constraints that a motion keeps at each of its points: ranges of joints, and regions of the poses of links."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray, JointLimits
+from planning.arm_model import ArmModel
+from planning.collision import MARGINS, PADDING_M, Collisions, Contact, Margins
+from planning.errors import PlanningError
+from planning.kinematics.chain import Chain
+from planning.kinematics.goals import PoseGoal
+from planning.scene import Scene
+
+STEP_RAD: Final = 0.02
+"""Largest motion of a joint between two checked points of an edge, in rad or m. Between them, a pose may leave its
+region by the part that this motion causes."""
+CONSTRAINT: Final = "path constraint"
+"""Name that stands for the other object if a link leaves its region."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkRegion:
+    """Region in which a link stays. A region of orientations has a wide region of positions, or the reverse."""
+
+    goal: PoseGoal
+    link: str | None = None
+    """Link or site; the tip of the group if None."""
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Point of the link that stays in the region, in the frame of the link, in m."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathConstraints:
+    """Constraints of a motion."""
+
+    joints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Lowest and highest positions by joint, in rad or m. All joints of an edge keep them if its ends do."""
+    regions: Sequence[LinkRegion] = ()
+    """Regions of links, checked at steps of ``STEP_RAD``."""
+
+    def limits(self, limits: Mapping[str, JointLimits]) -> dict[str, JointLimits]:
+        """Return limits that are narrowed to the ranges of the joints.
+
+        Raises:
+            PlanningError: A range and the limits have no position in common.
+        """
+        narrowed = dict(limits)
+        for joint, (lower, upper) in self.joints.items():
+            if joint not in limits:
+                continue  # a joint of another group does not move
+            limit = limits[joint]
+            lowest, highest = max(lower, limit.lower), min(upper, limit.upper)
+            if not lowest < highest or not math.isfinite(lower + upper):
+                raise PlanningError(
+                    "INVALID_MOTION_PLAN",
+                    f"the path constraint of {joint}, {lower:g} to {upper:g}, leaves no motion within its limits "
+                    f"{limit.lower:g} to {limit.upper:g}: widen it",
+                )
+            narrowed[joint] = replace(limit, lower=lowest, upper=highest)
+        return narrowed
+
+    def broken_range(self, state: Mapping[str, float]) -> str:
+        """Describe the first joint of a state that is outside its range; empty if all are inside."""
+        for joint, (lower, upper) in self.joints.items():
+            if joint in state and not lower - STEP_RAD <= state[joint] <= upper + STEP_RAD:
+                return f"{joint} is at {state[joint]:.4f}, outside its path constraint {lower:.4f} to {upper:.4f}"
+        return ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """A region of one link, with the kinematics of the link."""
+
+    chain: Chain
+    goal: PoseGoal
+    own: Sequence[int]
+    """Index of each joint of the chain in the positions of the group."""
+
+    def broken(self, positions: FloatArray) -> int:
+        """Return the index of the first of several positions (k, n) outside the region, or -1."""
+        inside = self.goal.contains(self.chain.transforms(positions[:, self.own]))
+        return -1 if inside.all() else int(np.argmin(inside))
+
+
+class ConstrainedCollisions(Collisions):
+    """Collision checks that also refuse poses and edges outside the regions of links."""
+
+    def __init__(self, arm: ArmModel, scene: Scene, regions: Sequence[Region]) -> None:
+        super().__init__(arm, scene)
+        self._regions = regions
+
+    def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
+        """Return whether everything is at least ``padding_m`` apart at positions (n,), and links in their regions."""
+        return not self.broken_region(positions) and super().is_clear(positions, padding_m)
+
+    def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
+        """Return where an edge comes nearer to something than the padding or leaves a region, or None."""
+        count = max(1, math.ceil(float(np.abs(np.subtract(end, start)).max()) / STEP_RAD))
+        shares = np.linspace(0.0, 1.0, count + 1)
+        points = np.asarray(start) + shares[:, None] * np.subtract(end, start)
+        for region in self._regions:
+            if (index := region.broken(points)) >= 0:
+                return Contact(float(shares[index]), (region.chain.tool, CONSTRAINT))
+        return super().edge_contact(start, end, margins)
+
+    def broken_region(self, positions: FloatArray) -> str:
+        """Describe the first link outside its region at positions (n,); empty if all are inside."""
+        for region in self._regions:
+            if region.broken(positions[None]) >= 0:
+                tool = region.chain.transforms(positions[None, region.own])
+                distance_m, angle_rad = region.goal.distances(tool)[0].tolist()
+                return (
+                    f"{region.chain.tool} is outside its path constraint, {distance_m:.3f} m and {angle_rad:.2f} rad "
+                    "from its center"
+                )
+        return ""

@@ -1,0 +1,128 @@
+"""Convert the goals of a request to positions of the joints of a group."""
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.collision import CONTACT_M, Collisions, Margins
+from planning.errors import PlanningError
+from planning.kinematics.chain import Chain
+from planning.kinematics.goals import CollidingError, PoseGoal
+from planning.kinematics.inverse import InverseKinematics, Valid
+from planning.motion import Goal, JointGoal, no_goal
+
+SAMPLES: Final = 16
+"""Number of random positions that stand for a joint goal with tolerances, besides the goal itself."""
+WIDE: Final = 1e-3
+"""Tolerance from which a joint goal counts as a range of positions, in rad or m."""
+
+ChainOf = Callable[[str | None, Sequence[float]], Chain]
+"""Returns the chain of a link, or of the group's tip, and an offset (3,) in m."""
+
+
+class GroupGoals:
+    """Positions of the joints of a group that reach a goal.
+
+    Args:
+        joints: Names of the joints (n).
+        ends: Lowest and highest positions, each (n,), in rad or m.
+        chain_of: Returns the chain of a link.
+        seed: Seed of all random numbers.
+    """
+
+    def __init__(
+        self, joints: Sequence[str], ends: tuple[FloatArray, FloatArray], chain_of: ChainOf, seed: int
+    ) -> None:
+        self._joints = tuple(joints)
+        self._lower, self._upper = ends
+        self._chain_of, self._seed = chain_of, seed
+
+    def positions(
+        self, goals: Sequence[Goal], start: FloatArray, collisions: Collisions, margins: Margins
+    ) -> list[FloatArray]:
+        """Return positions (n,) of which each reaches one of the goals.
+
+        A goal that cannot be reached is left out if another one can be reached.
+
+        Raises:
+            PlanningError: No goal can be reached. The error is that of the first goal.
+        """
+        found: list[FloatArray] = []
+        errors: list[PlanningError] = []
+        for goal in goals:
+            try:
+                if isinstance(goal, JointGoal):
+                    found += self._of_joints(goal, start)
+                else:
+                    chain = self._chain_of(goal.link, goal.offset_m)
+                    found += self.of_pose(chain, goal.goal, start, (collisions, margins))
+            except PlanningError as error:
+                errors.append(error)
+        if found:
+            return found
+        raise errors[0] if errors else no_goal()
+
+    def of_pose(
+        self, chain: Chain, goal: PoseGoal, start: FloatArray, checks: tuple[Collisions, Margins] | None
+    ) -> list[FloatArray]:
+        """Return positions (n,) of all joints of the group that bring a link to a pose, the nearest ones first.
+
+        Solutions nearer to something than the padding are used if there are no others. Raises PlanningError.
+        """
+        own = [self._joints.index(name) for name in chain.names]
+
+        def whole(positions: FloatArray) -> FloatArray:
+            full = start.copy()
+            full[own] = positions
+            return full
+
+        def solutions(valid: Valid | None) -> list[FloatArray]:
+            return [whole(one) for one in InverseKinematics(chain, self._seed).solve(goal, start[own], valid=valid)]
+
+        if checks is None:
+            return solutions(None)
+        collisions, margins = checks
+        try:
+            return solutions(lambda one: collisions.is_clear(whole(one), margins.padding_m))
+        except CollidingError:
+            pass
+        try:
+            return solutions(lambda one: collisions.is_clear(whole(one), CONTACT_M))
+        except CollidingError as error:
+            contacts = collisions.nearer(whole(error.positions), CONTACT_M)
+            if not contacts:
+                raise
+            one, other = contacts[0].pair
+            raise CollidingError(
+                f"in every position found that reaches the goal there is a contact, such as {one} touches {other}: "
+                "move the goal or the obstacle",
+                error.positions,
+            ) from error
+
+    def _of_joints(self, goal: JointGoal, start: FloatArray) -> list[FloatArray]:
+        target, below, above = start.copy(), np.zeros(len(start)), np.zeros(len(start))
+        for name, position in goal.positions.items():
+            if name not in self._joints:
+                raise PlanningError(
+                    "INVALID_GOAL_CONSTRAINTS",
+                    f"the goal has the joint {name}, which is not in the group: choose from {', '.join(self._joints)}",
+                )
+            if not np.isfinite(position):
+                raise PlanningError(
+                    "INVALID_GOAL_CONSTRAINTS", f"the goal of {name} is {position}: send a finite number"
+                )
+            joint = self._joints.index(name)
+            target[joint] = position
+            below[joint], above[joint] = goal.tolerances.get(name, (0.0, 0.0))
+        return self._within(target, below, above)
+
+    def _within(self, target: FloatArray, below: FloatArray, above: FloatArray) -> list[FloatArray]:
+        """Return the goal, at the limits if the tolerances reach them, and random positions within wide tolerances."""
+        lowest, highest = np.maximum(target - below, self._lower), np.minimum(target + above, self._upper)
+        possible = lowest <= highest
+        nearest = np.where(possible, np.clip(target, np.minimum(lowest, highest), highest), target)
+        if not possible.all() or (highest - lowest).max(initial=0.0) < WIDE:
+            return [nearest]
+        return [nearest, *np.random.default_rng(self._seed).uniform(lowest, highest, (SAMPLES, len(target)))]

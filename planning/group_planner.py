@@ -1,0 +1,257 @@
+"""Plans of one group of joints: free motions, straight motions and inverse kinematics."""
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from typing import Any, Final
+
+import numpy as np
+
+from hal.types import FloatArray, JointLimits, far_outside
+from planning.arm_model import ArmModel
+from planning.collision import CONTACT_M, MARGINS, Clearance, Collisions, Margins
+from planning.constraints import ConstrainedCollisions, PathConstraints, Region
+from planning.errors import PlanningError
+from planning.group_goals import GroupGoals
+from planning.groups import Group
+from planning.kinematics.cartesian import Checks, tool_path
+from planning.kinematics.chain import Chain, moved_by
+from planning.motion import (
+    FutureContact,
+    LineMotion,
+    LineRequest,
+    Motion,
+    MotionRequest,
+    State,
+    ToolGoal,
+    positions_of,
+    with_positions,
+)
+from planning.paths.planner import plan_path
+from planning.paths.request import PathRequest
+from planning.paths.smooth_timing import timed_smoothly
+from planning.paths.thinning import thinned
+from planning.paths.timing import TimedPath, scaled, timed
+from planning.scene import Scene
+
+THINNING_M: Final = 2e-4
+"""Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
+ROUNDING_M: Final = 1e-6
+"""The same for points on the straight edges of a motion."""
+SLOWER: Final = 1.5
+"""Factor up to which a straight motion may take longer along a spline, which is nearer to the line than blends are."""
+NEAR: Final = Margins(1e-3, 5e-4)
+"""Distances that count as a contact of a motion under way."""
+
+
+class GroupPlanner:
+    """Plans motions of one group. It never changes: each call has its own data.
+
+    OMPL's random generator is global in a process, so one thread at a time may run ``plan``.
+
+    Args:
+        model: Compiled scene (mujoco.MjModel).
+        limits: Limits of all driven joints by name.
+        group: The group. All its joints are in ``limits``.
+    """
+
+    def __init__(self, model: Any, limits: Mapping[str, JointLimits], group: Group) -> None:
+        self.group = group
+        self.joints = group.joints
+        """Names of the joints (n), in the order of all arrays."""
+        self.limits = {joint: limits[joint] for joint in group.joints}
+        """Limits of the joints by name."""
+        self._model: Any = model
+        self._others = tuple(joint for joint in limits if joint not in self.limits)
+
+    def plan(self, request: MotionRequest) -> Motion:
+        """Plan a motion that touches nothing, within the limits of velocity, acceleration and jerk.
+
+        Raises:
+            PlanningError: The start or all goals are not possible, or no motion was found in time.
+        """
+        return self._within(request.constraints, request.start)._plan(request)
+
+    def _plan(self, request: MotionRequest) -> Motion:
+        begun_s = request.remaining_s()
+        limits = scaled(tuple(self.limits.values()), request.scaling.velocity, request.scaling.acceleration)
+        arm = self._arm(request.start)
+        start = self._inside(request.start)
+        collisions = self._collisions(arm, request.scene, request.constraints, request.start)
+        goals = self._goals(request.start, request.seed).positions(request.goals, start, collisions, request.margins)
+        goals = _kept(goals, collisions)
+        asked = PathRequest(start, tuple(goals), request.planner_id, request.margins, request.seed)
+        plan = plan_path(arm, collisions, asked, request.remaining_s, request.searches)
+        found_s = request.remaining_s()
+        path = timed(plan.points, limits, collisions, plan.margins)
+        return self._motion(path, request.start, begun_s - found_s, found_s - request.remaining_s())
+
+    def straight(self, request: LineRequest) -> LineMotion:
+        """Move a link straight from waypoint to waypoint, as far as possible.
+
+        Raises:
+            PlanningError: A waypoint or the start is invalid, or the link does not exist.
+        """
+        return self._within(request.constraints, request.start)._straight(request)
+
+    def _straight(self, request: LineRequest) -> LineMotion:
+        limits = scaled(tuple(self.limits.values()), request.scaling.velocity, request.scaling.acceleration)
+        arm, chain = self._arm(request.start), self.chain(request.link, request.start)
+        scene = request.scene if request.avoid_collisions else Scene(allowed=arm.everything())
+        start = self._inside(request.start)
+        collisions = self._collisions(arm, scene, request.constraints, request.start)
+        own = self._indices(chain)
+
+        def whole(positions: FloatArray) -> FloatArray:
+            full = start.copy()
+            full[own] = positions
+            return full
+
+        margins = request.margins.within(max(collisions.clearance(start).distance_m, CONTACT_M))
+        checks = Checks(
+            lambda one: _text(collisions.contact(whole(one), margins.padding_m)),
+            lambda one, other: _text(collisions.edge_contact(whole(one), whole(other), margins)),
+        )
+        found = tool_path(chain, start[own], request.waypoints, request.steps, checks)
+        if len(found.positions) < 2:
+            return LineMotion(None, found.fraction, found.reason)
+        points = thinned(np.array([whole(one) for one in found.positions]), collisions.levers_m, THINNING_M)
+        path = timed(points, limits, collisions, margins)
+        smooth = timed_smoothly(points, limits, collisions, margins)
+        if smooth is not None and smooth.duration_s < SLOWER * path.duration_s:
+            path = smooth
+        return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
+
+    def inverse(
+        self, goal: ToolGoal, state: State, scene: Scene | None = None, margins: Margins = MARGINS, seed: int = 1
+    ) -> State:
+        """Return a state in which a link is at a pose, near the given state if possible.
+
+        Args:
+            goal: Link and region of poses.
+            state: Positions of all driven joints. The joints of other groups stay there.
+            scene: Scene in which the state touches nothing; None: contacts do not matter.
+            margins: Distances that the state keeps if it can.
+            seed: Seed of all random numbers.
+
+        Raises:
+            UnreachableError: The pose cannot be reached. The error has the nearest pose.
+            CollidingError: The pose can be reached only in contact.
+            PlanningError: The link does not exist.
+        """
+        checks = None if scene is None else (Collisions(self._arm(state), scene), margins)
+        chain = self.chain(goal.link, state, goal.offset_m)
+        found = self._goals(state, seed).of_pose(chain, goal.goal, self._inside(state), checks)
+        return with_positions(state, self.joints, found[0])
+
+    def clearance(self, state: State, scene: Scene) -> Clearance:
+        """Return the smallest distance of the links that the group moves, to the robot itself and to all objects."""
+        return Collisions(self._arm(state), scene).clearance(np.array(positions_of(state, self.joints)))
+
+    def future_contact(
+        self, path: TimedPath, from_s: float, state: State, scene: Scene, margins: Margins = NEAR
+    ) -> FutureContact | None:
+        """Return the first contact of the rest of a motion of this group, or None.
+
+        Args:
+            path: The motion.
+            from_s: Time since the start of the motion from which it is checked, in seconds.
+            state: Positions of all driven joints, for those of other groups.
+            scene: The scene as it is now.
+            margins: Distances that count as a contact.
+        """
+        collisions = Collisions(self._arm(state), scene)
+        times_s, points = path.since(from_s)
+        if collisions.path_contact(list(thinned(points, collisions.levers_m, ROUNDING_M)), margins) is None:
+            return None
+        contact = collisions.path_contact(list(points), margins)
+        if contact is None:
+            return None
+        index = min(int(contact.part), len(times_s) - 2)
+        at_s = times_s[index] + (contact.part - index) * (times_s[index + 1] - times_s[index])
+        return FutureContact(float(at_s), *contact.pair)
+
+    def chain(self, link: str | None, state: State, offset_m: Sequence[float] = (0.0, 0.0, 0.0)) -> Chain:
+        """Return the kinematics of a link or site, in the robot's frame, with the joints of the group that move it.
+
+        Args:
+            link: Link or site; the tip of the group if None.
+            state: Positions of all driven joints, for those of other groups.
+            offset_m: Point of the link that counts as its origin (3,), in m.
+
+        Raises:
+            PlanningError: The link does not exist, or the group does not move it.
+        """
+        name = link or self.group.tip
+        if name is None:
+            raise PlanningError("INVALID_LINK_NAME", f"the group {self.group.name} has no tip: name a link")
+        moving = moved_by(self._model, tuple(self.joints), name)
+        if not moving:
+            raise PlanningError(
+                "INVALID_LINK_NAME", f"no joint of the group {self.group.name} moves {name}: choose another link"
+            )
+        others = {joint: at for joint, at in state.items() if joint not in moving}
+        chain = Chain(self._model, {joint: self.limits[joint] for joint in moving}, name, others=others)
+        return chain.at_point(offset_m) if any(offset_m) else chain
+
+    def _indices(self, chain: Chain) -> list[int]:
+        return [self.joints.index(name) for name in chain.names]
+
+    def _within(self, constraints: PathConstraints, start: State) -> "GroupPlanner":
+        """Return a planner whose limits are those of the path constraints. Raises PlanningError."""
+        if not constraints.joints:
+            return self
+        if text := constraints.broken_range(start):
+            raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the joint there first")
+        narrowed = copy(self)
+        narrowed.limits = constraints.limits(self.limits)
+        return narrowed
+
+    def _collisions(self, arm: ArmModel, scene: Scene, constraints: PathConstraints, start: State) -> Collisions:
+        """Return the checks of a request. Raises PlanningError if the start breaks a constraint."""
+        if not constraints.regions:
+            return Collisions(arm, scene)
+        regions = []
+        for region in constraints.regions:
+            chain = self.chain(region.link, start, region.offset_m)
+            regions.append(Region(chain, region.goal, self._indices(chain)))
+        collisions = ConstrainedCollisions(arm, scene, regions)
+        if text := collisions.broken_region(self._inside(start)):
+            raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the link there first")
+        return collisions
+
+    def _arm(self, state: State) -> ArmModel:
+        arm = ArmModel(self._model, self.limits)
+        arm.set_others({joint: state[joint] for joint in self._others})
+        return arm
+
+    def _goals(self, state: State, seed: int) -> GroupGoals:
+        lower = np.array([limit.lower for limit in self.limits.values()])
+        upper = np.array([limit.upper for limit in self.limits.values()])
+        return GroupGoals(self.joints, (lower, upper), lambda link, offset: self.chain(link, state, offset), seed)
+
+    def _inside(self, state: State) -> FloatArray:
+        """Return positions in joint order (n,). A joint slightly outside its limits counts as at its limit."""
+        return np.array(
+            [
+                at if far_outside(at, limit) else min(max(at, limit.lower), limit.upper)
+                for at, limit in zip(positions_of(state, self.joints), self.limits.values(), strict=True)
+            ]
+        )
+
+    def _motion(self, path: TimedPath, start: State, search_s: float, timing_s: float) -> Motion:
+        return Motion(self.joints, path, with_positions(start, self.joints, path.positions[-1]), search_s, timing_s)
+
+
+def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:
+    """Return the goals (n,) that keep the constraints. Raises PlanningError if none does."""
+    if not isinstance(collisions, ConstrainedCollisions):
+        return list(goals)
+    texts = [collisions.broken_region(goal) for goal in goals]
+    kept = [goal for goal, text in zip(goals, texts, strict=True) if not text]
+    if not kept:
+        raise PlanningError("GOAL_VIOLATES_PATH_CONSTRAINTS", f"goal: {texts[0]}: move the goal, or widen it")
+    return kept
+
+
+def _text(contact: tuple[float, tuple[str, str]] | None) -> str:
+    return "" if contact is None else f"{contact[1][0]} comes too near to {contact[1][1]}"

@@ -1,0 +1,58 @@
+"""Read meshes from STL and OBJ files with MuJoCo."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from hal.types import FloatArray
+from planning.errors import PlanningError
+from planning.scene import Mesh
+
+KINDS: Final = (".stl", ".obj")
+"""Kinds of files that MuJoCo reads."""
+
+
+class MeshFileError(PlanningError):
+    """A mesh file cannot be read."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__("INVALID_OBJECT_NAME", message)
+
+
+def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
+    """Read a mesh.
+
+    Args:
+        path: Binary STL or OBJ file, in m.
+        scale: Factor of all lengths, such as 0.001 for a file in mm.
+
+    Raises:
+        MeshFileError: The file cannot be read, or has no triangles.
+    """
+    if path.suffix.lower() not in KINDS:
+        raise MeshFileError(f"{path} is neither an STL nor an OBJ file: convert the mesh to one of them")
+    if not path.is_file():
+        raise MeshFileError(f"there is no mesh file {path}: correct the path")
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", file=str(path.resolve()), scale=[scale] * 3)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise MeshFileError(f"{path} is no mesh with a volume: {_reason(error)}; save it as a binary STL") from error
+    return Mesh(_original(model), np.array(model.mesh_face, dtype=np.int64))
+
+
+def _reason(error: ValueError) -> str:
+    """Return the first line of a message of MuJoCo, without the names of its elements."""
+    return str(error).splitlines()[0].removeprefix("Error: ").rstrip(".")
+
+
+def _original(model: Any) -> FloatArray:
+    """Return the vertices (v, 3) in the frame of the file. MuJoCo moves them to the center of mass."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, model.mesh_quat[0])
+    vertices: FloatArray = np.array(model.mesh_vert, dtype=float) @ matrix.reshape(3, 3).T + model.mesh_pos[0]
+    return vertices

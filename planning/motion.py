@@ -1,0 +1,171 @@
+"""Requests for motions of a group of joints, and their results."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from hal.types import FloatArray
+from planning.collision import Margins
+from planning.constraints import PathConstraints
+from planning.errors import PlanningError
+from planning.kinematics.cartesian import Steps
+from planning.kinematics.chain import ToolPose
+from planning.kinematics.goals import PoseGoal
+from planning.paths.request import Remaining
+from planning.paths.timing import TimedPath
+from planning.scene import Scene
+
+State = Mapping[str, float]
+"""Positions of all driven joints of a robot by name, in rad or m."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointGoal:
+    """Positions of some joints of a group. The other joints of the group keep their positions of the start."""
+
+    positions: Mapping[str, float]
+    """Positions by joint, in rad or m."""
+    tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Largest deviation below and above the position by joint, in rad or m. Joints without one have no tolerance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolGoal:
+    """A region of poses for a link, in the robot's frame."""
+
+    goal: PoseGoal
+    link: str | None = None
+    """Link or site that is brought to the pose; the tip of the group if None."""
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Point of the link that is brought to the position, in the frame of the link, in m."""
+
+
+Goal = JointGoal | ToolGoal
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """MoveIt's scaling factors of a motion, above 0 and at most 1."""
+
+    velocity: float = 1.0
+    acceleration: float = 1.0
+    """Factor of the accelerations and of the jerks."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionRequest:
+    """A motion from a state to the nearest of several goals."""
+
+    start: State
+    goals: Sequence[Goal]
+    scene: Scene
+    remaining_s: Remaining
+    """Returns the time that is left for planning, in seconds."""
+    constraints: PathConstraints = field(default_factory=PathConstraints)
+    """Constraints that the motion keeps."""
+    planner_id: str = ""
+    """MoveIt's planner id; RRT-Connect by default."""
+    searches: int = 2
+    """Maximum number of searches, of which the shortest path counts."""
+    scaling: Scaling = field(default_factory=Scaling)
+    margins: Margins = field(default_factory=Margins)
+    """Distances that the motion keeps from obstacles."""
+    seed: int = 1
+    """Seed of all random numbers, at least 1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineRequest:
+    """A straight motion of a link from waypoint to waypoint."""
+
+    start: State
+    waypoints: Sequence[ToolPose]
+    """Poses of the link after the start, in the robot's frame."""
+    scene: Scene
+    link: str | None = None
+    """Link or site that moves along the line; the tip of the group if None."""
+    steps: Steps = field(default_factory=Steps)
+    scaling: Scaling = field(default_factory=Scaling)
+    margins: Margins = field(default_factory=Margins)
+    avoid_collisions: bool = True
+    constraints: PathConstraints = field(default_factory=PathConstraints)
+    """Constraints that the motion keeps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A timed motion of a group."""
+
+    joints: tuple[str, ...]
+    """Names of the joints (n), in the order of the path."""
+    path: TimedPath
+    """Times, positions, velocities and accelerations."""
+    end: State
+    """Positions of all driven joints at the end."""
+    search_s: float = 0.0
+    """Time spent on inverse kinematics and the search, in seconds."""
+    timing_s: float = 0.0
+    """Time spent on the times along the path, in seconds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineMotion:
+    """A straight motion, which may end early."""
+
+    motion: Motion | None
+    """The motion up to the point where it ends; None if not even the first step is possible."""
+    fraction: float
+    """Share of the waypoints' path that was reached, from 0 to 1."""
+    reason: str = ""
+    """Why the motion ends early; empty if it does not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """Two links or objects that are in contact."""
+
+    one: str
+    other: str
+    distance_m: float
+    """Distance in m; not positive in contact, and then not a depth."""
+
+
+@dataclass(frozen=True, slots=True)
+class Validity:
+    """Check of one state."""
+
+    touches: tuple[Touch, ...]
+    """Pairs in contact, nearest first."""
+    outside: str
+    """Description of the first joint outside its limits; empty if all are inside."""
+    clearance_m: float
+    """Smallest distance, in m; infinite if nothing can touch."""
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether the state is inside the limits and touches nothing."""
+        return not self.touches and not self.outside
+
+
+@dataclass(frozen=True, slots=True)
+class FutureContact:
+    """Place at which a timed motion comes too near to something."""
+
+    time_s: float
+    """Time since the start of the motion, in seconds."""
+    one: str
+    other: str
+
+
+def no_goal() -> PlanningError:
+    """Return the error of a request without goals."""
+    return PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: give positions of joints or a pose")
+
+
+def positions_of(state: State, joints: Sequence[str]) -> list[float]:
+    """Return the positions of joints (n) in a state."""
+    return [state[joint] for joint in joints]
+
+
+def with_positions(state: State, joints: Sequence[str], positions: FloatArray) -> dict[str, float]:
+    """Return a state with other positions (n,) of some joints."""
+    return {**state, **dict(zip(joints, positions.tolist(), strict=True))}

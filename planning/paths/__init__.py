@@ -1,0 +1,1 @@
+"""Search for paths, shortcuts, and times along a path."""

@@ -1,0 +1,86 @@
+"""A path whose corners are rounded where the scene leaves room.
+
+The path consists of straight lines and blends. A blend replaces a corner: over a length h before and after the corner,
+the direction turns from the one line to the other as 3x² - 2x³. The curvature therefore begins and ends at 0.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.collision import Collisions
+from planning.paths.margins import PathMargins
+
+SHARE: Final = 0.45
+"""Largest share of a line that a blend at one of its ends replaces."""
+HALVINGS: Final = 4
+"""Number of times a blend that touches something is halved before the path keeps its corner."""
+CHORDS: Final = 16
+"""Number of straight edges that stand for a blend in the check."""
+TURN: Final = 1.5
+"""Largest slope of the turn 3x² - 2x³."""
+SAG: Final = 0.15
+"""Largest distance of a spline from its chord, as a share of its curvature and the squared length of the chord."""
+SAME_RAD: Final = 1e-9
+"""Distance below which two points are the same, in rad or m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Corner:
+    """The place between two lines of a path. ``half`` is 0 if the path keeps its corner and stops there."""
+
+    point: FloatArray
+    """The corner (n,)."""
+    before: FloatArray
+    """Direction of the line before it, of length 1 (n,)."""
+    after: FloatArray
+    """Direction of the line after it, of length 1 (n,)."""
+    half: float
+    """Length of the lines that the blend replaces on each side, in rad."""
+
+    def sag(self, length: float) -> FloatArray:
+        """Return how far each joint (n,) can be from a chord of this length on the blend, in rad or m.
+
+        A curve of curvature k is at most k s²/8 from a chord of length s, and a cubic spline through its ends that has
+        the same directions there is at most 0.15 k s² from it.
+        """
+        return SAG * length**2 * TURN / (2.0 * self.half) * np.abs(self.after - self.before)
+
+    def at(self, along: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return position, direction and curvature (n,) at a length from the begin of the blend, in rad."""
+        x = along / (2.0 * self.half)
+        turned, bent = 3.0 * x**2 - 2.0 * x**3, (6.0 * x - 6.0 * x**2) / (2.0 * self.half)
+        moved = 2.0 * self.half * (x**3 - 0.5 * x**4)
+        turn = self.after - self.before
+        position = self.point + self.before * (along - self.half) + turn * moved
+        return position, self.before + turn * turned, turn * bent
+
+
+def distinct(path: FloatArray) -> FloatArray:
+    """Return a path (m, n) without points that repeat the point before them."""
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    return path[np.concatenate(([True], steps > SAME_RAD))]
+
+
+def blended(path: FloatArray, collisions: Collisions, margins: PathMargins) -> tuple[Corner, ...]:
+    """Return the inner corners of a path (m, n), each with the longest blend that touches nothing."""
+    lines = np.diff(path, axis=0)
+    lengths = np.linalg.norm(lines, axis=1)
+    directions = lines / lengths[:, None]
+    corners = []
+    for i in range(1, len(path) - 1):
+        half = SHARE * float(min(lengths[i - 1], lengths[i]))
+        corners.append(_blend(Corner(path[i], directions[i - 1], directions[i], half), collisions, margins))
+    return tuple(corners)
+
+
+def _blend(corner: Corner, collisions: Collisions, margins: PathMargins) -> Corner:
+    for _ in range(HALVINGS):
+        points = [corner.at(along)[0] for along in np.linspace(0.0, 2.0 * corner.half, CHORDS + 1)]
+        sag_m = collisions.deviation_m(corner.sag(2.0 * corner.half / CHORDS))
+        if margins.contact(collisions, points, np.full(CHORDS, sag_m)) is None:
+            return corner
+        corner = Corner(corner.point, corner.before, corner.after, corner.half / 2.0)
+    return Corner(corner.point, corner.before, corner.after, 0.0)

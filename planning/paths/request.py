@@ -1,0 +1,92 @@
+"""A request for a path, and the checks of its start and its goals."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray, JointLimits, far_outside
+from planning.arm_model import ArmModel
+from planning.collision import CONTACT_M, Collisions, Margins
+from planning.errors import Code, PlanningError
+
+Remaining = Callable[[], float]
+"""Function that returns the time that is left, in seconds. The package has no clock of its own."""
+AROUND: Final = np.pi
+"""Distance beyond the start and the goals up to which a continuous joint is searched, in rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathRequest:
+    """A search for a path from one pose to the nearest of several others. All arrays are in joint order (n,)."""
+
+    start: FloatArray
+    """Positions at the start (n,), in rad or m."""
+    goals: tuple[FloatArray, ...]
+    """Positions of which the path reaches one, each (n,)."""
+    planner_id: str = ""
+    """MoveIt's planner id, such as RRTConnectkConfigDefault; RRT-Connect by default."""
+    margins: Margins = field(default_factory=Margins)
+    seed: int = 1
+    """Seed of all random numbers, at least 1."""
+
+
+def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> PathRequest:
+    """Return a request with its possible goals only, and with margins that its ends have.
+
+    A start or a goal nearer to something than the padding reduces the padding to its clearance.
+
+    Raises:
+        PlanningError: The start or every goal is outside the limits or in contact, or there is no goal.
+    """
+    if not request.goals:
+        raise PlanningError("INVALID_GOAL_CONSTRAINTS", "the request has no goal: give at least one pose of the joints")
+    for name, position, limit in zip(arm.joints, request.start, arm.limits, strict=True):
+        if not np.isfinite(position) or (wrong := far_outside(float(position), limit)):
+            text = f"start: {name} {wrong}" if np.isfinite(position) else f"start: {name} is at {position}"
+            raise PlanningError("START_STATE_INVALID", f"{text}: move the joint inside its limits first")
+    start_m = _clearance_m(collisions, request.start, "START_STATE_IN_COLLISION", "the start")
+    within, outside = _inside(arm, request)
+    if not within:
+        raise PlanningError("INVALID_GOAL_CONSTRAINTS", f"goal: {outside}")
+    distances = [collisions.clearance(goal).distance_m for goal in within]
+    if max(distances) < CONTACT_M:
+        _clearance_m(collisions, within[int(np.argmax(distances))], "GOAL_IN_COLLISION", "the goal")
+    margins = request.margins.within(min(start_m, max(distances)))
+    goals = [goal for goal, distance_m in zip(within, distances, strict=True) if distance_m >= margins.padding_m]
+    return PathRequest(request.start, tuple(goals), request.planner_id, margins, request.seed)
+
+
+def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper ends (n,) of the search. They are finite and include the start and the goals."""
+    points = np.array([request.start, *request.goals])
+    lower = np.where(np.isfinite(arm.lower), arm.lower, points.min(axis=0) - AROUND)
+    upper = np.where(np.isfinite(arm.upper), arm.upper, points.max(axis=0) + AROUND)
+    return np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
+
+
+def _inside(arm: ArmModel, request: PathRequest) -> tuple[list[FloatArray], str]:
+    """Return the goals inside the limits, and what is wrong with one of the others."""
+    within, wrong = list[FloatArray](), ""
+    for goal in request.goals:
+        if outside := arm.outside(goal):
+            wrong = outside
+        else:
+            within.append(_nearest_turn(np.asarray(goal, dtype=float), request.start, arm.limits))
+    return within, wrong
+
+
+def _nearest_turn(goal: FloatArray, start: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
+    """Return the goal with whole turns added to continuous joints, so that they are nearest to the start."""
+    turns = np.round((start - goal) / (2.0 * np.pi)) * 2.0 * np.pi
+    continuous = np.array([not np.isfinite(limit.upper) and not np.isfinite(limit.lower) for limit in limits])
+    return np.where(continuous, goal + turns, goal)
+
+
+def _clearance_m(collisions: Collisions, positions: FloatArray, code: Code, place: str) -> float:
+    clearance = collisions.clearance(positions)
+    if clearance.distance_m < CONTACT_M:
+        one, other = clearance.pair
+        raise PlanningError(code, f"in {place}, {one} touches {other}: move them apart, or allow them to touch")
+    return clearance.distance_m

@@ -1,0 +1,186 @@
+"""Search for paths without contact, with OMPL.
+
+OMPL's random generator is global in a process. Every attempt starts it anew with a seed from the request, so requests
+that follow each other do not influence each other. Two requests at the same time in one process would: a caller with
+several threads runs one search at a time.
+
+At exit, OMPL's Python module prints its objects that are still alive. The callbacks here keep no reference to OMPL's
+objects, so none of a search is alive. A program that called gc.freeze() would keep OMPL's types alive, because the
+last collection leaves them out. gc.unfreeze() at exit ends that.
+"""
+
+import atexit
+import gc
+from collections.abc import Iterator
+from itertools import count
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from ompl import base, geometric, util
+
+from hal.types import FloatArray
+from planning.arm_model import ArmModel
+from planning.collision import Collisions, Margins
+from planning.errors import PlanningError
+from planning.paths.request import PathRequest, Remaining, bounds, checked
+from planning.paths.roadmap import roadmap_path
+
+atexit.register(gc.unfreeze)
+
+PLANNERS: Final = {
+    "rrtconnect": geometric.RRTConnect,
+    "rrtstar": geometric.RRTstar,
+    "kpiece": geometric.KPIECE1,
+    "bkpiece": geometric.BKPIECE1,
+    "lbkpiece": geometric.LBKPIECE1,
+}
+"""Planners of OMPL by the stem of MoveIt's planner ids, in lower case."""
+PRM: Final = "prm"
+"""Stem of the ids of the planner in planning/paths/roadmap.py."""
+DEFAULT: Final = "rrtconnect"
+NARROW: Final = "lbkpiece"
+"""Planner of every second attempt with the default planner."""
+RANGES_RAD: Final = (1.0, 0.5, 2.0)
+"""Longest edges that a search adds, one for each attempt in turn, in rad (m for a slide)."""
+EDGES: Final = 150
+"""Maximum number of edges that the first attempt checks. Later attempts check more."""
+IMPROVING_EDGES: Final = 5_000
+"""Number of edges that RRTstar checks, even if it has a path already."""
+GROWTH: Final = 1.5
+"""Factor by which the number of edges grows with each attempt."""
+BUSY_RATE: Final = 10
+"""Number of calls of the termination condition between two looks at the time."""
+
+
+class Attempt(NamedTuple):
+    """One run of a planner."""
+
+    planner: str
+    range_rad: float
+    edges: int
+    """Maximum number of edges to check."""
+    seed: int
+
+
+def planner_stem(planner_id: str) -> str | None:
+    """Return ``PRM`` or the key of ``PLANNERS`` for MoveIt's planner id, or None if the planner does not exist here.
+
+    MoveIt uses its default planner for an unknown id, and ``find_path`` does the same. EST is not in OMPL's wheel.
+    """
+    stem = planner_id.rpartition("::")[2].removesuffix("kConfigDefault").lower()
+    stem = {"": DEFAULT, "kpiece1": "kpiece", "bkpiece1": "bkpiece", "lbkpiece1": "lbkpiece"}.get(stem, stem)
+    return stem if stem == PRM or stem in PLANNERS else None
+
+
+def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
+    """Search for a path from the start to one of the goals.
+
+    The same request with the same scene gives the same path if the time suffices. RRTstar improves its path until it
+    has checked ``IMPROVING_EDGES`` edges, or until the time ends.
+
+    Args:
+        arm: The arm.
+        collisions: Checks of the arm in the scene.
+        request: Start, goals, margins, planner and seed.
+        remaining_s: Returns the time that is left, in seconds.
+
+    Returns:
+        Points of the path (m, n), in rad or m. Every edge between them is free.
+
+    Raises:
+        PlanningError: The start or the goals are not possible, or no path was found in time.
+    """
+    return path_of_checked(arm, collisions, checked(arm, collisions, request), remaining_s)
+
+
+def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
+    """Search as ``find_path`` does, for a request that has been checked."""
+    stem = planner_stem(request.planner_id) or DEFAULT
+    for goal in request.goals:
+        if collisions.edge_contact(request.start, goal, request.margins) is None:
+            return np.array([request.start, goal])
+    for attempt in _attempts(stem, request.seed):
+        if remaining_s() <= 0.0:
+            break
+        if (path := _run(arm, collisions, request, attempt, remaining_s)) is not None:
+            return path
+    raise PlanningError(
+        "TIMED_OUT", f"no path within the planning time with {stem}: allow more time, or move the obstacles apart"
+    )
+
+
+def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
+    """Yield attempts without end. Every second one uses another planner, which is better in narrow passages."""
+    for number in count():
+        planner = stem if number % 2 == 0 else NARROW if stem == DEFAULT else DEFAULT
+        edges = IMPROVING_EDGES if planner == "rrtstar" else int(EDGES * GROWTH**number)
+        yield Attempt(planner, RANGES_RAD[number // 2 % 3], edges, (seed * 1009 + number) % (2**31 - 1) + 1)
+
+
+class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
+    """Check of OMPL's edges. It must not refer to OMPL's objects."""
+
+    def __init__(self, space: Any, collisions: Collisions, joints: int, margins: Margins) -> None:
+        super().__init__(space)
+        self.checked = 0
+        self._collisions, self._joints, self._margins = collisions, range(joints), margins
+
+    def checkMotion(self, one: Any, other: Any) -> bool:
+        self.checked += 1
+        start, end = (np.array([state[i] for i in self._joints]) for state in (one, other))
+        return self._collisions.edge_contact(start, end, self._margins) is None
+
+
+def _run(
+    arm: ArmModel, collisions: Collisions, request: PathRequest, attempt: Attempt, remaining_s: Remaining
+) -> FloatArray | None:
+    if attempt.planner == PRM:
+        return roadmap_path(collisions, request, bounds(arm, request), attempt.seed, remaining_s)
+    util.noOutputHandler()
+    util.RNG.setSeed(attempt.seed)
+    joints = range(len(arm.joints))
+    space = base.RealVectorStateSpace(len(joints))
+    ends = base.RealVectorBounds(len(joints))
+    for i, lower, upper in zip(joints, *bounds(arm, request), strict=True):
+        ends.setLow(i, float(lower))
+        ends.setHigh(i, float(upper))
+    space.setBounds(ends)
+    padding_m = request.margins.padding_m
+    information = base.SpaceInformation(space)
+    information.setStateValidityChecker(
+        lambda state: collisions.is_clear(np.array([state[i] for i in joints]), padding_m)
+    )
+    edges = _Edges(information, collisions, len(joints), request.margins)
+    information.setMotionValidator(edges)
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    problem.addStartState(_state(space, request.start))
+    target = base.GoalStates(information)
+    for goal in request.goals:
+        target.addState(_state(space, goal))
+    problem.setGoal(target)
+    planner = PLANNERS[attempt.planner](information)
+    if hasattr(planner, "setRange"):
+        planner.setRange(attempt.range_rad)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(_condition(edges, attempt, remaining_s))
+    if not problem.hasExactSolution():
+        return None
+    return np.array([[state[i] for i in joints] for state in problem.getSolutionPath().getStates()])
+
+
+def _condition(edges: _Edges, attempt: Attempt, remaining_s: Remaining) -> Any:
+    calls = count(1)
+
+    def ends() -> bool:
+        return edges.checked >= attempt.edges or (next(calls) % BUSY_RATE == 0 and remaining_s() <= 0.0)
+
+    return base.PlannerTerminationCondition(ends)
+
+
+def _state(space: Any, positions: FloatArray) -> Any:
+    state = space.allocState()
+    for i, position in enumerate(positions):
+        state[i] = float(position)
+    return state

@@ -1,0 +1,85 @@
+"""Plans of a running arm, from its measured state."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from hal.types import JointLimits
+from servoloop.api.backend import ArmState
+from servoloop.api.errors import ArmInputError, PlanFailedError
+from servoloop.api.planning.arm_scene import ArmScene, plan_errors
+from servoloop.api.planning.motion_planner import MotionPlanner
+from servoloop.api.planning.pose import ArmPose
+from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
+
+MOVED: Final = 0.01
+"""Distance of a joint from the start of a plan above which the plan is refused, as a share of the joint's range."""
+
+
+class ArmPlanner:
+    """Plans motions of a running arm around the obstacles of its scene."""
+
+    def __init__(self, arm: str, limits: Mapping[str, JointLimits], state: Callable[[], ArmState]) -> None:
+        """Read the files of an arm.
+
+        Args:
+            arm: Name or folder of the arm.
+            limits: Limits of the joints by name.
+            state: Returns the newest state of the arm.
+
+        Raises:
+            ArmSetupError: The extra ``planning`` is not installed, or the files of the arm are invalid.
+            PlanFailedError: The scene file does not have a joint or the tool.
+        """
+        with plan_errors():
+            self._planner = MotionPlanner(arm)
+        self._limits, self._state = limits, state
+        self.scene = ArmScene(self._planner, self.position)
+
+    def position(self) -> Mapping[str, float]:
+        """Return the measured positions of all joints. Raises ArmInputError if one is not known."""
+        state = self._state()
+        for joint, position in state.position.items():
+            if not math.isfinite(position):
+                raise ArmInputError(
+                    f"{joint} has not answered yet, so its position is not known: check its servo", joint
+                )
+        return state.position
+
+    def pose(self, tool: str | None) -> ArmPose:
+        """Return the measured pose of a tool."""
+        with plan_errors():
+            position_m, quaternion = self._planner.pose(self.position(), tool)
+        return ArmPose(tuple(position_m.tolist()), tuple(quaternion.tolist()), tool=tool)
+
+    def plan(self, goal: Mapping[str, float] | ArmPose, speed: float, time_limit_s: float) -> PlannedTrajectory:
+        """Plan a motion from the measured state to a goal, which may have the position of the gripper as it is now."""
+        start = self.position()
+        if not isinstance(goal, ArmPose):
+            goal = {j: at for j, at in goal.items() if j in self._planner.joints or not self._is_near(j, at, start[j])}
+        with plan_errors():
+            return self._planner.plan(start, goal, speed=speed, time_limit_s=time_limit_s)
+
+    def check(self, trajectory: ArmTrajectory) -> None:
+        """Check that the arm is where a planned trajectory begins, and that nothing is in its way now.
+
+        Raises:
+            PlanFailedError: The arm has moved since, or an obstacle is in the way.
+        """
+        if not isinstance(trajectory, PlannedTrajectory):
+            return
+        now = self.position()
+        for joint, planned in trajectory.start.items():
+            if not self._is_near(joint, now[joint], planned):
+                raise PlanFailedError(
+                    f"{joint} is at {now[joint]:.4f}, but the plan begins at {planned:.4f}: plan again",
+                    joint,
+                    "START_STATE_INVALID",
+                )
+        if text := self._planner.contact(trajectory, now):
+            raise PlanFailedError(f"{text}: plan again", code="INVALID_MOTION_PLAN")
+
+    def _is_near(self, joint: str, one: float, other: float) -> bool:
+        limit = self._limits[joint]
+        room = MOVED * (limit.upper - limit.lower)
+        return abs(one - other) <= (room if math.isfinite(room) else MOVED)

@@ -1,0 +1,155 @@
+"""Obstacles around an arm, and objects that it carries."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from planning.errors import PlanningError
+from planning.mesh_file import read_mesh
+from planning.scene import Box, Cylinder, Pose, Scene, SceneObject, Shape, Sphere
+from planning.scene_file import read_scene_file
+from servoloop.api.errors import PlanFailedError
+from servoloop.api.planning.motion_planner import MotionPlanner
+
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+"""Quaternion of an object that is not rotated."""
+
+
+@contextmanager
+def plan_errors() -> Iterator[None]:
+    """Raise PlanFailedError instead of PlanningError."""
+    try:
+        yield
+    except PlanningError as error:
+        raise PlanFailedError(str(error), code=error.code) from error
+
+
+class ArmScene:
+    """Obstacles around an arm. Lengths are in m, and poses are in the frame of the arm's base.
+
+    At first, the obstacles are the objects of the arm's scene file. All methods raise PlanFailedError for an object
+    without size, or with a pose that is not finite.
+    """
+
+    def __init__(self, planner: MotionPlanner, position: Callable[[], Mapping[str, float]]) -> None:
+        """Change the scene of a planner.
+
+        Args:
+            planner: Planner of the arm.
+            position: Returns the measured positions of all joints.
+        """
+        self._planner, self._position = planner, position
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the obstacles."""
+        scene = self._planner.scene
+        hidden = [
+            name for name in self._planner.objects if name not in scene.removed | {*scene.objects, *scene.attached}
+        ]
+        return (*scene.objects, *hidden)
+
+    @property
+    def attached(self) -> tuple[str, ...]:
+        """Names of the attached objects."""
+        return tuple(self._planner.scene.attached)
+
+    def add_box(
+        self,
+        name: str,
+        size_m: Sequence[float],
+        position_m: Sequence[float],
+        quaternion_xyzw: Sequence[float] = UPRIGHT,
+    ) -> None:
+        """Add a box, or replace the object of this name. ``size_m`` (3,) are its lengths along x, y and z."""
+        x, y, z = (float(length) for length in size_m)
+        self._add(name, Box(x, y, z), position_m, quaternion_xyzw)
+
+    def add_cylinder(
+        self,
+        name: str,
+        height_m: float,
+        radius_m: float,
+        position_m: Sequence[float],
+        quaternion_xyzw: Sequence[float] = UPRIGHT,
+    ) -> None:
+        """Add a cylinder along z, or replace the object of this name. Its position is its center."""
+        self._add(name, Cylinder(height_m, radius_m), position_m, quaternion_xyzw)
+
+    def add_sphere(self, name: str, radius_m: float, position_m: Sequence[float]) -> None:
+        """Add a sphere, or replace the object of this name."""
+        self._add(name, Sphere(radius_m), position_m, UPRIGHT)
+
+    def add_mesh(
+        self,
+        name: str,
+        file: str | Path,
+        position_m: Sequence[float],
+        quaternion_xyzw: Sequence[float] = UPRIGHT,
+        scale: float = 1.0,
+    ) -> None:
+        """Add the convex hull of an STL or OBJ file, or replace the object of this name.
+
+        ``scale`` multiplies all lengths, such as 0.001 for a file in mm.
+        """
+        with plan_errors():
+            mesh = read_mesh(Path(file), scale)
+        self._add(name, mesh, position_m, quaternion_xyzw)
+
+    def load(self, file: str | Path) -> tuple[str, ...]:
+        """Add the objects of a YAML file or of MoveIt's ``.scene`` file, and return their names."""
+        with plan_errors():
+            items, scene = read_scene_file(Path(file)), self._planner.scene
+            for item in items:
+                scene = scene.with_object(SceneObject(item.name, item.shapes, self._origin @ item.pose))
+        self._planner.scene = scene
+        return tuple(item.name for item in items)
+
+    def remove(self, name: str) -> None:
+        """Remove an obstacle or an attached object."""
+        if name not in (*self.names, *self.attached):
+            raise self._unknown(name)
+        self._planner.scene = self._planner.scene.without(name)
+
+    def allow(self, one: str, other: str) -> None:
+        """Let two links or objects touch."""
+        known = (*self.names, *self.attached, *self._planner.links)
+        for name in (one, other):
+            if name not in known:
+                raise PlanFailedError(f"there is no link or object {name}: choose from {', '.join(known)}")
+        self._planner.scene = self._planner.scene.allow(one, other)
+
+    def attach(self, name: str, link: str | None, touch_links: Sequence[str] | None) -> None:
+        """Let an obstacle move with a link from now on."""
+        robot, scene, state = self._planner.robot, self._planner.scene, self._position()
+        if name not in scene.objects:
+            raise self._unknown(name)
+        with plan_errors():
+            carrier = link or self._planner.carrier
+            touching = robot.carried_links(carrier) if touch_links is None else touch_links
+            held = robot.frame_pose(carrier, robot.state(state)).inverse() @ scene.objects[name].pose
+            item = SceneObject(name, scene.objects[name].shapes, held)
+            self._planner.scene = scene.attach(item, carrier, touching)
+
+    def detach(self, name: str) -> None:
+        """Leave an attached object where it is now."""
+        robot, scene = self._planner.robot, self._planner.scene
+        with plan_errors():
+            if name not in scene.attached:
+                scene.detach(name, Pose())  # raises
+            pose = robot.frame_pose(name, robot.state(self._position()), scene)
+            self._planner.scene = scene.detach(name, pose)
+
+    @property
+    def _origin(self) -> Pose:
+        return self._planner.robot.origin
+
+    def _add(self, name: str, shape: Shape, position_m: Sequence[float], quaternion_xyzw: Sequence[float]) -> None:
+        with plan_errors():
+            pose = self._origin @ Pose.from_quaternion(position_m, quaternion_xyzw)
+            scene: Scene = self._planner.scene.with_object(SceneObject(name, ((shape, Pose()),), pose))
+        self._planner.scene = scene
+
+    def _unknown(self, name: str) -> PlanFailedError:
+        known = ", ".join((*self.names, *self.attached)) or "none"
+        return PlanFailedError(f"there is no object {name}; the objects are: {known}", code="INVALID_OBJECT_NAME")

@@ -1,0 +1,174 @@
+"""Plan motions of an arm around the objects of its scene and those of the program."""
+
+import math
+import threading
+import time
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.collision import Clearance, warm_up
+from planning.kinematics.goals import PoseGoal, PositionSphere, checked_pose
+from planning.motion import JointGoal, MotionRequest, Scaling, ToolGoal
+from planning.paths.timing import TimedPath
+from planning.robot import PlanningRobot
+from planning.scene import Scene
+from servoloop.api.errors import ArmInputError
+from servoloop.api.options import ArmOptions, setup_errors
+from servoloop.api.planning.pose import ArmPose
+from servoloop.api.trajectory import ArmTrajectory, PlannedTrajectory
+from servoloop.extras import require_extras
+from servoloop.motion_planning.robot import arm_group, planning_robot
+
+TIME_LIMIT_S: Final = 5.0
+"""Default for the maximum time of a search, in seconds."""
+
+SEARCH: Final = threading.Lock()
+"""Held during a search, because OMPL's random generator is global in the process."""
+
+Positions = Mapping[str, float]
+"""Joint positions by joint name, in rad or m."""
+
+
+class MotionPlanner:
+    """Plans motions of one arm. The same seed, scene and request give the same motion.
+
+    Obstacles are the objects of the arm's scene file, such as its table, and all objects of ``scene``. The planner
+    only computes: ``Arm.follow`` carries out its trajectories.
+    """
+
+    def __init__(self, arm: str, tool: str | None = None, seed: int = 1) -> None:
+        """Read the files of an arm.
+
+        Args:
+            arm: Name or folder of the arm.
+            tool: Link or site of the scene file that a pose goal brings to its pose. None: the tip of the arm's group.
+            seed: Seed of all random numbers, at least 1.
+
+        Raises:
+            ArmSetupError: The files of the arm are invalid, or the extra ``planning`` is not installed.
+            PlanningError: The scene file does not have a joint or the tool.
+        """
+        with setup_errors():
+            require_extras("motion planning", "planning")
+            files = ArmOptions(arm).files()
+            self.robot: PlanningRobot = planning_robot(files)
+            """Groups, kinematics and plans of the robot."""
+            self._group = self.robot.group(arm_group(self.robot, files).name)
+        warm_up()
+        self._tool = self._group.chain(tool, self.robot.rest).tool
+        self._seed = seed
+        self.scene: Scene = self.robot.scene
+        """Objects and pairs that may touch. Assign a changed copy, for example of ``scene.with_object``."""
+        self.joints = self._group.joints
+        """Names of the planned joints."""
+        self.links = self.robot.links
+        """Names of the arm's links, to which objects can be attached."""
+        self.objects = self.robot.objects
+        """Names of the objects of the arm's scene file. ``scene.without(name)`` removes one."""
+
+    @property
+    def tool(self) -> str:
+        """Link or site that a pose goal brings to its pose."""
+        return self._tool
+
+    @property
+    def carrier(self) -> str:
+        """Link to which objects are attached by default: the tip of the arm's group."""
+        return self._group.group.tip or self.links[-1]
+
+    def pose(self, positions: Positions, tool: str | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return the position (3,) in m and the quaternion (4,), x y z w, of the tool in the frame of the base."""
+        state = self._state("the positions", positions)
+        chain = self._group.chain(tool or self._tool, state)
+        pose = chain.pose(np.array([state[joint] for joint in chain.names]))
+        return pose.position_m, pose.quaternion_xyzw
+
+    def clearance(self, positions: Positions) -> Clearance:
+        """Return the smallest distance of the arm to itself and to all objects, and the pair that has it."""
+        return self._group.clearance(self._state("the positions", positions), self.scene)
+
+    def plan(
+        self,
+        start: Positions,
+        goal: Positions | PoseGoal | ArmPose,
+        *,
+        speed: float = 1.0,
+        time_limit_s: float = TIME_LIMIT_S,
+    ) -> PlannedTrajectory:
+        """Plan a motion that touches nothing, within the limits of velocity, acceleration and jerk.
+
+        Args:
+            start: Positions of all planned joints at the start. Other joints, such as the hand's, are placed there
+                for the collision checks.
+            goal: Positions of planned joints, of which the others stay at their start; or a region of tool poses in
+                the frame of the base.
+            speed: Share of the limits, above 0 and at most 1.
+            time_limit_s: Maximum time of the search, in seconds.
+
+        Returns:
+            A trajectory for ``Arm.follow``, which begins and ends at rest.
+
+        Raises:
+            ArmInputError: A joint is unknown or missing, or a position is not finite.
+            PlanningError: The start or the goal is not possible, or no path was found in time. ``code`` is MoveIt's.
+        """
+        end_s, state = time.monotonic() + time_limit_s, self._state("the start", start)
+        request = MotionRequest(
+            start=state,
+            goals=(self._goal(goal),),
+            scene=self.scene,
+            remaining_s=lambda: end_s - time.monotonic(),
+            scaling=Scaling(speed, speed),
+            seed=self._seed,
+        )
+        with SEARCH:
+            path = self._group.plan(request).path
+        return PlannedTrajectory(
+            path.times_s.tolist(),
+            dict(zip(self.joints, path.positions.T.tolist(), strict=True)),
+            dict(zip(self.joints, path.velocities.T.tolist(), strict=True)),
+            state,
+        )
+
+    def contact(self, trajectory: ArmTrajectory, start: Positions) -> str:
+        """Describe what a trajectory of the planned joints touches in ``scene``; empty if it touches nothing.
+
+        Args:
+            trajectory: Points of the planned joints.
+            start: Positions of all joints, for those that the trajectory does not move.
+        """
+        positions = np.array([trajectory.positions[joint] for joint in self.joints]).T
+        path = TimedPath(np.array(trajectory.times_s), positions, np.zeros_like(positions), np.zeros_like(positions))
+        found = self._group.future_contact(path, 0.0, self._state("the start", start), self.scene)
+        return "" if found is None else f"{found.one} comes too near to {found.other} after {found.time_s:.1f} s"
+
+    def _goal(self, goal: Positions | PoseGoal | ArmPose) -> JointGoal | ToolGoal:
+        if isinstance(goal, ArmPose):
+            quaternion = (0.0, 0.0, 0.0, 1.0) if goal.quaternion_xyzw is None else goal.quaternion_xyzw
+            pose = checked_pose(goal.position_m, quaternion)
+            region = PositionSphere(goal.tolerance_m)
+            return ToolGoal(PoseGoal(pose, region, goal.tolerances_rad()), goal.tool or self._tool)
+        if isinstance(goal, PoseGoal):
+            return ToolGoal(goal, self._tool)
+        if unknown := sorted(goal.keys() - set(self.joints)):
+            raise ArmInputError(f"the goal has no planned joint {unknown[0]}: choose one of {', '.join(self.joints)}")
+        _check_finite("the goal", goal)
+        return JointGoal(goal)
+
+    def _state(self, what: str, positions: Positions) -> dict[str, float]:
+        """Return the state of all driven joints, of which the hand's may be left out. Raises ArmInputError."""
+        if missing := [joint for joint in self.joints if joint not in positions]:
+            raise ArmInputError(
+                f"{what} need a position of {missing[0]}: give one for each of {', '.join(self.joints)}"
+            )
+        _check_finite(what, positions)
+        return self.robot.state({**self.robot.rest, **positions})
+
+
+def _check_finite(what: str, positions: Positions) -> None:
+    for joint, position in positions.items():
+        if not math.isfinite(position):
+            raise ArmInputError(f"{what}: {joint} is {position}: use a finite number", joint)

@@ -1,0 +1,31 @@
+"""A pose of the tool of an arm, as the goal of a motion or as a measurement."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPose:
+    """Pose of a tool in the frame of the arm's base, with the tolerances of a goal."""
+
+    position_m: Sequence[float]
+    """Position (3,), in m."""
+    quaternion_xyzw: Sequence[float] | None = None
+    """Orientation (4,), as a unit quaternion; None: any orientation."""
+    tolerance_m: float = 0.005
+    """Maximum distance from the position, in m."""
+    tolerance_rad: float | Sequence[float] = 0.05
+    """Maximum rotation from the orientation, about each axis of the tool or about x, y and z (3,), in rad. From pi on,
+    the rotation about an axis is free, which suits arms with five joints."""
+    tool: str | None = None
+    """Link or site that is brought to the pose; None: the tool of the arm."""
+
+    def tolerances_rad(self) -> tuple[float, float, float]:
+        """Return the tolerance about each axis (3,), in rad."""
+        if self.quaternion_xyzw is None:
+            return (math.pi, math.pi, math.pi)
+        if isinstance(self.tolerance_rad, int | float):
+            return (float(self.tolerance_rad),) * 3
+        x, y, z = (float(value) for value in self.tolerance_rad)
+        return x, y, z

@@ -1,0 +1,102 @@
+"""Read the files of an arm for planning: its scene, limits, groups, named states and pairs that may touch."""
+
+from pathlib import Path
+from typing import Final
+
+from controller.trajectory.joint_trajectory_controller import JointTrajectoryController
+from controller.trajectory.parameters import TrajectoryParameters
+from hal.errors import ArmFileError
+from planning.arm_model import ArmModel
+from planning.errors import PlanningError
+from planning.groups import Group, Groups, States, derive_groups
+from planning.robot import PlanningRobot
+from planning.srdf_file import read_pairs, read_srdf
+from servoloop.manual.poses import Poses
+from servoloop.motion_planning.collision_matrix import reasons
+from servoloop.stack.arm_folders import read_arm
+from servoloop.stack.pick_place import load_pick_place
+from servoloop.stack.robot_files import CONFIG, Files
+from sim_backend.scene.scene_file import scene_spec
+
+NEVER: Final = "Never"
+"""Reason of pairs that touched in no random pose. They are checked all the same, because they may touch in another."""
+POSES: Final = 500
+"""Number of random poses from which the links follow that always touch."""
+SEED: Final = 1
+"""Seed of these poses."""
+
+
+def planning_robot(files: Files) -> PlanningRobot:
+    """Read the files of an arm for planning.
+
+    Groups, end effectors, named states and pairs that may touch come from an SRDF if there is one: the only ``*.srdf``
+    in the folder of the arm, or the one in ``config/moveit`` with the name of the arm. Otherwise the group ``arm`` has
+    the joints of the first trajectory controller, and the group ``hand`` has the others. Their states are the poses of
+    the pick-place job, of the robot file and of ``servoloop pose``.
+
+    Raises:
+        HalError: The files of the arm have mistakes, or it has no trajectory controller.
+        PlanningError: The scene file does not have a joint, or the SRDF has mistakes.
+    """
+    model = scene_spec(files.scene).compile()
+    srdf = srdf_of(files)
+    if srdf is not None:
+        groups, pairs = read_srdf(srdf, files.description), read_pairs(srdf)
+    else:
+        groups, pairs = _derived(files, model), reasons(files.scene, POSES, SEED)
+    touching = [links for links, why in pairs.items() if why != NEVER]
+    return PlanningRobot(model, files.description, files.limits, groups, touching)
+
+
+def srdf_of(files: Files) -> Path | None:
+    """Return the SRDF of an arm, or None if it has none. Raises PlanningError if its folder has several."""
+    own = sorted(files.arm_folder.glob("*.srdf"))
+    if len(own) > 1:
+        names = ", ".join(path.name for path in own)
+        raise PlanningError("INVALID_ROBOT_STATE", f"{files.arm_folder} has several SRDF files: keep one of {names}")
+    shared = CONFIG / "moveit" / f"{files.arm}.srdf"
+    return own[0] if own else shared if shared.is_file() else None
+
+
+def arm_group(robot: PlanningRobot, files: Files) -> Group:
+    """Return the group of the arm's first trajectory controller. Raises ArmFileError."""
+    joints = set(_arm_joints(files))
+    for group in robot.groups.groups.values():
+        if set(group.joints) == joints:
+            return group
+    raise ArmFileError(f"no group of the SRDF has exactly the joints {', '.join(sorted(joints))}: add one")
+
+
+def _derived(files: Files, model: object) -> Groups:
+    joints = _arm_joints(files)
+    arm = ArmModel(model, {joint: files.limits[joint] for joint in joints})
+    bodies = [int(arm.model.jnt_bodyid[joint]) for joint in arm.joint_ids]
+    tool = arm.links[max(arm.bodies.index(body) for body in bodies)]
+    return derive_groups(files.description, tuple(files.limits), tool, _states(files, joints))
+
+
+def _arm_joints(files: Files) -> tuple[str, ...]:
+    """Return the joints of the first trajectory controller. Raises ArmFileError."""
+    for spec in files.controllers.controllers:
+        if isinstance(spec.parameters, TrajectoryParameters):
+            return tuple(spec.parameters.joints)
+    raise ArmFileError(f"{files.controllers.path}: the file has no {JointTrajectoryController.kind}: add one")
+
+
+def _states(files: Files, joints: tuple[str, ...]) -> States:
+    """Return the poses of an arm by name, with the positions of driven joints."""
+    states: dict[str, dict[str, float]] = {}
+    if files.robot.file.park is not None:
+        states["park"] = {joint: files.robot.file.park.pose.get(joint, 0.0) for joint in joints}
+    job_file = read_arm(files.arm_folder).pick_place
+    if job_file.is_file():
+        job, hand = load_pick_place(job_file), [joint for joint in files.limits if joint not in joints]
+        states["ready"] = dict(zip(job.joints, job.poses.ready, strict=True))
+        if len(hand) == 1:
+            states |= {"open": {hand[0]: job.hand_open_m}, "close": {hand[0]: job.hand_closed_m}}
+    if files.folder is not None:
+        states |= {name: dict(pose) for name, pose in Poses(files.folder).all().items()}
+    return {
+        name: {joint: position for joint, position in pose.items() if joint in files.limits}
+        for name, pose in states.items()
+    }

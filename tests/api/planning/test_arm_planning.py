@@ -1,0 +1,123 @@
+"""An arm plans around the objects of its scene, and refuses a plan that no longer fits its state or its scene."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servoloop import Arm, ArmInputError, ArmPose, PlanFailedError
+
+START = {"shoulder_pan": -0.9, "shoulder_lift": 0.3, "elbow_flex": 0.2, "wrist_flex": 0.4, "wrist_roll": 0.0}
+
+
+@pytest.fixture(scope="module")
+def arm() -> Iterator[Arm]:
+    with Arm.simulated("so101", seed=1) as arm:
+        for name in ("cube", "stand", "bin_A", "bin_B", "bin_C"):
+            arm.scene.remove(name)
+        yield arm
+
+
+@pytest.fixture
+def ready(arm: Arm) -> Arm:
+    """Return the arm at its start, on one side of a wall."""
+    if "wall" in arm.scene.names:
+        arm.scene.remove("wall")
+    arm.move_to(START, duration=3.0)
+    arm.scene.add_box("wall", (0.30, 0.02, 0.24), (0.30, 0.0, 0.12))
+    return arm
+
+
+def test_an_arm_moves_around_a_wall_and_back_to_a_pose(ready: Arm) -> None:
+    begin = ready.pose()
+    seen: list[float] = []
+    stop = ready.on_state(lambda state: seen.append(ready.pose().position_m[2]))
+    ready.follow(ready.plan({"shoulder_pan": 0.9}, speed=0.8))
+    assert ready.state.position["shoulder_pan"] == pytest.approx(0.9, abs=0.05)
+    assert max(seen) > begin.position_m[2] + 0.05  # over the wall
+    ready.move_to(pose=ArmPose(begin.position_m), speed=0.8)
+    stop()
+    assert np.linalg.norm(np.subtract(ready.pose().position_m, begin.position_m)) < 0.02
+
+
+def test_a_plan_is_refused_after_the_arm_has_moved(ready: Arm) -> None:
+    plan = ready.plan({"shoulder_pan": -0.6})
+    ready.move_to({"shoulder_lift": 0.1}, duration=1.0)
+    before = ready.state.command
+    with pytest.raises(PlanFailedError, match=r"shoulder_lift is at .*, but the plan begins at .*: plan again"):
+        ready.follow(plan)
+    assert ready.step(3).command == before
+
+
+def test_a_plan_is_refused_after_an_object_came_into_its_way(ready: Arm) -> None:
+    ready.scene.remove("wall")
+    plan = ready.plan({"shoulder_pan": 0.9})
+    ready.scene.add_box("wall", (0.30, 0.02, 0.24), (0.30, 0.0, 0.12))
+    before = ready.state.command
+    with pytest.raises(PlanFailedError, match=r"comes too near to wall after .* s: plan again"):
+        ready.follow(plan)
+    assert ready.step(3).command == before
+
+
+def test_an_attached_object_moves_with_the_hand_and_stays_where_it_is_detached(ready: Arm) -> None:
+    ready.scene.remove("wall")
+    x, y, z = ready.pose().position_m
+    ready.scene.add_sphere("ball", 0.01, (x, y, z))
+    with pytest.raises(PlanFailedError, match="touches ball"):
+        ready.plan({"shoulder_pan": -0.5})
+    ready.attach("ball", touch_links=("wrist_link", "gripper_link", "moving_jaw_so101_v1_link"))
+    assert ready.scene.attached == ("ball",) and "ball" not in ready.scene.names
+    ready.follow(ready.plan({"shoulder_pan": -0.5}, speed=0.8))
+    ready.detach("ball")
+    assert "ball" in ready.scene.names
+    with pytest.raises(PlanFailedError, match="touches ball"):
+        ready.plan({"shoulder_pan": -0.7})
+    ready.scene.remove("ball")
+    ready.scene.add_box("wall", (0.30, 0.02, 0.24), (0.30, 0.0, 0.12))
+
+
+def test_objects_come_from_a_file(ready: Arm, tmp_path: Path) -> None:
+    file = tmp_path / "bench.yaml"
+    file.write_text("objects:\n  lamp: {position_m: [0.0, 0.3, 0.2], cylinder: {height_m: 0.4, radius_m: 0.02}}\n")
+    assert ready.scene.load(file) == ("lamp",)
+    ready.scene.remove("lamp")
+    with pytest.raises(PlanFailedError, match="there is no object lamp; the objects are: "):
+        ready.scene.remove("lamp")
+
+
+def test_bad_input_moves_nothing(ready: Arm) -> None:
+    before = ready.state.command
+    with pytest.raises(PlanFailedError, match="wall") as refused:
+        ready.plan({"shoulder_pan": 0.0})
+    assert refused.value.code == "GOAL_IN_COLLISION"
+    with pytest.raises(PlanFailedError, match="cannot reach the goal: the nearest pose is"):
+        ready.move_to(pose=ArmPose((2.0, 0.0, 0.1)))
+    with pytest.raises(PlanFailedError, match="x of the goal's position is nan"):
+        ready.plan(ArmPose((float("nan"), 0.0, 0.1)))
+    with pytest.raises(PlanFailedError, match="has length 2"):
+        ready.plan(ArmPose((0.2, 0.0, 0.1), (0.0, 0.0, 0.0, 2.0)))
+    with pytest.raises(PlanFailedError, match="no body or site camera"):
+        ready.plan(ArmPose((0.2, 0.0, 0.1), tool="camera"))
+    with pytest.raises(PlanFailedError, match="every length must be positive"):
+        ready.scene.add_box("flat", (0.1, 0.0, 0.1), (0.3, 0.3, 0.1))
+    with pytest.raises(ArmInputError, match="no planned joint gripper"):
+        ready.plan({"gripper": 1.0})
+    with pytest.raises(ArmInputError, match="either a target or a pose"):
+        ready.move_to()
+    assert ready.step(3).command == before
+
+
+def test_without_the_extra_a_plan_names_it() -> None:
+    """The child finds no ompl, as in a base installation."""
+    program = (
+        "import sys; sys.modules['ompl'] = None\n"
+        "from servoloop import Arm, ArmSetupError\n"
+        "with Arm.simulated('so101') as arm:\n"
+        "    try: arm.scene\n"
+        "    except ArmSetupError as error: print(error)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert "motion planning needs" in run.stdout and "planning" in run.stdout, run.stdout
