@@ -31,6 +31,8 @@ LONGEST_TIME_S: Final = 60.0
 """Largest time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
 """Largest number of searches of a request, whatever the number of its attempts."""
+SLOWEST: Final = 1e-3
+"""Smallest scaling factor."""
 IK_POSITION_M: Final = 1e-4
 """Tolerance of the position of an inverse kinematics request, in m."""
 IK_TURN_RAD: Final = 1e-3
@@ -214,10 +216,10 @@ def _steps(request: GetCartesianPath.Request) -> Steps:
 
 
 def _scaling(velocity: float, acceleration: float) -> Scaling:
-    """Return the factors of which those outside (0, 1] stand for 1, as in MoveIt. Raises RequestError for NaN."""
+    """Return the factors of which those outside (0, 1] stand for 1, as in MoveIt. Raises RequestError."""
     for name, value in (("velocity", velocity), ("acceleration", acceleration)):
-        if math.isnan(value):
-            raise RequestError("PLANNING_FAILED", f"the {name} scaling factor is nan: send a number from 0 to 1")
+        if math.isnan(value) or 0.0 < value < SLOWEST:
+            raise RequestError("PLANNING_FAILED", f"the {name} scaling factor is {value}: send {SLOWEST} to 1")
     return Scaling(*(value if 0.0 < value <= 1.0 else 1.0 for value in (velocity, acceleration)))
 
 
