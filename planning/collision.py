@@ -101,7 +101,8 @@ class Collisions:
         self._now = placement(self._chains, self._pairs, joint_positions(arm))
         world = self._pairs.frame < 0
         self._to_world = world[self._pairs.one] | world[self._pairs.other]
-        self._levers_m = planned_levers(self._chains, self._pairs)
+        self.levers_m = planned_levers(self._chains, self._pairs)
+        """Largest motion of any geometry per motion of each joint (n,), in m/rad; 1 for a slide."""
         self.poses_checked = 0
         """Number of poses checked so far."""
 
@@ -161,7 +162,7 @@ class Collisions:
 
     def deviation_m(self, moved: FloatArray) -> float:
         """Return the largest change of a distance if the joints move by ``moved`` (n,), each in rad or m."""
-        return float(np.abs(moved) @ self._levers_m)
+        return float(np.abs(moved) @ self.levers_m)
 
     def _pad(self, padding_m: float) -> float:
         """Set the padding of pairs with objects, and return that of pairs of links."""

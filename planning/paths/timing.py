@@ -58,7 +58,7 @@ class TimedPath:
 
 
 @dataclass(frozen=True, slots=True)
-class _Caps:
+class Caps:
     """Largest speed, acceleration and jerk along a line or blend, in rad/s, rad/s² and rad/s³."""
 
     speed: float
@@ -166,12 +166,12 @@ def _along(
 
 
 def _pieces(
-    corners: Sequence[Corner], speeds: Sequence[float], lengths: Sequence[float], caps: Sequence[_Caps]
+    corners: Sequence[Corner], speeds: Sequence[float], lengths: Sequence[float], caps: Sequence[Caps]
 ) -> list[_Piece]:
     """Return the lines and blends with their times."""
     now_s, pieces = 0.0, list[_Piece]()
     for i, (length, cap) in enumerate(zip(lengths, caps, strict=True)):
-        ramp = _ramp(speeds[i], speeds[i + 1], length, cap)
+        ramp = ramp_of(speeds[i], speeds[i + 1], length, cap)
         pieces.append(_Piece(now_s, ramp.duration, i, ramp))
         now_s += ramp.duration
         if i < len(corners) and corners[i].half > 0.0:
@@ -205,7 +205,7 @@ def _on_blend(corner: Corner, speed: float, since_s: float) -> tuple[FloatArray,
 
 def _lines(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
-) -> tuple[list[tuple[FloatArray, FloatArray]], list[float], list[_Caps]]:
+) -> tuple[list[tuple[FloatArray, FloatArray]], list[float], list[Caps]]:
     """Return the begin and direction of each line between blends, its length and its caps."""
     halves = [0.0, *(corner.half for corner in corners), 0.0]
     lines, lengths, caps = [], [], []
@@ -218,15 +218,15 @@ def _lines(
     return lines, lengths, caps
 
 
-def _caps(direction: FloatArray, limits: Sequence[JointLimits]) -> _Caps:
+def _caps(direction: FloatArray, limits: Sequence[JointLimits]) -> Caps:
     share = np.maximum(np.abs(direction), 1e-12)
     kinds = np.array([[limit.velocity, limit.acceleration, limit.jerk] for limit in limits])
     speed, acceleration, jerk = (kinds / share[:, None]).min(axis=0) * SAFE
-    return _Caps(float(speed), float(acceleration), float(jerk))
+    return Caps(float(speed), float(acceleration), float(jerk))
 
 
 def _speeds(
-    corners: Sequence[Corner], lengths: Sequence[float], caps: Sequence[_Caps], limits: Sequence[JointLimits]
+    corners: Sequence[Corner], lengths: Sequence[float], caps: Sequence[Caps], limits: Sequence[JointLimits]
 ) -> list[float]:
     """Return the speed at the start, at each corner and at the end, such that each line is long enough to change it."""
     speeds = [0.0, *(_blend_speed(corner, caps[i : i + 2], limits) for i, corner in enumerate(corners)), 0.0]
@@ -237,7 +237,7 @@ def _speeds(
     return speeds
 
 
-def _blend_speed(corner: Corner, caps: Sequence[_Caps], limits: Sequence[JointLimits]) -> float:
+def _blend_speed(corner: Corner, caps: Sequence[Caps], limits: Sequence[JointLimits]) -> float:
     """Return the constant speed of a blend."""
     if corner.half == 0.0:
         return 0.0
@@ -248,7 +248,7 @@ def _blend_speed(corner: Corner, caps: Sequence[_Caps], limits: Sequence[JointLi
     return float(min(by_acceleration, by_jerk, *(cap.speed for cap in caps))) * SAFE
 
 
-def _reachable(start: float, end: float, length: float, cap: _Caps) -> float:
+def _reachable(start: float, end: float, length: float, cap: Caps) -> float:
     """Return the highest speed up to ``end`` that can be reached from ``start`` within a length."""
     if end <= start or _change_length(start, end, cap) <= length:
         return end
@@ -259,7 +259,7 @@ def _reachable(start: float, end: float, length: float, cap: _Caps) -> float:
     return low
 
 
-def _change_length(start: float, end: float, cap: _Caps) -> float:
+def _change_length(start: float, end: float, cap: Caps) -> float:
     """Return the length in which the speed changes, with limited acceleration and jerk; 0 acceleration at both ends."""
     change = abs(end - start)
     if change >= cap.acceleration**2 / cap.jerk:
@@ -269,7 +269,7 @@ def _change_length(start: float, end: float, cap: _Caps) -> float:
     return 0.5 * (start + end) * lasts_s
 
 
-def _ramp(start: float, end: float, length: float, cap: _Caps) -> Trajectory:
+def ramp_of(start: float, end: float, length: float, cap: Caps) -> Trajectory:
     """Return ruckig's fastest motion along a line, from one speed to another."""
     task = InputParameter(1)
     task.control_interface = ControlInterface.Position

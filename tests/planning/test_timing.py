@@ -14,6 +14,7 @@ from planning.paths.blends import Corner
 from planning.paths.request import PathRequest
 from planning.paths.search import find_path
 from planning.paths.smoothing import path_length, shortened
+from planning.paths.thinning import thinned
 from planning.paths.timing import PERIOD_S, scaled, timed
 from planning.scene import Pose, Scene, SceneObject, Sphere
 from tests.planning.arms import planar
@@ -150,3 +151,10 @@ def test_neither_a_blend_nor_a_spline_is_farther_from_a_chord_than_its_sag():
         for line in (spline(step, (one, other), (before, after)), curve):
             farthest = np.abs(line - (one + (other - one) * shares)).max(axis=0)
             assert (farthest <= corner.sag(step) + 1e-12).all()
+
+
+def test_points_near_the_lines_between_others_are_removed():
+    path = np.array([[0.0, 0.0], [0.5, 1e-5], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0]])
+    assert thinned(path, np.array([1.0, 1.0]), 1e-4).tolist() == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
+    assert len(thinned(path, np.array([1.0, 100.0]), 1e-4)) == 4
+    assert thinned(np.zeros((3, 2)), np.ones(2), 1e-4).tolist() == [[0.0, 0.0], [0.0, 0.0]]
