@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Final
 
-from moveit_msgs.msg import ConstraintEvalResult, PlannerInterfaceDescription, PlannerParams
+from moveit_msgs.msg import ConstraintEvalResult, Constraints, PlannerInterfaceDescription, PlannerParams
 from moveit_msgs.srv import (
     ApplyPlanningScene,
     GetCartesianPath,
@@ -137,7 +137,7 @@ class QueryServices:
             return response
         response.valid = found.is_valid and not broken
         response.contacts = self._requests.contacts(found, world)
-        if request.constraints.joint_constraints:
+        if request.constraints != Constraints():
             response.constraint_result = [ConstraintEvalResult(result=not broken)]
         return response
 
