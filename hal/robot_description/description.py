@@ -124,6 +124,8 @@ def _check_apart(
     if twice := doubles(component.name for component in components):
         raise DescriptionError(f"two <ros2_control> blocks are named '{twice[0]}' ({places[twice[0]]}): rename one")
     owners = [(joint, component.name) for component in components for joint in component.command_interfaces]
+    if twice := doubles(name for component in components for name in component.sensors):
+        raise DescriptionError(f"two blocks have a <sensor> or <gpio> '{twice[0]}': rename one")
     if twice := doubles(joint for joint, _ in owners):
         last = dict(owners)[twice[0]]
         raise DescriptionError(

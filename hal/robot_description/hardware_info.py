@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element
 from hal.errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
+from hal.robot_description.servo_sensors import SENSORS, SensorInfo, parse_sensors
 from hal.robot_description.transmissions import SimpleTransmission, parse_transmissions
 from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
 from hal.robot_description.xml_places import place
@@ -14,7 +15,6 @@ from hal.robot_description.xml_places import place
 TYPES = ("system", "actuator", "sensor")
 COMMANDS = ("position", "velocity", "effort")
 DRIVEN = ("revolute", "continuous", "prismatic")
-NOT_DRIVEN = "<{}> is not supported, only <joint> is: remove it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +35,8 @@ class HardwareInfo:
     """``min`` and ``max`` by command interface (``joint1/position``)."""
     transmissions: Mapping[str, SimpleTransmission] = field(default_factory=dict)
     """Gears between servos and joints, by joint name."""
+    sensors: Mapping[str, SensorInfo] = field(default_factory=dict)
+    """``<sensor>`` and ``<gpio>`` elements by name."""
     rw_rate: int = 0
     """Rate at which the component is read and written, in Hz; 0 for every cycle."""
 
@@ -51,7 +53,8 @@ class HardwareInfo:
     @property
     def states(self) -> tuple[str, ...]:
         """Names of all state interfaces (``joint1/position``), in the order of the file."""
-        return tuple(f"{joint}/{name}" for joint, own in self.state_interfaces.items() for name in own)
+        sensors = {name: sensor.interfaces for name, sensor in self.sensors.items()}
+        return tuple(f"{joint}/{name}" for joint, own in {**self.state_interfaces, **sensors}.items() for name in own)
 
     def flag(self, name: str) -> bool:
         """Return the value of a boolean ``<param>``; False if it is missing."""
@@ -73,6 +76,7 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
         initial_values={name: value for c in components for name, value in c.initial_values.items()},
         command_ranges={name: found for c in components for name, found in c.command_ranges.items()},
         transmissions={joint: found for c in components for joint, found in c.transmissions.items()},
+        sensors={name: found for c in components for name, found in c.sensors.items()},
     )
 
 
@@ -99,6 +103,7 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
         initial_values=_initial_values(elements),
         command_ranges=_command_ranges(elements),
         transmissions=parse_transmissions(block, elements),
+        sensors=parse_sensors(block, elements),
         rw_rate=_rw_rate(block, block.get("rw_rate", parameters.get("rw_rate", "0"))),
     )
 
@@ -139,9 +144,7 @@ def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) ->
     """Return the ``<joint>`` elements of a block by name. Raises DescriptionError for unsupported elements."""
     elements: dict[str, Element] = {}
     for child in block:
-        if child.tag in ("gpio", "sensor"):
-            raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)} ({place(child)})")
-        if child.tag not in ("hardware", "joint", "transmission"):
+        if child.tag not in ("hardware", "joint", "transmission", *SENSORS):
             raise DescriptionError(
                 f"<ros2_control name='{name}'> has the unknown tag <{child.tag}> ({place(child)}): remove it"
             )

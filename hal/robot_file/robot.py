@@ -35,6 +35,11 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
     problems += [
         f"the robot file has a servo for {name}, but the URDF does not command it: remove it" for name in extra
     ]
+    problems += [
+        f'the sensor {name} ({sensor.place}) has no source: name a joint as <param name="joint">'
+        for name, sensor in component.sensors.items()
+        if not sensor.joint
+    ]
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
