@@ -4,7 +4,7 @@ rclpy, rcl and Fast DDS report a missing or wrong setting with a traceback, or t
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -23,6 +23,8 @@ PACKAGES: Final = (
     "tf2_msgs",
 )
 """Required Python packages: the client library and the message packages of interfaces/."""
+PLANNING_PACKAGES: Final = ("moveit_msgs", "object_recognition_msgs", "octomap_msgs", "shape_msgs")
+"""Further packages that the planning server requires."""
 INSTALL: Final = "run 'make setup' and use .venv/bin/servoloop, or source the workspace that contains the package"
 """Remedy for a missing package."""
 LAST_DOMAIN: Final = 232
@@ -37,14 +39,17 @@ class RosMissing(RosError):
     """rclpy is not installed. Programs that can work without ROS continue without it."""
 
 
-def require_ros() -> None:
+def require_ros(further: Sequence[str] = ()) -> None:
     """Check ROS 2 and the environment of this process before nodes/ is imported.
+
+    Args:
+        further: Required packages besides ``PACKAGES``.
 
     Raises:
         RosMissing: rclpy is not installed.
         RosError: A part of ROS 2 is missing, it belongs to another distribution, or it has invalid settings.
     """
-    if missing := [name for name in PACKAGES if find_spec(name) is None]:
+    if missing := [name for name in (*PACKAGES, *further) if find_spec(name) is None]:
         raise (RosMissing if missing[0] == PACKAGES[0] else RosError)(
             f"ROS 2 Jazzy is required, but Python cannot find {missing[0]}: {INSTALL}"
         )

@@ -95,7 +95,19 @@ class GroupGoals:
         try:
             return solutions(lambda one: collisions.is_clear(whole(one), margins.padding_m))
         except CollidingError:
+            pass
+        try:
             return solutions(lambda one: collisions.is_clear(whole(one), CONTACT_M))
+        except CollidingError as error:
+            contacts = collisions.nearer(whole(error.positions), CONTACT_M)
+            if not contacts:
+                raise
+            one, other = contacts[0].pair
+            raise CollidingError(
+                f"in every position found that reaches the goal there is a contact, such as {one} touches {other}: "
+                "move the goal or the obstacle",
+                error.positions,
+            ) from error
 
     def _of_joints(self, goal: JointGoal, start: FloatArray) -> list[FloatArray]:
         target, below, above = start.copy(), np.zeros(len(start)), np.zeros(len(start))

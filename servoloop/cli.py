@@ -15,7 +15,8 @@ from drivers.errors import DriverError
 from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
-from servoloop.commands import arms, bench, passport, servo, teach
+from planning.errors import PlanningError
+from servoloop.commands import arms, bench, camera, passport, scene, servo, teach
 from servoloop.commands import calibrate as calibration
 from servoloop.commands import jog as pose
 from servoloop.commands import servo as register
@@ -23,13 +24,16 @@ from servoloop.commands.calibrate import calibrate, hand
 from servoloop.commands.campaign import campaign
 from servoloop.commands.doctor import doctor
 from servoloop.commands.emulate import emulate, fault
+from servoloop.commands.goto import goto
 from servoloop.commands.jog import jog, stop
+from servoloop.commands.plan_server import plan_server
 from servoloop.commands.ports import ports
 from servoloop.commands.record import plot, record, replay
 from servoloop.commands.scan import scan
 from servoloop.commands.set_up import setup
 from servoloop.commands.simulate import simulate
 from servoloop.commands.teach import teleop
+from servoloop.commands.topic_host import topic_host
 from servoloop.commands.tune import tune
 from servoloop.commands.up import demo, pick, up
 from servoloop.commands.view import monitor, view
@@ -46,17 +50,26 @@ app = typer.Typer(
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, pick, demo),
+    "Run an arm": (up, plan_server, topic_host, pick, demo),
     "Watch and record": (view, monitor, record, plot),
-    "Move an arm manually": (jog, stop, teleop, replay),
+    "Move an arm manually": (goto, jog, stop, teleop, replay),
     "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
     "Change one servo": (servo.set_id, servo.set_baud, servo.factory_reset, servo.reboot),
     "Work without hardware": (emulate, hand, fault, simulate, campaign),
 }
 """Commands of each panel of ``servoloop --help``."""
-NEGATIVE_NUMBERS = (hand,)
+NEGATIVE_NUMBERS = (hand, goto)
 """Commands that accept negative numbers as arguments, although these look like options."""
-ERRORS = (DriverError, HalError, ControllersFileError, ClaimError, PluginError, RosError, CalibrationError)
+ERRORS = (
+    DriverError,
+    HalError,
+    ControllersFileError,
+    ClaimError,
+    PluginError,
+    RosError,
+    CalibrationError,
+    PlanningError,
+)
 """Errors that a user can correct. They are printed without a traceback."""
 INTERRUPTED = 130
 """Exit status of a program that was ended by Ctrl-C."""
@@ -69,9 +82,11 @@ for group, name in (
     (arms, "arms"),
     (bench, "bench"),
     (calibration, "calibration"),
+    (camera, "camera"),
     (passport, "passport"),
     (pose, "pose"),
     (register, "register"),
+    (scene, "scene"),
 ):
     app.add_typer(group.app, name=name)
 app.add_typer(teach.app, name="teach", rich_help_panel="Move an arm manually")

@@ -37,6 +37,9 @@ class UpOptions:
     step: Annotated[
         bool, typer.Option("--step", help="Run in simulated time that only the service step_simulation advances.")
     ] = False
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Also plan motions for MoveIt's clients, as `servoloop plan-server` does.")
+    ] = False
     record: RecordOption = None
     ros: Annotated[bool, typer.Option("--ros/--no-ros", help="Serve ROS 2 clients, if ROS 2 is installed.")] = True
 

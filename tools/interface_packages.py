@@ -5,6 +5,7 @@ python3 tools/interface_packages.py --missing  # those to build in a ROS workspa
 """
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -18,10 +19,21 @@ def definitions(package: str) -> list[Path]:
     return sorted(path for kind in KINDS for path in (INTERFACES / package / kind).glob(f"*.{kind}"))
 
 
+def needed_packages(package: str) -> set[str]:
+    """Return the other packages in interfaces/ that this package contains types of."""
+    text = (INTERFACES / package / "package.xml").read_text()
+    return {name for name in re.findall(r"<depend>(\w+)</depend>", text) if (INTERFACES / name).is_dir()}
+
+
 def packages() -> list[str]:
-    """Return the packages with the largest first, so that a build on several cores ends sooner."""
+    """Return the packages in the order of the build.
+
+    Packages that others need come first. Otherwise the largest come first, so that a build on several cores ends
+    sooner.
+    """
     names = [path.parent.name for path in INTERFACES.glob("*/package.xml")]
-    return sorted(names, key=lambda name: (-len(definitions(name)), name))
+    needed = set().union(*(needed_packages(name) for name in names))
+    return sorted(names, key=lambda name: (name not in needed, -len(definitions(name)), name))
 
 
 def provided_by_ros(package: str) -> bool:

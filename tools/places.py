@@ -5,6 +5,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / "interfaces"
+MOVEIT_PY = ROOT / "integrations" / "moveit_py"
 LOCK = ROOT / "requirements.lock"
 HOOKS = ROOT / "tools" / "cmake" / "hooks.cmake"
 LOGS = ROOT / "build" / "setup"

@@ -16,13 +16,15 @@ from commands import Commands, SetUpError
 from interface_packages import packages
 from places import LOCK, LOGS, ROOT, STAMPS
 from progress import Step
-from stamps import digest, interface_key, is_stamped, project_key, simulation_key, venv_key
+from stamps import digest, interface_key, is_stamped, moveit_py_key, project_key, simulation_key, venv_key
 from steps import (
     CORES,
     build_interfaces,
     compile_simulation,
+    install_moveit_py,
     install_packages,
     install_project,
+    is_moveit_present,
     make_venv,
     uninstall_interfaces,
 )
@@ -45,6 +47,11 @@ def steps_to_do() -> list[tuple[str, Callable[[Step, ThreadPoolExecutor, Command
         (fresh, "environment", make_venv),
         (fresh or not is_stamped("packages", digest(LOCK)), "packages", install_packages),
         (fresh or not is_stamped("project", project_key()), "project", install_project),
+        (
+            (fresh or not is_stamped("moveit_py", moveit_py_key())) and not is_moveit_present(),
+            "Python interface of MoveIt",
+            install_moveit_py,
+        ),
         (bool(stale), "message packages", interfaces),
         (fresh or not is_stamped("simulation", simulation_key()), "simulation", compile_simulation),
     )

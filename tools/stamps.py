@@ -6,7 +6,8 @@ import re
 import sys
 from pathlib import Path
 
-from places import HOOKS, INTERFACES, LOCK, ROOT, STAMPS, VENV
+from interface_packages import needed_packages
+from places import HOOKS, INTERFACES, LOCK, MOVEIT_PY, ROOT, STAMPS, VENV
 
 
 def digest(*parts: str | Path) -> str:
@@ -47,6 +48,10 @@ def project_key() -> str:
     return digest(ROOT / "pyproject.toml")
 
 
+def moveit_py_key() -> str:
+    return digest(MOVEIT_PY / "pyproject.toml")
+
+
 def simulation_key() -> str:
     """Return one hash of all sources of compiled functions, because these functions call each other."""
     folders = (ROOT / "sim_backend", ROOT / "planning")
@@ -59,4 +64,5 @@ def interface_key(package: str) -> str:
     tools = [
         f"{name} {version}" for name, version in locked_packages().items() if re.match("ros-|cmake|empy|numpy", name)
     ]
-    return digest(INTERFACES / package, HOOKS, *tools)
+    sources = [INTERFACES / name for name in (package, *sorted(needed_packages(package)))]
+    return digest(*sources, HOOKS, *tools)

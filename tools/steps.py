@@ -4,16 +4,18 @@ import os
 import re
 import shutil
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from commands import Commands, SetUpError
-from places import HOOKS, INTERFACES, LOCK, LOGS, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
+from interface_packages import needed_packages
+from places import HOOKS, INTERFACES, LOCK, LOGS, MOVEIT_PY, PYTHON, ROOT, SITE_PACKAGES, STAMPS, VENV
 from plain_path import plain_root
 from progress import Step
 from requirements import outdated
-from stamps import digest, interface_key, locked_packages, project_key, simulation_key, stamp, venv_key
+from stamps import digest, interface_key, locked_packages, moveit_py_key, project_key, simulation_key, stamp, venv_key
 
 CORES = len(os.sched_getaffinity(0))
 PIP = (PYTHON, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--progress-bar=off")
@@ -70,6 +72,18 @@ def install_project(step: Step, pool: ThreadPoolExecutor, commands: Commands) ->
     stamp("project", project_key())
 
 
+def is_moveit_present() -> bool:
+    """Return whether Python finds a real MoveIt, whose package ``moveit`` must not be replaced."""
+    paths = [str(SITE_PACKAGES), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    return PathFinder.find_spec("moveit", paths) is not None
+
+
+def install_moveit_py(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
+    command = (*UV, "--editable", MOVEIT_PY)
+    step.follow([pool.submit(commands.run, "moveit_py", *command)], lambda: "MoveIt's Python interface, editable")
+    stamp("moveit_py", moveit_py_key())
+
+
 def compile_simulation(step: Step, pool: ThreadPoolExecutor, commands: Commands) -> None:
     """Compile the simulation and the planning, because otherwise their first use would take up to a minute."""
     parts = {"simulation": "sim_backend.compile_ahead", "planning": "planning.collision"}
@@ -99,8 +113,12 @@ def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPool
     state = dict.fromkeys(stale, "")
     venv = root / VENV.relative_to(ROOT)
     prefixes = {"AMENT_PREFIX_PATH": str(venv), "CMAKE_PREFIX_PATH": str(venv)}
+    futures: dict[str, Future[None]] = {}
 
     def build(package: str) -> None:
+        for needed in needed_packages(package).intersection(stale):
+            futures[needed].result()
+
         def on_line(line: str) -> None:
             if count := re.match(r"\[(\d+/\d+)\]", line):
                 state[package] = count.group(1)
@@ -126,7 +144,9 @@ def _build_interfaces(stale: list[str], root: Path, step: Step, pool: ThreadPool
         stamp(f"interfaces-{package}", interface_key(package))
         state[package] = "done"
 
-    futures = [pool.submit(build, package) for package in stale]
+    for package in stale:  # A package comes after those that it needs, so a waiting build never blocks them.
+        futures[package] = pool.submit(build, package)
     step.follow(
-        futures, lambda: ", ".join(f"{name} {text}" for name, text in state.items() if text not in ("", "done"))
+        list(futures.values()),
+        lambda: ", ".join(f"{name} {text}" for name, text in state.items() if text not in ("", "done")),
     )

@@ -19,12 +19,12 @@ from std_srvs.srv import SetBool
 from drivers.printable import printable_line
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from nodes.pick_place import parameters
-from nodes.pick_place.arm import RosArm
-from nodes.pick_place.job import JobEnding, PickPlaceJob, Result, State
-from nodes.pick_place.settings import normal_grade
-from nodes.pick_place.state import state_json
-from nodes.pick_place.vision import candidate, reason_not_fresh
+from nodes.pick_place.motions import motions_of
 from nodes.pick_place.waiter import Waiter
+from pick_place.job import JobEnding, PickPlaceJob, Result, State
+from pick_place.settings import normal_grade
+from pick_place.state import state_json
+from pick_place.vision import candidate, reason_not_fresh
 
 _LOG_EVERY_S = 5.0
 _RESULT_DELAY_S = 0.1
@@ -40,7 +40,8 @@ class PickPlaceNode:
         self._node = node
         self._log = node.get_logger()
         self._settings = parameters.declare(node)
-        self._arm = RosArm(node, self._settings)
+        self._motions = motions_of(node, self._settings)
+        self._grades = self._motions.of_job().grades
         self._waiter = Waiter(node)
         self._enabled = True
         self._stopping = False
@@ -51,10 +52,10 @@ class PickPlaceNode:
         self._states = node.create_publisher(String, "/sorting/arm/state", 10)
         node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_vision, 10)
         node.create_service(SetBool, "/sorting/arm/enable", self._on_enable)
-        if not self._arm.wait_for_server(_DISCOVERY_S):
-            self._log.warning("the arm is not available yet: start the stack, or jobs will fail after a short wait")
+        if not self._motions.arm.wait_for_server(_DISCOVERY_S):
+            self._log.warning(f"{self._motions.missing}, or jobs will fail after a short wait")
         self._server = self._serve(parameters.action_name(node))
-        self._log.info(printable_line(f"ready for goals; grades {', '.join(self._settings.bins_rad)}"))
+        self._log.info(printable_line(f"ready for goals; grades {', '.join(self._grades)}"))
 
     async def stop(self) -> None:
         """Reject new jobs, cancel the running job and send its result."""
@@ -123,7 +124,7 @@ class PickPlaceNode:
         if self._stopping:
             return "the node is stopping"
         if not normal_grade(grade):
-            return f"the grade is empty; known grades: {', '.join(self._settings.bins_rad)}"
+            return f"the grade is empty; known grades: {', '.join(self._grades)}"
         if not self._enabled:
             return "disabled; call /sorting/arm/enable with data: true"
         if self._job is not None:
@@ -146,7 +147,7 @@ class PickPlaceNode:
             if state.feedback and feedback is not None:
                 feedback(PickPlace.Feedback(request_id=state.request_id, phase=state.phase, message=state.message))
 
-        return PickPlaceJob(self._jobs, grade, self._settings, self._arm, tell)
+        return PickPlaceJob(self._jobs, grade, self._motions.of_job(), tell)
 
     async def _execute(self, handle: Any) -> Any:
         if self._job is None:  # This cannot happen, because _on_accepted has set it.

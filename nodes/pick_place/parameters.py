@@ -1,4 +1,4 @@
-"""Declare the ROS parameters of the node with the defaults of ``JobSettings``, and read them once."""
+"""Declare the ROS parameters of the node with the defaults of its settings, and read them once."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -8,12 +8,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from controller.manager.node_parameters import files_in
-from nodes.pick_place.settings import JobSettings, normal_grade
+from pick_place.pose_settings import PickObject, PoseSettings
+from pick_place.settings import SECONDS, ArmSettings, JobSettings, normal_grade
 
 AUTO_GOAL = "auto_goal_from_vision"
 ACTION_NAME = "pick_place_action_name"
-_SECONDS = ("move_time_s", "server_timeout_s", "goal_timeout_s", "result_timeout_s",
-            "cancel_timeout_s", "vision_max_age_s")  # fmt: skip
+JOINTS = "joints"
+POSES = "poses"
 _OF_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
@@ -39,25 +40,66 @@ def unused(node: Node, given: set[str], arguments: Sequence[str]) -> Iterator[st
         yield f"{listed} contains no parameters for {node.get_fully_qualified_name()}: using the defaults"
 
 
-def declare(node: Node) -> JobSettings:
-    """Declare all parameters and read the settings.
+def declare(node: Node) -> JobSettings | PoseSettings:
+    """Declare all parameters of the kind of motion and read the settings.
 
     Raises:
         ValueError: A parameter is invalid. The message lists all mistakes.
     """
     # This parameter is read at every vision message, so it can be changed at run time.
     node.declare_parameter(AUTO_GOAL, True)
+    motion = _fixed(node, "motion", JOINTS)
+    if motion not in (JOINTS, POSES):
+        raise ValueError(f"motion is {motion!r}: choose {JOINTS} or {POSES}")
+    grades = [str(grade) for grade in _fixed(node, "grades", list(JobSettings().bins_rad))]
+    return _pose_settings(node, grades) if motion == POSES else _job_settings(node, grades)
+
+
+def _job_settings(node: Node, grades: Sequence[str]) -> JobSettings:
     default = JobSettings()
-    grades = _fixed(node, "grades", list(default.bins_rad))
     return JobSettings(
-        joints=tuple(_fixed(node, "joints", list(default.joints))),
-        ready_rad=_pose(node, "poses.ready", default.ready_rad),
+        **_common(node, default),
         pick_rad=_pose(node, "poses.pick", default.pick_rad),
         bins_rad={normal_grade(grade): _pose(node, f"bins.{grade}", default.bins_rad.get(grade)) for grade in grades},
-        hand_open_m=_fixed(node, "hand_open_m", default.hand_open_m),
-        hand_closed_m=_fixed(node, "hand_closed_m", default.hand_closed_m),
-        **{name: _fixed(node, name, getattr(default, name)) for name in _SECONDS},
     )
+
+
+def _pose_settings(node: Node, grades: Sequence[str]) -> PoseSettings:
+    default = PoseSettings()
+    bins = {grade: _pose(node, f"bins.{grade}.pose", default.bins.get(grade)) for grade in grades}
+    return PoseSettings(
+        **_common(node, default),
+        pick=_pose(node, "pick.pose", default.pick),
+        bins={normal_grade(grade): pose for grade, pose in bins.items()},
+        frame=_fixed(node, "planning.frame", default.frame),
+        group=_fixed(node, "planning.group", default.group),
+        tool_link=_fixed(node, "planning.tool_link", default.tool_link),
+        approach_m=_fixed(node, "planning.approach_m", default.approach_m),
+        speed=_fixed(node, "planning.speed", default.speed),
+        planning_time_s=_fixed(node, "planning.time_s", default.planning_time_s),
+        hand_time_s=_fixed(node, "hand_time_s", default.hand_time_s),
+        target=_object(node, default.target),
+    )
+
+
+def _object(node: Node, default: PickObject) -> PickObject:
+    return PickObject(
+        name=_fixed(node, "object.name", default.name),
+        size_m=_pose(node, "object.size", default.size_m),
+        position_m=_pose(node, "object.position", default.position_m),
+        touch_links=tuple(_fixed(node, "object.touch_links", list(default.touch_links))),
+    )
+
+
+def _common(node: Node, default: ArmSettings) -> dict[str, Any]:
+    """Read the settings of every kind of motion."""
+    return {
+        "joints": tuple(_fixed(node, "joints", list(default.joints))),
+        "ready_rad": _pose(node, "poses.ready", default.ready_rad),
+        "hand_open_m": _fixed(node, "hand_open_m", default.hand_open_m),
+        "hand_closed_m": _fixed(node, "hand_closed_m", default.hand_closed_m),
+        **{name: _fixed(node, name, getattr(default, name)) for name in SECONDS},
+    }
 
 
 def action_name(node: Node) -> str:

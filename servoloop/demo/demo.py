@@ -18,6 +18,8 @@ from servoloop.recording.following_error import worst
 from servoloop.stack.robot_files import write_file
 
 IDLE_S = 3.0
+FIGURES_S = 1.5
+"""Time in which the figures of the last cycles are published, in seconds."""
 FADING_S = 1.5
 """Time in which gravity compensation fades in or out, in seconds."""
 SAGGING_RAD = 0.2
@@ -53,7 +55,8 @@ class DemoReport:
     """Joints of the arm, in the order of all figures."""
     runs: tuple[JobRun, ...]
     comparisons: Mapping[str, JobRun]
-    """Comparison runs, by the missing compensation; only if all grades were picked. They need not succeed."""
+    """Comparison runs, by the missing compensation; only if all grades were picked without a planner. They need not
+    succeed."""
     loop: Mapping[str, float]
     cpu_percent: Mapping[str, float]
 
@@ -70,17 +73,22 @@ def demo(
     """
     jobs = [grade for _ in range(repeat) for grade in grades]
     with cell(options, live) as ready:
-        return _measure(jobs, ready, are_all_grades(grades, options.found()))
+        return _measure(jobs, ready, are_all_grades(grades, options.found()) and not options.poses)
+
+
+def loop_figures(ready: Cell) -> dict[str, float]:
+    """Return the figures of the control loop, which are published once per second."""
+    return {name: float(ready.monitor.newest.loop.get(name, "nan")) for name in FIGURES}
 
 
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
     """Run all jobs and, with ``compare``, one more job without each compensation."""
-    runner, monitor = ready.runner, ready.monitor
+    runner = ready.runner
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = _cpu(stack, lambda: runner.idle(IDLE_S))
     moving_percent, runs = _cpu(stack, lambda: [runner.run(grade) for grade in jobs])
-    runner.idle(1.5)  # the figures of the last cycles are published once a second
-    loop = {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
+    runner.idle(FIGURES_S)
+    loop = loop_figures(ready)
     comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT if compare}
     return DemoReport(
         tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent}
@@ -138,6 +146,8 @@ def print_table(report: DemoReport, console: Console) -> None:
     console.print()
     console.print(_loop_table(report))
     console.print(f"cubes in their bins: {sum(run.success for run in report.runs)} of {len(report.runs)}")
+    touched = sorted({contact for run in report.runs for contact in run.contacts})
+    console.print(f"contacts of the arm, except with the cube: {', '.join(touched) or 'none'}")
 
 
 def _loop_table(report: DemoReport) -> Table:
@@ -194,6 +204,7 @@ def _run(run: JobRun, joints: Sequence[str]) -> dict[str, Any]:
         "bin": run.bin,
         "duration_s": round(run.duration_s, 3),
         "message": run.message,
+        "contacts": list(run.contacts),
         "following_error_at_the_cycles": run.at_cycles.as_dict(joints),
         "following_error_between_them": run.between_cycles.as_dict(joints),
     }

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter, time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console, Group
@@ -62,6 +62,11 @@ class Live:
         self.console.print(f"{mark} grade {grade}: cube in {place} [dim]{message}[/]")
         self._job, self._phase = "", ""
 
+    def sorted(self, apple: str, success: bool, message: str) -> None:
+        """Print the result for one apple."""
+        mark = "[green]✓[/]" if success else "[red]✗[/]"
+        self.console.print(f"{mark} {apple} [dim]{message}[/]")
+
     def show(self, newest: "NewestMessages") -> None:
         """Show the latest state of the arm."""
         if self.console.is_terminal:
@@ -118,6 +123,8 @@ class JobRun:
     bin: str | None
     duration_s: float
     message: str
+    contacts: tuple[str, ...]
+    """Contacts of the arm with anything except the cube, each as "link and object"."""
     at_cycles: FollowingError
     between_cycles: FollowingError
 
@@ -154,7 +161,7 @@ class JobRunner:
         self._failed = False
         """Whether the last job failed, in which case the arm, the hand and the cube can be anywhere."""
         self._live = live
-        self._camera = camera
+        self.camera = camera
         self._signals = signals
         self._processes = processes
 
@@ -163,19 +170,20 @@ class JobRunner:
         if self._failed:
             self._clean_up()
         samples = self._monitor.newest.samples
-        self._camera.poll()
-        self._camera.trace = WorldTrace()
+        self.camera.poll()
+        self.camera.trace, self.camera.contacts = WorldTrace(), set()
         samples.clear()
         self._live.job(grade)
         started_s = perf_counter()
         outcome = self._picker.pick(grade, self._live.phase, self.update)
         duration_s = perf_counter() - started_s
-        at, between = _errors(samples, self._camera.trace)
+        at, between = _errors(samples, self.camera.trace)
         where = self._rest()
+        contacts = tuple(sorted(self.camera.contacts))
         success = outcome.success and where == grade.strip().upper()
         self._failed = not success
         self._live.done(grade, where, success, outcome.message)
-        return JobRun(grade, success, where, duration_s, outcome.message, at, between)
+        return JobRun(grade, success, where, duration_s, outcome.message, contacts, at, between)
 
     def _clean_up(self) -> None:
         """Open the hand and move the arm home. When the next job starts, the simulation puts the cube on the stand."""
@@ -206,7 +214,7 @@ class JobRunner:
 
     def update(self) -> bool:
         """Show the latest state and return whether to cancel the job. Raises DriverError if a process has ended."""
-        self._camera.poll()
+        self.camera.poll()
         self._live.show(self._monitor.newest)
         self._processes.check()
         return self._signals.count > 0
@@ -218,25 +226,29 @@ class JobRunner:
     def _rest(self) -> str | None:
         """Wait until the cube rests in a bin, and return the bin."""
         until_s = perf_counter() + REST_S
-        while self._camera.bin is None and perf_counter() < until_s:
+        while self.camera.bin is None and perf_counter() < until_s:
             self._monitor.spin(0.05)
             self._update_or_interrupt()
-        return self._camera.bin
+        return self.camera.bin
 
 
 class Camera:
-    """Reader of the simulated world: the bin of the cube, and the joint positions between the cycles."""
+    """Reader of the simulated world: the bin of the cube, the joint positions between the cycles, and contacts."""
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
         self.bin: str | None = None
+        self.newest: dict[str, Any] | None = None
+        """The newest publication."""
         self.trace = WorldTrace()
+        self.contacts: set[str] = set()
         self._client = client
         self._joints = list(joints)
 
     def poll(self) -> None:
         """Read everything that the emulator has published since the last call."""
         for publication in self._client.all():
-            self.bin = publication["cube_bin"]
+            self.bin, self.newest = publication["cube_bin"], publication
+            self.contacts.update(publication["contacts"])
             for time_s, positions in publication["trace"]:
                 self.trace.times_s.append(time_s)
                 self.trace.positions.append(positions[: len(self._joints)])

@@ -7,7 +7,7 @@ one JSON line per publication, and is disconnected if it does not keep up.
 import contextlib
 import json
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol, Self
@@ -34,6 +34,16 @@ class SeenPose(Protocol):
     def quaternion_xyzw(self) -> tuple[float, float, float, float]: ...
 
 
+class SeenApple(Protocol):
+    """Apple that is on its way."""
+
+    @property
+    def seed(self) -> int: ...
+
+    @property
+    def diameter_mm(self) -> float: ...
+
+
 class SeenWorld(Protocol):
     """The part of ``sim_backend.scene.world.World`` that the feed needs."""
 
@@ -49,19 +59,30 @@ class SeenWorld(Protocol):
 
     def cube_bin(self) -> str | None: ...
 
+    def arm_contacts(self) -> set[str]: ...
+
+    @property
+    def apple(self) -> SeenApple | None: ...
+
 
 def feed_path(link: Path) -> Path:
     """Return the path of the feed for the bus at ``link``."""
     return link.with_name(link.name + ".world")
 
 
-def snapshot(world: SeenWorld, dropped_s: float, trace: Sequence[Any] = ()) -> dict[str, Any]:
+def snapshot(
+    world: SeenWorld, dropped_s: float, trace: Sequence[Any] = (), contacts: Collection[str] = ()
+) -> dict[str, Any]:
     """Return one publication: world time, poses, the cube's bin, joint positions (rad, m), and time lost to stalls.
 
+    A world with apples also publishes seed and diameter of the apple, which has the pose and the bin of the cube.
     ``trace`` has the motion of the joints since the last publication: pairs of the emulator's clock (s; the same for
-    every process on one machine) and the positions in the order of ``joints``.
+    every process on one machine) and the positions in the order of ``joints``. ``contacts`` has the contacts of the arm
+    in this time, except for those with the cube.
     """
+    apple = world.apple
     return {
+        **({} if apple is None else {"apple": {"seed": apple.seed, "diameter_mm": apple.diameter_mm}}),
         "time_s": round(world.time_s, 6),
         "poses": {
             name: {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
@@ -71,6 +92,7 @@ def snapshot(world: SeenWorld, dropped_s: float, trace: Sequence[Any] = ()) -> d
         "joints": dict(zip(world.joints, world.position().tolist(), strict=True)),
         "dropped_s": round(dropped_s, 6),
         "trace": list(trace),
+        "contacts": sorted(contacts),
     }
 
 
@@ -83,20 +105,22 @@ class WorldFeed:
         self._clients: list[socket.socket] = []
         self._next_s = 0.0
         self._trace: list[tuple[float, list[float]]] = []
+        self._contacts: set[str] = set()
         self._socket = listening(path)
 
     def tick(self, now_s: float, world: SeenWorld, dropped_s: float) -> None:
-        """Record the joint positions, and publish if it is time."""
+        """Record the joint positions and the contacts, and publish if it is time."""
         if self._clients:
             self._trace.append((round(now_s, 6), world.position().round(6).tolist()))
+            self._contacts |= world.arm_contacts()
         if now_s < self._next_s:
             return
         # Keep the period, unless a publication was missed.
         self._next_s = max(self._next_s + PERIOD_S, now_s + 0.5 * PERIOD_S)
         self._accept()
         if self._clients:
-            line = json.dumps(snapshot(world, dropped_s, self._trace)).encode() + b"\n"
-            self._trace = []
+            line = json.dumps(snapshot(world, dropped_s, self._trace, self._contacts)).encode() + b"\n"
+            self._trace, self._contacts = [], set()
             self._clients = [client for client in self._clients if _sent(client, line)]
 
     def _accept(self) -> None:

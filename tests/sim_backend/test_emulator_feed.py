@@ -3,7 +3,7 @@
 import json
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +20,16 @@ class StillPose:
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
+@dataclass(frozen=True)
+class StillApple:
+    seed: int = 7
+    diameter_mm: float = 55.0
+
+
 class StillWorld:
     """A world with a cube in a bin that never changes."""
+
+    apple: StillApple | None = None
 
     joints = ("joint1", "hand")
     time_s = 0.0
@@ -34,6 +42,9 @@ class StillWorld:
 
     def cube_bin(self) -> str | None:
         return "A"
+
+    def arm_contacts(self) -> set[str]:
+        return {"link5 and stand"}
 
 
 @pytest.fixture
@@ -58,9 +69,21 @@ def test_a_publication_contains_poses_and_joints(feed: WorldFeed) -> None:
         "joints": {"joint1": 0.5, "hand": 0.01},
         "dropped_s": 0.25,
         "trace": [],
+        "contacts": [],
     }
     assert client.newest() is None
     client.close()
+
+
+def test_a_world_with_apples_publishes_the_apple(feed: WorldFeed) -> None:
+    world = StillWorld()
+    with closing(WorldFeedClient(feed.path)) as client:
+        publish(feed, world)
+        world.apple = StillApple()
+        publish(feed, world)
+        first, second = client.all()[-2:]
+    assert "apple" not in first
+    assert second["apple"] == {"seed": 7, "diameter_mm": 55.0}
 
 
 def test_the_trace_has_joint_positions_since_the_last_publication(feed: WorldFeed) -> None:
@@ -69,6 +92,15 @@ def test_the_trace_has_joint_positions_since_the_last_publication(feed: WorldFee
     for now_s in (1.01, 1.02, 2.0):
         feed.tick(now_s, world, 0.0)
     assert [p["trace"] for p in client.all()] == [[], [[1.01, [0.5, 0.01]], [1.02, [0.5, 0.01]], [2.0, [0.5, 0.01]]]]
+    client.close()
+
+
+def test_contacts_since_the_last_publication_are_published_once(feed: WorldFeed) -> None:
+    client, world = WorldFeedClient(feed.path), StillWorld()
+    publish(feed, world)
+    for now_s in (1.01, 2.0):
+        feed.tick(now_s, world, 0.0)
+    assert [p["contacts"] for p in client.all()] == [[], ["link5 and stand"]]
     client.close()
 
 

@@ -70,6 +70,12 @@ def test_a_cube_on_the_stand_or_on_the_table_is_in_no_bin():
     assert not world.cell.cube_on_stand() and world.cube_bin() is None and world.cell.cube_at_rest()
 
 
+def test_contacts_of_the_arm_are_named_without_those_of_the_cube():
+    assert World(initial_position=[*POSES["pick"], 0.05]).arm_contacts() == set()
+    low = World(initial_position=[0.0, -0.9, *POSES["pick"][2:], 0.0]).arm_contacts()
+    assert low == {"hand_left_link and table", "hand_right_link and table"}
+
+
 def test_a_falling_cube_is_in_no_bin():
     world = folded()
     x, y, z = world.poses()["bin_A"].position_m

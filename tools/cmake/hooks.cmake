@@ -30,7 +30,26 @@ function(compile_many_at_a_time)
   endforeach()
 endfunction()
 
+# The libraries in C++ take more than half of the time, and nothing in .venv uses them: rclpy needs those in C. A package
+# in the place of a generator generates nothing. It has only the library of the generator, to which others link.
+function(leave_out_libraries_in_cpp)
+  foreach(package IN ITEMS rosidl_typesupport_cpp rosidl_typesupport_fastrtps_cpp rosidl_typesupport_introspection_cpp)
+    file(CONFIGURE OUTPUT "${CMAKE_FIND_PACKAGE_REDIRECTS_DIR}/${package}-config.cmake" @ONLY CONTENT [[
+find_package(fastcdr QUIET REQUIRED)
+find_package(rmw QUIET REQUIRED)
+find_package(rosidl_runtime_cpp QUIET REQUIRED)
+if(NOT TARGET @package@::@package@)
+  add_library(@package@::@package@ INTERFACE IMPORTED)
+  target_include_directories(@package@::@package@ INTERFACE "@CMAKE_INSTALL_PREFIX@/include/@package@")
+  target_link_libraries(@package@::@package@ INTERFACE "@CMAKE_INSTALL_PREFIX@/lib/lib@package@.so"
+    fastcdr rmw::rmw rosidl_runtime_cpp::rosidl_runtime_cpp)
+endif()
+]])
+  endforeach()
+endfunction()
+
 if(PROJECT_IS_TOP_LEVEL)
+  leave_out_libraries_in_cpp()
   cmake_language(DEFER CALL drop_missing_include_directories)
   cmake_language(DEFER CALL compile_many_at_a_time)
 endif()

@@ -1,0 +1,1 @@
+"""Robot models, states and trajectories, and the messages made from them."""

@@ -1,0 +1,105 @@
+"""Send goals to one action server, one at a time, and wait for their outcomes within the timeouts of the settings."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+
+from nodes.pick_place.waiter import Waiter
+from pick_place.job import JobOutcome
+from pick_place.settings import ArmSettings
+
+_POLL_S: Final = 0.05
+_STATUS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "canceled the goal"}
+
+
+class ActionGoals:
+    """Goals for one action server. All calls come from the executor thread."""
+
+    def __init__(
+        self, node: Node, settings: ArmSettings, action: tuple[type, str], reason: Callable[[Any], str]
+    ) -> None:
+        """Create the client.
+
+        Args:
+            node: Node of the client.
+            settings: Timeouts.
+            action: Type and name of the action.
+            reason: Function that returns the reason of a failure from the result of a goal.
+        """
+        self._settings = settings
+        self._waiter = Waiter(node)
+        self._type, self._name = action
+        self._client = ActionClient(node, self._type, self._name)
+        self._reason = reason
+        self._stop = Future()
+
+    def wait_for_server(self, timeout_s: float) -> bool:
+        """Block until the action server appears, and return whether it appeared in time."""
+        return bool(self._client.wait_for_server(timeout_s))
+
+    def stop(self) -> None:
+        """Cancel the running goal, if any."""
+        if not self._stop.done():
+            self._stop.set_result(None)
+
+    async def send(self, goal: Any, more_s: float = 0.0) -> JobOutcome:
+        """Send one goal and wait for its outcome. ``more_s`` is added to the maximum time of the result."""
+        self._stop = Future()
+        found = await self._find_server()
+        if self._stop.done():
+            return JobOutcome(False)
+        if not found:
+            return self._late(f"the action server {self._name} is not available", self._settings.server_timeout_s)
+        sent = self._client.send_goal_async(goal)
+        if not await self._waiter.until(self._settings.goal_timeout_s, sent):
+            sent.add_done_callback(_cancel_if_accepted)
+            return self._late("the arm did not respond to the goal", self._settings.goal_timeout_s)
+        if not sent.result().accepted:
+            return JobOutcome(False, "the arm rejected the goal; the log of the stack contains the reason")
+        return await self._outcome(sent.result(), self._settings.result_timeout_s + more_s)
+
+    async def _find_server(self) -> bool:
+        for _ in range(round(self._settings.server_timeout_s / _POLL_S)):
+            if self._client.server_is_ready() or self._stop.done():
+                break
+            await self._waiter.until(_POLL_S, self._stop)
+        return bool(self._client.server_is_ready())
+
+    async def _outcome(self, goal: Any, timeout_s: float) -> JobOutcome:
+        result, is_available = goal.get_result_async(), self._client.server_is_ready
+        if not await self._waiter.until_moved(timeout_s, is_available, result, self._stop):
+            goal.cancel_goal_async()
+            return self._unfinished("the arm did not finish in time; its goal is canceled", timeout_s)
+        if not result.done():  # The motion was stopped by stop().
+            goal.cancel_goal_async()
+            cancel_timeout_s = self._settings.cancel_timeout_s
+            if not await self._waiter.until_moved(cancel_timeout_s, is_available, result):
+                return self._unfinished("the arm did not confirm that it stopped", cancel_timeout_s)
+        return self._outcome_of(result.result())
+
+    def _outcome_of(self, response: Any) -> JobOutcome:
+        if response.status == GoalStatus.STATUS_SUCCEEDED:
+            return JobOutcome(True)
+        if self._stop.done() and response.status == GoalStatus.STATUS_CANCELED:
+            return JobOutcome(False)
+        what = _STATUS.get(response.status, f"ended with status {response.status}")
+        return JobOutcome(False, f"the arm {what}: {self._reason(response.result)}")
+
+    def _unfinished(self, what: str, waited_s: float) -> JobOutcome:
+        if self._client.server_is_ready():
+            return self._late(what, waited_s)
+        text = f"the action server {self._name} disappeared during the motion: check the log of the stack"
+        return JobOutcome(False, text)
+
+    def _late(self, what: str, waited_s: float) -> JobOutcome:
+        return JobOutcome(False, f"{what} (waited {waited_s:g} s)")
+
+
+def _cancel_if_accepted(sent: Future) -> None:
+    """Cancel a goal that was accepted after the timeout, because no job waits for its motion."""
+    if sent.result() is not None and sent.result().accepted:
+        sent.result().cancel_goal_async()

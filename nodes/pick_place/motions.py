@@ -1,0 +1,51 @@
+"""Connect the jobs of the node to the arm: directly to its controllers, or through a motion planner."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from rclpy.node import Node
+
+from nodes.pick_place.arm import RosArm
+from nodes.ros_environment import RosError
+from pick_place.job import JobMotions
+from pick_place.joint_motions import JointMotions
+from pick_place.pose_motions import PoseMotions
+from pick_place.pose_settings import PoseSettings
+from pick_place.settings import JobSettings
+
+
+class ServedArm(Protocol):
+    """Arm that an action server moves."""
+
+    def wait_for_server(self, timeout_s: float) -> bool:
+        """Block until the action server appears, and return whether it appeared in time."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Motions:
+    """An arm, and the motions of each job with it."""
+
+    arm: ServedArm
+    of_job: Callable[[], JobMotions]
+    missing: str
+    """Message if the server of the arm is not available."""
+
+
+def motions_of(node: Node, settings: JobSettings | PoseSettings) -> Motions:
+    """Return the motions for these settings. Raises RosError if the planner's messages are not installed."""
+    if isinstance(settings, PoseSettings):
+        return _planned(node, settings)
+    arm = RosArm(node, settings)
+    return Motions(arm, lambda: JointMotions(settings, arm), "the arm is not available yet: start the stack")
+
+
+def _planned(node: Node, settings: PoseSettings) -> Motions:
+    try:
+        from nodes.pick_place.planned_arm import PlannedArm  # The planner's messages need not be installed.
+    except ModuleNotFoundError as error:
+        raise RosError(f"motion: poses needs the package {error.name}: run `make setup`") from error
+    planner = PlannedArm(node, settings)
+    missing = "the motion planner is not available yet: start `servoloop plan-server` or MoveIt"
+    return Motions(planner, lambda: PoseMotions(settings, planner), missing)

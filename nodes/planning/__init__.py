@@ -1,0 +1,1 @@
+"""MoveIt's interfaces over planning/: the node ``move_group`` with its actions, services and topics."""

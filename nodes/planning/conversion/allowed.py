@@ -1,0 +1,63 @@
+"""The allowed collision matrix: which links and objects may touch, as messages and as pairs."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+from moveit_msgs.msg import AllowedCollisionEntry, AllowedCollisionMatrix
+
+from nodes.planning.errors import RequestError
+from planning.arm_model import Pair, pair
+
+
+@dataclass(frozen=True, slots=True)
+class AllowedCollisions:
+    """Whether links and objects may touch: for single pairs, and for names with all others."""
+
+    pairs: Mapping[Pair, bool] = field(default_factory=dict)
+    defaults: Mapping[str, bool] = field(default_factory=dict)
+
+    @classmethod
+    def from_message(cls, message: AllowedCollisionMatrix) -> "AllowedCollisions":
+        """Read a message. Raises RequestError if its matrix is not square."""
+        names, rows = message.entry_names, message.entry_values
+        defaults, values = message.default_entry_names, message.default_entry_values
+        if len(names) != len(rows) or any(len(row.enabled) != len(names) for row in rows):
+            raise RequestError(
+                "INVALID_OBJECT_NAME",
+                f"the allowed collision matrix has {len(names)} names: give as many rows and columns",
+            )
+        if len(defaults) != len(values):
+            raise RequestError(
+                "INVALID_OBJECT_NAME",
+                f"the allowed collision matrix has {len(defaults)} default names and {len(values)} values for them",
+            )
+        pairs = {
+            pair(names[i], names[j]): bool(rows[i].enabled[j] or rows[j].enabled[i])
+            for i, j in combinations(range(len(names)), 2)
+        }
+        return cls(pairs, dict(zip(defaults, map(bool, values), strict=True)))
+
+    def message(self, names: Iterable[str]) -> AllowedCollisionMatrix:
+        """Return the message. Its matrix has these names, and those of the pairs."""
+        known = sorted({*names, *(name for one in self.pairs for name in one)})
+        rows = [
+            AllowedCollisionEntry(enabled=[self.pairs.get(pair(one, other), False) for other in known]) for one in known
+        ]
+        return AllowedCollisionMatrix(
+            entry_names=known,
+            entry_values=rows,
+            default_entry_names=list(self.defaults),
+            default_entry_values=list(self.defaults.values()),
+        )
+
+    def touching(self, names: Iterable[str]) -> frozenset[Pair]:
+        """Return the pairs of these names that may touch."""
+        return frozenset(pair(*one) for one in combinations(sorted(set(names)), 2) if self._may_touch(*one))
+
+    def _may_touch(self, one: str, other: str) -> bool:
+        own = self.pairs.get(pair(one, other))
+        if own is not None:
+            return own
+        found = [self.defaults[name] for name in (one, other) if name in self.defaults]
+        return bool(found) and all(found)

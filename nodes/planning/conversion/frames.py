@@ -1,0 +1,84 @@
+"""Poses of the frames that requests name: links, objects and their subframes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from moveit_msgs.msg import CollisionObject
+
+from hal.robot_description.kinematics import child_pose
+from nodes.planning.conversion.poses import pose_of
+from nodes.planning.errors import RequestError
+from planning.errors import PlanningError
+from planning.motion import State
+from planning.robot import PlanningRobot
+from planning.scene import Pose, Scene
+
+
+@dataclass(frozen=True, slots=True)
+class LinkPoint:
+    """A link of the URDF as a frame that is fixed to a link of the planning model."""
+
+    link: str
+    pose: Pose
+    """Pose of the frame relative to this link."""
+
+
+class Frames:
+    """Frames of a robot in one state with the objects around it. If the state is not known, only fixed frames exist."""
+
+    def __init__(
+        self,
+        robot: PlanningRobot,
+        state: State | None,
+        scene: Scene,
+        items: Mapping[str, CollisionObject] | None = None,
+    ) -> None:
+        self._robot = robot
+        self._state = state
+        self._scene = scene
+        self._items = items or {}
+
+    def in_scene(self, name: str) -> Pose:
+        """Return the pose of a frame in the world of the scene. An empty name is the planning frame.
+
+        Raises:
+            RequestError: The frame does not exist. The message lists those that exist.
+        """
+        name = name.removeprefix("/")
+        owner, slash, subframe = name.partition("/")
+        if slash and subframe in (names := list(getattr(self._items.get(owner), "subframe_names", ()))):
+            return self._known(owner) @ pose_of(self._items[owner].subframe_poses[names.index(subframe)])
+        point = link_point(self._robot, name)
+        return self._known(name) if point is None else self._known(point.link) @ point.pose
+
+    def in_base(self, name: str) -> Pose:
+        """Return the pose of a frame in the planning frame. Raises RequestError."""
+        return self._robot.origin.inverse() @ self.in_scene(name)
+
+    def _known(self, name: str) -> Pose:
+        if (
+            self._state is None
+            and name != self._robot.frame
+            and (name in self._robot.links or name in self._scene.attached)
+        ):
+            raise RequestError(
+                "ROBOT_STATE_STALE", f"the pose of {name} is not known without /joint_states: start the stack"
+            )
+        try:
+            return self._robot.frame_pose(name, self._state or self._robot.rest, self._scene)
+        except PlanningError as error:
+            raise RequestError("FRAME_TRANSFORM_FAILURE", str(error)) from None
+
+
+def link_point(robot: PlanningRobot, name: str) -> LinkPoint | None:
+    """Return a link of the URDF that the planning model does not have, relative to one that it has; None otherwise."""
+    parents = {joint.child: joint for joint in robot.description.joints.values()}
+    pose, link = Pose(), name
+    while link not in robot.links:
+        joint = parents.get(link)
+        if joint is None or joint.kind != "fixed":
+            return None
+        pose = Pose.from_quaternion(*child_pose(joint, 0.0)) @ pose
+        link = joint.parent
+    return None if link == name else LinkPoint(link, Pose(np.array(pose.position_m), pose.matrix))

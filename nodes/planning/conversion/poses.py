@@ -1,0 +1,46 @@
+"""Poses as messages and as poses of planning/."""
+
+import numpy as np
+from geometry_msgs.msg import Point, Quaternion, Vector3
+from geometry_msgs.msg import Pose as PoseMessage
+
+from planning.kinematics.chain import ToolPose
+from planning.kinematics.rotations import quaternions
+from planning.scene import Pose
+
+
+def pose_of(message: PoseMessage) -> Pose:
+    """Return the pose of a message. Raises PlanningError if it is not finite or the quaternion is not of length 1."""
+    return Pose.from_quaternion(vector_of(message.position), quaternion_of(message.orientation))
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """Return the message of a pose."""
+    x, y, z, w = quaternions(pose.matrix).tolist()
+    return PoseMessage(position=point_message(pose), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def point_message(pose: Pose) -> Point:
+    """Return the message of the position of a pose."""
+    x, y, z = pose.position_m.tolist()
+    return Point(x=x, y=y, z=z)
+
+
+def tool_pose(pose: Pose) -> ToolPose:
+    """Return a pose in the form of goals."""
+    return ToolPose(np.array(pose.position_m), quaternions(pose.matrix))
+
+
+def vector_of(message: Point | Vector3) -> tuple[float, float, float]:
+    """Return the components of a point or a vector."""
+    return message.x, message.y, message.z
+
+
+def quaternion_of(message: Quaternion) -> tuple[float, float, float, float]:
+    """Return the components x, y, z, w of a quaternion."""
+    return message.x, message.y, message.z, message.w
+
+
+def is_identity(message: PoseMessage) -> bool:
+    """Return whether a pose is the default one."""
+    return vector_of(message.position) == (0.0, 0.0, 0.0) and quaternion_of(message.orientation) == (0.0, 0.0, 0.0, 1.0)

@@ -1,0 +1,143 @@
+"""Shapes of collision objects as messages and as shapes of planning/."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain, zip_longest
+from typing import Any, Final
+
+import numpy as np
+from geometry_msgs.msg import Pose as PoseMessage
+from moveit_msgs.msg import CollisionObject
+from shape_msgs.msg import Mesh as MeshMessage
+from shape_msgs.msg import Plane, SolidPrimitive
+
+from nodes.planning.conversion.poses import is_identity, pose_message, pose_of
+from nodes.planning.errors import RequestError
+from planning.scene import Box, Cone, Cylinder, Mesh, Pose, Shape, Sphere
+
+PLANE_M: Final = 20.0
+"""Side of the box that stands for a plane, in m."""
+PLANE_DEPTH_M: Final = 0.1
+"""Depth of this box below the plane, in m."""
+
+Shapes = tuple[tuple[Shape, Pose], ...]
+"""Shapes with their poses in the frame of the object."""
+
+_SOLIDS: Final[Mapping[int, tuple[str, int, Callable[..., Shape]]]] = {
+    SolidPrimitive.BOX: ("box", 3, Box),
+    SolidPrimitive.SPHERE: ("sphere", 1, Sphere),
+    SolidPrimitive.CYLINDER: ("cylinder", 2, Cylinder),
+    SolidPrimitive.CONE: ("cone", 2, Cone),
+}
+"""Name, number of dimensions and type of each solid. The dimensions are in the order of the message."""
+
+
+def shapes_of(item: CollisionObject) -> Shapes:
+    """Return the shapes of a collision object. A plane becomes a large box below it.
+
+    Raises:
+        PlanningError: A pose is invalid.
+        RequestError: A shape is unknown or has no size, or the number of poses is wrong.
+    """
+    return tuple(
+        chain(
+            _posed(item.id, "primitives", item.primitives, item.primitive_poses, solid),
+            _posed(item.id, "meshes", item.meshes, item.mesh_poses, mesh),
+            _posed(item.id, "planes", item.planes, item.plane_poses, plane),
+        )
+    )
+
+
+def has_shapes(item: CollisionObject) -> bool:
+    """Return whether a collision object has a shape."""
+    return bool(item.primitives or item.meshes or item.planes)
+
+
+def centered(item: CollisionObject) -> CollisionObject:
+    """Return an object whose only shape has the pose of the object, as MoveIt does if the object has no pose."""
+    poses = (item.primitive_poses, item.mesh_poses, item.plane_poses)
+    if not is_identity(item.pose) or sum(map(len, poses)) != 1:
+        return item
+    changed = copied(item)
+    for own in (changed.primitive_poses, changed.mesh_poses, changed.plane_poses):
+        if own:
+            changed.pose, own[0] = own[0], PoseMessage()
+    return changed
+
+
+def copied(item: CollisionObject) -> CollisionObject:
+    """Return a copy of an object whose lists can be changed."""
+    fields = {name: getattr(item, name) for name in item.get_fields_and_field_types()}
+    return CollisionObject(
+        **{name: list(value) if isinstance(value, list) else value for name, value in fields.items()}
+    )
+
+
+def solid(owner: str, message: SolidPrimitive) -> tuple[Shape, Pose]:
+    """Return the shape of a solid. Raises RequestError if its type or its number of dimensions is unknown."""
+    if message.type not in _SOLIDS:
+        known = ", ".join(name for name, _, _ in _SOLIDS.values())
+        raise _invalid(f'object "{owner}" has a shape of type {message.type}: use {known}')
+    name, count, shape = _SOLIDS[message.type]
+    if len(message.dimensions) != count:
+        raise _invalid(f'{name} of object "{owner}" has {len(message.dimensions)} dimensions: give {count}')
+    return shape(*message.dimensions), Pose()
+
+
+def mesh(owner: str, message: MeshMessage) -> tuple[Shape, Pose]:
+    """Return the shape of a mesh. Raises RequestError if it has no triangle, or one of a vertex that does not exist."""
+    if not message.triangles:
+        raise _invalid(f'mesh of object "{owner}" has no triangles: check its file')
+    used = sorted({int(index) for triangle in message.triangles for index in triangle.vertex_indices})
+    if used[-1] >= len(message.vertices):
+        raise _invalid(f'mesh of object "{owner}" has no vertex {used[-1]}: it has {len(message.vertices)} vertices')
+    vertices = [(message.vertices[i].x, message.vertices[i].y, message.vertices[i].z) for i in used]
+    return Mesh(np.array(vertices)), Pose()
+
+
+def plane(owner: str, message: Plane) -> tuple[Shape, Pose]:
+    """Return the box below a plane a x + b y + c z + d = 0. Raises RequestError if the plane has no normal."""
+    *normal, offset = map(float, message.coef)
+    length = math.hypot(*normal)
+    if not math.isfinite(length + offset) or length == 0.0:
+        raise _invalid(f'plane of object "{owner}" has the coefficients {list(message.coef)}: give it a normal')
+    z = np.array(normal) / length
+    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x /= np.linalg.norm(x)
+    center_m = z * (-offset / length - PLANE_DEPTH_M / 2.0)
+    return Box(PLANE_M, PLANE_M, PLANE_DEPTH_M), Pose(center_m, np.stack([x, np.cross(z, x), z], axis=1))
+
+
+def add_shapes(item: CollisionObject, shapes: Sequence[tuple[Shape, Pose]]) -> None:
+    """Append boxes, cylinders, cones, spheres and meshes to a message."""
+    for shape, pose in shapes:
+        if isinstance(shape, Mesh):
+            raise TypeError("the triangles of a mesh are known only in its message")
+        kind = next(kind for kind, (_, _, known) in _SOLIDS.items() if known is type(shape))
+        item.primitives.append(SolidPrimitive(type=kind, dimensions=list(shape.sides_m())))
+        item.primitive_poses.append(pose_message(pose))
+
+
+def _posed(
+    owner: str,
+    field: str,
+    shapes: Sequence[Any],
+    poses: Sequence[PoseMessage],
+    convert: Callable[[str, Any], tuple[Shape, Pose]],
+) -> list[tuple[Shape, Pose]]:
+    if len(shapes) < len(poses):
+        raise _invalid(f'object "{owner}" has {len(shapes)} {field} and {len(poses)} poses for them: give as many')
+    found = []
+    for shape, pose in zip_longest(shapes, poses, fillvalue=PoseMessage()):  # As in MoveIt, poses can be left out.
+        converted, own = convert(owner, shape)
+        found.append((converted, pose_of(pose) @ own))
+    return found
+
+
+def _invalid(message: str) -> RequestError:
+    return RequestError("INVALID_OBJECT_NAME", message)
+
+
+def without_shapes(item: CollisionObject) -> CollisionObject:
+    """Return an object with its name, type and pose only."""
+    return CollisionObject(header=item.header, id=item.id, type=item.type, pose=item.pose)

@@ -1,0 +1,97 @@
+"""Run the process of the node move_group, until a signal or until another move_group appears."""
+
+from collections.abc import Callable
+from time import monotonic
+from typing import Final
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from nodes.pick_place.signals import on_stop_signal
+from nodes.planning.move_group import NAME, MoveGroupNode, others
+from nodes.planning.routes import Route
+from nodes.ros_environment import RosError
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from planning.robot import PlanningRobot
+
+DISCOVERY_S: Final = 2.0
+"""Time in which other nodes are discovered before the start, in seconds."""
+OTHER: Final = (
+    "another node is named /move_group: a MoveIt or another servoloop plan-server is running; "
+    "end it first, because both would move the arm"
+)
+"""Message if another server is in the graph."""
+
+
+def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], None], *, sim_time: bool = False) -> int:
+    """Serve MoveIt's interfaces until SIGINT, SIGTERM or SIGHUP.
+
+    Args:
+        robot: The robot.
+        routes: Controllers of the stack.
+        ready: Called when clients can send requests.
+        sim_time: Whether the stack runs in simulated time.
+
+    Returns:
+        The exit status.
+
+    Raises:
+        RosError: ROS 2 does not start, or another move_group is running.
+    """
+    reach = init_rclpy()
+    try:
+        _check_alone()
+        with rcl_errors():
+            node = Node(NAME, parameter_overrides=[Parameter("use_sim_time", value=sim_time)])
+        node.get_logger().info(reach)
+        return _serve(node, robot, routes, ready)
+    finally:
+        with exit_watchdog():
+            rclpy.try_shutdown()
+
+
+def _serve(node: Node, robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], None]) -> int:
+    executor, stopped, failures = SingleThreadedExecutor(), Future(), list[str]()
+    executor.add_node(node)
+
+    async def stop(reason: str) -> None:
+        await server.stop(reason)
+        if not stopped.done():
+            stopped.set_result(None)
+
+    def on_other() -> None:
+        if not failures:
+            failures.append(OTHER)
+            node.get_logger().fatal(OTHER)
+            executor.create_task(stop, OTHER)
+
+    server = MoveGroupNode(node, robot, routes, on_other)
+    on_stop_signal(lambda: executor.create_task(stop, "the planning server ends"))
+    try:
+        ready()
+        spin_until_done(executor, stopped)
+    finally:
+        with exit_watchdog():
+            executor.shutdown(timeout_sec=1.0)
+            node.destroy_node()
+    return 1 if failures else 0
+
+
+def _check_alone() -> None:
+    """Raise RosError if another move_group is in the graph."""
+    with rcl_errors():
+        probe = Node("servoloop_plan_server")
+    end_s = monotonic() + DISCOVERY_S
+    executor = SingleThreadedExecutor()
+    executor.add_node(probe)
+    try:
+        while monotonic() < end_s:
+            executor.spin_once(timeout_sec=0.1)
+            if others(probe):
+                raise RosError(OTHER)
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+        probe.destroy_node()

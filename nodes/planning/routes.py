@@ -1,0 +1,15 @@
+"""Controllers of a stack, and the joints that they move. Imports no ROS package."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["trajectory", "gripper", "parallel_gripper", "forward"]
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A controller and the joints that it moves, in its order."""
+
+    name: str
+    kind: Kind
+    joints: tuple[str, ...]

@@ -1,0 +1,41 @@
+"""Limits of the speed of a link along a motion."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from nodes.planning.errors import RequestError
+from planning.group_planner import GroupPlanner
+from planning.motion import Motion
+from planning.paths.timing import TimedPath
+
+
+def slowed(group: GroupPlanner, motion: Motion, link: str, speed_m_s: float) -> Motion:
+    """Return a motion along the same path in which a link is not faster than a speed.
+
+    Args:
+        group: Planner of the group that moves.
+        motion: The motion.
+        link: Link whose speed is limited; the tip of the group if empty.
+        speed_m_s: Maximum speed, in m/s. 0 or less is no limit.
+
+    Raises:
+        RequestError: The speed is not a number.
+        PlanningError: The link does not exist.
+    """
+    if math.isnan(speed_m_s):
+        raise RequestError("PLANNING_FAILED", "max_cartesian_speed is nan: send a speed in m/s, or 0 for no limit")
+    if speed_m_s <= 0.0:
+        return motion
+    chain = group.chain(link or None, motion.end)
+    own = [motion.joints.index(name) for name in chain.names]
+    places_m = chain.transforms(motion.path.positions[:, own])[:, :3, 3]
+    lengths_m = np.linalg.norm(np.diff(places_m, axis=0), axis=1)
+    stretch = float((lengths_m / np.diff(motion.path.times_s)).max(initial=0.0)) / speed_m_s
+    return motion if stretch <= 1.0 else replace(motion, path=_stretched(motion.path, stretch))
+
+
+def _stretched(path: TimedPath, factor: float) -> TimedPath:
+    velocities, accelerations = path.velocities / factor, path.accelerations / factor**2
+    return TimedPath(path.times_s * factor, path.positions, velocities, accelerations)

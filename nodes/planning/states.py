@@ -1,0 +1,83 @@
+"""States of the robot as messages and as positions of the driven joints."""
+
+import math
+from collections.abc import Mapping
+
+from moveit_msgs.msg import AttachedCollisionObject, RobotState
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+from nodes.planning.edits import WorldEdit
+from nodes.planning.errors import RequestError
+from nodes.planning.world import World
+from planning.motion import State
+from planning.robot import PlanningRobot
+from planning.scene import Scene
+
+
+def state_of(robot: PlanningRobot, message: RobotState, current: State) -> dict[str, float]:
+    """Return the state of a message. Joints that the message does not name are where they are now.
+
+    Raises:
+        RequestError: The message has not one position for each name.
+        PlanningError: A joint does not exist, or a position is not finite.
+    """
+    names, positions = message.joint_state.name, message.joint_state.position
+    if len(names) != len(positions):
+        raise RequestError(
+            "INVALID_ROBOT_STATE", f"the state has {len(names)} joints and {len(positions)} positions: send as many"
+        )
+    if message.multi_dof_joint_state.joint_names:
+        raise RequestError(
+            "INVALID_ROBOT_STATE",
+            f"{message.multi_dof_joint_state.joint_names[0]} is a joint with several axes: the robot has none",
+        )
+    return robot.state({**current, **dict(zip(names, map(float, positions), strict=True))})
+
+
+def world_of(robot: PlanningRobot, message: RobotState, world: World, state: State) -> World:
+    """Return the world with the attached objects of a state. Raises RequestError or PlanningError."""
+    if not message.attached_collision_objects:
+        return world
+    edit = WorldEdit(robot, world, lambda: state)
+    for held in message.attached_collision_objects:
+        edit.apply_attached(held)
+    return edit.world
+
+
+def joint_message(robot: PlanningRobot, state: State) -> JointState:
+    """Return the message of a state, with the mimic joints."""
+    positions = {**state, **followers(robot, state)}
+    message = JointState(name=list(positions), position=list(positions.values()))
+    message.header = Header(frame_id=robot.frame)
+    return message
+
+
+def state_message(robot: PlanningRobot, state: State, world: World | None = None) -> RobotState:
+    """Return the message of a state, with the attached objects of a world."""
+    message = RobotState(joint_state=joint_message(robot, state))
+    if world is not None:
+        message.attached_collision_objects = attached_messages(world.scene, world)
+    return message
+
+
+def attached_messages(scene: Scene, world: World) -> list[AttachedCollisionObject]:
+    """Return the messages of the attached objects."""
+    return [
+        AttachedCollisionObject(
+            link_name=held.link, object=world.items[name], touch_links=sorted({held.link, *held.touch_links})
+        )
+        for name, held in scene.attached.items()
+    ]
+
+
+def followers(robot: PlanningRobot, state: State) -> Mapping[str, float]:
+    """Return the positions of the mimic joints."""
+    found = {}
+    for name, joint in robot.description.joints.items():
+        mimic = joint.mimic
+        if mimic is not None and name not in state and mimic.joint in state:
+            position = mimic.multiplier * state[mimic.joint] + mimic.offset
+            if math.isfinite(position):
+                found[name] = position
+    return found

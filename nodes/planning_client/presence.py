@@ -1,0 +1,13 @@
+"""Find out whether a motion planner is running."""
+
+from typing import Final
+
+from rclpy.node import Node
+
+PLANNER_SERVICE: Final = "/move_action/_action/send_goal"
+"""Service of the action with which clients plan."""
+
+
+def is_planner_present(node: Node) -> bool:
+    """Return whether a node provides the action /move_action."""
+    return PLANNER_SERVICE in {name for name, _ in node.get_service_names_and_types()}

@@ -1,0 +1,48 @@
+"""``servoloop plan-server``: plan motions for MoveIt's clients, beside a running stack."""
+
+from typing import Annotated
+
+import typer
+
+from drivers.errors import DriverError
+from nodes.ros_environment import PLANNING_PACKAGES, require_ros
+from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.options import NetworkOption, set_network
+from servoloop.extras import require_extras
+from servoloop.stack.arm_options import ControlledArm
+
+
+@grouped_options
+def plan_server(
+    *,
+    arm: ControlledArm,
+    sim_time: Annotated[
+        bool, typer.Option("--sim-time", help="Follow the clock of a stack in simulated time.")
+    ] = False,
+    network: NetworkOption = False,
+) -> None:
+    """Serve MoveIt's actions, services and topics beside a running stack, until Ctrl-C.
+
+    The node is named move_group, and MoveIt's clients connect to it. Do not run a MoveIt at the same time.
+    Example: `servoloop plan-server --arm so101`
+    """
+    require_ros(PLANNING_PACKAGES)
+    require_extras("motion planning", "planning")
+    set_network(network)
+    from nodes.planning.process import run
+    from planning.collision import warm_up
+    from planning.errors import PlanningError
+    from servoloop.motion_planning.robot import planning_robot
+    from servoloop.motion_planning.routes import routes
+
+    files = arm.read()
+    try:
+        robot = planning_robot(files)
+    except PlanningError as error:
+        raise DriverError(str(error)) from None
+    warm_up()
+
+    def ready() -> None:
+        typer.echo(f"ready: planning for {files.arm} as /move_group, groups {', '.join(robot.groups.groups)}")
+
+    raise typer.Exit(run(robot, routes(files), ready, sim_time=sim_time))

@@ -1,0 +1,54 @@
+"""The poses of the tool in the files of the arms: the same places as the joint positions, and reachable from above."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from pick_place.pose_settings import PickObject, PoseSettings, above
+from planning.kinematics.chain import ToolPose
+from planning.kinematics.goals import PoseGoal, PositionSphere
+from servoloop import MotionPlanner
+from servoloop.stack.arm_folders import find_arm
+from servoloop.stack.pick_place import NODE, load_pick_place
+
+ARMS = ("robot_arm", "so101")
+
+
+def parameters_of(arm: str) -> dict[str, Any]:
+    content = yaml.safe_load(find_arm(arm).pick_place_poses.read_text())
+    parameters: dict[str, Any] = content[NODE]["ros__parameters"]
+    assert parameters["motion"] == "poses"
+    return parameters
+
+
+def test_file_of_robot_arm_has_the_defaults() -> None:
+    parameters, default = parameters_of("robot_arm"), PoseSettings()
+    assert (tuple(parameters["joints"]), tuple(parameters["poses"]["ready"])) == (default.joints, default.ready_rad)
+    assert tuple(parameters["pick"]["pose"]) == default.pick
+    assert {grade: tuple(parameters["bins"][grade]["pose"]) for grade in parameters["grades"]} == default.bins
+    planning = parameters["planning"]
+    assert planning.pop("time_s") == default.planning_time_s
+    assert planning == {name: getattr(default, name) for name in ("frame", "group", "tool_link", "approach_m", "speed")}
+    target = parameters["object"]
+    lists = (tuple(target[name]) for name in ("size", "position", "touch_links"))
+    assert PickObject(target["name"], *lists) == default.target
+    assert parameters["hand_time_s"] == default.hand_time_s
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_poses_are_those_of_the_joint_positions_and_reachable_from_above(arm: str) -> None:
+    parameters, joints = parameters_of(arm), load_pick_place(find_arm(arm).pick_place)
+    planner = MotionPlanner(arm, parameters["planning"]["tool_link"])
+    planner.scene = planner.scene.without("cube")
+    ready = dict(zip(joints.joints, joints.poses.ready, strict=True))
+    places = {"pick": (joints.poses.pick, parameters["pick"]["pose"])}
+    places |= {grade: (joints.bins[grade], parameters["bins"][grade]["pose"]) for grade in joints.grades}
+    for name, (positions, pose) in places.items():
+        position_m, quaternion = planner.pose(dict(zip(joints.joints, positions, strict=True)))
+        np.testing.assert_allclose(pose[:3], position_m, atol=1e-4, err_msg=name)
+        np.testing.assert_allclose(pose[3:], quaternion, atol=1e-4, err_msg=name)
+        x, y, z, *upright = above(tuple(pose), parameters["planning"]["approach_m"])
+        goal = PoseGoal(ToolPose(np.array([x, y, z]), np.array(upright)), PositionSphere(1e-3), (1e-2,) * 3)
+        assert planner.plan(ready, goal).times_s[-1] > 0.0

@@ -1,0 +1,52 @@
+"""Programs of other projects that were written for MoveIt, unchanged, with the plan server."""
+
+import json
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("moveit_msgs")
+
+from tests.ros.planned_stack import planned_stack, program
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+CLIENTS = Path(__file__).parent / "moveit_clients"
+SUCCESS = 1
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with planned_stack(tmp_path_factory.mktemp("planned"), "--hardware", "mock"):
+        yield
+
+
+def test_pymoveit2_plans_moves_and_changes_the_scene(stack: None) -> None:
+    pytest.importorskip("pymoveit2")
+    found = json.loads(program(str(CLIENTS / "drive_pymoveit2.py")).splitlines()[-1])
+    assert found.pop("distance to the pose, m") < 0.002
+    assert found.pop("height of the line, m") == pytest.approx(0.03, abs=0.002)
+    assert -0.6419 < found.pop("joint3 after the cancel") < -0.01
+    assert "GOAL_IN_COLLISION" in found.pop("reason")
+    assert found.pop("goal inside the wall") is False
+    assert found.pop("canceled motion") is False
+    assert all(found.values()), found
+
+
+def test_moveit2_commander_plans_moves_and_changes_the_scene(stack: None) -> None:
+    if find_spec("moveit2_commander") is None:
+        pytest.skip("moveit2_commander is not installed")
+    found = json.loads(program(str(CLIENTS / "drive_moveit2_commander.py")).splitlines()[-1])
+    assert found == {
+        "joint goal": SUCCESS,
+        "scaled trajectory": SUCCESS,
+        "added": True,
+        "goal inside the wall": False,
+        "removed": True,
+        "attached": True,
+        "line": SUCCESS,
+        "detached": True,
+    }

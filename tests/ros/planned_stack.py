@@ -1,0 +1,50 @@
+"""A stack with a plan server, each in its own process, for programs that plan."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rclpy
+from rclpy.node import Node
+
+from nodes.planning_client.presence import is_planner_present
+from tests.ros.stack_process import StackProcess, running, until
+
+PROGRAM_S = 150.0
+
+
+@contextmanager
+def planned_stack(folder: Path, *arguments: str, arm: str = "robot_arm") -> Iterator[StackProcess]:
+    """Run ``servoloop up`` with a plan server until the end of the block, and yield the plan server."""
+    with running(folder, "--arm", arm, *arguments):
+        server = StackProcess(folder / "plan_server.log", "plan-server", "--arm", arm)
+        try:
+            wait_for_planner(server)
+            yield server
+        finally:
+            server.end()
+
+
+def wait_for_planner(server: StackProcess) -> None:
+    """Wait until the plan server provides its actions."""
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node("wait_for_planner", context=context)
+    until(lambda: is_planner_present(node), lambda: server.process.poll() is not None and server.words)
+    node.destroy_node()
+    context.shutdown()
+
+
+def program(*command: str) -> str:
+    """Run a Python program and return its output. Fail with its errors if it fails."""
+    ran = subprocess.run([sys.executable, *command], capture_output=True, text=True, timeout=PROGRAM_S, check=False)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    return ran.stdout
+
+
+def servoloop(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a ``servoloop`` command and return its result."""
+    command = [sys.executable, "-m", "servoloop", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PROGRAM_S, check=False)
