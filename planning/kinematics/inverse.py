@@ -55,7 +55,6 @@ class InverseKinematics:
         self,
         goal: PoseGoal,
         start: FloatArray,
-        seeds: Sequence[FloatArray] = (),
         valid: Valid | None = None,
         count: int = COUNT,
         remaining_s: Remaining | None = None,
@@ -65,7 +64,6 @@ class InverseKinematics:
         Args:
             goal: Region of poses of the tool.
             start: Current joint positions (n,), in rad or m. They are tried first.
-            seeds: Further joint positions (n,) to try first.
             valid: Returns whether joint positions are valid; by default, all are.
             count: Maximum number of solutions.
             remaining_s: Returns the time that is left, in seconds; by default, the time is not limited.
@@ -76,9 +74,9 @@ class InverseKinematics:
         Raises:
             UnreachableError: No joint positions were found. The error has the nearest pose.
             CollidingError: Joint positions were found, but none are valid.
-            PlanningError: ``start`` or a seed is invalid, or no time is left.
+            PlanningError: ``start`` is invalid, or no time is left.
         """
-        first = [self._chain.checked(positions) for positions in (start, *seeds)]
+        first = self._chain.checked(start)
         nearest: list[Descent] = []
         colliding: list[FloatArray] = []
         for starts in self._batches(goal, first):
@@ -101,15 +99,15 @@ class InverseKinematics:
             )
         raise self._unreachable(goal, nearest)
 
-    def _batches(self, goal: PoseGoal, first: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return batches of starts (k, n): the given ones, then samples, of which half are the nearest to the goal."""
+    def _batches(self, goal: PoseGoal, first: FloatArray) -> list[FloatArray]:
+        """Return batches of starts (k, n): the given one, then samples, of which half are the nearest to the goal."""
         weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
         near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
         batches = []
         for end, size in zip(itertools.accumulate(BATCHES), BATCHES, strict=True):
             part = slice((end - size) // 2, end // 2)
             batches.append(np.concatenate([near[part], self._samples[part]]))
-        return [np.concatenate([np.array(first), batches[0]]), *batches[1:]]
+        return [np.concatenate([first[None], batches[0]]), *batches[1:]]
 
     def _search(self, goal: PoseGoal, starts: FloatArray) -> Descent:
         """Move the starts to the pose itself or, if none of them reaches it, to the region around it."""
