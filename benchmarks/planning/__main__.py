@@ -4,7 +4,7 @@ DATA is a folder with problems.tar.bz2 (scenes and requests of MotionBenchMaker)
 A problem is valid if its start and its goal are not in contact. MuJoCo's own collision detection, with ten poses for
 each 0.05 rad, counts the plans that touch something.
 
-With ``--roboplan PYTHON``, roboplan plans the same problems. Its times leave out the construction of its scene.
+With ``--roboplan PYTHON``, roboplan plans the same problems. The times leave out the construction of the scene.
 With ``--poses``, arms of the project plan to random poses of their tools instead.
 """
 
@@ -15,7 +15,7 @@ from typing import Final
 from rich.console import Console
 
 from benchmarks.arguments import in_words, positive
-from benchmarks.planning.peer import run_peer
+from benchmarks.planning.peer import Peer
 from benchmarks.planning.poses import run_poses
 from benchmarks.planning.problems import JOINTS, LIMIT, plain, read_problems
 from benchmarks.planning.ur5 import Results, run, table_of
@@ -57,12 +57,17 @@ def _run_problems(arguments: argparse.Namespace) -> None:
     problems = list(read_problems(arguments.data / "problems.tar.bz2", allowed, arguments.problems))
     results, arm = Results(), ArmModel.from_string(urdf, dict.fromkeys(JOINTS, LIMIT))
     settings = (arguments.limit, arguments.searches)
-    valid = [problem for problem in problems if run(problem, arm, urdf, results, settings)]
-    columns = {"servoloop": results}
+    columns, peer = {"servoloop": results}, None
     if arguments.roboplan:
         models = (urdf, (arguments.data / "ur5.srdf").read_text())
-        columns["roboplan"] = run_peer(arguments.roboplan, valid, arm, models, arguments.limit)
-    print(f"{len(problems)} problems, {len(valid)} of them valid")
+        peer = Peer(arguments.roboplan, arm, models, allowed, arguments.limit)
+        columns["roboplan"] = peer.results
+    for problem in problems:
+        if run(problem, arm, urdf, results, settings) and peer is not None:
+            peer.run(problem)
+    if peer is not None:
+        peer.close()
+    print(f"{len(problems)} problems, {results.valid} of them valid")
     Console().print(table_of(columns))
 
 

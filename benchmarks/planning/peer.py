@@ -1,14 +1,13 @@
 """Run roboplan on the same problems, in its own interpreter.
 
-The task is a JSON document with the URDF, the SRDF, the names of the joints, the pairs of links that may touch, the
-links that never move, the time limit in s and the problems. A problem has the start, the goal and the shapes, each as
-kind, sizes and transform. The answer has, for each problem, the path, the time of the search and the total time in s,
-or null.
+The first line of its input is a JSON document with the URDF, the SRDF, the names of the joints, the pairs of links
+that may touch, the links that never move and the time limit in s. Each further line is a problem: the start, the goal
+and the shapes, each as kind, sizes and transform. The answer to a problem is a line with the path, the time of the
+search and the total time in s, or null. Problems alternate with those of servoloop, so that other load slows both down.
 """
 
 import json
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,50 +22,69 @@ from planning.scene import Box, Cylinder, Pose, Shape, Sphere
 SCRIPT = Path(__file__).with_name("roboplan_peer.py")
 
 
-def run_peer(
-    python: Path, problems: Sequence[Problem], arm: ArmModel, models: tuple[str, str], limit_s: float
-) -> Results:
-    """Plan problems with roboplan.
+class Peer:
+    """A running process of roboplan.
 
     Args:
         python: Interpreter that has roboplan.
-        problems: Valid problems.
         arm: The arm.
         models: Texts of the URDF and the SRDF.
+        allowed: Pairs of links that may touch.
         limit_s: Time limit of each problem, in s.
     """
-    urdf, srdf = models
-    task = {
-        "urdf": urdf,
-        "srdf": srdf,
-        "joints": JOINTS,
-        "allowed": sorted(_allowed(problems[0], arm)),
-        "fixed": [link for link, body in zip(arm.links, arm.bodies, strict=True) if not arm.model.body_weldid[body]],
-        "limit_s": limit_s,
-        "problems": [_problem(problem) for problem in problems],
-    }
-    run = subprocess.run([python, SCRIPT], input=json.dumps(task), capture_output=True, text=True, check=False)
-    if run.returncode:
-        raise SystemExit(f"roboplan ends with {run.returncode}: {run.stderr.strip()[-2000:]}")
-    results = Results(valid=len(problems))
-    for problem, found in zip(problems, json.loads(run.stdout), strict=True):
+
+    def __init__(
+        self, python: Path, arm: ArmModel, models: tuple[str, str], allowed: frozenset[Pair], limit_s: float
+    ) -> None:
+        self.results = Results()
+        self._arm, self._urdf = arm, models[0]
+        self._process = subprocess.Popen([python, SCRIPT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        task = {
+            "urdf": models[0],
+            "srdf": models[1],
+            "joints": JOINTS,
+            "allowed": sorted(_allowed(allowed, arm)),
+            "fixed": [
+                link for link, body in zip(arm.links, arm.bodies, strict=True) if not arm.model.body_weldid[body]
+            ],
+            "limit_s": limit_s,
+        }
+        self._send(task)
+
+    def run(self, problem: Problem) -> None:
+        """Plan one problem and add its figures."""
+        self._send(_problem(problem))
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise SystemExit(f"roboplan ended with {self._process.wait()}")
+        self.results.valid += 1
+        found = json.loads(line)
         if found is None:
-            results.failed.append(problem.name)
-            continue
+            self.results.failed.append(problem.name)
+            return
         path = np.array(found["path"])
-        results.plan_s.append(found["plan_s"])
-        results.times_s.append(found["total_s"])
-        results.lengths_rad.append(path_length(path))
-        if touches(urdf, problem.scene, arm.adjacent(), path):
-            results.touching.append(problem.name)
-    return results
+        self.results.plan_s.append(found["plan_s"])
+        self.results.times_s.append(found["total_s"])
+        self.results.lengths_rad.append(path_length(path))
+        if touches(self._urdf, problem.scene, self._arm.adjacent(), path):
+            self.results.touching.append(problem.name)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate(timeout=10.0)
+
+    def _send(self, document: object) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(document) + "\n")
+        self._process.stdin.flush()
 
 
-def _allowed(problem: Problem, arm: ArmModel) -> frozenset[Pair]:
+def _allowed(allowed: frozenset[Pair], arm: ArmModel) -> frozenset[Pair]:
     """Return the pairs that may touch, including links welded to each other, which MuJoCo never checks."""
     welds = dict(zip(arm.links, (int(arm.model.body_weldid[body]) for body in arm.bodies), strict=True))
     welded = {(one, other) for one in welds for other in welds if one < other and welds[one] == welds[other]}
-    known = {pair for pair in problem.scene.allowed if set(pair) <= set(arm.links)}
+    known = {pair for pair in allowed if set(pair) <= set(arm.links)}
     return frozenset(known | arm.adjacent() | welded)
 
 

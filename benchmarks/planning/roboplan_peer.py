@@ -1,6 +1,6 @@
 """Plan problems with roboplan, in an environment of its own that has roboplan and numpy.
 
-Reads a JSON document from the standard input and writes another one to the standard output. ``peer.py`` describes both.
+Reads JSON documents, one in each line, and writes the answers. ``peer.py`` describes them.
 """
 
 import itertools
@@ -19,9 +19,10 @@ COLOR = np.array([0.5, 0.5, 0.5, 1.0])
 
 
 def main() -> None:
-    """Plan all problems."""
-    task = json.load(sys.stdin)
-    json.dump([plan(task, problem) for problem in task["problems"]], sys.stdout)
+    """Plan one problem for each line."""
+    task = json.loads(sys.stdin.readline())
+    for line in sys.stdin:
+        print(json.dumps(plan(task, json.loads(line))), flush=True)
 
 
 def plan(task: Any, problem: Any) -> Any:

@@ -29,7 +29,7 @@ class Results:
     plan_s: list[float] = field(default_factory=list)
     """Time of the first search, without shortcuts."""
     times_s: list[float] = field(default_factory=list)
-    """Time of the checks' tables, all searches and shortcuts."""
+    """Time of all searches and shortcuts, without the construction of the scene."""
     lengths_rad: list[float] = field(default_factory=list)
     timing_s: list[float] = field(default_factory=list)
     durations_s: list[float] = field(default_factory=list)
@@ -45,8 +45,8 @@ def run(problem: Problem, arm: ArmModel, urdf: str, results: Results, settings: 
     ``settings`` are the time limit in s and the number of searches.
     """
     limit_s, searches = settings
-    begun_s = time.perf_counter()
     collisions = Collisions(arm, problem.scene)
+    begun_s = time.perf_counter()
     request = PathRequest(problem.start, (problem.goal,))
     try:
         plan = plan_path(arm, collisions, request, lambda: begun_s + limit_s - time.perf_counter(), searches)

@@ -10,7 +10,7 @@ from planning.paths.request import Remaining
 
 TRIES: Final = 400
 """Maximum number of shortcuts tried."""
-PATIENCE: Final = 60
+PATIENCE: Final = 30
 """Number of shortcuts that fail one after another before the path counts as short."""
 GAIN: Final = 1e-3
 """Smallest share of the length that a shortcut must save to be tried."""
