@@ -28,9 +28,17 @@ from planning.motion import (
 )
 from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest
+from planning.paths.smooth_timing import timed_smoothly
+from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Scene
 
+THINNING_M: Final = 2e-4
+"""Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
+ROUNDING_M: Final = 1e-6
+"""The same for points on the straight edges of a motion."""
+SLOWER: Final = 1.5
+"""Factor up to which a straight motion may take longer along a spline, which is nearer to the line than blends are."""
 NEAR: Final = Margins(1e-3, 5e-4)
 """Distances that count as a contact of a motion under way."""
 
@@ -98,7 +106,7 @@ class GroupPlanner:
             full[own] = positions
             return full
 
-        margins = request.margins.within(max(collisions.clearance(start).distance_m, CONTACT_M))
+        margins = request.margins.within(max(collisions.room_m(start, request.margins.padding_m), CONTACT_M))
         checks = Checks(
             lambda one: _text(collisions.contact(whole(one), margins.padding_m)),
             lambda one, other: _text(collisions.edge_contact(whole(one), whole(other), margins)),
@@ -106,7 +114,11 @@ class GroupPlanner:
         found = tool_path(chain, start[own], request.waypoints, request.steps, checks)
         if len(found.positions) < 2:
             return LineMotion(None, found.fraction, found.reason)
-        path = timed(np.array([whole(one) for one in found.positions]), limits, collisions, margins)
+        points = thinned(np.array([whole(one) for one in found.positions]), collisions.levers_m, THINNING_M)
+        path = timed(points, limits, collisions, margins)
+        smooth = timed_smoothly(points, limits, collisions, margins)
+        if smooth is not None and smooth.duration_s < SLOWER * path.duration_s:
+            path = smooth
         return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
 
     def inverse(
@@ -149,6 +161,8 @@ class GroupPlanner:
         """
         collisions = Collisions(self._arm(state), scene)
         times_s, points = path.since(from_s)
+        if collisions.path_contact(list(thinned(points, collisions.levers_m, ROUNDING_M)), margins) is None:
+            return None
         contact = collisions.path_contact(list(points), margins)
         if contact is None:
             return None
