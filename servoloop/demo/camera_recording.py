@@ -25,7 +25,7 @@ class CameraRecording:
         """Create the file of the pictures. Raises RecordingError if it cannot be created."""
         self._recording, self._topic = recording, topic
         self.pictures = recording.with_suffix(f".camera{SUFFIX}")
-        """File of the pictures, until ``merge`` has added them to the recording."""
+        """File of the pictures, until ``finish`` has added them to the recording."""
         self._file = McapFile(self.pictures)
         self._file.add_channel(topic, COMPRESSED, definition(COMPRESSED))
 
@@ -33,15 +33,20 @@ class CameraRecording:
         """Write an encoded picture."""
         self._file.add_message(self._topic, stamp_ns, data)
 
-    def close(self) -> None:
-        """Close the file of the pictures."""
-        self._file.close()
+    def finish(self) -> None:
+        """Close the file of the pictures, and add them to the recording, ordered by time.
 
-    def merge(self) -> None:
-        """Add the pictures to the recording, ordered by time, and remove their file.
+        Call it when the stack has ended. If it did not start, there is no recording, and the pictures are removed.
 
-        Raises RecordingError if the recording cannot be read or written. Both files remain in that case.
+        Raises:
+            RecordingError: The recording cannot be read or written. Both files remain in that case.
         """
+        self._file.close()
+        if self._recording.exists():
+            self._merge()
+        self.pictures.unlink()
+
+    def _merge(self) -> None:
         whole = self._recording.with_suffix(f".part{SUFFIX}")
         whole.unlink(missing_ok=True)
         try:
@@ -52,7 +57,6 @@ class CameraRecording:
             raise RecordingError(
                 f"cannot add the pictures to {self._recording}: {error}; they remain in {self.pictures}"
             ) from error
-        self.pictures.unlink()
 
 
 def _write(path: Path, *readers: McapReader) -> None:

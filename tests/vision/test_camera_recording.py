@@ -39,8 +39,7 @@ def test_pictures_are_added_in_the_order_of_time(recording: Path) -> None:
     pictures = CameraRecording(recording, TOPIC)
     for stamp_ns in (50, 200):
         pictures.add(stamp_ns, picture(stamp_ns))
-    pictures.close()
-    pictures.merge()
+    pictures.finish()
     with recording.open("rb") as stream:
         reader = make_reader(stream)
         found = [(channel.topic, message.log_time) for _, channel, message in reader.iter_messages()]
@@ -55,7 +54,13 @@ def test_a_damaged_recording_leaves_the_pictures(recording: Path) -> None:
     recording.write_bytes(recording.read_bytes()[:40])
     pictures = CameraRecording(recording, TOPIC)
     pictures.add(50, picture(50))
-    pictures.close()
     with pytest.raises(RecordingError, match=r"they remain in .*run\.camera\.mcap"):
-        pictures.merge()
+        pictures.finish()
     assert pictures.pictures.exists() and recording.exists()
+
+
+def test_without_a_recording_no_pictures_remain(tmp_path: Path) -> None:
+    pictures = CameraRecording(tmp_path / "run.mcap", TOPIC)
+    pictures.add(50, picture(50))
+    pictures.finish()
+    assert list(tmp_path.iterdir()) == []
