@@ -113,6 +113,7 @@ def camera(folder: Path, **parameters: str) -> Iterator[subprocess.Popen[str]]:
     assert process.returncode == 0 and "Traceback" not in log, log
 
 
+@pytest.mark.runs("python -m nodes.apple_camera --ros-args -p source:=pictures")
 def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folder: Path) -> None:
     with camera(folder, source="pictures"):
         heard.until(lambda: all(heard.messages.values()), "a message of each topic")
