@@ -199,6 +199,8 @@ class Grader:
         inside = (away < 1.0) & (rays @ one.sphere.frame[:, 2] > 0.0)
         free = inside.copy()
         for other in nearer:
+            if not _overlap(_box(other.outline), (left, top, width, height)):
+                continue
             free &= other.sphere.inside(rays)[1] > 1.1
         visible = float(free.sum()) / max(int(inside.sum()), 1)
         radius_px = np.sqrt(max(float(inside.sum()), 1.0) / np.pi)
@@ -214,6 +216,13 @@ def _box(outline: Outline) -> tuple[int, int, int, int]:
     rows, columns = np.flatnonzero(outline.mask.any(axis=1)), np.flatnonzero(outline.mask.any(axis=0))
     left, top = outline.box[0] + int(columns[0]), outline.box[1] + int(rows[0])
     return left, top, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
+
+
+def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
+    """Whether two boxes (left, top, width, height) have common pixels."""
+    apart_x = one[0] + one[2] <= other[0] or other[0] + other[2] <= one[0]
+    apart_y = one[1] + one[3] <= other[1] or other[1] + other[3] <= one[1]
+    return not (apart_x or apart_y)
 
 
 def _grown(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
