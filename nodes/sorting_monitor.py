@@ -2,6 +2,7 @@
 
 import json
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -9,6 +10,7 @@ from apple_quality_msgs.msg import AppleQualityArray
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from nodes.camera_pictures import subscribe_pictures
 from pick_place.job import JobPhase
 from pick_place.settings import normal_grade
 
@@ -67,12 +69,19 @@ class SortingMonitor:
     """All jobs since the start, oldest first."""
     newest: SeenApple | None = None
     """Apple of the newest message; None if that message has no apple with a grade."""
+    _node: Node | None = None
     _seen: deque[SeenApple] = field(default_factory=lambda: deque(maxlen=KEPT))
 
     def subscribe(self, node: Node) -> None:
         """Subscribe to the topics."""
+        self._node = node
         node.create_subscription(AppleQualityArray, "/sorting/perception/apple_quality", self._on_apples, 10)
         node.create_subscription(String, "/sorting/arm/state", self._on_state, 10)
+
+    def receive_pictures(self, store: Callable[[int, bytes], None]) -> None:
+        """Pass every compressed picture to ``store``: its stamp in ns of ROS time, and its encoded message."""
+        if self._node is not None:
+            subscribe_pictures(self._node, store)
 
     def _on_apples(self, message: Any) -> None:
         stamp_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9

@@ -135,6 +135,14 @@ class Collisions:
             found[names] = min(found.get(names, math.inf), float(distances[pair]))
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
+    def room_m(self, positions: FloatArray, padding_m: float) -> float:
+        """Return the largest padding up to ``padding_m`` that positions (n,) have, in m. Contacts have less than 0."""
+        self.poses_checked += 1
+        distances = np.full(len(self._pairs.one), np.inf)
+        pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
+        counts = self._to_world | (distances < PADDING_M)
+        return min(padding_m, float(distances[counts].min(initial=np.inf)))
+
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
 

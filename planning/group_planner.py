@@ -106,7 +106,7 @@ class GroupPlanner:
             full[own] = positions
             return full
 
-        margins = request.margins.within(max(collisions.clearance(start).distance_m, CONTACT_M))
+        margins = request.margins.within(max(collisions.room_m(start, request.margins.padding_m), CONTACT_M))
         checks = Checks(
             lambda one: _text(collisions.contact(whole(one), margins.padding_m)),
             lambda one, other: _text(collisions.edge_contact(whole(one), whole(other), margins)),

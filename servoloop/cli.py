@@ -16,7 +16,7 @@ from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
 from planning.errors import PlanningError
-from servoloop.commands import arms, bench, passport, scene, servo, teach
+from servoloop.commands import arms, bench, camera, passport, scene, servo, teach
 from servoloop.commands import calibrate as calibration
 from servoloop.commands import jog as pose
 from servoloop.commands import servo as register
@@ -82,6 +82,7 @@ for group, name in (
     (arms, "arms"),
     (bench, "bench"),
     (calibration, "calibration"),
+    (camera, "camera"),
     (passport, "passport"),
     (pose, "pose"),
     (register, "register"),

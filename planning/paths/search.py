@@ -22,7 +22,7 @@ from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.paths.request import PathRequest, Remaining, bounds, checked
+from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.roadmap import roadmap_path
 
 atexit.register(gc.unfreeze)
@@ -90,7 +90,7 @@ def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remai
     Raises:
         PlanningError: The start or the goals are not possible, or no path was found in time.
     """
-    return path_of_checked(arm, collisions, checked(arm, collisions, request), remaining_s)
+    return path_of_checked(arm, collisions, reduced(collisions, checked(arm, collisions, request)), remaining_s)
 
 
 def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:

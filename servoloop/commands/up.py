@@ -176,7 +176,7 @@ def demo(
 
 def _sort_apples(options: CellOptions, console: "Console") -> int:
     """Sort apples by what the virtual camera sees, print the report and return the exit status."""
-    require_extras("the camera", "sim")
+    require_extras("the camera", "sim", "vision")
 
     from servoloop.demo.jobs import Live
     from servoloop.demo.sort_apples import sort_apples

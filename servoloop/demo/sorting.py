@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
 
@@ -82,9 +81,9 @@ def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 class Sorter:
     """Watches a cell that sorts apples by itself."""
 
-    def __init__(self, ready: Cell, monitor: "SortingMonitor", scene: Path, live: Live) -> None:
+    def __init__(self, ready: Cell, monitor: "SortingMonitor", camera: SceneCamera, live: Live) -> None:
         self._ready, self._monitor, self._live = ready, monitor, live
-        self._camera = SceneCamera(scene)
+        self._camera = camera
         self._settings: GradingSettings = grading_settings(self._camera)
         self._last_seed: int | None = None
         self.film = Film()

@@ -41,7 +41,12 @@ def seen(turn: np.ndarray, shift: np.ndarray, seed: int) -> Picture:
 
 
 def views(count: int, tilt_rad: float) -> list[BoardView]:
-    """Return views of a board that is tilted to all sides, in all parts of the picture."""
+    """Return views of the board of ``pictures``."""
+    return [DETECTOR.view(picture) for picture in pictures(count, tilt_rad)]
+
+
+def pictures(count: int, tilt_rad: float) -> list[Picture]:
+    """Return pictures of a board that is tilted to all sides, in all parts of the picture."""
     rng = np.random.default_rng(3)
     found = []
     for number in range(count):
@@ -50,7 +55,7 @@ def views(count: int, tilt_rad: float) -> list[BoardView]:
         middle = np.array([0.07 * np.cos(1.7 * number), 0.05 * np.sin(1.7 * number), 0.38 + 0.03 * (number % 3)])
         half = np.array([*BOARD.size_m, 0.0]) / 2
         shift = middle - cv2.Rodrigues(turn)[0] @ half
-        found.append(DETECTOR.view(seen(turn, shift, number)))
+        found.append(seen(turn, shift, number))
     return found
 
 

@@ -9,6 +9,7 @@ from hal.robot_description.kinematics import child_pose, multiply, rotate
 from servoloop.stack.arm_folders import find_arm
 from sim_backend.camera.pinhole import PinholeCamera
 from sim_backend.scene.scene_file import scene_model
+from tests.pages import code
 
 ARMS = ("robot_arm", "robot_arm_dynamixel", "so101")
 
@@ -35,6 +36,12 @@ def test_the_scene_and_the_description_agree(arm):
 def test_the_camera_sees_the_stand_in_the_middle(arm):
     pixel = camera_of(arm).pixels(scene_model(arm.scene).body("cube").pos[None])[0]
     np.testing.assert_allclose(pixel, [319.5, 239.5], atol=40.0)
+
+
+@pytest.mark.runs("sort-apples.md xml 1")
+def test_the_documented_elements_are_those_of_the_scene():
+    scene = [line.strip() for line in find_arm("robot_arm").scene.read_text().splitlines()]
+    assert [line for line in code("sort-apples.md", "xml").splitlines() if line not in scene] == []
 
 
 def camera_of(arm):
