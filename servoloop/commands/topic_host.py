@@ -7,8 +7,8 @@ import typer
 
 from drivers.errors import DriverError
 from nodes.topic_host.topics import COMMANDS, STATES, HostTopics
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
