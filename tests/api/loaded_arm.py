@@ -13,7 +13,7 @@ class LoadedArm(Arm):
 
     def __init__(self) -> None:
         self.loop = SimulatedLoop(ArmOptions("so101").files(), None, None, 0.0)
-        self._use(self.loop.backend, self.loop.close)
+        self._use(self.loop.backend, self.loop.close, "so101")
         self._loads: dict[str, float] = {}
         self.move_to(FREE, duration=1.5)
 

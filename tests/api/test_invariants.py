@@ -30,7 +30,7 @@ class WatchedArm(Arm):
         backend = StackBackend(control, describe(control), pace, lambda: None, StackRecording(None))
         self.watch = Watch(self.stack)
         self.stack.up()
-        self._use(backend, backend.close)
+        self._use(backend, backend.close, "so101")
 
     def end(self) -> list[str]:
         """Shut the arm down, and return the violations."""

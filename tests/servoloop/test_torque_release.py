@@ -62,13 +62,16 @@ LEAVES_TORQUE = {
     "bench bus": "releases only servos that it has switched on itself",
     "setup": "writes nothing to a servo that holds torque, and releases only one that it has turned itself",
     "up": "parks the arm at its end and releases it only if the robot file requires it",
+    "topic-host": "ends as up does",
     "replay": "ends as up does",
     "teach play": "ends as up does",
     **dict.fromkeys(("ports", "scan", "register list", "register read", "passport save", "passport diff"), "reads"),
-    **dict.fromkeys(("jog", "stop", "pick", "pose save", "pose go"), "is a client of a running stack"),
+    **dict.fromkeys(("goto", "jog", "stop", "pick", "plan-server", "pose save", "pose go"), "is a client of a running stack"),
     **dict.fromkeys(("view", "monitor", "record", "plot"), "shows"),
     **dict.fromkeys(("demo", "emulate", "hand", "fault", "simulate", "campaign"), "has virtual servos"),
     **dict.fromkeys(("pose list", "pose remove", "teach list", "teach remove", "register tables"), "opens no port"),
+    **dict.fromkeys(("scene add", "scene list", "scene load", "scene remove"), "is a client of a planner"),
+    **dict.fromkeys(("camera list", "camera show", "camera calibrate", "camera plane", "camera board"), "has no servos"),
     **dict.fromkeys(("calibration import", "calibration export", "calibration show"), "opens no port"),
 }
 
