@@ -38,6 +38,7 @@ LINES: Final = (
     Line("up", ("sim",)),
     Line("up --hardware mujoco", ("sim",)),
     Line("up --rtf 5", ("sim",)),
+    Line("plan-server", ("planning", "ros")),
     Line("pick A", ("ros",)),
     Line("goto 0.2 -0.1 0.2", ("planning", "ros")),
     Line("scene list", ("planning", "ros")),
