@@ -115,7 +115,7 @@ def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
     )
     for one in differences:
         before, made = one.before, one.made
-        prismatic = before.transmission != 1.0
+        prismatic = before.unit == "m"
         travel, range_ = made.travel(before), before.limits.upper - before.limits.lower
         table.add_row(
             one.joint,

@@ -11,13 +11,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from calibration.eeprom import Change
 from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.passport.compare import Comparison, compare, take_passport
 from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
 from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore_all
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
+from drivers.eeprom import Change
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
 from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table

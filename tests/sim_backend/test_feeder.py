@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from sim_backend.scene.cube_cell import Tray
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import READY
@@ -31,6 +32,7 @@ class PaperWorld:
     ready = np.array(READY)
     hand_travel = 0.05
     laid = True
+    tray: Tray | None = None
 
     @property
     def cell(self):
