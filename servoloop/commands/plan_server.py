@@ -26,8 +26,8 @@ def plan_server(
     The node is named move_group, and MoveIt's clients connect to it. Do not run a MoveIt at the same time.
     Example: `servoloop plan-server --arm so101`
     """
-    require_ros(PLANNING_PACKAGES)
     require_extras("motion planning", "planning")
+    require_ros(PLANNING_PACKAGES)
     set_network(network)
     from nodes.planning.process import run
     from planning.collision import warm_up

@@ -87,8 +87,8 @@ def _check_planning(options: UpOptions) -> None:
     """Check that the planning server can start, before the arm gets torque. Raises DriverError or RosError."""
     if not options.ros:
         raise DriverError("--plan needs ROS 2: leave out --no-ros")
-    require_ros(PLANNING_PACKAGES)
     require_extras("motion planning", "planning")
+    require_ros(PLANNING_PACKAGES)
 
 
 def write_ready(path: Path) -> None:

@@ -39,7 +39,6 @@ LINES: Final = (
     Line("up --hardware mujoco", ("sim",)),
     Line("up --rtf 5", ("sim",)),
     Line("up --urdf missing.xacro", ("xacro",)),
-    Line(f"topic-host --port {PORT}", ("ros",)),
     Line("pick A", ("ros",)),
     Line("plan-server", ("planning", "ros")),
     Line(f"topic-host --port {PORT}", ("ros",)),
