@@ -12,12 +12,12 @@ from hal.types import FloatArray, JointLimits
 from planning.arm_model import ArmModel
 from planning.clearance.chain_tables import chain_tables, joint_positions
 from planning.clearance.kernel import edge_contact, pair_distances, pose_clearance
-from planning.clearance.pair_tables import pair_tables
+from planning.clearance.pair_tables import pair_tables, planned_levers
 from planning.clearance.placement import placement
 from planning.scene import Scene
 
 PADDING_M: Final = 2e-3
-"""Smallest clearance of a pose by default, in m."""
+"""Smallest clearance of a pose by default, in m. The links of the arm keep at most this distance from each other."""
 TOLERANCE_M: Final = 1e-3
 """Resolution of the check of an edge, in m: an accepted edge has a clearance of at least the padding minus this."""
 ROUNDING_M: Final = 1e-6
@@ -99,24 +99,29 @@ class Collisions:
         self._chains = chain_tables(arm)
         self._pairs, self._names = pair_tables(arm, scene, self._chains)
         self._now = placement(self._chains, self._pairs, joint_positions(arm))
+        world = self._pairs.frame < 0
+        self._to_world = world[self._pairs.one] | world[self._pairs.other]
+        self.levers_m = planned_levers(self._chains, self._pairs)
+        """Largest motion of any geometry per motion of each joint (n,), in m/rad; 1 for a slide."""
         self.poses_checked = 0
         """Number of poses checked so far."""
 
     def clearance(self, positions: FloatArray) -> Clearance:
         """Return the smallest distance at positions (n,), in rad or m."""
         self.poses_checked += 1
+        self._pad(0.0)
         distance_m, pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), INFINITE_M)
         return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether everything is at least ``padding_m`` apart at positions (n,)."""
-        self.poses_checked += 1
-        return pose_clearance(self._chains, self._pairs, self._now, _vector(positions), padding_m)[1] < 0
+        """Return whether the arm is ``padding_m`` away from objects, and at most that from itself."""
+        return self.contact(positions, padding_m) is None
 
     def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
-        """Return the nearest pair at positions (n,) if it is nearer than ``padding_m``, or None."""
+        """Return the nearest pair at positions (n,) if it is nearer than the padding, or None."""
         self.poses_checked += 1
-        pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), padding_m)[1]
+        own_m = self._pad(padding_m)
+        pair = pose_clearance(self._chains, self._pairs, self._now, _vector(positions), own_m)[1]
         return Contact(0.0, self._named(pair)) if pair >= 0 else None
 
     def nearer(self, positions: FloatArray, below_m: float) -> list[Clearance]:
@@ -130,6 +135,14 @@ class Collisions:
             found[names] = min(found.get(names, math.inf), float(distances[pair]))
         return sorted((Clearance(distance_m, names) for names, distance_m in found.items()), key=lambda one: one[0])
 
+    def room_m(self, positions: FloatArray, padding_m: float) -> float:
+        """Return the largest padding up to ``padding_m`` that positions (n,) have, in m. Contacts have less than 0."""
+        self.poses_checked += 1
+        distances = np.full(len(self._pairs.one), np.inf)
+        pair_distances(self._chains, self._pairs, self._now, _vector(positions), distances)
+        counts = self._to_world | (distances < PADDING_M)
+        return min(padding_m, float(distances[counts].min(initial=np.inf)))
+
     def edge_contact(self, start: FloatArray, end: FloatArray, margins: Margins = MARGINS) -> Contact | None:
         """Return where an edge comes nearer to something than the padding, or None if it is free.
 
@@ -141,7 +154,9 @@ class Collisions:
             margins: Padding and tolerance.
         """
         ends = np.array([start, end], dtype=float)
-        padding_m, tolerance_m = margins.padding_m, margins.tolerance_m
+        padding_m, tolerance_m = self._pad(margins.padding_m), margins.tolerance_m
+        if padding_m < margins.padding_m:  # the tolerance fits the padding of objects, but not that of links
+            tolerance_m = min(tolerance_m, padding_m / 2.0)
         part, pair, checked = edge_contact(self._chains, self._pairs, self._now, ends, padding_m, tolerance_m)
         self.poses_checked += checked
         return Contact(part, self._named(pair)) if pair >= 0 else None
@@ -152,6 +167,16 @@ class Collisions:
             if contact := self.edge_contact(start, end, margins):
                 return Contact(index + contact.part, contact.pair)
         return None
+
+    def deviation_m(self, moved: FloatArray) -> float:
+        """Return the largest change of a distance if the joints move by ``moved`` (n,), each in rad or m."""
+        return float(np.abs(moved) @ self.levers_m)
+
+    def _pad(self, padding_m: float) -> float:
+        """Set the padding of pairs with objects, and return that of pairs of links."""
+        own_m = min(padding_m, PADDING_M)
+        self._pairs.extra[:] = (padding_m - own_m) * self._to_world
+        return own_m
 
     def _named(self, pair: int) -> tuple[str, str]:
         return self._names[self._pairs.one[pair]], self._names[self._pairs.other[pair]]

@@ -27,10 +27,18 @@ from planning.motion import (
     with_positions,
 )
 from planning.paths.planner import plan_path
-from planning.paths.request import PathRequest
+from planning.paths.request import PathRequest, Remaining
+from planning.paths.smooth_timing import timed_smoothly
+from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
 from planning.scene import Scene
 
+THINNING_M: Final = 2e-4
+"""Largest motion of any geometry by which the timed motion may differ from a straight path, in m."""
+ROUNDING_M: Final = 1e-6
+"""The same for points on the straight edges of a motion."""
+SLOWER: Final = 1.5
+"""Factor up to which a straight motion may take longer along a spline, which is nearer to the line than blends are."""
 NEAR: Final = Margins(1e-3, 5e-4)
 """Distances that count as a contact of a motion under way."""
 
@@ -69,7 +77,8 @@ class GroupPlanner:
         arm = self._arm(request.start)
         start = self._inside(request.start)
         collisions = self._collisions(arm, request.scene, request.constraints, request.start)
-        goals = self._goals(request.start, request.seed).positions(request.goals, start, collisions, request.margins)
+        solver = self._goals(request.start, request.seed, request.remaining_s)
+        goals = solver.positions(request.goals, start, collisions, request.margins)
         goals = _kept(goals, collisions)
         asked = PathRequest(start, tuple(goals), request.planner_id, request.margins, request.seed)
         plan = plan_path(arm, collisions, asked, request.remaining_s, request.searches)
@@ -98,7 +107,7 @@ class GroupPlanner:
             full[own] = positions
             return full
 
-        margins = request.margins.within(max(collisions.clearance(start).distance_m, CONTACT_M))
+        margins = request.margins.within(max(collisions.room_m(start, request.margins.padding_m), CONTACT_M))
         checks = Checks(
             lambda one: _text(collisions.contact(whole(one), margins.padding_m)),
             lambda one, other: _text(collisions.edge_contact(whole(one), whole(other), margins)),
@@ -106,7 +115,11 @@ class GroupPlanner:
         found = tool_path(chain, start[own], request.waypoints, request.steps, checks)
         if len(found.positions) < 2:
             return LineMotion(None, found.fraction, found.reason)
-        path = timed(np.array([whole(one) for one in found.positions]), limits, collisions, margins)
+        points = thinned(np.array([whole(one) for one in found.positions]), collisions.levers_m, THINNING_M)
+        path = timed(points, limits, collisions, margins)
+        smooth = timed_smoothly(points, limits, collisions, margins)
+        if smooth is not None and smooth.duration_s < SLOWER * path.duration_s:
+            path = smooth
         return LineMotion(self._motion(path, request.start, 0.0, 0.0), found.fraction, found.reason)
 
     def inverse(
@@ -131,6 +144,18 @@ class GroupPlanner:
         found = self._goals(state, seed).of_pose(chain, goal.goal, self._inside(state), checks)
         return with_positions(state, self.joints, found[0])
 
+    def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
+        """Describe the first path constraint that a state breaks; empty if it breaks none.
+
+        Raises:
+            PlanningError: The link of a region does not exist.
+        """
+        if text := constraints.broken_range(state):
+            return text
+        positions = np.array(positions_of(state, self.joints))
+        texts = (region.text(positions) for region in self._regions(constraints, state))
+        return next((text for text in texts if text), "")
+
     def clearance(self, state: State, scene: Scene) -> Clearance:
         """Return the smallest distance of the links that the group moves, to the robot itself and to all objects."""
         return Collisions(self._arm(state), scene).clearance(np.array(positions_of(state, self.joints)))
@@ -149,6 +174,8 @@ class GroupPlanner:
         """
         collisions = Collisions(self._arm(state), scene)
         times_s, points = path.since(from_s)
+        if collisions.path_contact(list(thinned(points, collisions.levers_m, ROUNDING_M)), margins) is None:
+            return None
         contact = collisions.path_contact(list(points), margins)
         if contact is None:
             return None
@@ -196,24 +223,29 @@ class GroupPlanner:
         """Return the checks of a request. Raises PlanningError if the start breaks a constraint."""
         if not constraints.regions:
             return Collisions(arm, scene)
-        regions = []
-        for region in constraints.regions:
-            chain = self.chain(region.link, start, region.offset_m)
-            regions.append(Region(chain, region.goal, self._indices(chain)))
-        collisions = ConstrainedCollisions(arm, scene, regions)
+        collisions = ConstrainedCollisions(arm, scene, self._regions(constraints, start))
         if text := collisions.broken_region(self._inside(start)):
             raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the link there first")
         return collisions
+
+    def _regions(self, constraints: PathConstraints, state: State) -> list[Region]:
+        regions = []
+        for region in constraints.regions:
+            chain = self.chain(region.link, state, region.offset_m)
+            regions.append(Region(chain, region.goal, self._indices(chain)))
+        return regions
 
     def _arm(self, state: State) -> ArmModel:
         arm = ArmModel(self._model, self.limits)
         arm.set_others({joint: state[joint] for joint in self._others})
         return arm
 
-    def _goals(self, state: State, seed: int) -> GroupGoals:
+    def _goals(self, state: State, seed: int, remaining_s: Remaining | None = None) -> GroupGoals:
         lower = np.array([limit.lower for limit in self.limits.values()])
         upper = np.array([limit.upper for limit in self.limits.values()])
-        return GroupGoals(self.joints, (lower, upper), lambda link, offset: self.chain(link, state, offset), seed)
+        return GroupGoals(
+            self.joints, (lower, upper), lambda link, offset: self.chain(link, state, offset), seed, remaining_s
+        )
 
     def _inside(self, state: State) -> FloatArray:
         """Return positions in joint order (n,). A joint slightly outside its limits counts as at its limit."""

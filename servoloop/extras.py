@@ -19,6 +19,7 @@ LIBRARIES: Final[Mapping[str, Mapping[str, str]]] = {
     "planning": {"ompl": "ompl", "mujoco": "mujoco", "numba": "numba"},
     "vision": {"cv2": "opencv-python-headless"},
     "onnx": {"onnxruntime": "onnxruntime"},
+    "xacro": {"xacro": "xacro"},
     "ray": {"ray": "ray"},
 }
 """Modules of each extra, with the names under which pip knows them. nodes/ros_environment.py checks the extra ros."""

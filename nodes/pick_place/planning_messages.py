@@ -13,7 +13,7 @@ from nodes.planning_client.scenes import change, object_message
 from pick_place.pose_settings import PoseSettings, ToolPose
 from planning.scene import Box, Pose, SceneObject
 
-LINE_STEP_M: Final = 2e-3
+LINE_STEP_M: Final = 0.01
 """Distance between the poses for which a straight line is computed, in m."""
 
 

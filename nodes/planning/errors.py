@@ -1,6 +1,8 @@
 """Errors of requests, and their messages with MoveIt's codes."""
 
-from typing import Final
+import traceback
+from pathlib import Path
+from typing import Any, Final
 
 from moveit_msgs.msg import MoveItErrorCodes
 
@@ -32,6 +34,15 @@ def success() -> MoveItErrorCodes:
 def error_code(error: RequestError | PlanningError) -> MoveItErrorCodes:
     """Return the code of an error, with its message."""
     return coded(error.code, str(error))
+
+
+def crash(log: Any, error: Exception) -> MoveItErrorCodes:
+    """Return the code of an error that no request should cause, and write its place to the log for a report."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(frame.filename).name}, line {frame.lineno}"
+    message = f"internal error, please report it: {type(error).__name__}: {error} ({place})"
+    log.error(printable_line(message))
+    return coded("CRASH", message)
 
 
 def coded(code: str, message: str) -> MoveItErrorCodes:

@@ -25,7 +25,7 @@ from planning.robot import PlanningRobot
 
 START_RAD: Final = 0.05
 """Largest distance of a joint from the start of a trajectory, in rad or m."""
-LAG_S: Final = 0.2
+LAG_S: Final = 0.5
 """Largest time by which the arm lags behind its trajectory, in seconds."""
 INVALIDATED: Final = "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE"
 """Code of a motion that a change of the scene has ended."""
@@ -42,6 +42,8 @@ class Running:
     """Time of the node's clock at the start, in seconds."""
     names: tuple[str, ...]
     """Names of the controllers that carry it out."""
+    is_monitored: bool = True
+    """Whether changes of the scene stop it. A motion that touches something from the start is not monitored."""
     is_checked: bool = False
     """Whether a check of the rest against the scene is under way."""
     is_outdated: bool = False
@@ -75,13 +77,17 @@ class Execution:
         for running in self._running:
             running.stop.request(code, message)
 
-    async def run(self, trajectory: RobotTrajectory, names: Sequence[str], stop: Stop) -> None:
+    async def run(
+        self, trajectory: RobotTrajectory, names: Sequence[str], stop: Stop, *, must_be_free: bool = False
+    ) -> None:
         """Carry out a trajectory until its end or a stop.
 
         Args:
             trajectory: The trajectory.
             names: Controllers to use; empty: those of the joints.
             stop: Stops the motion.
+            must_be_free: Whether a trajectory that touches something in the present scene is refused. Otherwise it is
+                carried out, as in MoveIt, and changes of the scene do not stop it.
 
         Raises:
             RequestError: The trajectory is invalid, was stopped, or was not carried out.
@@ -100,6 +106,8 @@ class Execution:
         running = Running(path, stop, self._now_s(), tuple(one.route.name for one in chosen))
         self._running.append(running)
         try:
+            await self._check_first(running, now, must_be_free)
+            running.begun_s = self._now_s()
             await self._follow(message, chosen, stop)
         finally:
             self._running.remove(running)
@@ -168,11 +176,22 @@ class Execution:
                     f"the trajectory begins with {joint} at {position:.3f}, but it is at {at:.3f}: plan again",
                 )
 
+    async def _check_first(self, running: Running, now: Snapshot, must_be_free: bool) -> None:
+        """Check a motion against the scene before it begins. Raises RequestError."""
+        contact = await self._workers.compute(partial(self._contact, running, now, 0.0))
+        if contact is None:
+            return
+        text = f"{contact.one} would touch {contact.other}"
+        if must_be_free:
+            raise RequestError(INVALIDATED, f"the scene has changed, and {text}: nothing has moved")
+        running.is_monitored = False
+        self._log.warning(printable_line(f"on the trajectory, {text}: changes of the scene will not stop it"))
+
     def _check_all(self) -> None:
         """Check the rest of each motion against the changed scene."""
         for running in self._running:
             running.is_outdated = True
-            if not running.is_checked:
+            if running.is_monitored and not running.is_checked:
                 running.is_checked = True
                 self._node.executor.create_task(self._check, running)
 
@@ -181,7 +200,9 @@ class Execution:
             while running.is_outdated and running in self._running and not running.stop.requested:
                 running.is_outdated = False
                 now = await self._store.snapshot()
-                contact = await self._workers.compute(partial(self._contact, running, now))
+                contact = await self._workers.compute(
+                    partial(self._contact, running, now, self._now_s() - running.begun_s - LAG_S)
+                )
                 if contact is not None:
                     text = f"{contact.one} would touch {contact.other}: the motion stops along its path"
                     self._log.warning(printable_line(f"the scene has changed, and {text}"))
@@ -192,8 +213,7 @@ class Execution:
         finally:
             running.is_checked = False
 
-    def _contact(self, running: Running, now: Snapshot) -> FutureContact | None:
-        from_s = self._now_s() - running.begun_s - LAG_S
+    def _contact(self, running: Running, now: Snapshot, from_s: float) -> FutureContact | None:
         return self._all.future_contact(running.path, from_s, now.state, now.world.scene)
 
     def _now_s(self) -> float:

@@ -1,5 +1,6 @@
 """The measured state of the robot, from /joint_states."""
 
+import math
 from collections.abc import Callable
 from time import monotonic
 from typing import Final
@@ -56,7 +57,7 @@ class JointMonitor:
     def _on_states(self, message: JointState) -> None:
         now_s = monotonic()
         for name, position in zip(message.name, message.position, strict=False):
-            if position == position and name in self._robot.limits:  # The position is not NaN.
+            if math.isfinite(position) and name in self._robot.limits:
                 self._positions[name] = position
                 self._seen_s[name] = now_s
         for listener in list(self.listeners):

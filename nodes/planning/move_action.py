@@ -19,7 +19,7 @@ from nodes.planning.controllers import Stop
 from nodes.planning.conversion.semantic import robot_name
 from nodes.planning.conversion.trajectories import trajectory_message
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS, RequestError, error_code, success
+from nodes.planning.errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.execution import INVALIDATED, Execution
 from nodes.planning.requests import Planned, Requests, Snapshot
 from nodes.planning.states import state_message
@@ -138,6 +138,8 @@ class MoveActions:
             known = RequestError(stop.code, stop.message) if stop.requested else error
             result.error_code = error_code(known)
             self._log.warning(printable_line(f"{known.code}: {known}"))
+        except Exception as error:  # The other clients must not lose the server.
+            result.error_code = crash(self._log, error)
         finally:
             del self._stops[bytes(handle.goal_id.uuid)]
         if result.error_code.val == result.error_code.SUCCESS:
@@ -186,7 +188,7 @@ class MoveActions:
         stop.future.add_done_callback(lambda _: attempt.request(stop.code, stop.message))
         if stop.requested:
             attempt.request(stop.code, stop.message)
-        await self._execution.run(result.planned_trajectory, (), attempt)
+        await self._execution.run(result.planned_trajectory, (), attempt, must_be_free=True)
 
 
 def _replans(options: Any) -> int:

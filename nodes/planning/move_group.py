@@ -86,4 +86,5 @@ class MoveGroupNode:
 
 def others(node: Node) -> int:
     """Return the number of nodes with the name move_group, including this one."""
-    return sum(name == NAME for name, _ in node.get_node_names_and_namespaces())
+    own = (NAME, node.get_namespace())
+    return sum(found == own for found in node.get_node_names_and_namespaces())

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Final
 
-from moveit_msgs.msg import ConstraintEvalResult, PlannerInterfaceDescription, PlannerParams
+from moveit_msgs.msg import ConstraintEvalResult, Constraints, PlannerInterfaceDescription, PlannerParams
 from moveit_msgs.srv import (
     ApplyPlanningScene,
     GetCartesianPath,
@@ -25,7 +25,7 @@ from std_srvs.srv import Empty
 from drivers.printable import printable_line
 from nodes.planning.controllers import Stop
 from nodes.planning.conversion.trajectories import trajectory_message
-from nodes.planning.errors import REFUSALS, RequestError, error_code, success
+from nodes.planning.errors import REFUSALS, RequestError, crash, error_code, success
 from nodes.planning.joint_monitor import JointMonitor
 from nodes.planning.move_action import Planning
 from nodes.planning.requests import PIPELINE, Snapshot
@@ -132,9 +132,12 @@ class QueryServices:
         except REFUSALS as error:
             self._refused("/check_state_validity", error)
             return response
+        except Exception as error:  # The other clients must not lose the server.
+            crash(self._log, error)
+            return response
         response.valid = found.is_valid and not broken
         response.contacts = self._requests.contacts(found, world)
-        if request.constraints.joint_constraints:
+        if request.constraints != Constraints():
             response.constraint_result = [ConstraintEvalResult(result=not broken)]
         return response
 
@@ -187,6 +190,8 @@ class QueryServices:
             response.error_code = success()
         except REFUSALS as error:
             response.error_code = self._refused(name, error)
+        except Exception as error:  # The other clients must not lose the server.
+            response.error_code = crash(self._log, error)
 
     def _refused(self, name: str, error: Any) -> Any:
         self._log.warning(printable_line(f"{name}: {error.code}: {error}"))

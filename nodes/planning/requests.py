@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from moveit_msgs.msg import ContactInformation, MotionPlanRequest, PositionIKRequest, RobotState
 from moveit_msgs.srv import GetCartesianPath, GetPositionFK, GetStateValidity
@@ -18,6 +19,7 @@ from nodes.planning.slowing import slowed
 from nodes.planning.states import state_of, world_of
 from nodes.planning.world import World
 from planning.collision import Margins
+from planning.constraints import PathConstraints
 from planning.group_planner import GroupPlanner
 from planning.kinematics.cartesian import Steps
 from planning.motion import LineMotion, LineRequest, Motion, MotionRequest, Scaling, State, Validity
@@ -31,6 +33,8 @@ LONGEST_TIME_S: Final = 60.0
 """Largest time limit of a request, in seconds."""
 MOST_SEARCHES: Final = 5
 """Largest number of searches of a request, whatever the number of its attempts."""
+SLOWEST: Final = 1e-3
+"""Smallest scaling factor."""
 IK_POSITION_M: Final = 1e-4
 """Tolerance of the position of an inverse kinematics request, in m."""
 IK_TURN_RAD: Final = 1e-3
@@ -111,7 +115,7 @@ class Requests:
         goal = reader.pose_goal(stamped, link, IK_POSITION_M, IK_TURN_RAD)
         scene = world.scene if request.avoid_collisions else None
         found = group.inverse(goal, seed, scene, _margins(world))
-        if text := reader.path(request.constraints).broken_range(found):
+        if text := _broken(group, reader.path(request.constraints), found):
             raise RequestError("NO_IK_SOLUTION", f"{text}: widen the constraint or move the pose")
         return found
 
@@ -164,7 +168,7 @@ class Requests:
         state, world = self._placed(request.robot_state, now)
         found = self.robot.validity(state, world.scene, request.group_name)
         group = self.robot.group(request.group_name or next(iter(self.robot.groups.groups)))
-        return found, self._reader(group, state, world).path(request.constraints).broken_range(state), world
+        return found, _broken(group, self._reader(group, state, world).path(request.constraints), state), world
 
     def contacts(self, found: Validity, world: World) -> list[ContactInformation]:
         """Return the messages of the pairs in contact."""
@@ -197,6 +201,19 @@ class Requests:
         return ", ".join(self.robot.description.links)
 
 
+def _broken(group: GroupPlanner, constraints: PathConstraints, state: State) -> str:
+    """Describe the first constraint that a state breaks; empty if it keeps all."""
+    if text := constraints.broken_range(state):
+        return text
+    for region in constraints.regions:
+        chain = group.chain(region.link, state, region.offset_m)
+        place = chain.transforms(np.array([[state[joint] for joint in chain.names]]))
+        if not region.goal.contains(place)[0]:
+            distance_m, angle_rad = region.goal.distances(place)[0].tolist()
+            return f"{chain.tool} is {distance_m:.3f} m and {angle_rad:.2f} rad from the center of its constraint"
+    return ""
+
+
 def _steps(request: GetCartesianPath.Request) -> Steps:
     if not 0.0 < request.max_step < math.inf:
         raise RequestError("INVALID_GOAL_CONSTRAINTS", f"max_step is {request.max_step} m: send a number above 0")
@@ -214,10 +231,10 @@ def _steps(request: GetCartesianPath.Request) -> Steps:
 
 
 def _scaling(velocity: float, acceleration: float) -> Scaling:
-    """Return the factors of which those outside (0, 1] stand for 1, as in MoveIt. Raises RequestError for NaN."""
+    """Return the factors of which those outside (0, 1] stand for 1, as in MoveIt. Raises RequestError."""
     for name, value in (("velocity", velocity), ("acceleration", acceleration)):
-        if math.isnan(value):
-            raise RequestError("PLANNING_FAILED", f"the {name} scaling factor is nan: send a number from 0 to 1")
+        if math.isnan(value) or 0.0 < value < SLOWEST:
+            raise RequestError("PLANNING_FAILED", f"the {name} scaling factor is {value}: send {SLOWEST} to 1")
     return Scaling(*(value if 0.0 < value <= 1.0 else 1.0 for value in (velocity, acceleration)))
 
 

@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 
 from drivers.printable import printable_line
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS, RequestError
+from nodes.planning.errors import REFUSALS, RequestError, crash
 from nodes.planning.joint_monitor import JointMonitor
 from nodes.planning.requests import Snapshot
 from nodes.planning.scene_messages import scene_message
@@ -61,6 +61,8 @@ class WorldStore:
         except REFUSALS as error:
             self._log.error(printable_line(f"{what} refused: {error}"))
             return str(error)
+        except Exception as error:  # The other clients must not lose the server.
+            return str(crash(self._log, error).message)
         self.world = edit.world
         self._scenes.publish(scene_message(self._robot, self.world, self._state()))
         for listener in list(self.listeners):

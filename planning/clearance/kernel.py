@@ -29,16 +29,19 @@ EXACT: Final = 1e-9
 
 @compiled
 def clearance(pairs: PairTables, now: Placement, start_m: float, share: float) -> tuple[float, int]:
-    """Return the smallest distance below ``start_m`` and its pair, or ``start_m`` and -1."""
+    """Return the smallest distance below ``start_m`` and its pair, or ``start_m`` and -1.
+
+    ``pairs.extra`` is subtracted from all distances.
+    """
     best, found = start_m, -1
     geoms, centers, radii, first_geom = now.geoms, now.unit_pos, pairs.unit_radius, pairs.first_geom
     for pair in range(len(pairs.one)):
-        one, other = pairs.one[pair], pairs.other[pair]
-        if unit_bound(geoms, centers, radii, first_geom, one, other) >= best:
+        one, other, extra = pairs.one[pair], pairs.other[pair], pairs.extra[pair]
+        if unit_bound(geoms, centers, radii, first_geom, one, other) - extra >= best:
             continue
         for i in range(first_geom[one], first_geom[one + 1]):
             for j in range(first_geom[other], first_geom[other + 1]):
-                distance = geom_distance(geoms, i, j, pairs.vertices, (best, share), now.normal)
+                distance = geom_distance(geoms, i, j, pairs.vertices, (best + extra, share), now.normal) - extra
                 if distance < best:
                     best, found = distance, pair
     return best, found
@@ -83,19 +86,19 @@ def _free_pair(
     ``limits`` are the padding, the tolerance and the largest part.
     """
     padding, tolerance, part = limits
-    one, other, common = pairs.one[pair], pairs.other[pair], pairs.common[pair]
+    one, other, common, extra = pairs.one[pair], pairs.other[pair], pairs.common[pair], pairs.extra[pair]
     geoms, rates, first_geom = now.geoms, now.geom_rate, pairs.first_geom
     for i in range(first_geom[one], first_geom[one + 1]):
         for j in range(first_geom[other], first_geom[other + 1]):
             rate = rates[i, common] + rates[j, common]
             enough = max(padding, (rate + 0.5 * bend * part) * part + padding - tolerance)
-            distance = geom_distance(geoms, i, j, pairs.vertices, (enough, SHARE), now.normal)
+            distance = geom_distance(geoms, i, j, pairs.vertices, (enough + extra, SHARE), now.normal) - extra
             if distance < padding:
                 return -1.0
             if distance < enough:
                 reserve = distance - padding + tolerance
                 free = _free_part(rate, bend, reserve)
-                if distance > 0.0 and free < part:
+                if distance + extra > 0.0 and free < part:
                     along = approach(chains, pairs, now, pair, i, j)
                     free = max(free, _free_part(along, now.curve[one] + now.curve[other], reserve))
                 part = min(part, free)
@@ -123,7 +126,7 @@ def free_around(
         one, other, common = pairs.one[pair], pairs.other[pair], pairs.common[pair]
         bend, rate = bends[one] + bends[other], rates[one, common] + rates[other, common]
         enough = max(padding, (rate + 0.5 * bend * part) * part + padding - tolerance)
-        if unit_bound(geoms, centers, radii, first_geom, one, other) >= enough:
+        if unit_bound(geoms, centers, radii, first_geom, one, other) - pairs.extra[pair] >= enough:
             continue
         if not now.rated[one]:
             set_geom_rates(chains, pairs, now, speeds, one)

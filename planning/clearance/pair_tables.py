@@ -49,6 +49,8 @@ class PairTables(NamedTuple):
     """Second unit of each pair (p,)."""
     common: Any
     """Number of joints at the beginning of both chains that are the same (p,)."""
+    extra: FloatArray
+    """Work space: distance by which the padding of each pair exceeds that of pairs of links (p,)."""
 
 
 def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairTables, tuple[str, ...]]:
@@ -82,6 +84,7 @@ def pair_tables(arm: ArmModel, scene: Scene, chains: ChainTables) -> tuple[PairT
         one=one,
         other=other,
         common=common,
+        extra=np.zeros(len(one)),
     )
     return tables, tuple(unit.name for unit in units)
 
@@ -169,3 +172,20 @@ def _apart(one: FloatArray, other: FloatArray) -> float:
 def _in_parent(geom: Geom, chains: ChainTables, link: int) -> Geom:
     position = chains.link_mat[link] @ geom.pose.position_m + chains.link_pos[link]
     return geom._replace(pose=geom.pose.__class__(position, chains.link_mat[link] @ geom.pose.matrix))
+
+
+def planned_levers(chains: ChainTables, pairs: PairTables) -> FloatArray:
+    """Return the largest distance of any unit from the axis of each planned joint (n,), in m; 1 for a slide.
+
+    Mimic joints count for the joint that they follow.
+    """
+    levers = np.zeros(len(chains.slides))
+    for frame, row in zip(pairs.frame, pairs.lever, strict=True):
+        for at in range(chains.chain_length[frame] if frame >= 0 else 0):
+            joint = chains.chain[frame, at]
+            levers[joint] = max(levers[joint], row[at])
+    for follower, leader, steepest in reversed(
+        list(zip(chains.follower, chains.leader, chains.steepest, strict=True))
+    ):  # leaders come first
+        levers[leader] += steepest * levers[follower]
+    return np.asarray(levers[chains.planned])

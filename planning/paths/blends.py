@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from hal.types import FloatArray
-from planning.collision import Collisions, Margins
+from planning.collision import Collisions
+from planning.paths.margins import PathMargins
 
 SHARE: Final = 0.45
 """Largest share of a line that a blend at one of its ends replaces."""
@@ -18,6 +19,10 @@ HALVINGS: Final = 4
 """Number of times a blend that touches something is halved before the path keeps its corner."""
 CHORDS: Final = 16
 """Number of straight edges that stand for a blend in the check."""
+TURN: Final = 1.5
+"""Largest slope of the turn 3x² - 2x³."""
+SAG: Final = 0.15
+"""Largest distance of a spline from its chord, as a share of its curvature and the squared length of the chord."""
 SAME_RAD: Final = 1e-9
 """Distance below which two points are the same, in rad or m."""
 
@@ -35,6 +40,14 @@ class Corner:
     half: float
     """Length of the lines that the blend replaces on each side, in rad."""
 
+    def sag(self, length: float) -> FloatArray:
+        """Return how far each joint (n,) can be from a chord of this length on the blend, in rad or m.
+
+        A curve of curvature k is at most k s²/8 from a chord of length s, and a cubic spline through its ends that has
+        the same directions there is at most 0.15 k s² from it.
+        """
+        return SAG * length**2 * TURN / (2.0 * self.half) * np.abs(self.after - self.before)
+
     def at(self, along: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, direction and curvature (n,) at a length from the begin of the blend, in rad."""
         x = along / (2.0 * self.half)
@@ -51,7 +64,7 @@ def distinct(path: FloatArray) -> FloatArray:
     return path[np.concatenate(([True], steps > SAME_RAD))]
 
 
-def blended(path: FloatArray, collisions: Collisions, margins: Margins) -> tuple[Corner, ...]:
+def blended(path: FloatArray, collisions: Collisions, margins: PathMargins) -> tuple[Corner, ...]:
     """Return the inner corners of a path (m, n), each with the longest blend that touches nothing."""
     lines = np.diff(path, axis=0)
     lengths = np.linalg.norm(lines, axis=1)
@@ -63,10 +76,11 @@ def blended(path: FloatArray, collisions: Collisions, margins: Margins) -> tuple
     return tuple(corners)
 
 
-def _blend(corner: Corner, collisions: Collisions, margins: Margins) -> Corner:
+def _blend(corner: Corner, collisions: Collisions, margins: PathMargins) -> Corner:
     for _ in range(HALVINGS):
         points = [corner.at(along)[0] for along in np.linspace(0.0, 2.0 * corner.half, CHORDS + 1)]
-        if collisions.path_contact(points, margins) is None:
+        sag_m = collisions.deviation_m(corner.sag(2.0 * corner.half / CHORDS))
+        if margins.contact(collisions, points, np.full(CHORDS, sag_m)) is None:
             return corner
         corner = Corner(corner.point, corner.before, corner.after, corner.half / 2.0)
     return Corner(corner.point, corner.before, corner.after, 0.0)

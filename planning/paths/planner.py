@@ -1,16 +1,20 @@
 """Plan a short path: one or two searches, each followed by shortcuts. The shorter result wins."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
-from hal.types import FloatArray, JointLimits
+import numpy as np
+
+from hal.types import FloatArray
 from planning.arm_model import ArmModel
-from planning.collision import Collisions, Margins
+from planning.collision import Collisions
 from planning.errors import PlanningError
-from planning.paths.request import PathRequest, Remaining, checked
+from planning.paths.blends import distinct
+from planning.paths.margins import PathMargins
+from planning.paths.release import Release, release
+from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.search import path_of_checked
 from planning.paths.smoothing import path_length, shortened
-from planning.paths.timing import TimedPath, timed
 
 SEARCHES: Final = 2
 """Maximum number of searches. A single search may pass an obstacle on its long side."""
@@ -23,8 +27,8 @@ class Plan(NamedTuple):
 
     points: FloatArray
     """Points of the path (m, n), in rad or m. Every edge between them is free."""
-    margins: Margins
-    """Margins that the path keeps: those of the request, or less if its start or its goal is nearer to something."""
+    margins: PathMargins
+    """Margins that the path keeps: those of the request, or less near a start or a goal that is near to something."""
 
 
 def plan_path(
@@ -45,12 +49,38 @@ def plan_path(
     Raises:
         PlanningError: The start or the goals are not possible, or no path was found in time.
     """
-    request, begun = checked(arm, collisions, request), collisions.poses_checked
-    best: FloatArray | None = None
+    request = checked(arm, collisions, request)
+    ends = _released(arm, collisions, request)
+    if ends is None:
+        request = reduced(collisions, request)
+        return Plan(_shortest(arm, collisions, request, remaining_s, searches), PathMargins(request.margins))
+    start, goals = ends
+    inner = replace(request, start=start.free, goals=tuple(goal.free for goal in goals))
+    points = _shortest(arm, collisions, inner, remaining_s, searches)
+    goal = min(goals, key=lambda one: float(np.linalg.norm(one.free - points[-1])))
+    return Plan(
+        distinct(np.array([start.end, *points, goal.end])), PathMargins(request.margins, start.near + goal.near)
+    )
+
+
+def _released(arm: ArmModel, collisions: Collisions, request: PathRequest) -> tuple[Release, list[Release]] | None:
+    """Return poses with the full padding near the start and near the goals, or None if there are none."""
+    limits = bounds(arm, request)
+    start = release(request.start, collisions, request.margins, limits, request.seed)
+    if start is None:
+        return None
+    goals = [release(goal, collisions, request.margins, limits, request.seed) for goal in request.goals]
+    found = [goal for goal in goals if goal is not None]
+    return (start, found) if found else None
+
+
+def _shortest(
+    arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining, searches: int
+) -> FloatArray:
+    """Return the shortest of the paths (m, n) of several searches."""
+    begun, best = collisions.poses_checked, None
     for number in range(searches):
-        again = PathRequest(
-            request.start, request.goals, request.planner_id, request.margins, request.seed + 7919 * number
-        )
+        again = replace(request, seed=request.seed + 7919 * number)
         try:
             path = path_of_checked(arm, collisions, again, remaining_s)
         except PlanningError:
@@ -63,27 +93,4 @@ def plan_path(
         if len(path) == 2 or remaining_s() <= 0.0 or collisions.poses_checked - begun >= POSES:
             break
     assert best is not None
-    return Plan(best, request.margins)
-
-
-def plan_motion(
-    arm: ArmModel,
-    collisions: Collisions,
-    request: PathRequest,
-    remaining_s: Remaining,
-    limits: Sequence[JointLimits] | None = None,
-) -> TimedPath:
-    """Plan a trajectory from the start to one of the goals.
-
-    Args:
-        arm: The arm.
-        collisions: Checks of the arm in the scene.
-        request: Start, goals, margins, planner and seed.
-        remaining_s: Returns the time that is left, in seconds.
-        limits: Limits of the joints (n), such as those of ``timing.scaled``; the arm's own limits if None.
-
-    Raises:
-        PlanningError: As ``plan_path`` does.
-    """
-    plan = plan_path(arm, collisions, request, remaining_s)
-    return timed(plan.points, limits or arm.limits, collisions, plan.margins)
+    return best

@@ -1,7 +1,7 @@
 """A request for a path, and the checks of its start and its goals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -33,9 +33,9 @@ class PathRequest:
 
 
 def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> PathRequest:
-    """Return a request with its possible goals only, and with margins that its ends have.
+    """Return a request with its possible goals only.
 
-    A start or a goal nearer to something than the padding reduces the padding to its clearance.
+    They are inside the limits and without contact. If some have the full padding, the others are left out.
 
     Raises:
         PlanningError: The start or every goal is outside the limits or in contact, or there is no goal.
@@ -46,16 +46,25 @@ def checked(arm: ArmModel, collisions: Collisions, request: PathRequest) -> Path
         if not np.isfinite(position) or (wrong := far_outside(float(position), limit)):
             text = f"start: {name} {wrong}" if np.isfinite(position) else f"start: {name} is at {position}"
             raise PlanningError("START_STATE_INVALID", f"{text}: move the joint inside its limits first")
-    start_m = _clearance_m(collisions, request.start, "START_STATE_IN_COLLISION", "the start")
+    _check_clear(collisions, request.start, "START_STATE_IN_COLLISION", "the start")
     within, outside = _inside(arm, request)
     if not within:
         raise PlanningError("INVALID_GOAL_CONSTRAINTS", f"goal: {outside}")
     distances = [collisions.clearance(goal).distance_m for goal in within]
     if max(distances) < CONTACT_M:
-        _clearance_m(collisions, within[int(np.argmax(distances))], "GOAL_IN_COLLISION", "the goal")
-    margins = request.margins.within(min(start_m, max(distances)))
-    goals = [goal for goal, distance_m in zip(within, distances, strict=True) if distance_m >= margins.padding_m]
-    return PathRequest(request.start, tuple(goals), request.planner_id, margins, request.seed)
+        _check_clear(collisions, within[int(np.argmax(distances))], "GOAL_IN_COLLISION", "the goal")
+    possible = [goal for goal, distance_m in zip(within, distances, strict=True) if distance_m >= CONTACT_M]
+    full = [goal for goal in possible if collisions.is_clear(goal, request.margins.padding_m)]
+    return replace(request, goals=tuple(full or possible))
+
+
+def reduced(collisions: Collisions, request: PathRequest) -> PathRequest:
+    """Return a request with margins that its start and at least one of its goals have, and with these goals only."""
+    padding_m = request.margins.padding_m
+    rooms_m = [collisions.room_m(goal, padding_m) for goal in request.goals]
+    margins = request.margins.within(min(collisions.room_m(request.start, padding_m), max(rooms_m)))
+    goals = [goal for goal, room_m in zip(request.goals, rooms_m, strict=True) if room_m >= margins.padding_m]
+    return replace(request, goals=tuple(goals), margins=margins)
 
 
 def bounds(arm: ArmModel, request: PathRequest) -> tuple[FloatArray, FloatArray]:
@@ -84,9 +93,8 @@ def _nearest_turn(goal: FloatArray, start: FloatArray, limits: Sequence[JointLim
     return np.where(continuous, goal + turns, goal)
 
 
-def _clearance_m(collisions: Collisions, positions: FloatArray, code: Code, place: str) -> float:
+def _check_clear(collisions: Collisions, positions: FloatArray, code: Code, place: str) -> None:
     clearance = collisions.clearance(positions)
     if clearance.distance_m < CONTACT_M:
         one, other = clearance.pair
         raise PlanningError(code, f"in {place}, {one} touches {other}: move them apart, or allow them to touch")
-    return clearance.distance_m

@@ -22,7 +22,7 @@ from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.paths.request import PathRequest, Remaining, bounds, checked
+from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.roadmap import roadmap_path
 
 atexit.register(gc.unfreeze)
@@ -48,8 +48,6 @@ IMPROVING_EDGES: Final = 5_000
 """Number of edges that RRTstar checks, even if it has a path already."""
 GROWTH: Final = 1.5
 """Factor by which the number of edges grows with each attempt."""
-BUSY_RATE: Final = 10
-"""Number of calls of the termination condition between two looks at the time."""
 
 
 class Attempt(NamedTuple):
@@ -90,7 +88,7 @@ def find_path(arm: ArmModel, collisions: Collisions, request: PathRequest, remai
     Raises:
         PlanningError: The start or the goals are not possible, or no path was found in time.
     """
-    return path_of_checked(arm, collisions, checked(arm, collisions, request), remaining_s)
+    return path_of_checked(arm, collisions, reduced(collisions, checked(arm, collisions, request)), remaining_s)
 
 
 def path_of_checked(arm: ArmModel, collisions: Collisions, request: PathRequest, remaining_s: Remaining) -> FloatArray:
@@ -171,10 +169,8 @@ def _run(
 
 
 def _condition(edges: _Edges, attempt: Attempt, remaining_s: Remaining) -> Any:
-    calls = count(1)
-
     def ends() -> bool:
-        return edges.checked >= attempt.edges or (next(calls) % BUSY_RATE == 0 and remaining_s() <= 0.0)
+        return edges.checked >= attempt.edges or remaining_s() <= 0.0
 
     return base.PlannerTerminationCondition(ends)
 

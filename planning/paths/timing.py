@@ -8,22 +8,21 @@ stops.
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from hal.types import FloatArray, JointLimits
-from planning.collision import Collisions, Contact, Margins
+from planning.collision import MARGINS, Collisions, Contact, Margins
 from planning.errors import PlanningError
-from planning.paths.blends import Corner, blended, distinct
+from planning.paths.blends import TURN, Corner, blended, distinct
+from planning.paths.margins import PathMargins
 
 PERIOD_S: Final = 0.02
 """Time between two points of a trajectory, in s."""
 BISECTIONS: Final = 40
 """Steps in which the fastest speed at the end of a line is found."""
-TURN: Final = 1.5
-"""Largest slope of the turn 3x² - 2x³ of a blend."""
 TURN_CHANGE: Final = 6.0
 """Largest change of that slope."""
 SAFE: Final = 1.0 - 1e-9
@@ -59,12 +58,23 @@ class TimedPath:
 
 
 @dataclass(frozen=True, slots=True)
-class _Caps:
+class Caps:
     """Largest speed, acceleration and jerk along a line or blend, in rad/s, rad/s² and rad/s³."""
 
     speed: float
     acceleration: float
     jerk: float
+
+
+class _Piece(NamedTuple):
+    """A line or a blend of a trajectory."""
+
+    start_s: float
+    lasts_s: float
+    number: int
+    """Number of the line, or of the corner."""
+    ramp: Trajectory | None
+    """Motion along the line; None for a blend."""
 
 
 def scaled(limits: Sequence[JointLimits], velocity: float = 1.0, acceleration: float = 1.0) -> tuple[JointLimits, ...]:
@@ -90,62 +100,95 @@ def scaled(limits: Sequence[JointLimits], velocity: float = 1.0, acceleration: f
 
 
 def timed(
-    path: FloatArray, limits: Sequence[JointLimits], collisions: Collisions, margins: Margins | None = None
+    path: FloatArray,
+    limits: Sequence[JointLimits],
+    collisions: Collisions,
+    margins: PathMargins | Margins = MARGINS,
 ) -> TimedPath:
     """Return a trajectory along a path whose edges are free.
 
-    Corners are rounded if the blend is free. The points of the trajectory are checked again, with straight edges
-    between them and the margins that parts of the path have: the trajectory keeps a clearance of the padding minus 1.5
-    times the tolerance. If it does not, the arm stops at every corner instead.
+    Corners are rounded if the blend is free. The trajectory is checked again with straight edges between its points and
+    the margins that parts of the path have. On a blend, the padding of an edge grows by how far the curve, or a cubic
+    spline through the points, can be from it. The trajectory therefore keeps a clearance of the padding minus 1.5 times
+    the tolerance between its points, too. If it does not, the arm stops at every corner instead.
 
     Args:
         path: Points (m, n), in rad or m.
         limits: Limits of velocity, acceleration and jerk of the joints (n).
         collisions: Checks of the arm in the scene.
-        margins: Padding and tolerance of the path; the default ones if None.
+        margins: Padding and tolerance of the path.
 
     Raises:
         PlanningError: The path itself touches something.
     """
-    margins, path = margins or Margins(), distinct(np.asarray(path, dtype=float))
+    margins = PathMargins(margins) if isinstance(margins, Margins) else margins
+    path = distinct(np.asarray(path, dtype=float))
     if len(path) < 2:
         return TimedPath(np.zeros(1), path, np.zeros_like(path), np.zeros_like(path))
     corners = blended(path, collisions, margins)
     contact: Contact | None = None
     for choice in (corners, tuple(replace(corner, half=0.0) for corner in corners)):
-        trajectory = _along(path, choice, limits)
-        if (contact := collisions.path_contact(list(trajectory.positions), margins.for_parts())) is None:
+        trajectory, sags = _along(path, choice, limits)
+        sags_m = np.array([0.0 if sag is None else collisions.deviation_m(sag) for sag in sags])
+        if (contact := margins.for_parts().contact(collisions, list(trajectory.positions), sags_m)) is None:
             return trajectory
     assert contact is not None
     one, other = contact.pair
     raise PlanningError("PLANNING_FAILED", f"the path leaves {one} too near to {other}: plan again with more padding")
 
 
-def _along(path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]) -> TimedPath:
-    """Return a trajectory along a path with these inner corners."""
+def _along(
+    path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
+) -> tuple[TimedPath, list[FloatArray | None]]:
+    """Return a trajectory along a path with these inner corners, and the sag of each of its chords (n,)."""
     lines, lengths, caps = _lines(path, corners, limits)
     speeds = _speeds(corners, lengths, caps, limits)
-    now_s, pieces = 0.0, list[tuple[float, float, int, Trajectory | None]]()
-    for i, (length, cap) in enumerate(zip(lengths, caps, strict=True)):
-        trajectory = _ramp(speeds[i], speeds[i + 1], length, cap)
-        pieces.append((now_s, trajectory.duration, i, trajectory))
-        now_s += trajectory.duration
-        if i < len(corners) and corners[i].half > 0.0:
-            lasts_s = 2.0 * corners[i].half / speeds[i + 1]
-            pieces.append((now_s, lasts_s, i, None))
-            now_s += lasts_s
-    times_s = np.append(np.arange(0.0, now_s - PERIOD_S / 2.0, PERIOD_S), now_s)
-    stops_s = [start_s for start_s, _, i, ramp in pieces if ramp is not None and speeds[i] == 0.0]
+    pieces = _pieces(corners, speeds, lengths, caps)
+    end_s = pieces[-1].start_s + pieces[-1].lasts_s
+    times_s = np.append(np.arange(0.0, end_s - PERIOD_S / 2.0, PERIOD_S), end_s)
+    stops_s = [piece.start_s for piece in pieces if piece.ramp is not None and speeds[piece.number] == 0.0]
     times_s = np.unique(np.concatenate((times_s, stops_s)))  # a stop is a point, so that no chord cuts its corner
-    starts_s = np.array([piece[0] for piece in pieces])
+    indices = np.searchsorted(np.array([piece.start_s for piece in pieces]), times_s, "right") - 1
     rows = []
-    for at_s in times_s:
-        start_s, lasts_s, i, ramp = pieces[int(np.searchsorted(starts_s, at_s, "right")) - 1]
-        since_s = min(at_s - start_s, lasts_s)
+    for at_s, index in zip(times_s, indices, strict=True):
+        ramp, i = pieces[index].ramp, pieces[index].number
+        since_s = min(at_s - pieces[index].start_s, pieces[index].lasts_s)
         rows.append(_on_line(ramp, since_s, *lines[i]) if ramp else _on_blend(corners[i], speeds[i + 1], since_s))
     positions, velocities, accelerations = (np.array(column) for column in zip(*rows, strict=True))
     positions[-1], velocities[-1], accelerations[-1] = path[-1], 0.0, 0.0
-    return TimedPath(times_s, positions, velocities, accelerations)
+    sags = [
+        _sag(corners, speeds, pieces[first : last + 1], after_s - before_s)
+        for (first, last), (before_s, after_s) in zip(
+            itertools.pairwise(indices), itertools.pairwise(times_s), strict=True
+        )
+    ]
+    return TimedPath(times_s, positions, velocities, accelerations), sags
+
+
+def _pieces(
+    corners: Sequence[Corner], speeds: Sequence[float], lengths: Sequence[float], caps: Sequence[Caps]
+) -> list[_Piece]:
+    """Return the lines and blends with their times."""
+    now_s, pieces = 0.0, list[_Piece]()
+    for i, (length, cap) in enumerate(zip(lengths, caps, strict=True)):
+        ramp = ramp_of(speeds[i], speeds[i + 1], length, cap)
+        pieces.append(_Piece(now_s, ramp.duration, i, ramp))
+        now_s += ramp.duration
+        if i < len(corners) and corners[i].half > 0.0:
+            lasts_s = 2.0 * corners[i].half / speeds[i + 1]
+            pieces.append(_Piece(now_s, lasts_s, i, None))
+            now_s += lasts_s
+    return pieces
+
+
+def _sag(
+    corners: Sequence[Corner], speeds: Sequence[float], pieces: Sequence[_Piece], lasts_s: float
+) -> FloatArray | None:
+    """Return how far the trajectory can be from a chord over these pieces, for each joint (n,); None for a line."""
+    blends = [piece.number for piece in pieces if piece.ramp is None]
+    if not blends:
+        return None
+    return np.asarray(np.max([corners[i].sag(speeds[i + 1] * lasts_s) for i in blends], axis=0))
 
 
 def _on_line(
@@ -162,7 +205,7 @@ def _on_blend(corner: Corner, speed: float, since_s: float) -> tuple[FloatArray,
 
 def _lines(
     path: FloatArray, corners: Sequence[Corner], limits: Sequence[JointLimits]
-) -> tuple[list[tuple[FloatArray, FloatArray]], list[float], list[_Caps]]:
+) -> tuple[list[tuple[FloatArray, FloatArray]], list[float], list[Caps]]:
     """Return the begin and direction of each line between blends, its length and its caps."""
     halves = [0.0, *(corner.half for corner in corners), 0.0]
     lines, lengths, caps = [], [], []
@@ -175,15 +218,15 @@ def _lines(
     return lines, lengths, caps
 
 
-def _caps(direction: FloatArray, limits: Sequence[JointLimits]) -> _Caps:
+def _caps(direction: FloatArray, limits: Sequence[JointLimits]) -> Caps:
     share = np.maximum(np.abs(direction), 1e-12)
     kinds = np.array([[limit.velocity, limit.acceleration, limit.jerk] for limit in limits])
     speed, acceleration, jerk = (kinds / share[:, None]).min(axis=0) * SAFE
-    return _Caps(float(speed), float(acceleration), float(jerk))
+    return Caps(float(speed), float(acceleration), float(jerk))
 
 
 def _speeds(
-    corners: Sequence[Corner], lengths: Sequence[float], caps: Sequence[_Caps], limits: Sequence[JointLimits]
+    corners: Sequence[Corner], lengths: Sequence[float], caps: Sequence[Caps], limits: Sequence[JointLimits]
 ) -> list[float]:
     """Return the speed at the start, at each corner and at the end, such that each line is long enough to change it."""
     speeds = [0.0, *(_blend_speed(corner, caps[i : i + 2], limits) for i, corner in enumerate(corners)), 0.0]
@@ -194,7 +237,7 @@ def _speeds(
     return speeds
 
 
-def _blend_speed(corner: Corner, caps: Sequence[_Caps], limits: Sequence[JointLimits]) -> float:
+def _blend_speed(corner: Corner, caps: Sequence[Caps], limits: Sequence[JointLimits]) -> float:
     """Return the constant speed of a blend."""
     if corner.half == 0.0:
         return 0.0
@@ -205,7 +248,7 @@ def _blend_speed(corner: Corner, caps: Sequence[_Caps], limits: Sequence[JointLi
     return float(min(by_acceleration, by_jerk, *(cap.speed for cap in caps))) * SAFE
 
 
-def _reachable(start: float, end: float, length: float, cap: _Caps) -> float:
+def _reachable(start: float, end: float, length: float, cap: Caps) -> float:
     """Return the highest speed up to ``end`` that can be reached from ``start`` within a length."""
     if end <= start or _change_length(start, end, cap) <= length:
         return end
@@ -216,7 +259,7 @@ def _reachable(start: float, end: float, length: float, cap: _Caps) -> float:
     return low
 
 
-def _change_length(start: float, end: float, cap: _Caps) -> float:
+def _change_length(start: float, end: float, cap: Caps) -> float:
     """Return the length in which the speed changes, with limited acceleration and jerk; 0 acceleration at both ends."""
     change = abs(end - start)
     if change >= cap.acceleration**2 / cap.jerk:
@@ -226,7 +269,7 @@ def _change_length(start: float, end: float, cap: _Caps) -> float:
     return 0.5 * (start + end) * lasts_s
 
 
-def _ramp(start: float, end: float, length: float, cap: _Caps) -> Trajectory:
+def ramp_of(start: float, end: float, length: float, cap: Caps) -> Trajectory:
     """Return ruckig's fastest motion along a line, from one speed to another."""
     task = InputParameter(1)
     task.control_interface = ControlInterface.Position

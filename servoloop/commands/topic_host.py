@@ -5,13 +5,14 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import DriverError
 from nodes.topic_host.topics import COMMANDS, STATES, HostTopics
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
-from servoloop.stack.arm_options import ServoArm
+from servoloop.stack.arm_options import ServoArm, xacro_arguments
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.terminal import log_to_terminal
 
@@ -52,9 +53,11 @@ def topic_host(
     log_to_terminal()
     set_network(network)
     check_ready_file(ready_file)
+    if options.states_topic == options.commands_topic:
+        raise DriverError(f"--states-topic and --commands-topic are both {options.states_topic}: choose two topics")
     if options.record is not None:
         check_path(options.record)
-    files = read_arm_files(find_arm(arm.arm), arm.urdf, None, arm.robot)
+    files = read_arm_files(find_arm(arm.arm), arm.urdf, None, arm.robot, xacro_arguments(arm.xacro_arg))
     if options.rate is not None:
         files = replace(files, controllers=replace(files.controllers, update_rate_hz=options.rate))
     devices = parse_ports(port or [], files.robot.file.lines())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from planning.arm_model import ArmModel
 from planning.clearance import kernel
-from planning.collision import Collisions, Margins, warm_up
+from planning.collision import PADDING_M, Collisions, Margins, warm_up
 from planning.errors import PlanningError
 from planning.scene import Box, Pose, Scene, SceneObject, Sphere
 from planning.srdf_file import parse_pairs
@@ -164,3 +164,17 @@ def test_an_edge_that_needs_too_many_poses_is_refused():
     contact = collisions.edge_contact(start, end, Margins(0.0009999, 1e-7))
     assert contact is not None
     assert contact.pair == ("hand", "wall")
+
+
+def test_a_wide_padding_applies_to_objects_and_not_between_links():
+    """The planar arm is folded, with its tip near its own base."""
+    folded = np.array([0.0, math.pi - 0.45])
+    collisions = Collisions(planar(end=3.1), Scene().without("floor").without("post"))
+    gap_m = collisions.clearance(folded).distance_m
+    assert PADDING_M < gap_m < 0.2
+    assert collisions.is_clear(folded, padding_m=0.25)
+    wall = SceneObject("wall", ((Sphere(0.05), Pose()),), Pose(np.array([0.0, 0.25, 0.2])))
+    near = Collisions(planar(end=3.1), Scene().without("floor").without("post").with_object(wall))
+    distance_m = near.clearance(np.zeros(2)).distance_m
+    assert near.is_clear(np.zeros(2), distance_m - 1e-6) and not near.is_clear(np.zeros(2), distance_m + 1e-6)
+    assert near.edge_contact(np.zeros(2), np.array([0.01, 0.0]), Margins(distance_m + 1e-3, 1e-3)) is not None

@@ -1,16 +1,20 @@
 """The time along a path: limits, ends, and clearance of the timed path."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.types import JointLimits
+from hal.types import FloatArray, JointLimits
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
+from planning.paths.blends import Corner
 from planning.paths.request import PathRequest
 from planning.paths.search import find_path
 from planning.paths.smoothing import path_length, shortened
+from planning.paths.thinning import thinned
 from planning.paths.timing import PERIOD_S, scaled, timed
 from planning.scene import Pose, Scene, SceneObject, Sphere
 from tests.planning.arms import planar
@@ -111,3 +115,46 @@ def test_a_path_that_is_as_near_as_an_accepted_edge_may_be_is_timed():
 def test_margins_with_which_an_accepted_edge_could_touch_something_are_refused(padding_m, tolerance_m):
     with pytest.raises(ValueError, match="at most the padding"):
         Margins(padding_m, tolerance_m)
+
+
+def spline(lasts_s: float, ends: tuple[FloatArray, FloatArray], slopes: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return 21 points (21, n) of the cubic between two points with these velocities."""
+    t = np.linspace(0.0, 1.0, 21)[:, None]
+    (one, other), (before, after) = ends, slopes
+    rest = 1.0 - t
+    return (
+        rest**2 * (1.0 + 2.0 * t) * one
+        + t**2 * (3.0 - 2.0 * t) * other
+        + lasts_s * t * rest * (rest * before - t * after)
+    )
+
+
+def test_a_spline_through_the_points_keeps_the_clearance_of_the_check():
+    path = np.array([[0.2, 0.0], [0.2, 2.0], [1.4, 2.0], [1.4, 0.0]])
+    motion = timed(path, LIMITS, BLOCKED)
+    rows = zip(
+        np.diff(motion.times_s),
+        itertools.pairwise(motion.positions),
+        itertools.pairwise(motion.velocities),
+        strict=True,
+    )
+    fine = np.concatenate([spline(*row) for row in rows])
+    assert min(BLOCKED.clearance(positions).distance_m for positions in fine) >= 0.5e-3 - 2e-6
+
+
+def test_neither_a_blend_nor_a_spline_is_farther_from_a_chord_than_its_sag():
+    corner = Corner(np.zeros(2), np.array([1.0, 0.0]), np.array([0.0, 1.0]), 0.1)
+    step, shares = 0.02, np.linspace(0.0, 1.0, 21)[:, None]
+    for begin in np.linspace(0.0, 0.2 - step, 19):
+        (one, before, _), (other, after, _) = corner.at(begin), corner.at(begin + step)
+        curve = np.array([corner.at(begin + step * float(share))[0] for share in shares[:, 0]])
+        for line in (spline(step, (one, other), (before, after)), curve):
+            farthest = np.abs(line - (one + (other - one) * shares)).max(axis=0)
+            assert (farthest <= corner.sag(step) + 1e-12).all()
+
+
+def test_points_near_the_lines_between_others_are_removed():
+    path = np.array([[0.0, 0.0], [0.5, 1e-5], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0]])
+    assert thinned(path, np.array([1.0, 1.0]), 1e-4).tolist() == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
+    assert len(thinned(path, np.array([1.0, 100.0]), 1e-4)) == 4
+    assert thinned(np.zeros((3, 2)), np.ones(2), 1e-4).tolist() == [[0.0, 0.0], [0.0, 0.0]]

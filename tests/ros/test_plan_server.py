@@ -70,6 +70,7 @@ def positions(client: PlanClient) -> dict[str, float]:
     return dict(zip(joints.name, joints.position, strict=True))
 
 
+@pytest.mark.runs("servoloop plan-server")
 def test_joint_goals_move_the_arm_and_the_plan_is_shown(ready: PlanClient) -> None:
     shown: list[DisplayTrajectory] = []
     ready.node.create_subscription(DisplayTrajectory, "/display_planned_path", shown.append, LATCHED)
@@ -202,7 +203,7 @@ def test_requests_are_answered_while_a_plan_is_searched_until_its_time_is_over(r
     assert ready.apply(remove("wall"), remove("ceiling"))
     error = plan.result().motion_plan_response.error_code
     assert error.val == MoveItErrorCodes.TIMED_OUT, error.message
-    assert 1.5 < took_s < 2.3
+    assert 1.5 < took_s < 3.0
     assert len(answers) > 2
     assert max(answers) < 0.5
 
@@ -227,6 +228,7 @@ def test_a_second_server_does_not_start(client: PlanClient, tmp_path: Path) -> N
     assert client.run(joint_goal(plan_only=True, **READY)).error_code.val == SUCCESS
 
 
+@pytest.mark.runs("servoloop up --plan")
 def test_up_starts_the_server_and_both_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(int(os.environ.get("ROS_DOMAIN_ID", "0")) + 1))
     with running(tmp_path, "--hardware", "mock", "--plan") as stack:

@@ -38,6 +38,8 @@ LINES: Final = (
     Line("up", ("sim",)),
     Line("up --hardware mujoco", ("sim",)),
     Line("up --rtf 5", ("sim",)),
+    Line("up --urdf missing.xacro", ("xacro",)),
+    Line(f"topic-host --port {PORT}", ("ros",)),
     Line("pick A", ("ros",)),
     Line("plan-server", ("planning", "ros")),
     Line(f"topic-host --port {PORT}", ("ros",)),

@@ -51,10 +51,15 @@ def checked_points(message: JointTrajectory) -> None:
     """
     if not message.points or not message.joint_names:
         raise _invalid("the trajectory has no points: plan first")
+    if len(set(message.joint_names)) < len(message.joint_names):
+        raise _invalid(f"the trajectory names a joint twice: {', '.join(message.joint_names)}")
     before_s = -1.0
     for number, point in enumerate(message.points):
         if len(point.positions) != len(message.joint_names):
             raise _invalid(f"point {number} has {len(point.positions)} positions for {len(message.joint_names)} joints")
+        for what, values in (("velocities", point.velocities), ("accelerations", point.accelerations)):
+            if len(values) not in (0, len(message.joint_names)) or not all(map(math.isfinite, values)):
+                raise _invalid(f"point {number} has invalid {what}: send a finite one for each joint, or none")
         for joint, position in zip(message.joint_names, point.positions, strict=True):
             if not math.isfinite(position):
                 raise _invalid(f"point {number}: the position of {joint} is {position}: send finite numbers")

@@ -9,11 +9,14 @@ from moveit_msgs.msg import (
     AttachedCollisionObject,
     Constraints,
     JointConstraint,
+    MotionPlanRequest,
+    MoveItErrorCodes,
     OrientationConstraint,
     PositionConstraint,
     RobotState,
     VisibilityConstraint,
 )
+from moveit_msgs.srv import GetStateValidity
 from sensor_msgs.msg import JointState
 from shape_msgs.msg import SolidPrimitive
 from std_msgs.msg import Header
@@ -23,7 +26,8 @@ from nodes.planning.conversion.constraints import ConstraintReader
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.conversion.semantic import srdf_text
 from nodes.planning.conversion.trajectories import checked_points, duration, part, timed_path
-from nodes.planning.errors import REFUSALS
+from nodes.planning.errors import REFUSALS, error_code
+from nodes.planning.requests import Requests, Snapshot
 from nodes.planning.states import state_message, state_of, world_of
 from nodes.planning.world import first_world
 from planning.kinematics.goals import PositionBox, PositionSphere
@@ -135,7 +139,7 @@ BAD = [
 def test_invalid_goals_are_refused(message: Constraints, code: str, text: str) -> None:
     with pytest.raises(REFUSALS, match=text) as caught:
         reader().goals(message)
-    assert isinstance(caught.value, REFUSALS) and caught.value.code == code
+    assert error_code(caught.value).val == getattr(MoveItErrorCodes, code)
 
 
 def test_a_state_keeps_the_joints_that_it_does_not_name() -> None:
@@ -162,7 +166,7 @@ def test_invalid_states_are_refused(names: list[str], positions: list[float], te
     message = RobotState(joint_state=JointState(name=names, position=positions))
     with pytest.raises(REFUSALS, match=text) as caught:
         state_of(robot_arm(), message, READY)
-    assert isinstance(caught.value, REFUSALS) and caught.value.code == "INVALID_ROBOT_STATE"
+    assert error_code(caught.value).val == MoveItErrorCodes.INVALID_ROBOT_STATE
 
 
 def test_the_objects_of_a_start_state_are_attached() -> None:
@@ -202,6 +206,13 @@ def test_a_part_of_a_trajectory() -> None:
         (JointTrajectory(joint_names=["joint1"]), "no points"),
         (trajectory(0.0, math.nan), "point 1: the position of joint2 is nan"),
         (trajectory(0.0, 0.5, step_s=0.0), "point 1 is at 0 s"),
+        (JointTrajectory(joint_names=["joint1"] * 2, points=trajectory(0.0).points), "names a joint twice"),
+        (
+            JointTrajectory(
+                joint_names=["joint1"], points=[JointTrajectoryPoint(positions=[0.0], velocities=[0.0] * 2)]
+            ),
+            "point 0 has invalid velocities",
+        ),
     ],
 )
 def test_invalid_trajectories_are_refused(message: JointTrajectory, text: str) -> None:
@@ -216,3 +227,41 @@ def test_the_semantic_description_has_the_groups_of_the_robot(tmp_path) -> None:
     read = read_srdf(path, robot.description)
     assert read.groups == robot.groups.groups
     assert read.end_effectors == robot.groups.end_effectors
+
+
+@pytest.mark.parametrize(
+    ("constraints", "text"),
+    [
+        (Constraints(), ""),
+        (joint("joint2", -0.36, 0.01), ""),
+        (joint("joint2", 0.5), "joint2 is at -0.3643, outside"),
+        (Constraints(position_constraints=[position(0.25, 0.0, 0.23, radius=0.1)]), ""),
+        (Constraints(position_constraints=[position(0.25, 0.2, 0.23, radius=0.1)]), "gripper_base_link is 0.2"),
+    ],
+)
+def test_a_state_is_checked_against_constraints(constraints: Constraints, text: str) -> None:
+    now = Snapshot(first_world(robot_arm()), READY)
+    found, broken, _ = Requests(robot_arm()).validity(GetStateValidity.Request(constraints=constraints), now)
+    assert found.is_valid
+    assert broken.startswith(text)
+    assert bool(broken) == bool(text)
+
+
+def test_a_slower_tool_takes_longer_along_the_same_path() -> None:
+    now = Snapshot(first_world(robot_arm()), READY)
+    request = MotionPlanRequest(group_name="arm", goal_constraints=[joint("joint1", 0.8)])
+    fast = Requests(robot_arm()).motion(request, now, lambda: 5.0).motion
+    request.max_cartesian_speed = 0.05
+    slow = Requests(robot_arm()).motion(request, now, lambda: 5.0).motion
+    assert slow.path.positions == pytest.approx(fast.path.positions)
+    length_m = 0.25 * 0.8
+    assert slow.path.duration_s > length_m / 0.05 > fast.path.duration_s
+
+
+@pytest.mark.parametrize("factor", [math.nan, 1e-300])
+def test_invalid_scaling_factors_are_refused(factor: float) -> None:
+    now = Snapshot(first_world(robot_arm()), READY)
+    request = MotionPlanRequest(group_name="arm", goal_constraints=[joint("joint1", 0.8)])
+    request.max_velocity_scaling_factor = factor
+    with pytest.raises(REFUSALS, match="the velocity scaling factor is"):
+        Requests(robot_arm()).motion(request, now, lambda: 5.0)

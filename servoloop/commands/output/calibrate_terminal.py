@@ -13,7 +13,7 @@ from rich.table import Table
 from commissioning.calibrate.result import unit
 from commissioning.calibrate.run import STORE
 from commissioning.slow_arm import StoppedError
-from servoloop.commands.console import Keyboard, print_table
+from servoloop.commands.shared.console import Keyboard, print_table
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
     )
     for one in differences:
         before, made = one.before, one.made
-        prismatic = before.transmission != 1.0
+        prismatic = before.unit == "m"
         travel, range_ = made.travel(before), before.limits.upper - before.limits.lower
         table.add_row(
             one.joint,

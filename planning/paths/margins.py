@@ -1,0 +1,57 @@
+"""Margins of a path, which are smaller near a start or a goal that is itself near to something."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hal.types import FloatArray
+from planning.collision import Collisions, Contact, Margins
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Near:
+    """Poses around an end of a path, with margins of their own."""
+
+    end: FloatArray
+    """The start or the goal (n,), in rad or m."""
+    radius: float
+    """Largest distance from the end, in rad."""
+    margins: Margins
+
+
+@dataclass(frozen=True, slots=True)
+class PathMargins:
+    """Margins of a path."""
+
+    margins: Margins
+    near: tuple[Near, ...] = ()
+    """Places with other margins."""
+
+    def at(self, start: FloatArray, end: FloatArray) -> Margins:
+        """Return the margins of an edge: those of a place if the whole edge is in it."""
+        for place in self.near:
+            if max(float(np.linalg.norm(point - place.end)) for point in (start, end)) <= place.radius:
+                return place.margins
+        return self.margins
+
+    def for_parts(self) -> "PathMargins":
+        """Return margins that every part of an accepted path has."""
+        near = tuple(replace(place, margins=place.margins.for_parts()) for place in self.near)
+        return PathMargins(self.margins.for_parts(), near)
+
+    def contact(self, collisions: Collisions, points: Sequence[FloatArray], sags_m: FloatArray) -> Contact | None:
+        """Return the first contact of the edges between points (m, n), or None. ``part`` counts whole edges too.
+
+        Args:
+            collisions: Checks of the arm in the scene.
+            points: Points (m, n), in rad or m.
+            sags_m: Distance by which the padding of each edge grows (m - 1,), in m.
+        """
+        for index, ((start, end), sag_m) in enumerate(zip(itertools.pairwise(points), sags_m, strict=True)):
+            margins = self.at(start, end)
+            grown = replace(margins, padding_m=margins.padding_m + float(sag_m))
+            if contact := collisions.edge_contact(start, end, grown):
+                return Contact(index + contact.part, contact.pair)
+        return None
