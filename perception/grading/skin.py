@@ -102,9 +102,10 @@ def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> Skin:
 def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags:
     """Return which pixels have the color of a defect, from G / R, B / R and log brightness (n,)."""
     brown: Flags = (green > BROWN[0]) & (green < BROWN[1]) & (blue > BROWN_BLUE)
+    brown |= (blue > GRAY_BLUE) & (green > BROWN[0])
     if brown.mean() > MOSTLY and np.median(brightness[brown]) > np.log(YELLOW):
         brown[:] = False
-    return brown | ((blue > GRAY_BLUE) & (green > BROWN[0]))
+    return brown
 
 
 def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Flags) -> FloatArray:

@@ -49,7 +49,7 @@ class SortingReport:
 
 def print_sorting(report: SortingReport, console: Console) -> None:
     """Print the report as a table."""
-    columns = ("", "true", "grade", "bin", "mm", "error", "red", "error", "defect", "error", "ms")
+    columns = ("", "true", "seen", "bin", "mm", "error", "red", "error", "spots", "error", "ms")
     table = Table(*columns, title="apples")
     for column in (table.columns[0], *table.columns[4:]):
         column.justify = "right"
@@ -57,8 +57,8 @@ def print_sorting(report: SortingReport, console: Console) -> None:
         table.add_row(*_cells(apple))
     console.print(table)
     console.print(
-        "Grades: true and by the camera. Diameter, red share and defect share are those of the camera, each with its "
-        "error. The last column is the time from the picture to the start of the job."
+        "Grades: true and seen by the camera. Diameter, red share and share of spots are those of the camera, each "
+        "with its error. The last column is the time from the picture to the start of the job."
     )
     delay_s, missed = report.median_picture_to_goal_s, report.loop["missed_cycles"]
     console.print(

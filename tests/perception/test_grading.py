@@ -5,6 +5,7 @@ import pytest
 
 from perception.errors import PictureRefused
 from perception.grading.grader import GradedApple, Grader
+from perception.grading.settings import GradingSettings
 from tests.perception import painted
 
 CENTER = np.array([0.25, 0.0, 0.03])
@@ -47,6 +48,16 @@ def test_an_apple_of_one_color_has_no_defect(
     apple = painted.PaintedApple(CENTER, 0.03, ground, red_share, np.array([0.0, 0.0, 1.0]))
     [(found, _)] = graded(grader, [apple], painted.Lamp(lamp=0.8, direction=painted.unit(np.array([1.0, 0.5, 0.7]))))
     assert found.defect_score < 0.01 and abs(found.red_ratio - expected_red) < 0.02
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_yellow_apple_on_a_table_of_wood_is_sound(known: bool) -> None:
+    wood = np.array([0.45, 0.30, 0.16])
+    apple = painted.PaintedApple(CENTER, 0.03, painted.YELLOW, 0.0, np.array([0.0, 0.0, 1.0]))
+    picture, _ = painted.paint(painted.view(), [apple], painted.Lamp(lamp=0.8), 0, wood)
+    settings = GradingSettings(table_rgb=tuple(wood)) if known else GradingSettings()
+    [found] = Grader(painted.view(), settings).grade(picture)
+    assert found.defect_score < 0.02 and found.red_ratio < 0.02
 
 
 def test_the_shadow_of_another_apple_is_not_a_defect(grader: Grader) -> None:
