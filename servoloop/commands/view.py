@@ -9,9 +9,11 @@ import typer
 
 from drivers.clock import Clock, MonotonicClock
 from drivers.errors import DriverError
+from nodes.ros_environment import PLANNING_PACKAGES, RosError, require_ros
 from servoloop.extras import require_extras
 
 if TYPE_CHECKING:
+    from nodes.planning_client.scene_watch import SceneWatch
     from servoloop.recording.emulator_source import EmulatorSource
     from servoloop.recording.sources import LiveSource, PlayedRecording
     from servoloop.stack.arm_folders import ArmFolder
@@ -64,7 +66,8 @@ def view(
     found, folder = _opened(recording, bus, arm, clock)
     with Signals() as signals:
         server = PageServer(host, port)
-        page = Page(server, folder)
+        watch = _scene_watch() if isinstance(found, LiveSource) else None
+        page = Page(server, folder, None if watch is None else lambda: (watch.newest, clock.now()))
         mover = Mover(found, clock) if isinstance(found, LiveSource) else None
         panel = MovePanel(server, mover, page.above_arm) if mover else None
         source = Player(server, found, clock) if isinstance(found, PlayedRecording) else found
@@ -78,6 +81,21 @@ def view(
                 mover.close()
             source.close()
             server.stop()
+            if watch is not None:
+                watch.close()
+
+
+def _scene_watch() -> "SceneWatch | None":
+    """Start to watch the motion planner of the arm, if ROS 2 is installed."""
+    try:
+        require_ros(PLANNING_PACKAGES)
+    except RosError:
+        return None
+    from nodes.planning_client.scene_watch import SceneWatch
+
+    watch = SceneWatch()
+    watch.start()
+    return watch
 
 
 def _opened(

@@ -1,9 +1,9 @@
 """Page of ``servoloop view``: the arm in 3D, plots of one joint, and tables of the servos and the control loop."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import viser
@@ -22,6 +22,10 @@ from servoloop.dashboard.tables import STRIPS, StateTable, Strip, TableCell, axi
 from servoloop.recording.history import KEPT_S
 from servoloop.recording.robot_state import GoalPath, ObservedRobot, RobotSnapshot, health, servo_faults
 from servoloop.stack.arm_folders import ARM_FILE, ArmFolder, arms, read_arm
+
+if TYPE_CHECKING:
+    from nodes.planning_client.scene_watch import WatchedScene
+    from servoloop.dashboard.planned import PlannedScene
 
 HEIGHT_PX: Final = 150
 COLORS: Final = ("#d2522d", "#4682dc")
@@ -145,14 +149,22 @@ def _around(known: ArmFolder | None) -> tuple[Iterable[DrawnShape], Iterable[Dra
 class Page:
     """Content of the page, which all browsers share."""
 
-    def __init__(self, server: viser.ViserServer, folder: Path | None = None) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        folder: Path | None = None,
+        planner: "Callable[[], tuple[WatchedScene, float]] | None" = None,
+    ) -> None:
         """Create the page.
 
         Args:
             server: Server of the page.
             folder: Folder of the arm. Without it, the arm is found in config/arms by its robot description.
+            planner: Function that returns the newest scene of the motion planner and the time of a steady clock, in
+                seconds; None without a planner.
         """
-        self._server, self._folder = server, folder
+        self._server, self._folder, self._planner = server, folder, planner
+        self._planned: PlannedScene | None = None
         self._arm: ArmScene | None = None
         self._description: Description | None = None
         self._model: ArmModel | None = None
@@ -198,6 +210,9 @@ class Page:
         self._arm.show(snapshot.position, snapshot.command)
         self._arm.show_things(snapshot.scene)
         self._show_goal(watched, snapshot)
+        if self._planned is not None and self._planner is not None:
+            newest, now_s = self._planner()
+            self._planned.show(newest, snapshot.position, now_s)
 
     def show_numbers(self, watched: ObservedRobot) -> None:
         """Update the tables, colors and plots. This is expensive; call it a few times per second."""
@@ -228,6 +243,8 @@ class Page:
         """Draw the arm for the first time or after another arm was connected."""
         if self._arm is not None:
             self._arm.remove()
+        if self._planned is not None:
+            self._planned.remove()
         self._xml, self._joints, self._goal = snapshot.description_xml, snapshot.joints, None
         self._description = parse_urdf(snapshot.description_xml)
         self._model = ArmModel(self._description.joints, snapshot.joints)
@@ -238,7 +255,13 @@ class Page:
             visuals, missing = shapes(self._xml)
         else:
             visuals, missing = arm_shapes(self._xml, known.urdf.parent, known.scene.parent)
-        self._arm = ArmScene(self._server, self._model, visuals, *_around(known))
+        around, things = _around(known)
+        visuals, around = list(visuals), list(around)
+        self._arm = ArmScene(self._server, self._model, visuals, around, things)
+        if self._planner is not None:
+            from servoloop.dashboard.planned import PlannedScene
+
+            self._planned = PlannedScene(self._server, self._model, visuals, {shape.link for shape in around})
         self._chosen()
         self._joint.options = snapshot.joints
         if missing:

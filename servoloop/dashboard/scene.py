@@ -91,8 +91,8 @@ class ArmScene:
         """
         self._server, self._model = server, model
         visuals = list(visuals)
-        self._solid = _Robot(server, model, MEASURED, visuals)
-        self._ghost = _Robot(server, model, COMMANDED, visuals, ghost=True)
+        self._solid = DrawnRobot(server, model, MEASURED, visuals)
+        self._ghost = DrawnRobot(server, model, COMMANDED, visuals, GHOST)
         self._path: viser.LineSegmentsHandle | None = None
         for number, shape in enumerate(around):
             _add(server, f"{CELL}/{number}", shape)
@@ -151,11 +151,16 @@ class ArmScene:
             self._server.scene.remove_by_name(name)
 
 
-class _Robot:
-    """Drawing of the solid arm or of its ghost, with a frame for each link. The ghost has no fixed links."""
+class DrawnRobot:
+    """Drawing of the solid arm or of a ghost, with a frame for each link. A ghost has a color and no fixed links."""
 
     def __init__(
-        self, server: viser.ViserServer, model: ArmModel, root: str, visuals: Iterable[DrawnShape], ghost: bool = False
+        self,
+        server: viser.ViserServer,
+        model: ArmModel,
+        root: str,
+        visuals: Iterable[DrawnShape],
+        ghost: Rgb | None = None,
     ) -> None:
         self._model = model
         self._top = server.scene.add_frame(root, show_axes=False)
@@ -168,7 +173,7 @@ class _Robot:
         self._meshes = [
             (shape, _add(server, f"{root}{model.branch(shape.link)}/shape{number}", shape, ghost))
             for number, shape in enumerate(visuals)
-            if not ghost or model.joint_of(shape.link) is not None
+            if ghost is None or model.joint_of(shape.link) is not None
         ]
         self._colors: list[Rgb | None] = [None] * len(self._meshes)
         self.move(model.fixed())
@@ -196,12 +201,12 @@ class _Robot:
         self._top.visible = shown
 
 
-def _add(server: viser.ViserServer, name: str, shape: DrawnShape, ghost: bool = False) -> viser.MeshHandle:
+def _add(server: viser.ViserServer, name: str, shape: DrawnShape, ghost: Rgb | None = None) -> viser.MeshHandle:
     return server.scene.add_mesh_simple(
         name,
         shape.vertices.astype(np.float32),
         shape.faces.astype(np.uint32),
-        color=GHOST if ghost else shape.rgb,
+        color=ghost or shape.rgb,
         opacity=GHOST_OPACITY if ghost else None,
         flat_shading=shape.flat,
         cast_shadow=not ghost,

@@ -44,7 +44,7 @@ def program(*command: str) -> str:
     return ran.stdout
 
 
-def servoloop(*arguments: str) -> subprocess.CompletedProcess[str]:
+def servoloop(*arguments: str, limit_s: float = PROGRAM_S) -> subprocess.CompletedProcess[str]:
     """Run a ``servoloop`` command and return its result."""
     command = [sys.executable, "-m", "servoloop", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PROGRAM_S, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False)

@@ -9,8 +9,11 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("moveit_msgs")
 
+from nodes.planning_client.scene_watch import SceneWatch
+from planning.scene import Sphere
 from tests.pages import ROOT
 from tests.ros.planned_stack import planned_stack, program, servoloop
+from tests.ros.stack_process import until
 
 pytestmark = pytest.mark.ros
 
@@ -59,3 +62,24 @@ def test_scene_is_listed_and_changed(stack: None, tmp_path: Path) -> None:
     assert servoloop("scene", "load", str(bench)).stdout == "added cup\n"
     assert "cup: cylinder at 0.200, 0.300, 0.050" in servoloop("scene", "list").stdout
     assert servoloop("scene", "remove", "cup").returncode == 0
+
+
+def test_view_gets_the_scene_and_the_plans(stack: None) -> None:
+    watch = SceneWatch()
+    watch.start()
+    try:
+        until(lambda: "stand" in {item.name for item in watch.newest.items})
+        assert servoloop("scene", "add", "lamp", "sphere", "0.05", "--at", "-0.2", "0.3", "0.3").returncode == 0
+        until(lambda: "lamp" in {item.name for item in watch.newest.items})
+        (lamp,) = (item for item in watch.newest.items if item.name == "lamp")
+        ((shape, pose),) = lamp.shapes
+        assert (shape, lamp.link) == (Sphere(0.05), "")
+        assert pose.position_m == pytest.approx([-0.2, 0.3, 0.3])
+        assert servoloop("goto", "0.25", "0.1", "0.3").returncode == 0
+        until(lambda: watch.newest.plan is not None)
+        assert watch.newest.plan is not None
+        assert set(watch.newest.plan.joints) == {f"joint{number}" for number in range(1, 7)}
+        assert servoloop("scene", "remove", "lamp").returncode == 0
+        until(lambda: "lamp" not in {item.name for item in watch.newest.items})
+    finally:
+        watch.close()

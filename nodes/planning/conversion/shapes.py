@@ -92,7 +92,9 @@ def mesh(owner: str, message: MeshMessage) -> tuple[Shape, Pose]:
     if used[-1] >= len(message.vertices):
         raise _invalid(f'mesh of object "{owner}" has no vertex {used[-1]}: it has {len(message.vertices)} vertices')
     vertices = [(message.vertices[i].x, message.vertices[i].y, message.vertices[i].z) for i in used]
-    return Mesh(np.array(vertices)), Pose()
+    places = {index: place for place, index in enumerate(used)}
+    triangles = [[places[int(index)] for index in triangle.vertex_indices] for triangle in message.triangles]
+    return Mesh(np.array(vertices), np.array(triangles)), Pose()
 
 
 def plane(owner: str, message: Plane) -> tuple[Shape, Pose]:
