@@ -1,6 +1,7 @@
 """Follow the positions that another controller manager sends, and hold the arm when they end."""
 
 import logging
+import math
 from collections import deque
 from collections.abc import Collection, Sequence
 from enum import StrEnum
@@ -83,7 +84,9 @@ class HostController:
         self._at = indices(joints, hardware_joints)
         self._lower = np.array([limit.lower for limit in limits])
         self._upper = np.array([limit.upper for limit in limits])
-        self._range = self._upper - self._lower
+        spans = self._upper - self._lower
+        self._range = np.where(np.isfinite(spans), spans, math.tau)
+        """Range (n,) of each joint, or a turn if it has no limits."""
         self._approach = Approach(limits)
         self._goal = self.command
         """Goals (n,) within the limits, in rad or m."""

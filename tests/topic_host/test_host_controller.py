@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controller.host.host_controller import MAX_SILENCE_S, HostPhase
+from controller.host.host_controller import MAX_SILENCE_S, HostController, HostPhase
+from hal.types import JointLimits, JointState
 from tests.topic_host.plugin import Message
 from tests.topic_host.rig import PERIOD_S, HostRig
 
@@ -171,6 +172,16 @@ def test_a_far_first_command_is_approached_slowly_and_then_followed(caplog: pyte
     rig.check_motion()
     speed = np.abs(np.diff(rig.path[:, PLACE])).max() / PERIOD_S
     assert speed == pytest.approx(0.1 * rig.limits[PLACE].velocity, rel=1e-6)
+
+
+def test_a_far_first_command_of_a_joint_without_limits_is_approached_slowly() -> None:
+    endless = JointLimits(-math.inf, math.inf, 4.0, 12.0, 120.0)
+    controller = HostController("host", ("wheel",), (endless,), ("wheel",))
+    state = JointState(0.0, np.zeros(1), np.zeros(1), np.zeros(1))
+    controller.activate(state, np.zeros(1))
+    controller.submit(["wheel"], [3.0])
+    controller.update(state, 0.0, PERIOD_S)
+    assert controller.phase is HostPhase.APPROACHING
 
 
 @pytest.mark.slow
