@@ -66,12 +66,16 @@ LEAVES_TORQUE = {
     "replay": "ends as up does",
     "teach play": "ends as up does",
     **dict.fromkeys(("ports", "scan", "register list", "register read", "passport save", "passport diff"), "reads"),
-    **dict.fromkeys(("goto", "jog", "stop", "pick", "plan-server", "pose save", "pose go"), "is a client of a running stack"),
+    **dict.fromkeys(
+        ("goto", "jog", "stop", "pick", "plan-server", "pose save", "pose go"), "is a client of a running stack"
+    ),
     **dict.fromkeys(("view", "monitor", "record", "plot"), "shows"),
     **dict.fromkeys(("demo", "emulate", "hand", "fault", "simulate", "campaign"), "has virtual servos"),
     **dict.fromkeys(("pose list", "pose remove", "teach list", "teach remove", "register tables"), "opens no port"),
     **dict.fromkeys(("scene add", "scene list", "scene load", "scene remove"), "is a client of a planner"),
-    **dict.fromkeys(("camera list", "camera show", "camera calibrate", "camera plane", "camera board"), "has no servos"),
+    **dict.fromkeys(
+        ("camera list", "camera show", "camera calibrate", "camera plane", "camera board"), "has no servos"
+    ),
     **dict.fromkeys(("calibration import", "calibration export", "calibration show"), "opens no port"),
 }
 
