@@ -1,6 +1,7 @@
 """The virtual camera as a camera source: it draws the world of an emulator in the process that reads it."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +14,7 @@ from perception.intrinsics import Intrinsics
 from sim_backend.camera.light import Light
 from sim_backend.camera.scene_camera import SceneCamera
 from sim_backend.camera.truth import AppleTruth
-from sim_backend.scene.world_feed import WorldFeedClient, feed_path
+from sim_backend.scene.world_feed import PERIOD_S, WorldFeedClient, feed_path
 
 RATE_HZ: Final = 10.0
 POLL_S: Final = 0.005
@@ -23,6 +24,10 @@ REGION: Final = (1.2, 0.8)
 apple."""
 TOLERANCE: Final = 0.15
 """Deviation from the sizes of the scene that a measured diameter may have."""
+FRESH_S: Final = 0.02
+"""Age up to which a state of the world is drawn at once."""
+NEXT_S: Final = 1.5 * PERIOD_S
+"""Maximum time to wait for the next state if the newest one is older."""
 SMOOTHING: Final = 0.2
 """Weight of the newest interval in the measured rate."""
 
@@ -104,13 +109,12 @@ class VirtualCamera:
         """
         deadline_s = self._clock.now() + timeout_s
         self._clock.sleep_until(min(self._next_s, deadline_s))
-        publication = self._newest(deadline_s, timeout_s)
+        publication = self._fresh(deadline_s, timeout_s)
         now_s = self._clock.now()
         # Keep the period, unless pictures were missed.
         self._next_s = max(self._next_s + 1.0 / RATE_HZ, now_s + 0.5 / RATE_HZ)
         self._camera.see(publication)
-        trace = publication["trace"]
-        stamp_s = float(trace[-1][0]) if trace else now_s
+        stamp_s = self._stamp_s(publication)
         self._count(stamp_s)
         return Frame(self._camera.picture(), stamp_s, self._number)
 
@@ -123,6 +127,20 @@ class VirtualCamera:
         if self._client is not None:
             self._client.close()
         self._client = None
+
+    def _fresh(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
+        """Return a state that is almost new, so that the picture is not late. Wait for at most one further state."""
+        publication = self._newest(deadline_s, timeout_s)
+        now_s = self._clock.now()
+        if now_s - self._stamp_s(publication) > FRESH_S:
+            with suppress(CameraSilent):
+                return self._newest(min(deadline_s, now_s + NEXT_S), timeout_s)
+        return publication
+
+    def _stamp_s(self, publication: Mapping[str, Any]) -> float:
+        """Return the time of a state on the clock of the camera."""
+        trace = publication["trace"]
+        return float(trace[-1][0]) if trace else self._clock.now()
 
     def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
         """Return the newest publication that has not been read, and wait for one if there is none."""

@@ -1,6 +1,6 @@
 """Declare the ROS parameters of the camera node, and build its camera and its grading from them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,6 +10,8 @@ from rclpy.node import Node
 
 from drivers.clock import Clock
 from perception.camera_view import CameraView, read_pose
+from perception.detector.classes import read_classes
+from perception.detector.onnx_grader import OnnxGrader
 from perception.errors import PerceptionError
 from perception.frames import CameraSource
 from perception.grading.grader import Grader
@@ -29,6 +31,9 @@ OWN: Final[dict[str, tuple[Any, str]]] = {
     "camera_file": ("camera.yaml", "intrinsics, as camera_calibration or 'servoloop camera calibrate' writes them"),
     "pose_file": ("camera_pose.yaml", "pose above the plane, as 'servoloop camera plane' writes it"),
     "grades_file": ("", "thresholds of the grades; empty for the built-in ones"),
+    "detector": ("color", "color finds apples by their color, onnx by a model of yours"),
+    "model_file": ("", "ONNX file of the detector, in the layout of YOLOv8"),
+    "classes_file": ("", "classes of the detector, and their grades"),
 }
 """Parameters of a camera of this machine."""
 
@@ -68,6 +73,18 @@ def camera_of_parameters(clock: Clock) -> Setup:
         view = CameraView(intrinsics, read_pose(Path(values["pose_file"]), intrinsics.name))
         settings = read_settings(Path(values["grades_file"])) if values["grades_file"] else GradingSettings()
         source = source_of(values["source"], clock, intrinsics.size, rate_hz)
-        return CameraSetup(source, intrinsics, Grader(view, settings).grade)
+        return CameraSetup(source, intrinsics, _grading(values, Grader(view, settings)))
 
     return setup
+
+
+def _grading(values: Mapping[str, Any], grader: Grader) -> Grading:
+    """Return the function that grades pictures with the detector that the parameters name."""
+    if values["detector"] == "color":
+        return grader.grade
+    if values["detector"] != "onnx":
+        raise PerceptionError(f"parameter 'detector' is {values['detector']!r}: choose color or onnx")
+    for name in ("model_file", "classes_file"):
+        if not values[name]:
+            raise PerceptionError(f"parameter '{name}' is empty: name the file of your detector")
+    return OnnxGrader(Path(values["model_file"]), read_classes(Path(values["classes_file"])), grader).grade

@@ -12,7 +12,7 @@ from perception.camera_view import CameraView
 from perception.errors import PictureRefused
 from perception.frames import Picture
 from perception.grading.light import Pixels, relative_to_table
-from perception.grading.outlines import Outline, colored, outlines, rest
+from perception.grading.outlines import Outline, box_outline, colored, outlines, rest
 from perception.grading.settings import GradingSettings
 from perception.grading.skin import RIM_PX, Skin, skin_of
 from perception.grading.spheres import Sphere, fit_sphere
@@ -47,10 +47,22 @@ class GradedApple:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FoundBox:
+    """An apple that a detector has found."""
+
+    box_px: FloatArray
+    """Left, top, right and bottom (4,), in pixels."""
+    grade: str
+    """Its grade; empty if the detector gives none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Found:
     outline: Outline
     sphere: Sphere
     range_m: float
+    grade: str | None = None
+    """Grade that a detector gave; None without a detector."""
 
 
 class Grader:
@@ -83,15 +95,30 @@ class Grader:
         Raises:
             PictureRefused: The picture has another resolution, is black or overexposed.
         """
+        relative = self._relative(picture)
+        found = self._found(outlines(colored(relative, self._region)))
+        return [self._graded(relative, index, found) for index in range(len(found))]
+
+    def grade_boxes(self, picture: Picture, boxes: Sequence[FoundBox]) -> list[GradedApple]:
+        """Measure the apples that a detector has found. Arguments and errors are those of ``grade``."""
+        relative = self._relative(picture)
+        found = []
+        for box in boxes:
+            outline = box_outline(box.box_px, self._rays.shape[:2])
+            sphere = None if outline is None else fit_sphere(self._view, outline.pixels)
+            if outline is not None and sphere is not None and self._is_apple(sphere):
+                found.append(_Found(outline, sphere, self._range_m(sphere), box.grade))
+        found.sort(key=lambda one: one.range_m)
+        return [self._graded(relative, index, found) for index in range(len(found))]
+
+    def _relative(self, picture: Picture) -> Pixels:
         wanted = (self._view.intrinsics.height, self._view.intrinsics.width, 3)
         if picture.shape != wanted or picture.dtype != np.uint8:
             raise PictureRefused(
                 f"the picture has the shape {picture.shape} and the type {picture.dtype}, but the calibration is for "
                 f"{wanted} uint8: calibrate at this resolution, or set the camera to the other"
             )
-        relative = relative_to_table(picture, self._region)
-        found = self._found(outlines(colored(relative, self._region)))
-        return [self._graded(relative, index, found) for index in range(len(found))]
+        return relative_to_table(picture, self._region)
 
     def _searched(self, pixels: FloatArray) -> NDArray[np.bool_] | None:
         """Return the pixels (height, width) that show an apple in the region of the settings."""
@@ -112,15 +139,13 @@ class Grader:
 
     def _found(self, shapes: Sequence[Outline]) -> list[_Found]:
         """Return the outlines that are apples, nearest to the camera first."""
-        smallest, largest = self._settings.diameter_mm
         found, left = [], list(shapes)
         for outline in left:
             sphere = fit_sphere(self._view, outline.pixels)
             if sphere is None or sphere.error > MOST_ERROR:
                 continue
-            if smallest <= 2000.0 * sphere.radius_m <= largest and self._is_inside(sphere.center_m):
-                range_m = float(np.linalg.norm(sphere.center_m - self._view.pose.position_m))
-                found.append(_Found(outline, sphere, range_m))
+            if self._is_apple(sphere):
+                found.append(_Found(outline, sphere, self._range_m(sphere)))
                 if len(left) < MOST_OUTLINES and (behind := self._behind(outline, sphere)):
                     left.append(behind)
         return sorted(found, key=lambda one: one.range_m)
@@ -132,11 +157,19 @@ class Grader:
         covered = sphere.inside(rays)[1].reshape(height, width) < BESIDE
         return rest(outline, covered, self._rays.shape[:2])
 
-    def _is_inside(self, center_m: FloatArray) -> bool:
+    def _range_m(self, sphere: Sphere) -> float:
+        return float(np.linalg.norm(sphere.center_m - self._view.pose.position_m))
+
+    def _is_apple(self, sphere: Sphere) -> bool:
+        """Whether an object has the size of an apple, and is in the region."""
+        smallest, largest = self._settings.diameter_mm
+        if not smallest <= 2000.0 * sphere.radius_m <= largest:
+            return False
         if self._settings.region_m is None:
             return True
         x_min, y_min, x_max, y_max = self._settings.region_m
-        return bool(x_min <= center_m[0] <= x_max and y_min <= center_m[1] <= y_max)
+        x, y, _ = sphere.center_m
+        return bool(x_min <= x <= x_max and y_min <= y <= y_max)
 
     def _graded(self, relative: Pixels, index: int, found: Sequence[_Found]) -> GradedApple:
         one = found[index]
@@ -147,12 +180,13 @@ class Grader:
             reason = "the edge of the picture cuts it off"
         elif visible < self._settings.least_visible:
             reason = f"only {100.0 * visible:.0f} % of it is visible"
-        grade = "" if reason else self._settings.grade_of(diameter_mm, skin.red_ratio, skin.defect_score)
-        if not grade and not reason:
-            reason = "no grade covers its values"
+        grade = one.grade
+        if grade is None:
+            grade = self._settings.grade_of(diameter_mm, skin.red_ratio, skin.defect_score)
+        reason = reason or ("" if grade else "no grade covers its values")
         left, top, width, height = _box(one.outline)
         return GradedApple(
-            grade, diameter_mm, skin.red_ratio, skin.defect_score, one.sphere.center_m,
+            "" if reason else grade, diameter_mm, skin.red_ratio, skin.defect_score, one.sphere.center_m,
             (left, top, width, height), reason,
         )  # fmt: skip
 
@@ -165,6 +199,8 @@ class Grader:
         inside = (away < 1.0) & (rays @ one.sphere.frame[:, 2] > 0.0)
         free = inside.copy()
         for other in nearer:
+            if not _overlap(_box(other.outline), (left, top, width, height)):
+                continue
             free &= other.sphere.inside(rays)[1] > 1.1
         visible = float(free.sum()) / max(int(inside.sum()), 1)
         radius_px = np.sqrt(max(float(inside.sum()), 1.0) / np.pi)
@@ -180,6 +216,13 @@ def _box(outline: Outline) -> tuple[int, int, int, int]:
     rows, columns = np.flatnonzero(outline.mask.any(axis=1)), np.flatnonzero(outline.mask.any(axis=0))
     left, top = outline.box[0] + int(columns[0]), outline.box[1] + int(rows[0])
     return left, top, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
+
+
+def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
+    """Whether two boxes (left, top, width, height) have common pixels."""
+    apart_x = one[0] + one[2] <= other[0] or other[0] + other[2] <= one[0]
+    apart_y = one[1] + one[3] <= other[1] or other[1] + other[3] <= one[1]
+    return not (apart_x or apart_y)
 
 
 def _grown(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> tuple[int, int, int, int]:

@@ -25,6 +25,8 @@ LEAST_PART: Final = 0.35
 """Smallest half width of a part of a mask, as a share of the largest part."""
 LEAST_REST: Final = 0.06
 """Smallest area of the visible part of an apple behind another one, as a share of the other one."""
+BOX_POINTS: Final = 72
+"""Number of points of an outline that fills a box."""
 BORDER_PX: Final = 2
 """Distance from the edge of the picture within which an outline counts as cut off, in pixels."""
 
@@ -50,7 +52,8 @@ def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
         relative: Linear RGB (height, width, 3), relative to the table.
         region: Pixels (height, width) in which apples are searched; None for all pixels.
     """
-    largest, smallest = relative.max(axis=2), relative.min(axis=2)
+    red, green, blue = cv2.split(relative)  # numpy takes far longer for a minimum over three values
+    largest, smallest = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
     mask = np.where(largest - smallest > LEAST_SATURATION * largest, 255, 0).astype(np.uint8)
     if region is not None:
         mask[~region] = 0
@@ -98,6 +101,24 @@ def _outline(own: Mask, others: NDArray[np.bool_], box: tuple[int, int, int, int
     pixels = _free_edge(own, others) + (np.array(box[:2]) - 1.0)
     inside = ((pixels >= BORDER_PX) & (pixels <= np.array(shape[1::-1]) - 1 - BORDER_PX)).all(axis=1)
     return Outline(pixels[inside], own[1:-1, 1:-1], box, cut=not bool(inside.all()))
+
+
+def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
+    """Return the outline of an apple that fills a box (4,), left, top, right and bottom; None if it is too small.
+
+    ``shape`` is the height and width of the picture.
+    """
+    low, high = box_px[:2], box_px[2:]
+    corner = np.clip(np.floor(low), 0, np.array(shape[1::-1]) - 1).astype(int)
+    end = np.clip(np.ceil(high), 1, np.array(shape[1::-1])).astype(int)
+    width, height = (int(value) for value in end - corner)
+    if width * height < SMALLEST_PX:
+        return None
+    turns = np.linspace(0.0, 2.0 * np.pi, BOX_POINTS, endpoint=False)
+    around = 0.5 * (low + high) + 0.5 * (high - low) * np.column_stack([np.cos(turns), np.sin(turns)])
+    cut = bool((low < 1.0).any() or (high > np.array(shape[1::-1]) - 1.0).any())
+    mask = np.full((height, width), 255, np.uint8)
+    return Outline(around, mask, (int(corner[0]), int(corner[1]), width, height), cut)
 
 
 def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -> Outline | None:

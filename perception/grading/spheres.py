@@ -38,6 +38,8 @@ OFF_ELLIPSE: Final = 0.025
 PARTS: Final = 12
 PART: Final = 5
 """An outline has 12 overlapping parts, each with 5 of 12 of its points."""
+START_POINTS: Final = 60
+"""Number of points from which the start of a fit is chosen."""
 SECTORS: Final = 36
 """Number of sectors in which the visible share of an outline is counted."""
 
@@ -122,8 +124,9 @@ def _robust_circle(points: FloatArray) -> tuple[FloatArray, float, NDArray[np.bo
     Points inside the circle are the edges of spots and notches, and points outside belong to another apple. The fit
     starts with the circle through a part of the outline that most points are on.
     """
-    starts = [_circle(part) for part in _parts(points)]
-    center, radius = max(starts, key=lambda circle: int(_on(points, circle, NOTCH).sum()))
+    few = points[:: max(1, len(points) // START_POINTS)]
+    starts = [_circle(part) for part in _parts(few)]
+    center, radius = max(starts, key=lambda circle: int(_on(few, circle, NOTCH).sum()))
     kept = np.ones(len(points), dtype=bool)
     for _ in range(ROUNDS):
         kept = _on(points, (center, radius), BUMP)

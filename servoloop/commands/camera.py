@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from servoloop.commands.console import JsonOption, print_json, print_table
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, print_json, print_table
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
 
 if TYPE_CHECKING:

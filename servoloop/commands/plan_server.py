@@ -6,8 +6,8 @@ import typer
 
 from drivers.errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.extras import require_extras
 from servoloop.stack.arm_options import ControlledArm
 

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from drivers.errors import DriverError
 from nodes.topic_host.topics import COMMANDS, STATES, HostTopics
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.commands.up import HardwareOption, PortOption, ReadyFileOption, check_ready_file, write_ready
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import find_arm, read_arm_files
@@ -52,6 +53,8 @@ def topic_host(
     log_to_terminal()
     set_network(network)
     check_ready_file(ready_file)
+    if options.states_topic == options.commands_topic:
+        raise DriverError(f"--states-topic and --commands-topic are both {options.states_topic}: choose two topics")
     if options.record is not None:
         check_path(options.record)
     files = read_arm_files(find_arm(arm.arm), arm.urdf, None, arm.robot, xacro_arguments(arm.xacro_arg))

@@ -10,8 +10,8 @@ import typer
 
 from drivers.errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path

@@ -90,8 +90,11 @@ class Feeder:
             self._lay_next(cell)
 
     def _feed_apple(self, world: World, cell: CubeCell, time_s: float) -> None:
-        """Feed an apple when the last one has been in view for a while, and the arm waits at the ready pose."""
-        if time_s >= self._shown_until_s and _at_ready(world) and cell.stand_free():
+        """Feed an apple when the last one has been in its bin for a while, even if the arm rests in another pose.
+
+        The arm of a failed job holds its pose. The next job starts with the ready pose.
+        """
+        if time_s >= self._shown_until_s and cell.stand_free():
             self._lay_next(cell)
 
     def _lay_next(self, cell: CubeCell) -> None:

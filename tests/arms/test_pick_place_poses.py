@@ -9,14 +9,10 @@ import yaml
 from pick_place.pose_settings import PickObject, PoseSettings, above
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
-<<<<<<< HEAD
 from planning.kinematics.rotations import matrices
 from planning.motion import MotionRequest, ToolGoal
 from servoloop.api.options import ArmOptions
 from servoloop.motion_planning.robot import planning_robot
-=======
-from servoloop import MotionPlanner
->>>>>>> 1b4d9e92642e2e160f33a9bbe48b4cc665a04625
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import NODE, load_pick_place
 

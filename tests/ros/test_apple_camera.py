@@ -113,6 +113,7 @@ def camera(folder: Path, **parameters: str) -> Iterator[subprocess.Popen[str]]:
     assert process.returncode == 0 and "Traceback" not in log, log
 
 
+@pytest.mark.runs("python -m nodes.apple_camera --ros-args -p source:=pictures")
 def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folder: Path) -> None:
     with camera(folder, source="pictures"):
         heard.until(lambda: all(heard.messages.values()), "a message of each topic")
@@ -141,6 +142,11 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
         ({}, "no camera is named"),
         ({"source": "pictures", "camera_file": "nothing.yaml"}, "cannot read nothing.yaml"),
         ({"source": "pictures", "grades_file": "grades.yaml"}, "grades A (line 2) and B overlap"),
+        ({"source": "pictures", "detector": "onnx", "model_file": "grades.yaml"}, "parameter 'classes_file' is empty"),
+        (
+            {"source": "pictures", "detector": "onnx", "model_file": "grades.yaml", "classes_file": "classes.yaml"},
+            "grades.yaml is not an ONNX model that can run",
+        ),
         ({"source": "black"}, "the picture is almost black"),
     ],
 )
@@ -148,6 +154,7 @@ def test_bad_input_is_reported_and_nothing_is_graded(
     heard: Heard, folder: Path, parameters: dict[str, str], message: str
 ) -> None:
     (folder / "grades.yaml").write_text("grades:\n  - {grade: A}\n  - {grade: B}\n")
+    (folder / "classes.yaml").write_text("classes: [good]\ngrades: {good: A}\n")
     (folder / "black").mkdir(exist_ok=True)
     for number in range(30):
         cv2.imwrite(str(folder / f"black/{number:02}.png"), np.zeros((480, 640, 3), np.uint8))

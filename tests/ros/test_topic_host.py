@@ -148,7 +148,8 @@ def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: P
     assert {v.key: v.value for v in plugin.statuses[-1].values}["refused_messages"] not in ("0", "1")
 
 
-def test_a_wrong_topic_is_refused_in_one_sentence(ros_domain: int, tmp_path: Path) -> None:
-    host = StackProcess(tmp_path / "log", "topic-host", "--hardware", "mock", "--states-topic", "robot states")
+@pytest.mark.parametrize("topic", ["robot states", COMMANDS])
+def test_a_wrong_topic_is_refused_in_one_sentence(topic: str, ros_domain: int, tmp_path: Path) -> None:
+    host = StackProcess(tmp_path / "log", "topic-host", "--hardware", "mock", "--states-topic", topic)
     assert host.process.wait(PATIENCE_S) == 1
-    assert "robot states" in host.words and "Traceback" not in host.words
+    assert topic in host.words and "Traceback" not in host.words

@@ -208,11 +208,7 @@ def test_invalid_objects_are_refused(message: CollisionObject, code: str, text: 
     change = edit()
     with pytest.raises(REFUSALS, match=text) as caught:
         change.apply_object(message)
-<<<<<<< HEAD
     assert error_code(caught.value).val == getattr(MoveItErrorCodes, code)
-=======
-    assert isinstance(caught.value, REFUSALS) and caught.value.code == code
->>>>>>> 1b4d9e92642e2e160f33a9bbe48b4cc665a04625
 
 
 def test_a_scene_for_another_robot_is_refused() -> None:

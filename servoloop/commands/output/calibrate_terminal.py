@@ -13,7 +13,7 @@ from rich.table import Table
 from commissioning.calibrate.result import unit
 from commissioning.calibrate.run import STORE
 from commissioning.slow_arm import StoppedError
-from servoloop.commands.console import Keyboard, print_table
+from servoloop.commands.shared.console import Keyboard, print_table
 from servoloop.stack.signals import Signals
 
 if TYPE_CHECKING:

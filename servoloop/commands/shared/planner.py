@@ -9,7 +9,7 @@ import typer
 
 from drivers.errors import DriverError
 from nodes.ros_environment import require_ros
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.extras import require_extras
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals

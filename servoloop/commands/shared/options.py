@@ -14,7 +14,7 @@ from commissioning.calibrate.plan import JointPlan
 from drivers.errors import DriverError
 from hal.joint import Joint
 from hal.robot_file.robot_file import RobotFile
-from servoloop.commands.line_options import named_devices
+from servoloop.commands.shared.line_options import named_devices
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import ServoArm
 
