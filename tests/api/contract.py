@@ -55,6 +55,7 @@ class ArmContract:
     """Contract of all arms. A subclass defines the fixture ``arm``, an active SO-101."""
 
     def test_a_motion_is_planned_from_the_measured_state(self, arm: Arm) -> None:
+        before = arm.state.position
         arm.move_to({PAN: 0.2, "shoulder_lift": -0.3, "elbow_flex": 0.3}, duration=2.0)
         plan = arm.plan({PAN: -0.2}, speed=0.5)
         assert plan.start == pytest.approx(arm.state.position, abs=NEAR)
@@ -62,6 +63,7 @@ class ArmContract:
         assert arm.state.position[PAN] == pytest.approx(-0.2, abs=NEAR)
         with pytest.raises(PlanFailedError, match=f"{PAN} is at"):
             arm.follow(plan)
+        arm.move_to(before, duration=2.0)
 
     def test_joints_reach_named_targets_and_others_hold(self, arm: Arm) -> None:
         before = arm.state
