@@ -18,18 +18,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import clients, dynamixel_clients
 from benchmarks.arguments import in_words, positive
-from benchmarks.children import child
-from benchmarks.peers import Driver
+from benchmarks.clients import dynamixel, feetech
+from benchmarks.clients.peers import Driver
+from benchmarks.processes.children import child
 from benchmarks.silent_servo import show_silent
 from servoloop.stack.processes import on_one_processor
 
 BAUDS = {"feetech": (1_000_000,), "dynamixel": (1_000_000, 3_000_000, 4_000_000)}
 """Default baud rates of the paced tables."""
 CLIENTS: Mapping[str, Mapping[str, Driver]] = {
-    "feetech": clients.CLIENTS,
-    "dynamixel": dynamixel_clients.CLIENTS,
+    "feetech": feetech.CLIENTS,
+    "dynamixel": dynamixel.CLIENTS,
 }
 MOST_SERVOS = {"feetech": 31, "dynamixel": 100}
 """Maximum number of servos whose goals every client can send in one packet."""

@@ -14,8 +14,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.dynamixel_facts import facts
-from benchmarks.figures import Figure
+from benchmarks.facts.dynamixel_facts import facts
+from benchmarks.facts.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.servos import ax_mx, x, xl320
 from drivers.servos.ax_mx import MX_64, MX_106

@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.arguments import in_words
-from benchmarks.curves import draw
 from benchmarks.dynamixel_fidelity import dynamixels
-from benchmarks.figures import Figure
+from benchmarks.facts.curves import draw
+from benchmarks.facts.figures import Figure
 from drivers.bus.bus import Bus
 from drivers.protocol import v1
 from drivers.servos import sts

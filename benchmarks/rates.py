@@ -21,10 +21,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import stack_rates, two_ports
+from benchmarks import two_ports
 from benchmarks.arguments import free_path, in_words, positive
-from benchmarks.children import child
-from benchmarks.clients import no_driver
+from benchmarks.clients.feetech import no_driver
+from benchmarks.processes import stack_rates
+from benchmarks.processes.children import child
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus

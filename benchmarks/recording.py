@@ -12,7 +12,7 @@ from time import process_time, thread_time
 from typing import Any
 
 from hal.types import JointState
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.recording.bus_tap import BusTaps
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import FLUSH_S, RecordingFile

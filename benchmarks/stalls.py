@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.arguments import positive
-from benchmarks.busy import busy
+from benchmarks.processes.busy import busy
 from servoloop.demo.cell import Cell, cell
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live

@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.children import child, kill, next_line, start
+from benchmarks.processes.children import child, kill, next_line, start
 from benchmarks.ros import HERE, PATIENCE_S, goal_to, stack
 from benchmarks.storm_watch import Watch, participant
 from nodes.ros_process import spin_until_done

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from benchmarks import simulator
 from benchmarks.arguments import free_path, in_words, positive
-from benchmarks.children import child
+from benchmarks.processes.children import child
 from controller.loop import ControlLoop
 from controller.manager.manager import ControllerManager
 from drivers.bus.bus import Bus

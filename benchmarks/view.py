@@ -1,7 +1,7 @@
 """Measure the control loop with and without the page of ``servoloop view``: ``python -m benchmarks.view [--jobs 6]``.
 
 The cell is that of ``servoloop demo``: first without a view, then with the page open in the machine's Chromium, which
-draws without a graphics card and has the lowest priority (benchmarks/browser.py).
+draws without a graphics card and has the lowest priority (benchmarks/processes/browser.py).
 
 Two periods are measured during the jobs, as deviations from the configured period: between the starts of two cycles,
 and between two measurements. The latter includes the delays of the kernel and the virtual servos. In 24 jobs, p99.9
@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.arguments import in_words, positive
-from benchmarks.browser import PATIENCE_MS, browser_page
+from benchmarks.processes.browser import PATIENCE_MS, browser_page
 from hal.types import FloatArray
 from servoloop.demo.cell import ADDRESS, Cell, cell
 from servoloop.demo.cell_options import CellOptions

@@ -17,8 +17,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from calibration.angles import LARGEST_OFFSET
 from commissioning.calibrate.result import CalibrationError
+from drivers.servos.angles import LARGEST_OFFSET
 from hal.plausible import Counts, NoTruth, ServoId
 from hal.robot_file.calibration_file import CalibratedJoint, CalibrationFile
 from hal.text_file import read_text

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
-from calibration.eeprom import Change, add_notes, update
 from commissioning.errors import CommissioningError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
 from drivers.clock import Clock
+from drivers.eeprom import Change, add_notes, update
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Register, ServoModel
 

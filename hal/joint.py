@@ -21,7 +21,9 @@ class Joint:
     zero_counts: int = 2048
     """Servo counts at joint position 0."""
     transmission: float = 1.0
-    """Joint units per radian of the servo's shaft: 1.0 for a revolute joint, m/rad for a prismatic joint."""
+    """Joint units per radian of the servo's shaft: 1.0 for a revolute joint without gear, m/rad if it is prismatic."""
+    reduction: float = 1.0
+    """Turns of the servo per turn of the output of its gear. ``transmission`` contains it."""
     homing_offset: int | None = None
     """Homing offset of the servo for which ``zero_counts`` is valid; None if it is not checked."""
     extended: bool = False
@@ -42,7 +44,7 @@ class Joint:
     """Whether goals may differ from commands to compensate the servo's compliance."""
 
     stops: tuple[float, float] | None = None
-    """Ends of the joint's travel, in rad or m, if a <command_interface> narrows ``limits``; otherwise None."""
+    """Ends of the joint's travel, in rad or m, if soft limits or a <command_interface> narrow ``limits``."""
 
     _units_per_count: float = field(init=False, repr=False, compare=False)
     _counts_range: tuple[int, int] | None = field(init=False, repr=False, compare=False, default=None)
@@ -66,6 +68,11 @@ class Joint:
     def address(self) -> str:
         """Address of the servo in the robot: its ID, or bus and ID if buses have names (``hand/1``)."""
         return f"{self.bus}/{self.servo_id}" if self.bus else str(self.servo_id)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the joint position: "rad", or "m" if the joint is prismatic."""
+        return "rad" if math.isclose(self.transmission * self.reduction, 1.0) else "m"
 
     @property
     def units_per_count(self) -> float:

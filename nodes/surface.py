@@ -4,10 +4,8 @@ The executor wakes only when a client sends something or expects an answer. Its 
 take turns, so that both can use the nodes.
 """
 
-import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from time import monotonic
 
 import rclpy
@@ -22,20 +20,12 @@ from nodes.manager.controller_manager_node import ManagerNode
 from nodes.manager.hardware_nodes import HardwareNodes
 from nodes.manager.hardware_services import HardwareServices
 from nodes.manager.pending_requests import PendingRequests
-from nodes.rclpy_patches import cycle_executor, gil_release
-from nodes.rclpy_patches.guard import usable_patches
-from nodes.rclpy_patches.plain_executor import PlainExecutor
 from nodes.robot_state_publisher import RobotStatePublisher
-from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors
+from nodes.ros_process import exit_watchdog, rcl_errors
 from nodes.ros_time import RosTime
 from nodes.simulation_node import SimulationNode
+from nodes.spinning import FINISH_S, WAKE_S, errors_logged, executor_of, start_rclpy
 from nodes.stack import Stack
-
-FINISH_S = 0.2
-WAKE_S = 0.1
-"""Time after which the executor wakes without a reason, in seconds, to check for the end and to send late answers."""
-
-LOG = logging.getLogger("servoloop.nodes")
 
 
 class Surface:
@@ -46,12 +36,7 @@ class Surface:
     """
 
     def __init__(self, stack: Stack) -> None:
-        patches = usable_patches()
-        self._send_delayed: Callable[[], None] = lambda: None
-        if gil_release.PATCH in patches:
-            gil_release.release_gil_in_middleware()
-            self._send_delayed = gil_release.send_delayed
-        LOG.info("%s", init_rclpy())
+        self._send_delayed = start_rclpy()
         self._stack = stack
         self._turn = threading.Lock()
         """Held by the thread that uses the nodes: the executor in its callbacks, or the publisher of cycles."""
@@ -62,10 +47,7 @@ class Surface:
         manager_client = ManagerClient(stack.loop, stack.factory)
         with rcl_errors():  # If the first node starts, the others start too.
             self._manager = ManagerNode(stack, manager_client, self._pending, ros_time)
-        supported = cycle_executor.PATCH in patches
-        self._executor = (
-            cycle_executor.CycleExecutor(self._turn) if supported else PlainExecutor(self._manager.node, self._turn)
-        )
+        self._executor = executor_of(self._manager.node, self._turn)
         HardwareServices(self._manager.node, stack, self._pending)
         self._hardware = HardwareNodes(stack, ros_time)
         self._robot_state_publisher = RobotStatePublisher(stack, ros_time) if stack.publish_transforms else None
@@ -100,13 +82,13 @@ class Surface:
         """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
         while not stop() and rclpy.ok():
             try:
-                with _errors_logged():
+                with errors_logged():
                     self._executor.serve(WAKE_S)
-                with _errors_logged(), self._turn:
+                with errors_logged(), self._turn:
                     if self._woken:
                         self._woken = False
                         self._synchronize()
-                with _errors_logged():
+                with errors_logged():
                     self._send_delayed()
             except ExternalShutdownException:
                 return
@@ -132,9 +114,9 @@ class Surface:
 
     def _publish_cycles(self, states: Sequence[JointState]) -> None:
         """Publish cycles, and wake the executor if clients expect an answer or nodes have to be made."""
-        with _errors_logged(), self._turn:
+        with errors_logged(), self._turn:
             self._publish(states)
-        with _errors_logged(), self._turn:
+        with errors_logged(), self._turn:
             if self._pending.any_done or not self._controllers.current:
                 self.wake()
             else:
@@ -166,14 +148,3 @@ class Surface:
         finally:  # Clients wait for their responses even if a step above has failed.
             if complete:
                 self._pending.resume_done()
-
-
-@contextmanager
-def _errors_logged() -> Iterator[None]:
-    """Log errors, so that an unusual request of one client does not end the service for the others."""
-    try:
-        yield
-    except ExternalShutdownException:
-        raise
-    except Exception:
-        LOG.exception("Error in a ROS callback")

@@ -7,7 +7,6 @@ worldbody, is a world object. A world object is an obstacle in its initial pose,
 import builtins
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import mujoco
@@ -75,11 +74,6 @@ class ArmModel:
         """Highest positions (n,), in rad or m."""
         self._follow()
         mujoco.mj_kinematics(self.model, self.data)
-
-    @classmethod
-    def from_file(cls, scene: Path, limits: Mapping[str, JointLimits]) -> "ArmModel":
-        """Read a scene file (MJCF)."""
-        return cls(mujoco.MjModel.from_xml_path(str(scene)), limits)
 
     @classmethod
     def from_string(cls, scene: str, limits: Mapping[str, JointLimits]) -> "ArmModel":

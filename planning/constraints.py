@@ -85,6 +85,14 @@ class Region:
         inside = self.goal.contains(self.chain.transforms(positions[:, self.own]))
         return -1 if inside.all() else int(np.argmin(inside))
 
+    def text(self, positions: FloatArray) -> str:
+        """Describe how far the link is outside the region at positions (n,); empty if it is inside."""
+        if self.broken(positions[None]) < 0:
+            return ""
+        distance_m, angle_rad = self.goal.distances(self.chain.transforms(positions[None, self.own]))[0].tolist()
+        place = f"{distance_m:.3f} m and {angle_rad:.2f} rad from its center"
+        return f"{self.chain.tool} is outside its path constraint, {place}"
+
 
 class ConstrainedCollisions(Collisions):
     """Collision checks that also refuse poses and edges outside the regions of links."""
@@ -109,12 +117,4 @@ class ConstrainedCollisions(Collisions):
 
     def broken_region(self, positions: FloatArray) -> str:
         """Describe the first link outside its region at positions (n,); empty if all are inside."""
-        for region in self._regions:
-            if region.broken(positions[None]) >= 0:
-                tool = region.chain.transforms(positions[None, region.own])
-                distance_m, angle_rad = region.goal.distances(tool)[0].tolist()
-                return (
-                    f"{region.chain.tool} is outside its path constraint, {distance_m:.3f} m and {angle_rad:.2f} rad "
-                    "from its center"
-                )
-        return ""
+        return next((text for region in self._regions if (text := region.text(positions))), "")

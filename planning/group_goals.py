@@ -10,7 +10,7 @@ from planning.collision import CONTACT_M, Collisions, Margins
 from planning.errors import PlanningError
 from planning.kinematics.chain import Chain
 from planning.kinematics.goals import CollidingError, PoseGoal
-from planning.kinematics.inverse import InverseKinematics, Valid
+from planning.kinematics.inverse import InverseKinematics, Remaining, Valid
 from planning.motion import Goal, JointGoal, no_goal
 
 SAMPLES: Final = 16
@@ -30,14 +30,20 @@ class GroupGoals:
         ends: Lowest and highest positions, each (n,), in rad or m.
         chain_of: Returns the chain of a link.
         seed: Seed of all random numbers.
+        remaining_s: Returns the time that is left, in seconds; None: the time is not limited.
     """
 
     def __init__(
-        self, joints: Sequence[str], ends: tuple[FloatArray, FloatArray], chain_of: ChainOf, seed: int
+        self,
+        joints: Sequence[str],
+        ends: tuple[FloatArray, FloatArray],
+        chain_of: ChainOf,
+        seed: int,
+        remaining_s: Remaining | None = None,
     ) -> None:
         self._joints = tuple(joints)
         self._lower, self._upper = ends
-        self._chain_of, self._seed = chain_of, seed
+        self._chain_of, self._seed, self._remaining_s = chain_of, seed, remaining_s
 
     def positions(
         self, goals: Sequence[Goal], start: FloatArray, collisions: Collisions, margins: Margins
@@ -79,7 +85,9 @@ class GroupGoals:
             return full
 
         def solutions(valid: Valid | None) -> list[FloatArray]:
-            return [whole(one) for one in InverseKinematics(chain, self._seed).solve(goal, start[own], valid=valid)]
+            solver = InverseKinematics(chain, self._seed)
+            found = solver.solve(goal, start[own], valid=valid, remaining_s=self._remaining_s)
+            return [whole(one) for one in found]
 
         if checks is None:
             return solutions(None)

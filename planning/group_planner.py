@@ -27,7 +27,7 @@ from planning.motion import (
     with_positions,
 )
 from planning.paths.planner import plan_path
-from planning.paths.request import PathRequest
+from planning.paths.request import PathRequest, Remaining
 from planning.paths.smooth_timing import timed_smoothly
 from planning.paths.thinning import thinned
 from planning.paths.timing import TimedPath, scaled, timed
@@ -77,7 +77,8 @@ class GroupPlanner:
         arm = self._arm(request.start)
         start = self._inside(request.start)
         collisions = self._collisions(arm, request.scene, request.constraints, request.start)
-        goals = self._goals(request.start, request.seed).positions(request.goals, start, collisions, request.margins)
+        solver = self._goals(request.start, request.seed, request.remaining_s)
+        goals = solver.positions(request.goals, start, collisions, request.margins)
         goals = _kept(goals, collisions)
         asked = PathRequest(start, tuple(goals), request.planner_id, request.margins, request.seed)
         plan = plan_path(arm, collisions, asked, request.remaining_s, request.searches)
@@ -142,6 +143,18 @@ class GroupPlanner:
         chain = self.chain(goal.link, state, goal.offset_m)
         found = self._goals(state, seed).of_pose(chain, goal.goal, self._inside(state), checks)
         return with_positions(state, self.joints, found[0])
+
+    def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
+        """Describe the first path constraint that a state breaks; empty if it breaks none.
+
+        Raises:
+            PlanningError: The link of a region does not exist.
+        """
+        if text := constraints.broken_range(state):
+            return text
+        positions = np.array(positions_of(state, self.joints))
+        texts = (region.text(positions) for region in self._regions(constraints, state))
+        return next((text for text in texts if text), "")
 
     def clearance(self, state: State, scene: Scene) -> Clearance:
         """Return the smallest distance of the links that the group moves, to the robot itself and to all objects."""
@@ -210,24 +223,29 @@ class GroupPlanner:
         """Return the checks of a request. Raises PlanningError if the start breaks a constraint."""
         if not constraints.regions:
             return Collisions(arm, scene)
-        regions = []
-        for region in constraints.regions:
-            chain = self.chain(region.link, start, region.offset_m)
-            regions.append(Region(chain, region.goal, self._indices(chain)))
-        collisions = ConstrainedCollisions(arm, scene, regions)
+        collisions = ConstrainedCollisions(arm, scene, self._regions(constraints, start))
         if text := collisions.broken_region(self._inside(start)):
             raise PlanningError("START_STATE_VIOLATES_PATH_CONSTRAINTS", f"start: {text}: move the link there first")
         return collisions
+
+    def _regions(self, constraints: PathConstraints, state: State) -> list[Region]:
+        regions = []
+        for region in constraints.regions:
+            chain = self.chain(region.link, state, region.offset_m)
+            regions.append(Region(chain, region.goal, self._indices(chain)))
+        return regions
 
     def _arm(self, state: State) -> ArmModel:
         arm = ArmModel(self._model, self.limits)
         arm.set_others({joint: state[joint] for joint in self._others})
         return arm
 
-    def _goals(self, state: State, seed: int) -> GroupGoals:
+    def _goals(self, state: State, seed: int, remaining_s: Remaining | None = None) -> GroupGoals:
         lower = np.array([limit.lower for limit in self.limits.values()])
         upper = np.array([limit.upper for limit in self.limits.values()])
-        return GroupGoals(self.joints, (lower, upper), lambda link, offset: self.chain(link, state, offset), seed)
+        return GroupGoals(
+            self.joints, (lower, upper), lambda link, offset: self.chain(link, state, offset), seed, remaining_s
+        )
 
     def _inside(self, state: State) -> FloatArray:
         """Return positions in joint order (n,). A joint slightly outside its limits counts as at its limit."""

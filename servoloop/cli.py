@@ -16,7 +16,7 @@ from drivers.printable import printable
 from hal.errors import HalError
 from nodes.ros_environment import RosError
 from planning.errors import PlanningError
-from servoloop.commands import arms, bench, passport, scene, servo, teach
+from servoloop.commands import arms, bench, camera, passport, scene, servo, teach
 from servoloop.commands import calibrate as calibration
 from servoloop.commands import jog as pose
 from servoloop.commands import servo as register
@@ -33,6 +33,7 @@ from servoloop.commands.scan import scan
 from servoloop.commands.set_up import setup
 from servoloop.commands.simulate import simulate
 from servoloop.commands.teach import teleop
+from servoloop.commands.topic_host import topic_host
 from servoloop.commands.tune import tune
 from servoloop.commands.up import demo, pick, up
 from servoloop.commands.view import monitor, view
@@ -49,7 +50,7 @@ app = typer.Typer(
 )
 
 VERBS: Mapping[str, Sequence[Callable[..., None]]] = {
-    "Run an arm": (up, plan_server, pick, demo),
+    "Run an arm": (up, plan_server, topic_host, pick, demo),
     "Watch and record": (view, monitor, record, plot),
     "Move an arm manually": (goto, jog, stop, teleop, replay),
     "Set up servos": (ports, scan, setup, calibrate, doctor, tune),
@@ -81,6 +82,7 @@ for group, name in (
     (arms, "arms"),
     (bench, "bench"),
     (calibration, "calibration"),
+    (camera, "camera"),
     (passport, "passport"),
     (pose, "pose"),
     (register, "register"),

@@ -17,6 +17,9 @@ LIBRARIES: Final[Mapping[str, Mapping[str, str]]] = {
     "monitor": {"textual": "textual"},
     "report": {"matplotlib": "matplotlib", "jinja2": "jinja2"},
     "planning": {"ompl": "ompl", "mujoco": "mujoco", "numba": "numba"},
+    "vision": {"cv2": "opencv-python-headless"},
+    "onnx": {"onnxruntime": "onnxruntime"},
+    "xacro": {"xacro": "xacro"},
     "ray": {"ray": "ray"},
 }
 """Modules of each extra, with the names under which pip knows them. nodes/ros_environment.py checks the extra ros."""

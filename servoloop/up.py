@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from time import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from drivers.clock import MonotonicClock, wall_offset_s
 from drivers.errors import DriverError
@@ -36,12 +36,42 @@ LOG = logging.getLogger("servoloop")
 WORKS: Final = "It has no topics, services or actions; its controllers, recordings, view and command socket work."
 
 
+class Program(Protocol):
+    """What commands the joints of a stack: its controllers and its ROS interface."""
+
+    def load_controllers(self, stack: ControlStack) -> None:
+        """Load the controllers. Raises an error if a controller cannot be built."""
+        ...
+
+    def ros_interface(self, stack: "Stack") -> RosInterface:
+        """Create the ROS interface. Raises RosError."""
+        ...
+
+
+class OwnControllers:
+    """The controllers of the controllers file, with ros2_control's interfaces."""
+
+    def load_controllers(self, stack: ControlStack) -> None:
+        """Load all controllers in the controllers file."""
+        stack.load_controllers()
+
+    def ros_interface(self, stack: "Stack") -> RosInterface:
+        """Create the nodes of the controller manager, the components and the controllers."""
+        from nodes.surface import Surface
+
+        return Surface(stack)
+
+
+OWN_CONTROLLERS: Final = OwnControllers()
+
+
 def up(
     kind: HardwareKind | None,
     ports: Mapping[str, str] | None,
     files: Files,
     ready: Callable[[str], None],
     options: UpOptions = NO_OPTIONS,
+    program: Program = OWN_CONTROLLERS,
 ) -> int:
     """Run the stack until a signal or a fault.
 
@@ -51,6 +81,7 @@ def up(
         files: Files of the robot.
         ready: Called with the name and the rate of the stack when clients can use it.
         options: Other options.
+        program: What commands the joints.
 
     Returns:
         Exit status.
@@ -62,10 +93,10 @@ def up(
     if simulated is not None:
         setup = simulated.hardware(kind, ports, files, recording.tap)
         with Signals(LEFT) as signals:
-            return _Up(setup, files, options, recording, simulated).run(signals, ready)
+            return _Up(setup, files, options, recording, program, simulated).run(signals, ready)
     with Signals(LEFT) as signals, chosen_devices(kind, ports, files, lambda: signals.count) as devices:
         setup = hardware.build(kind, files, devices, MonotonicClock(), tap=recording.tap)
-        return _Up(setup, files, options, recording).run(signals, ready)
+        return _Up(setup, files, options, recording, program).run(signals, ready)
 
 
 def _simulated_time(options: UpOptions) -> "SimulatedTime | None":
@@ -89,14 +120,15 @@ class _Up:
         files: Files,
         options: UpOptions,
         recording: StackRecording,
+        program: Program,
         simulated: "SimulatedTime | None" = None,
     ) -> None:
         worker = simulated.worker if simulated else BackgroundWorker()
         clock = simulated.clock if simulated else MonotonicClock()
         self._initial = initial_states(files)
-        self._options, self._recording, self._simulated = options, recording, simulated
+        self._options, self._recording, self._program, self._simulated = options, recording, program, simulated
         self._stack = ControlStack.build(setup, files, clock, worker, options.keep_alive)
-        self._stack.load_controllers()
+        program.load_controllers(self._stack)
 
     def run(self, signals: Signals, ready: Callable[[str], None]) -> int:
         """Configure the hardware, serve clients until the end, and return the exit status."""
@@ -105,7 +137,7 @@ class _Up:
             ros = self._has_ros()
             if self._simulated is None:  # in simulated time no cycle is late, and the clients need the processor
                 claim_realtime_priority()
-            surface = self._ros_interface() if ros else WithoutRos()
+            surface = self._program.ros_interface(self._ros_stack()) if ros else WithoutRos()
             try:
                 self._record_and_serve(thread, surface, ready)
             finally:
@@ -136,11 +168,6 @@ class _Up:
         if not self._options.plan:
             return nullcontext()
         return planning_server(self._stack.files, sim_time=self._simulated is not None)
-
-    def _ros_interface(self) -> RosInterface:
-        from nodes.surface import Surface
-
-        return Surface(self._ros_stack())
 
     def _ros_stack(self) -> "Stack":
         from nodes.stack import Stack

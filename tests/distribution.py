@@ -23,6 +23,7 @@ IN_REAL_TIME = (
     "tests/docs/test_every_block_is_run",  # reads the marks of all these files
     *("tests/commissioning/test_set_up_read_by_others", "tests/servoloop/test_passport_verb", "tests/teleop/test_docs"),
     *("tests/servoloop/test_up_without_ros", "tests/command_socket/test_up_and_clients", "tests/api/test_arm_socket"),
+    "tests/perception/test_sources",
     *("tests/view/test_first_page", "tests/view/test_move_in_chromium", "tests/view/test_page_in_chromium"),
 )
 """Files whose programs communicate with time limits, over ROS or a pseudo-terminal."""

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import MonotonicClock
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.dashboard.terminal import ALL, JOINTS_S, MonitorApp
 from servoloop.recording.reader import read_recording
 from servoloop.recording.sources import Playback, PlayedRecording

@@ -29,4 +29,4 @@ done
 cd "$place/project"
 "$place/venv/bin/servoloop" --help > /dev/null
 exec "$python" -m pytest -m 'not slow and not soak and not ros' -n 2 --dist loadfile \
-    tests/drivers tests/calibration tests/hal tests/controller "$@"
+    tests/drivers tests/hal tests/controller "$@"

@@ -14,7 +14,7 @@ from commissioning.tune.tuner import Ending, Tuner
 from drivers.bus.bus import Bus
 from drivers.servos import sts
 from hal.joint import Joint
-from servoloop.commands.tune_picture import picture
+from servoloop.commands.output.tune_picture import picture
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.virtual_lines import VirtualLines
 from sim_backend.buses.build import Build

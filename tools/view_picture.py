@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.browser import browser_page
+from benchmarks.processes.browser import browser_page
 from servoloop.dashboard.page import Page
 from servoloop.dashboard.server import PageServer
 from servoloop.recording.reader import read_recording

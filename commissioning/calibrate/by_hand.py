@@ -9,7 +9,6 @@ from math import tau
 from statistics import median
 from typing import Final, Protocol
 
-from calibration.angles import Travel, shortest
 from commissioning.calibrate.hands import Hands
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import (
@@ -29,6 +28,7 @@ from commissioning.calibrate.seam import Counting, counting_of
 from commissioning.calibrate.stops import Stops
 from commissioning.calibrate.sweep import Sweep, last_way
 from drivers.bus.bus import Bus
+from drivers.servos.angles import Travel, shortest
 from hal.joint import Joint
 
 SHOWN_RAD: Final = 0.15

@@ -11,7 +11,6 @@ from functools import partial
 from math import ceil, floor
 from typing import Final
 
-from calibration.angles import Travel
 from commissioning.calibrate.by_hand import ByHand, anchor_counts, require_poses
 from commissioning.calibrate.direction_search import DirectionSearch, Watcher
 from commissioning.calibrate.plan import ArmPlan, JointPlan
@@ -32,6 +31,7 @@ from drivers.bus.types import ServoState
 from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.servos import sts
+from drivers.servos.angles import Travel
 from hal.joint import Joint
 from hal.types import JointLimits
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from math import ceil, floor, tau
 from typing import Final
 
-from calibration.angles import Travel
 from commissioning.calibrate.seam import SEAM_MARGIN_COUNTS, Counting, off_the_seam
+from drivers.servos.angles import Travel
 from hal.joint import Joint
 
 SWEPT_SHARE: Final = 0.8

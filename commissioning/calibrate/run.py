@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-from calibration.eeprom import Change
 from commissioning.calibrate.by_hand import ByHand, CalibrationDialog, as_joint, place_shows_direction
 from commissioning.calibrate.plan import JointPlan
 from commissioning.calibrate.result import CalibrationError, JointCalibration, travel_warnings, uncertainty
@@ -16,6 +15,7 @@ from commissioning.provision import drives
 from commissioning.slow_arm import SlowArm
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
+from drivers.eeprom import Change
 from hal.joint import Joint
 from hal.robot_file.calibration_file import calibration_path
 from hal.servos.limp_arm import release_question, servo_name, torque_warning

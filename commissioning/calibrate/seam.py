@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from calibration.angles import LARGEST_OFFSET, Travel, moved, new_offset, offset_for_travel
-from calibration.eeprom import Change, update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
+from drivers.eeprom import Change, update
 from drivers.servos import x
+from drivers.servos.angles import LARGEST_OFFSET, Travel, moved, new_offset, offset_for_travel
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from drivers.servos.register import Register, ServoModel

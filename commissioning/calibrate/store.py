@@ -7,7 +7,6 @@ from typing import Final
 
 import yaml
 
-from calibration.eeprom import Change
 from commissioning.atomic_write import cannot_write, write_whole
 from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.calibrate.seam import can_move_seam, write_counting
@@ -15,6 +14,7 @@ from drivers.bus.bus import Bus
 from drivers.bus.retry import ATTEMPTS, retry
 from drivers.bus.types import Reading, ServoState
 from drivers.clock import Clock
+from drivers.eeprom import Change
 from drivers.servos.catalog import series_of
 from drivers.servos.dynamixel import X
 from hal.joint import Joint

@@ -7,10 +7,10 @@ the continuous count that is nearest to the previous reading.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from calibration.angles import Travel, unwrap
 from commissioning.calibrate.result import CalibrationError
 from drivers.bus.bus import Bus
 from drivers.bus.types import Reading, ServoState
+from drivers.servos.angles import Travel, unwrap
 from hal.joint import Joint
 
 

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from calibration.eeprom import ANSWERS_NO_READ, LEAVES_THE_LINE, Change
 from commissioning.passport.compare import require_model, servo_differences
 from commissioning.passport.file import Passport, PassportError
 from commissioning.provision import drives, persistent_registers, provision
 from commissioning.scan.answers import Answer, who_answers
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
+from drivers.eeprom import ANSWERS_NO_READ, LEAVES_THE_LINE, Change
 from drivers.errors import ServoError
 from drivers.servos.register import Access, Register, ServoModel
 from hal.servos.limp_arm import torque_warning

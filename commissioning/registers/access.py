@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from calibration.eeprom import update
 from commissioning.errors import CommissioningError
 from commissioning.registers.tables import register_named
 from commissioning.registers.values import RegisterValue, parse, value_of
@@ -17,6 +16,7 @@ from commissioning.scan.find import FoundServo
 from commissioning.scan.identify import retry_often
 from drivers.bus.confirm import confirmed_states
 from drivers.bus.types import ServoState
+from drivers.eeprom import update
 from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import registers_of

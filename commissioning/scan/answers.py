@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from calibration.eeprom import LARGEST_ID
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoFault
+from drivers.eeprom import LARGEST_ID
 from drivers.errors import PortError, PortLost
 
 TOGETHER: Final = 100

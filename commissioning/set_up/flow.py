@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import degrees
 from typing import Final, Literal, Protocol
 
-from calibration.eeprom import Change
 from commissioning.provision import provision
 from commissioning.registers.tables import rates_of
 from commissioning.scan.answers import Answer, who_answers
@@ -23,6 +22,7 @@ from commissioning.set_up.only_one import (
 from commissioning.set_up.turn import WAY_RAD, GearResult, judge_gear, rivals, turn_loose
 from drivers.bus.bus import Bus
 from drivers.clock import Clock
+from drivers.eeprom import Change
 from drivers.errors import ServoError
 from drivers.printable import counted
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from calibration.eeprom import CLOSED, OPEN, eeprom
 from commissioning.errors import CommissioningError
 from commissioning.provision import drives, persistent_registers, restart
 from commissioning.registers.tables import rates_of
@@ -16,6 +15,7 @@ from drivers.bus.confirm import confirmed_states
 from drivers.bus.retry import retry
 from drivers.bus.types import ServoState
 from drivers.clock import Clock
+from drivers.eeprom import CLOSED, OPEN, eeprom
 from drivers.errors import ServoError
 from drivers.servos import x
 from drivers.servos.catalog import MODELS, known_as, series_of

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-from calibration.eeprom import HOLDS, EepromError, update
 from commissioning.errors import CommissioningError
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
+from drivers.eeprom import HOLDS, EepromError, update
 from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Access, Register, ServoModel
 from hal.compensation.servo_compliance import assumed_settings

@@ -36,7 +36,7 @@ class TuneReport:
     @property
     def unit(self) -> str:
         """Unit of the joint: rad or m."""
-        return "rad" if self.joint.transmission == 1.0 else "m"
+        return self.joint.unit
 
     @property
     def count(self) -> float:

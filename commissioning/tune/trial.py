@@ -82,7 +82,7 @@ def _sine_hz(joint: Joint, step: float, speed: float) -> float:
 
 def plan_question(joint: Joint, plan: TrialPlan, others: Sequence[str], end: str) -> str:
     """Return the plan as a question to the user; ``end`` says how the arm is left."""
-    unit, counts = ("rad" if joint.transmission == 1.0 else "m"), abs(plan.step / joint.units_per_count)
+    unit, counts = joint.unit, abs(plan.step / joint.units_per_count)
     held = f" {', '.join(others)} will hold their positions." if others else ""
     return (
         f"{joint.name} (servo {joint.servo_id}) will move under torque: from {plan.start:.3f} to {plan.near:.3f} "

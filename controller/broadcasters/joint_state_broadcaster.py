@@ -153,7 +153,10 @@ class JointStateBroadcaster:
             for name, joint in context.description.joints.items()
             if joint.mimic and name in component.mimics
         }
-        return cls(name, parameters, component.state_interfaces, mimics, component.joints, context.limits)
+        sensors = {name: sensor.interfaces for name, sensor in component.sensors.items()}
+        sources = {name: Mimic(s.joint, 1.0, 0.0) for name, s in component.sensors.items() if s.joint}
+        states = {**component.state_interfaces, **sensors}
+        return cls(name, parameters, states, {**mimics, **sources}, component.joints, context.limits)
 
     def activate(self, state: JointState, command: FloatArray) -> None:
         self.state = None

@@ -29,16 +29,26 @@ class Approach:
         """Start at ``command`` (n,), at rest."""
         self.command, self._velocity = command.copy(), np.zeros(len(command))
 
-    def step(self, goal: FloatArray, period_s: float) -> FloatArray:
+    def resting_points(self, period_s: float) -> FloatArray:
+        """Return the positions (n,) at which the joints come to rest if they brake from the coming period on."""
+        change = self._acceleration * period_s
+        speed = np.abs(self._velocity)
+        braking = np.floor(speed / change)
+        way = period_s * (braking * speed - change * braking * (braking + 1.0) / 2.0)
+        points: FloatArray = self.command + np.copysign(way, self._velocity)
+        return points
+
+    def step(self, goal: FloatArray, period_s: float, share: FloatArray | float = 1.0) -> FloatArray:
         """Return the commands (n,) for the end of the coming period.
 
         Args:
             goal: Goals (n,) within the limits, in rad or m.
             period_s: Duration of the period, in seconds.
+            share: Shares (n,) of the velocity limits that the joints may use.
         """
         change = self._acceleration * period_s
         room = np.abs(goal - self.command)
-        speed = np.minimum(_arriving(room, change, period_s), self._fastest)
+        speed = np.minimum(_arriving(room, change, period_s), share * self._fastest)
         wanted = np.copysign(speed, goal - self.command)
         velocity = np.clip(wanted, self._velocity - change, self._velocity + change)
         command = self.command + velocity * period_s

@@ -10,6 +10,13 @@ from hal.robot_description.command_ranges import narrowed, range_problems, range
 from hal.robot_description.hardware_info import HardwareInfo, merged, parse_hardware_info, without_refused_mimics
 from hal.robot_description.limit_check import limit_problems
 from hal.robot_description.links import Link, link_problems, parse_links
+from hal.robot_description.soft_limits import (
+    SoftLimits,
+    parse_soft_limits,
+    soft_limit_problems,
+    soft_limit_warnings,
+    softened,
+)
 from hal.robot_description.urdf import Mimic, UrdfJoint, Vector, doubles, parse_joints, with_leaders
 from hal.robot_description.xml_places import is_xacro, number_problems, parse_xml, place
 
@@ -24,7 +31,7 @@ class Description:
 
     xml: str
     joints: Mapping[str, UrdfJoint]
-    """Joints by name. Their limits are narrowed by ``min`` and ``max`` of the command interfaces."""
+    """Joints by name. Soft limits, and ``min`` and ``max`` of the command interfaces narrow their limits."""
     components: tuple[HardwareInfo, ...] = field(default=())
     links: Mapping[str, Link] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -64,8 +71,20 @@ def parse_urdf(xml: str, file: str = "the URDF") -> Description:
     joints = {n: replace(joint, commands=whole.command_interfaces.get(n, ())) for n, joint in joints.items()}
     if problems := [*link_problems(joints, links), *limit_problems(joints), *number_problems(robot)]:
         raise DescriptionError("\n".join(problems))
-    limited, warnings = _narrowed(joints, whole)
-    return Description(xml, limited, components, links, warnings)
+    softened_joints, warnings = _softened(joints, parse_soft_limits(robot))
+    limited, more = _narrowed(softened_joints, whole)
+    return Description(xml, limited, components, links, (*warnings, *more))
+
+
+def _softened(
+    joints: Mapping[str, UrdfJoint], soft: Mapping[str, SoftLimits]
+) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
+    """Narrow the limits of joints to their soft limits. Return the joints and warnings. Raises DescriptionError."""
+    own = [(joint, soft[name]) for name, joint in joints.items() if name in soft]
+    if problems := [problem for joint, limits in own for problem in soft_limit_problems(joint, limits)]:
+        raise DescriptionError("\n".join(problems))
+    warnings = tuple(warning for joint, limits in own for warning in soft_limit_warnings(joint, limits))
+    return {**joints, **{joint.name: softened(joint, limits) for joint, limits in own}}, warnings
 
 
 def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dict[str, UrdfJoint], tuple[str, ...]]:
@@ -83,7 +102,7 @@ def _narrowed(joints: Mapping[str, UrdfJoint], whole: HardwareInfo) -> tuple[dic
         problems += range_problems(joint, ranges)
         warnings += range_warnings(joint, ranges)
         if ranges and not problems:
-            limited[name] = replace(narrowed(joint, ranges), stops=(joint.lower, joint.upper))
+            limited[name] = replace(narrowed(joint, ranges), stops=joint.stops or (joint.lower, joint.upper))
     if problems:
         raise DescriptionError("\n".join(problems))
     return limited, tuple(warnings)
@@ -105,6 +124,8 @@ def _check_apart(
     if twice := doubles(component.name for component in components):
         raise DescriptionError(f"two <ros2_control> blocks are named '{twice[0]}' ({places[twice[0]]}): rename one")
     owners = [(joint, component.name) for component in components for joint in component.command_interfaces]
+    if twice := doubles(name for component in components for name in component.sensors):
+        raise DescriptionError(f"two blocks have a <sensor> or <gpio> '{twice[0]}': rename one")
     if twice := doubles(joint for joint, _ in owners):
         last = dict(owners)[twice[0]]
         raise DescriptionError(

@@ -7,13 +7,14 @@ from xml.etree.ElementTree import Element
 from hal.errors import DescriptionError
 from hal.plausible import range_mistake
 from hal.robot_description.command_ranges import CommandRange, parse_command_range
+from hal.robot_description.servo_sensors import SENSORS, SensorInfo, parse_sensors
+from hal.robot_description.transmissions import SimpleTransmission, parse_transmissions
 from hal.robot_description.urdf import UrdfJoint, attribute, doubles, finite
 from hal.robot_description.xml_places import place
 
 TYPES = ("system", "actuator", "sensor")
 COMMANDS = ("position", "velocity", "effort")
 DRIVEN = ("revolute", "continuous", "prismatic")
-NOT_DRIVEN = "<{}> is not supported, only <joint> is: remove it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,10 @@ class HardwareInfo:
     """Initial values by state interface (``joint1/position``)."""
     command_ranges: Mapping[str, CommandRange] = field(default_factory=dict)
     """``min`` and ``max`` by command interface (``joint1/position``)."""
+    transmissions: Mapping[str, SimpleTransmission] = field(default_factory=dict)
+    """Gears between servos and joints, by joint name."""
+    sensors: Mapping[str, SensorInfo] = field(default_factory=dict)
+    """``<sensor>`` and ``<gpio>`` elements by name."""
     rw_rate: int = 0
     """Rate at which the component is read and written, in Hz; 0 for every cycle."""
 
@@ -48,7 +53,8 @@ class HardwareInfo:
     @property
     def states(self) -> tuple[str, ...]:
         """Names of all state interfaces (``joint1/position``), in the order of the file."""
-        return tuple(f"{joint}/{name}" for joint, own in self.state_interfaces.items() for name in own)
+        sensors = {name: sensor.interfaces for name, sensor in self.sensors.items()}
+        return tuple(f"{joint}/{name}" for joint, own in {**self.state_interfaces, **sensors}.items() for name in own)
 
     def flag(self, name: str) -> bool:
         """Return the value of a boolean ``<param>``; False if it is missing."""
@@ -69,6 +75,8 @@ def merged(components: Sequence[HardwareInfo]) -> HardwareInfo:
         mimics=frozenset(joint for c in components for joint in c.mimics),
         initial_values={name: value for c in components for name, value in c.initial_values.items()},
         command_ranges={name: found for c in components for name, found in c.command_ranges.items()},
+        transmissions={joint: found for c in components for joint, found in c.transmissions.items()},
+        sensors={name: found for c in components for name, found in c.sensors.items()},
     )
 
 
@@ -94,6 +102,8 @@ def parse_hardware_info(block: Element, joints: Mapping[str, UrdfJoint]) -> Hard
         mimics=frozenset(j for j in elements if joints[j].mimic is not None),
         initial_values=_initial_values(elements),
         command_ranges=_command_ranges(elements),
+        transmissions=parse_transmissions(block, elements),
+        sensors=parse_sensors(block, elements),
         rw_rate=_rw_rate(block, block.get("rw_rate", parameters.get("rw_rate", "0"))),
     )
 
@@ -134,9 +144,7 @@ def _block_joints(name: str, block: Element, joints: Mapping[str, UrdfJoint]) ->
     """Return the ``<joint>`` elements of a block by name. Raises DescriptionError for unsupported elements."""
     elements: dict[str, Element] = {}
     for child in block:
-        if child.tag in ("gpio", "sensor", "transmission"):
-            raise DescriptionError(f"<ros2_control name='{name}'>: {NOT_DRIVEN.format(child.tag)} ({place(child)})")
-        if child.tag not in ("hardware", "joint"):
+        if child.tag not in ("hardware", "joint", "transmission", *SENSORS):
             raise DescriptionError(
                 f"<ros2_control name='{name}'> has the unknown tag <{child.tag}> ({place(child)}): remove it"
             )

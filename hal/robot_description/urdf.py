@@ -48,7 +48,7 @@ class UrdfJoint:
     effort_range: tuple[float, float] | None = None
     """Lowest and highest effort command, if its <command_interface> limits them."""
     stops: tuple[float, float] | None = None
-    """Ends of the travel from <limit>, if a <command_interface> has narrowed ``lower`` and ``upper``."""
+    """Ends of the travel from <limit>, if soft limits or a <command_interface> narrow ``lower`` and ``upper``."""
 
     def limits(self, acceleration: float, jerk: float) -> JointLimits:
         """Return the limits of the joint, with acceleration and jerk, which a URDF does not contain."""

@@ -1,11 +1,12 @@
 """Combine a robot file and a URDF into the joints that servos drive."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from drivers.servos.catalog import MODELS
 from hal.errors import DescriptionError, RobotFileError
 from hal.joint import Joint
 from hal.robot_description.description import Description, HardwareInfo, UrdfJoint
+from hal.robot_description.transmissions import NO_GEAR, SimpleTransmission
 from hal.robot_file.robot_file import JointFile, ParkFile, RobotFile
 from hal.types import JointLimits
 
@@ -34,10 +35,15 @@ def assemble(file: RobotFile, description: Description, component: HardwareInfo)
     problems += [
         f"the robot file has a servo for {name}, but the URDF does not command it: remove it" for name in extra
     ]
+    problems += [
+        f'the sensor {name} ({sensor.place}) has no source: name a joint as <param name="joint">'
+        for name, sensor in component.sensors.items()
+        if not sensor.joint
+    ]
     joints: list[Joint] = []
     for name in component.joints:
         if name in file.joints:
-            joint = _joint(name, file, description.joints[name])
+            joint = _joint(file, description.joints[name], component.transmissions.get(name, NO_GEAR))
             problems += _problems(description.joints[name], file.joints[name]) or _reach_problems(joint, file.park)
             joints.append(joint)
     if problems:
@@ -93,18 +99,19 @@ def _reach_problems(joint: Joint, park: ParkFile | None) -> list[str]:
     return problems
 
 
-def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
-    file = robot.joints[name]
+def _joint(robot: RobotFile, urdf: UrdfJoint, gear: SimpleTransmission) -> Joint:
+    file = robot.joints[urdf.name]
     bus, model = robot.bus_of(file), MODELS[file.model]
-    return Joint(
-        name=name,
+    made = Joint(
+        name=urdf.name,
         servo_id=file.servo_id,
         model=model,
         limits=urdf.limits(file.acceleration, file.jerk),
         stops=urdf.stops,
-        sign=file.sign,
+        sign=file.sign if gear.reduction > 0.0 else -file.sign,
         zero_counts=(model.last_count + 1) // 2 if file.zero_counts is None else file.zero_counts,
-        transmission=file.metres_per_radian or 1.0,
+        transmission=(file.metres_per_radian or 1.0) / abs(gear.reduction),
+        reduction=abs(gear.reduction),
         torque_limit=file.torque_limit,
         bus=bus,
         position_p=file.position_p,
@@ -114,3 +121,6 @@ def _joint(name: str, robot: RobotFile, urdf: UrdfJoint) -> Joint:
         settings=tuple(file.settings.items()),
         gravity_compensation=robot.gravity_compensation,
     )
+    if file.zero_counts is not None:  # These counts belong to position 0 of the joint, so they contain the offset.
+        return made
+    return replace(made, zero_counts=made.zero_counts - round(gear.offset / made.units_per_count))

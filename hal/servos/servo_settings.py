@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
-from calibration.eeprom import update
 from drivers.bus.bus import Bus
 from drivers.bus.retry import retry
+from drivers.eeprom import update
 from drivers.errors import ServoRefused
 from drivers.servos import x
 from drivers.servos.catalog import registers_of, series_of

@@ -40,13 +40,13 @@ class HardwareNodes:
         stack = self._stack
         message = DiagnosticArray()
         message.header.stamp = self.nodes[0].get_clock().now().to_msg()
-        message.status = [
-            _message(status) for status in statuses(stack.loop, stack.component.name, stack.servo_ids, self._state)
-        ]
+        known = statuses(stack.loop, stack.component.name, stack.servo_ids, self._state)
+        message.status = [diagnostic_message(status) for status in known]
         self._diagnostics.publish(message)
 
 
-def _message(status: Status) -> DiagnosticStatus:
+def diagnostic_message(status: Status) -> DiagnosticStatus:
+    """Convert a status to its message."""
     return DiagnosticStatus(
         level=bytes([status.level]),
         name=status.name,

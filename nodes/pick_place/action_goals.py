@@ -8,9 +8,9 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
 
-from nodes.pick_place.job import JobOutcome
-from nodes.pick_place.settings import ArmSettings
 from nodes.pick_place.waiter import Waiter
+from pick_place.job import JobOutcome
+from pick_place.settings import ArmSettings
 
 _POLL_S: Final = 0.05
 _STATUS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "canceled the goal"}

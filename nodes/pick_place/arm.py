@@ -10,8 +10,8 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from nodes.pick_place.action_goals import ActionGoals
-from nodes.pick_place.job import JobOutcome
-from nodes.pick_place.settings import ArmSettings
+from pick_place.job import JobOutcome
+from pick_place.settings import ArmSettings
 
 ARM_ACTION = "/arm_controller/follow_joint_trajectory"
 HAND_TOPIC = "/hand_controller/commands"

@@ -8,8 +8,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from nodes.pick_place.arm import RosArm
-from nodes.pick_place.job import JobOutcome
-from nodes.pick_place.settings import JobSettings
+from pick_place.job import JobOutcome
+from pick_place.settings import JobSettings
 
 OPEN_S: Final = 1.0
 """Time for the fingers to open and for a released object to come to rest, in seconds."""

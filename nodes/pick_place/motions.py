@@ -7,12 +7,12 @@ from typing import Protocol
 from rclpy.node import Node
 
 from nodes.pick_place.arm import RosArm
-from nodes.pick_place.job import JobMotions
-from nodes.pick_place.joint_motions import JointMotions
-from nodes.pick_place.pose_motions import PoseMotions
-from nodes.pick_place.pose_settings import PoseSettings
-from nodes.pick_place.settings import JobSettings
 from nodes.ros_environment import RosError
+from pick_place.job import JobMotions
+from pick_place.joint_motions import JointMotions
+from pick_place.pose_motions import PoseMotions
+from pick_place.pose_settings import PoseSettings
+from pick_place.settings import JobSettings
 
 
 class ServedArm(Protocol):

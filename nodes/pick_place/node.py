@@ -19,12 +19,12 @@ from std_srvs.srv import SetBool
 from drivers.printable import printable_line
 from nodes.controllers.action_goals import RESULT_TIMEOUT_S
 from nodes.pick_place import parameters
-from nodes.pick_place.job import JobEnding, PickPlaceJob, Result, State
 from nodes.pick_place.motions import motions_of
-from nodes.pick_place.settings import normal_grade
-from nodes.pick_place.state import state_json
-from nodes.pick_place.vision import candidate, reason_not_fresh
 from nodes.pick_place.waiter import Waiter
+from pick_place.job import JobEnding, PickPlaceJob, Result, State
+from pick_place.settings import normal_grade
+from pick_place.state import state_json
+from pick_place.vision import candidate, reason_not_fresh
 
 _LOG_EVERY_S = 5.0
 _RESULT_DELAY_S = 0.1

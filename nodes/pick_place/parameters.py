@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from controller.manager.node_parameters import files_in
-from nodes.pick_place.pose_settings import PickObject, PoseSettings
-from nodes.pick_place.settings import SECONDS, ArmSettings, JobSettings, normal_grade
+from pick_place.pose_settings import PickObject, PoseSettings
+from pick_place.settings import SECONDS, ArmSettings, JobSettings, normal_grade
 
 AUTO_GOAL = "auto_goal_from_vision"
 ACTION_NAME = "pick_place_action_name"

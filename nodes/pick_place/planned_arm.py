@@ -13,11 +13,11 @@ from std_msgs.msg import Float64MultiArray
 from nodes.pick_place import planning_messages as messages
 from nodes.pick_place.action_goals import ActionGoals
 from nodes.pick_place.arm import HAND_TOPIC
-from nodes.pick_place.job import JobOutcome
-from nodes.pick_place.pose_settings import PoseSettings, ToolPose
 from nodes.pick_place.waiter import Waiter
 from nodes.planning_client.goals import error_text
 from nodes.planning_client.scenes import OBJECTS, removal
+from pick_place.job import JobOutcome
+from pick_place.pose_settings import PoseSettings, ToolPose
 
 MOVE_ACTION: Final = "/move_action"
 EXECUTE_ACTION: Final = "/execute_trajectory"

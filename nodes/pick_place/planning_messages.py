@@ -8,9 +8,9 @@ from moveit_msgs.action import MoveGroup
 from moveit_msgs.msg import AttachedCollisionObject, PlanningScene
 from moveit_msgs.srv import GetCartesianPath
 
-from nodes.pick_place.pose_settings import PoseSettings, ToolPose
 from nodes.planning_client import goals
 from nodes.planning_client.scenes import change, object_message
+from pick_place.pose_settings import PoseSettings, ToolPose
 from planning.scene import Box, Pose, SceneObject
 
 LINE_STEP_M: Final = 0.01

@@ -117,11 +117,6 @@ class Chain:
         """Return the pose of the tool at joint positions (n,), in rad or m."""
         return pose_of(self.transforms(np.asarray(positions)[None])[0])
 
-    def jacobian(self, positions: FloatArray) -> FloatArray:
-        """Return the Jacobian (6, n) of the tool's frame: linear, then angular velocity, along the axes of the base."""
-        _, jacobians = self.transforms_and_jacobians(np.asarray(positions)[None])
-        return np.asarray(jacobians[0])
-
     def transforms(self, positions: FloatArray) -> FloatArray:
         """Return the poses of the tool (k, 4, 4) at several joint positions (k, n)."""
         return np.asarray(self._links(positions)[-1] @ self._rest)

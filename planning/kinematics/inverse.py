@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from hal.types import FloatArray
+from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, pose_of
 from planning.kinematics.descent import EXACT_M2, Descent, Effort, descend
 from planning.kinematics.goals import INSIDE, ROTATION_M, CollidingError, PoseGoal, UnreachableError
@@ -28,6 +29,8 @@ SAME: Final = 1e-3
 COUNT: Final = 8
 """Default for the maximum number of solutions."""
 
+Remaining = Callable[[], float]
+"""Function that returns the time that is left, in seconds."""
 Valid = Callable[[FloatArray], bool]
 """Returns whether joint positions (n,) are valid, for example free of collisions."""
 
@@ -52,18 +55,18 @@ class InverseKinematics:
         self,
         goal: PoseGoal,
         start: FloatArray,
-        seeds: Sequence[FloatArray] = (),
         valid: Valid | None = None,
         count: int = COUNT,
+        remaining_s: Remaining | None = None,
     ) -> FloatArray:
         """Find joint positions within the limits that bring the tool into a region of poses.
 
         Args:
             goal: Region of poses of the tool.
             start: Current joint positions (n,), in rad or m. They are tried first.
-            seeds: Further joint positions (n,) to try first.
             valid: Returns whether joint positions are valid; by default, all are.
             count: Maximum number of solutions.
+            remaining_s: Returns the time that is left, in seconds; by default, the time is not limited.
 
         Returns:
             Distinct solutions (k, n) in rad or m, with k from 1 to ``count``. The nearest to ``start`` is first.
@@ -71,12 +74,16 @@ class InverseKinematics:
         Raises:
             UnreachableError: No joint positions were found. The error has the nearest pose.
             CollidingError: Joint positions were found, but none are valid.
-            PlanningError: ``start`` or a seed is invalid.
+            PlanningError: ``start`` is invalid, or no time is left.
         """
-        first = [self._chain.checked(positions) for positions in (start, *seeds)]
+        first = self._chain.checked(start)
         nearest: list[Descent] = []
         colliding: list[FloatArray] = []
         for starts in self._batches(goal, first):
+            if nearest and remaining_s is not None and remaining_s() <= 0.0:
+                raise PlanningError(
+                    "TIMED_OUT", f"no joint positions for {self._chain.tool} within the time: allow more time"
+                )
             found = self._widely(goal, starts) if colliding else self._search(goal, starts)
             reached = self._from_start(self._reached(goal, found), start)
             solutions = _distinct(reached, valid, count)
@@ -92,15 +99,15 @@ class InverseKinematics:
             )
         raise self._unreachable(goal, nearest)
 
-    def _batches(self, goal: PoseGoal, first: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return batches of starts (k, n): the given ones, then samples, of which half are the nearest to the goal."""
+    def _batches(self, goal: PoseGoal, first: FloatArray) -> list[FloatArray]:
+        """Return batches of starts (k, n): the given one, then samples, of which half are the nearest to the goal."""
         weighted = goal.distances(self._tools) * (1.0, ROTATION_M)
         near = self._samples[np.argsort((weighted**2).sum(axis=1), kind="stable")]
         batches = []
         for end, size in zip(itertools.accumulate(BATCHES), BATCHES, strict=True):
             part = slice((end - size) // 2, end // 2)
             batches.append(np.concatenate([near[part], self._samples[part]]))
-        return [np.concatenate([np.array(first), batches[0]]), *batches[1:]]
+        return [np.concatenate([first[None], batches[0]]), *batches[1:]]
 
     def _search(self, goal: PoseGoal, starts: FloatArray) -> Descent:
         """Move the starts to the pose itself or, if none of them reaches it, to the region around it."""

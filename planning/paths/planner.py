@@ -1,12 +1,11 @@
 """Plan a short path: one or two searches, each followed by shortcuts. The shorter result wins."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from hal.types import FloatArray, JointLimits
+from hal.types import FloatArray
 from planning.arm_model import ArmModel
 from planning.collision import Collisions
 from planning.errors import PlanningError
@@ -16,7 +15,6 @@ from planning.paths.release import Release, release
 from planning.paths.request import PathRequest, Remaining, bounds, checked, reduced
 from planning.paths.search import path_of_checked
 from planning.paths.smoothing import path_length, shortened
-from planning.paths.timing import TimedPath, timed
 
 SEARCHES: Final = 2
 """Maximum number of searches. A single search may pass an obstacle on its long side."""
@@ -96,26 +94,3 @@ def _shortest(
             break
     assert best is not None
     return best
-
-
-def plan_motion(
-    arm: ArmModel,
-    collisions: Collisions,
-    request: PathRequest,
-    remaining_s: Remaining,
-    limits: Sequence[JointLimits] | None = None,
-) -> TimedPath:
-    """Plan a trajectory from the start to one of the goals.
-
-    Args:
-        arm: The arm.
-        collisions: Checks of the arm in the scene.
-        request: Start, goals, margins, planner and seed.
-        remaining_s: Returns the time that is left, in seconds.
-        limits: Limits of the joints (n), such as those of ``timing.scaled``; the arm's own limits if None.
-
-    Raises:
-        PlanningError: As ``plan_path`` does.
-    """
-    plan = plan_path(arm, collisions, request, remaining_s)
-    return timed(plan.points, limits or arm.limits, collisions, plan.margins)

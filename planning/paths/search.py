@@ -48,8 +48,6 @@ IMPROVING_EDGES: Final = 5_000
 """Number of edges that RRTstar checks, even if it has a path already."""
 GROWTH: Final = 1.5
 """Factor by which the number of edges grows with each attempt."""
-BUSY_RATE: Final = 10
-"""Number of calls of the termination condition between two looks at the time."""
 
 
 class Attempt(NamedTuple):
@@ -171,10 +169,8 @@ def _run(
 
 
 def _condition(edges: _Edges, attempt: Attempt, remaining_s: Remaining) -> Any:
-    calls = count(1)
-
     def ends() -> bool:
-        return edges.checked >= attempt.edges or (next(calls) % BUSY_RATE == 0 and remaining_s() <= 0.0)
+        return edges.checked >= attempt.edges or remaining_s() <= 0.0
 
     return base.PlannerTerminationCondition(ends)
 

@@ -9,7 +9,7 @@ from controller.trajectory.parameters import TrajectoryParameters
 from drivers.servos.catalog import series_of
 from hal.errors import HalError
 from hal.types import JointLimits
-from nodes.pick_place.settings import normal_grade
+from pick_place.settings import normal_grade
 from servoloop.campaign.draw_clients import draw_client
 from servoloop.campaign.promises import PromisedVisit
 from servoloop.campaign.visits import JOB, NO_SERVO, makes_of

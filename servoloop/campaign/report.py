@@ -170,7 +170,7 @@ def _trace(kept: KeptViolation, joints: Sequence[Joint]) -> str:
 
     recording = kept.recording
     times_s = [cycle.time_s for cycle in recording.cycles]
-    metric = {joint.name for joint in joints if joint.transmission != 1.0}
+    metric = {joint.name for joint in joints if joint.unit == "m"}
     panels: list[Panel] = []
     for unit, names in (
         ("rad", [name for name in recording.joints if name not in metric]),

@@ -8,7 +8,7 @@ from typing import Final
 from drivers.errors import DriverError
 from hal.errors import HalError
 from hal.robot_file.robot_file import ExitPolicy
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.campaign.invariants import Invariant, Violation
 from servoloop.campaign.invariants.watch import ALL, Watch
 from servoloop.campaign.socket_programs import ConnectedPrograms

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
-from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
-from servoloop.commands.line_options import PortsOption, interruptible, served_devices
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.shared.line_options import PortsOption, interruptible, served_devices
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
 from servoloop.stack.arm_folders import OWN
 from servoloop.stack.arm_options import ArmOption

@@ -13,10 +13,10 @@ from commissioning.lerobot import ITS_ZERO
 from commissioning.lerobot_import import Imported
 from drivers.errors import DriverError
 from hal.errors import DescriptionError
-from servoloop.commands.console import JsonOption, YesOption, print_json, print_table
-from servoloop.commands.line_options import PortOption, named_devices
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import known_arm
+from servoloop.commands.shared.console import JsonOption, YesOption, print_json, print_table
+from servoloop.commands.shared.line_options import PortOption, named_devices
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def calibrate(
     direction each joint moved. Example: `servoloop calibrate --arm so101 --port /dev/ttyACM0`
     """
     from commissioning.ports.adapters import only_port
-    from servoloop.commands.calibrate_terminal import Terminal
+    from servoloop.commands.output.calibrate_terminal import Terminal
     from servoloop.stack.arm_folders import find_arm, read_arm_servos
     from servoloop.stack.signals import Signals
 

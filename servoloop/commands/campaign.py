@@ -12,8 +12,8 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
-from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.robot_files import make_folder
 from servoloop.stack.signals import Signals

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
-from servoloop.commands.line_options import PortsOption, served_devices
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.shared.line_options import PortsOption, served_devices
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_options import ServoArm
 
 if TYPE_CHECKING:

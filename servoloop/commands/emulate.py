@@ -14,11 +14,11 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
-from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import require_extras
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_servos
-from servoloop.stack.arm_options import ArmOption, RobotOption, UrdfOption
+from servoloop.stack.arm_options import ArmOption, RobotOption, UrdfOption, XacroOption, xacro_arguments
 from servoloop.stack.devices import device_paths
 from servoloop.stack.emulator_options import EmulatorOptions
 from servoloop.stack.processes import at_ordinary_priority, end, end_with_parent
@@ -42,6 +42,7 @@ def emulate(
     arm: ArmOption = OWN,
     urdf: UrdfOption = None,
     robot: RobotOption = None,
+    xacro_arg: XacroOption = None,
     options: EmulatorOptions,
 ) -> None:
     """Serve virtual servos and their simulated scene on a pseudo-terminal until Ctrl-C.
@@ -57,7 +58,7 @@ def emulate(
     if options.view:
         _require_page(urdf)
     _require_paths(link, options.pictures)
-    files = read_arm_servos(find_arm(arm), urdf, robot)
+    files = read_arm_servos(find_arm(arm), urdf, robot, xacro_arguments(xacro_arg))
     events = _events(options.faults, files, options.box)
     ready = _ready(link, files)
     with Signals() as signals, _page(link, arm, options.view) as show, compilation_announced(LOG.info):

@@ -11,18 +11,18 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from calibration.eeprom import Change
 from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from commissioning.passport.compare import Comparison, compare, take_passport
 from commissioning.passport.file import Passport, PassportError, read_passport, write_passport
 from commissioning.passport.restore import Restoration, plan_replacement, plan_restore, restore_all
 from drivers.bus.bus import Bus
 from drivers.clock import MonotonicClock
+from drivers.eeprom import Change
 from drivers.servos.catalog import MODELS
 from hal.robot_file.robot_file import RobotFile, load_robot_file
-from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
-from servoloop.commands.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.shared.line_options import PortOption, adapter_serial, bus_of, interruptible, open_line
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.arm_options import RobotOption
 

@@ -6,8 +6,8 @@ import typer
 
 from drivers.errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.extras import require_extras
 from servoloop.stack.arm_options import ControlledArm
 
@@ -26,8 +26,8 @@ def plan_server(
     The node is named move_group, and MoveIt's clients connect to it. Do not run a MoveIt at the same time.
     Example: `servoloop plan-server --arm so101`
     """
-    require_ros(PLANNING_PACKAGES)
     require_extras("motion planning", "planning")
+    require_ros(PLANNING_PACKAGES)
     set_network(network)
     from nodes.planning.process import run
     from planning.collision import warm_up

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.commands.console import JsonOption, print_json
+from servoloop.commands.shared.console import JsonOption, print_json
 from servoloop.stack.processes import Interrupted
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
-from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
+from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import RATE_HZ, RateOption, SpeedOption, UnattendedOption, require_keys, side_of
 from servoloop.commands.teach import played, played_on_running_arm
 from servoloop.commands.view import view
 from servoloop.extras import require_extras

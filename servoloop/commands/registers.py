@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from commissioning.errors import CommissioningError
-from servoloop.commands.console import JsonOption, confirm, print_json, print_table
-from servoloop.commands.line_options import interruptible
+from servoloop.commands.shared.console import JsonOption, confirm, print_json, print_table
+from servoloop.commands.shared.line_options import interruptible
 
 if TYPE_CHECKING:
     from commissioning.scan.find import FoundServo

@@ -9,7 +9,7 @@ import typer
 
 from commissioning.errors import LARGEST_BAUD, SMALLEST_BAUD
 from drivers.printable import counted
-from servoloop.commands.console import JsonOption, print_json, print_table
+from servoloop.commands.shared.console import JsonOption, print_json, print_table
 from servoloop.stack.processes import Interrupted
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _models(arm: str) -> "dict[int, ServoModel]":
     """Return the servo models of an arm by ID. Raises DriverError if the arm has several buses."""
     from drivers.errors import DriverError
     from drivers.servos.catalog import MODELS
-    from servoloop.commands.options import known_arm
+    from servoloop.commands.shared.options import known_arm
     from servoloop.stack.arm_options import ServoArm
 
     file = known_arm(ServoArm(arm)).file

@@ -6,9 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servoloop.commands.console import JsonOption, YesOption, confirm, print_json, print_table
-from servoloop.commands.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
-from servoloop.commands.option_groups import grouped_options
 from servoloop.commands.registers import (
     ModelOption,
     RegisterAddress,
@@ -20,6 +17,9 @@ from servoloop.commands.registers import (
     write_at,
     write_status_level,
 )
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json, print_table
+from servoloop.commands.shared.line_options import BaudOption, IdArgument, IdOption, PortOption, servo_at
+from servoloop.commands.shared.option_groups import grouped_options
 
 if TYPE_CHECKING:
     from commissioning.registers.values import RegisterValue

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivers.errors import DriverError, PortLost
-from servoloop.commands.console import JsonOption, Keyboard, print_json, print_table
-from servoloop.commands.line_options import PortOption, bus_of, open_line
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import known_arm
+from servoloop.commands.shared.console import JsonOption, Keyboard, print_json, print_table
+from servoloop.commands.shared.line_options import PortOption, bus_of, open_line
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals

@@ -8,8 +8,8 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.printable import counted
-from servoloop.commands.console import JsonOption, print_json
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, print_json
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.recording.mcap import RecordOption, check_path
 from servoloop.stack.arm_folders import OWN, find_arm, read_arm_files
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, RobotOption

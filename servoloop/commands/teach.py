@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.printable import counted
-from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import (
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import (
     RATE_HZ,
     HandsFreeOption,
     RateOption,
@@ -255,7 +255,7 @@ def teleop(
     """
     from rich.console import Console
 
-    from servoloop.commands.console import confirm
+    from servoloop.commands.shared.console import confirm
     from servoloop.teleop.arms import TeleopError
     from servoloop.teleop.attendance import HANDS_FREE_HINT, HINT, REACTIVATE
     from servoloop.teleop.screen import TeleopScreen

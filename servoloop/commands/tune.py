@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from drivers.errors import DriverError
-from servoloop.commands.console import JsonOption, YesOption, confirm, print_json
-from servoloop.commands.line_options import PortsOption, served_devices
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.console import JsonOption, YesOption, confirm, print_json
+from servoloop.commands.shared.line_options import PortsOption, served_devices
+from servoloop.commands.shared.option_groups import grouped_options
 from servoloop.extras import missing_extras
 from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.robot_files import write_file
@@ -201,7 +201,7 @@ def _drawn(path: Path, report: "TuneReport") -> Path | None:
     if sentence := missing_extras("the plot", "report"):
         typer.echo(f"servoloop: {sentence}", err=True)
         return None
-    from servoloop.commands.tune_picture import picture
+    from servoloop.commands.output.tune_picture import picture
 
     write_file(path, picture(report), keep=False)
     return path
@@ -209,7 +209,7 @@ def _drawn(path: Path, report: "TuneReport") -> Path | None:
 
 def print_report(report: "TuneReport", robot_file: Path, console: "Console") -> None:
     """Print the figures, the proposed gains and how to keep them."""
-    from servoloop.commands.tune_output import table, words
+    from servoloop.commands.output.tune_output import table, words
 
     console.print(table(report))
     for line in words(report, robot_file):

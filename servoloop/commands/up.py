@@ -4,14 +4,14 @@ import logging
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drivers.errors import DriverError
 from nodes.ros_environment import PLANNING_PACKAGES, require_ros
-from servoloop.commands.option_groups import grouped_options
-from servoloop.commands.options import NetworkOption, set_network
+from servoloop.commands.shared.option_groups import grouped_options
+from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path
@@ -23,24 +23,31 @@ from servoloop.stack.robot_files import make_folder, require_writable
 from servoloop.stack.terminal import log_to_terminal
 from servoloop.up_options import UpOptions
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 LOG = logging.getLogger("servoloop")
+
+HardwareOption = Annotated[
+    HardwareKind | None,
+    typer.Option(help="Hardware that the control loop drives (default: the plugin named in the URDF)."),
+]
+PortOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
+]
+ReadyFileOption = Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")]
 
 
 @grouped_options
 def up(
     *,
-    hardware: Annotated[
-        HardwareKind | None,
-        typer.Option(help="Hardware that the control loop drives (default: the plugin named in the URDF)."),
-    ] = None,
-    port: Annotated[
-        list[str] | None,
-        typer.Option(help="Serial port of the servos; NAME=PATH for each of several buses (default: virtual servos)."),
-    ] = None,
+    hardware: HardwareOption = None,
+    port: PortOption = None,
     arm: ControlledArm,
     options: UpOptions,
     network: NetworkOption = False,
-    ready_file: Annotated[Path | None, typer.Option(help="File to write when the stack is ready for goals.")] = None,
+    ready_file: ReadyFileOption = None,
 ) -> None:
     """Run the control stack of an arm until Ctrl-C, with or without ROS 2.
 
@@ -52,10 +59,7 @@ def up(
 
     log_to_terminal()
     set_network(network)
-    if ready_file is not None:
-        if ready_file.is_dir():
-            raise DriverError(f"--ready-file {ready_file} is a folder; choose a file")
-        require_writable(ready_file.parent)
+    check_ready_file(ready_file)
     if options.record is not None:
         check_path(options.record)
     if options.plan:
@@ -71,12 +75,20 @@ def up(
     raise typer.Exit(run(hardware, devices, files, ready, options))
 
 
+def check_ready_file(path: Path | None) -> None:
+    """Check that the file for --ready-file can be written. Raises DriverError."""
+    if path is not None:
+        if path.is_dir():
+            raise DriverError(f"--ready-file {path} is a folder; choose a file")
+        require_writable(path.parent)
+
+
 def _check_planning(options: UpOptions) -> None:
     """Check that the planning server can start, before the arm gets torque. Raises DriverError or RosError."""
     if not options.ros:
         raise DriverError("--plan needs ROS 2: leave out --no-ros")
-    require_ros(PLANNING_PACKAGES)
     require_extras("motion planning", "planning")
+    require_ros(PLANNING_PACKAGES)
 
 
 def write_ready(path: Path) -> None:
@@ -153,8 +165,26 @@ def demo(
         require_extras("the view", "view")
     make_folder(options.out)
     console = Console()
+    if options.vision:
+        raise typer.Exit(_sort_apples(options, console))
     with Live(console) as live:
         report = run(jobs, repeat, options, live)
     reports.print_table(report, console)
     reports.write_json(report, options.out / "result.json")
     raise typer.Exit(0 if reports.succeeded(report) else 1)
+
+
+def _sort_apples(options: CellOptions, console: "Console") -> int:
+    """Sort apples by what the virtual camera sees, print the report and return the exit status."""
+    require_extras("the camera", "sim", "vision")
+
+    from servoloop.demo.jobs import Live
+    from servoloop.demo.sort_apples import sort_apples
+    from servoloop.demo.sorting import APPLES
+    from servoloop.demo.sorting_report import print_sorting, write_sorting
+
+    with Live(console) as live:
+        report = sort_apples(options, live, APPLES)
+    print_sorting(report, console)
+    write_sorting(report, options.out / "result.json")
+    return 0 if report.success else 1

@@ -115,12 +115,10 @@ def _opened(
 
 
 def _emulated(bus: Path, arm: "ArmFolder", clock: Clock) -> "EmulatorSource":
-    from hal.errors import DescriptionError
-    from hal.robot_description.description import parse_urdf
-    from hal.text_file import read_xml
     from servoloop.recording.emulator_source import EmulatorSource
+    from servoloop.stack.robot_files import read_description
 
-    return EmulatorSource(bus, parse_urdf(read_xml(arm.urdf, DescriptionError)), clock)
+    return EmulatorSource(bus, read_description(arm.urdf), clock)
 
 
 NICE: Final = 5

@@ -23,6 +23,7 @@ from servoloop.stack.signals import Signals
 from sim_backend.scene.world_feed import WorldFeedClient, feed_path
 
 if TYPE_CHECKING:
+    from nodes.sorting_monitor import SortingMonitor
     from nodes.stack_monitor import StackMonitor
 
 ARM = "arm_controller"
@@ -44,6 +45,8 @@ class Cell:
     """Name of the hardware component."""
     joints: Sequence[str]
     """Joints of the arm, without the hand."""
+    sorting: "SortingMonitor | None"
+    """Monitor of the jobs that start from pictures; None if the cell has no camera."""
     process_ids: Mapping[str, int]
     """Process IDs of ``emulator``, ``stack`` and ``pick_place``."""
 
@@ -75,6 +78,7 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
     from nodes.pick_place.client import PickClient
     from nodes.pick_place.homing import Homing
     from nodes.planning_client.presence import is_planner_present
+    from nodes.sorting_monitor import SortingMonitor
     from nodes.stack_monitor import StackMonitor
 
     choose_ros_domain()
@@ -90,18 +94,23 @@ def cell(options: CellOptions, live: Live) -> Iterator[Cell]:
         if options.poses:
             live.say("starting the motion planner")
             processes.start("plan_server", "servoloop", "plan-server", "--arm", str(arm.folder))
+        process_ids["pick_place"] = _start_node(processes, arm, options, live)
         if options.view:
             live.say(f"the arm in a browser: {_page(processes, out, process_ids['stack'])}")
         with client_node("servoloop_demo") as (node, executor):
             if options.poses:
                 processes.wait_until(lambda: is_planner_present(node), "starting the motion planner", START_S)
-            process_ids["pick_place"] = _start_node(processes, arm, options, live)
             monitor = StackMonitor(node, executor, ARM)
             camera = Camera(_feed(link, processes), settings.joints)
             picker, homing = PickClient(node, executor), Homing(node, executor, settings)
             runner = JobRunner(RosClients(monitor, picker, homing), live, camera, signals, processes)
             runner.wait_for_node(START_S)
-            yield Cell(runner, monitor, files.component.name, settings.joints, process_ids)
+            sorting: SortingMonitor | None = None
+            if options.vision:
+                sorting = SortingMonitor()
+                sorting.subscribe(node)
+                process_ids["camera"] = _start_camera(processes, link, files, live)
+            yield Cell(runner, monitor, files.component.name, settings.joints, sorting, process_ids)
         live.say("drawing the pictures")
         processes.end()
 
@@ -137,6 +146,7 @@ def _start(processes: Processes, link: Path, files: Files, options: CellOptions,
     live.say(f"starting the virtual servos (ROS_DOMAIN_ID {os.environ['ROS_DOMAIN_ID']})")
     seed, record = options.seed, options.record
     built = ("--backlash", str(options.backlash_deg), *(() if seed is None else ("--seed", str(seed))))
+    built += () if options.apples is None else ("--apples", str(options.apples))
     command = ("servoloop", *emulate_arguments(link, files), "--pictures", str(link.parent), *built)
     started["emulator"] = processes.start("emulator", *command)
     served = [feed_path(link), *device_paths(link, buses).values()]
@@ -154,3 +164,9 @@ def _start_node(processes: Processes, arm: ArmFolder, options: CellOptions, live
     live.say("starting the pick-and-place node")
     parameters = arm.pick_place_poses if options.poses else arm.pick_place
     return processes.start("pick_place", NODE, "--ros-args", "--params-file", str(parameters))
+
+
+def _start_camera(processes: Processes, link: Path, files: Files, live: Live) -> int:
+    """Start the perception node with the virtual camera and return its process ID."""
+    live.say("starting the camera")
+    return processes.start("camera", "servoloop.demo.camera_process", str(link), str(files.scene))

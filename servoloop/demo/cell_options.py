@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from servoloop.recording.mcap import RecordOption
 from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
+
+FIRST_TRAY: Final = 2
+"""Seed of the apples without ``--seed``. These apples have all grades."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +28,15 @@ class CellOptions:
         bool, typer.Option("--poses", help="Plan motions to poses of the tool instead of moving to joint positions.")
     ] = False
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
+
+    vision: Annotated[
+        bool, typer.Option("--vision", help="Sort twelve apples by what a virtual camera sees, instead of cubes.")
+    ] = False
+
+    @property
+    def apples(self) -> int | None:
+        """Seed of the apples; None for cubes."""
+        return (self.seed or FIRST_TRAY) if self.vision else None
 
     def found(self) -> ArmFolder:
         """Return the folder of the arm. Raises ArmFileError."""

@@ -18,6 +18,8 @@ from servoloop.recording.following_error import worst
 from servoloop.stack.robot_files import write_file
 
 IDLE_S = 3.0
+FIGURES_S = 1.5
+"""Time in which the figures of the last cycles are published, in seconds."""
 FADING_S = 1.5
 """Time in which gravity compensation fades in or out, in seconds."""
 SAGGING_RAD = 0.2
@@ -74,14 +76,19 @@ def demo(
         return _measure(jobs, ready, are_all_grades(grades, options.found()) and not options.poses)
 
 
+def loop_figures(ready: Cell) -> dict[str, float]:
+    """Return the figures of the control loop, which are published once per second."""
+    return {name: float(ready.monitor.newest.loop.get(name, "nan")) for name in FIGURES}
+
+
 def _measure(jobs: Sequence[str], ready: Cell, compare: bool) -> DemoReport:
     """Run all jobs and, with ``compare``, one more job without each compensation."""
-    runner, monitor = ready.runner, ready.monitor
+    runner = ready.runner
     stack = psutil.Process(ready.process_ids["stack"])
     idle_percent, _ = _cpu(stack, lambda: runner.idle(IDLE_S))
     moving_percent, runs = _cpu(stack, lambda: [runner.run(grade) for grade in jobs])
-    runner.idle(1.5)  # the figures of the last cycles are published once a second
-    loop = {name: float(monitor.newest.loop.get(name, "nan")) for name in FIGURES}
+    runner.idle(FIGURES_S)
+    loop = loop_figures(ready)
     comparisons = {what: _run_without(what, jobs[0], ready) for what in WITHOUT if compare}
     return DemoReport(
         tuple(ready.joints), tuple(runs), comparisons, loop, {"idle": idle_percent, "moving": moving_percent}

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import perf_counter, time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console, Group
@@ -61,6 +61,11 @@ class Live:
         place = f"bin {where}" if where else "no bin"
         self.console.print(f"{mark} grade {grade}: cube in {place} [dim]{message}[/]")
         self._job, self._phase = "", ""
+
+    def sorted(self, apple: str, success: bool, message: str) -> None:
+        """Print the result for one apple."""
+        mark = "[green]✓[/]" if success else "[red]✗[/]"
+        self.console.print(f"{mark} {apple} [dim]{message}[/]")
 
     def show(self, newest: "NewestMessages") -> None:
         """Show the latest state of the arm."""
@@ -156,7 +161,7 @@ class JobRunner:
         self._failed = False
         """Whether the last job failed, in which case the arm, the hand and the cube can be anywhere."""
         self._live = live
-        self._camera = camera
+        self.camera = camera
         self._signals = signals
         self._processes = processes
 
@@ -165,16 +170,16 @@ class JobRunner:
         if self._failed:
             self._clean_up()
         samples = self._monitor.newest.samples
-        self._camera.poll()
-        self._camera.trace, self._camera.contacts = WorldTrace(), set()
+        self.camera.poll()
+        self.camera.trace, self.camera.contacts = WorldTrace(), set()
         samples.clear()
         self._live.job(grade)
         started_s = perf_counter()
         outcome = self._picker.pick(grade, self._live.phase, self.update)
         duration_s = perf_counter() - started_s
-        at, between = _errors(samples, self._camera.trace)
+        at, between = _errors(samples, self.camera.trace)
         where = self._rest()
-        contacts = tuple(sorted(self._camera.contacts))
+        contacts = tuple(sorted(self.camera.contacts))
         success = outcome.success and where == grade.strip().upper()
         self._failed = not success
         self._live.done(grade, where, success, outcome.message)
@@ -209,7 +214,7 @@ class JobRunner:
 
     def update(self) -> bool:
         """Show the latest state and return whether to cancel the job. Raises DriverError if a process has ended."""
-        self._camera.poll()
+        self.camera.poll()
         self._live.show(self._monitor.newest)
         self._processes.check()
         return self._signals.count > 0
@@ -221,10 +226,10 @@ class JobRunner:
     def _rest(self) -> str | None:
         """Wait until the cube rests in a bin, and return the bin."""
         until_s = perf_counter() + REST_S
-        while self._camera.bin is None and perf_counter() < until_s:
+        while self.camera.bin is None and perf_counter() < until_s:
             self._monitor.spin(0.05)
             self._update_or_interrupt()
-        return self._camera.bin
+        return self.camera.bin
 
 
 class Camera:
@@ -232,6 +237,8 @@ class Camera:
 
     def __init__(self, client: WorldFeedClient, joints: Sequence[str]) -> None:
         self.bin: str | None = None
+        self.newest: dict[str, Any] | None = None
+        """The newest publication."""
         self.trace = WorldTrace()
         self.contacts: set[str] = set()
         self._client = client
@@ -240,7 +247,7 @@ class Camera:
     def poll(self) -> None:
         """Read everything that the emulator has published since the last call."""
         for publication in self._client.all():
-            self.bin = publication["cube_bin"]
+            self.bin, self.newest = publication["cube_bin"], publication
             self.contacts.update(publication["contacts"])
             for time_s, positions in publication["trace"]:
                 self.trace.times_s.append(time_s)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from controller.action_goals import GoalStatus
 from controller.trajectory.goal import GoalHandle, GoalPoint, TrajectoryGoal
-from nodes.pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
-from nodes.pick_place.joint_motions import JointMotions
-from nodes.pick_place.settings import JobSettings
+from pick_place.job import JobEnding, JobOutcome, PickPlaceJob, Result, State
+from pick_place.joint_motions import JointMotions
+from pick_place.settings import JobSettings
 from servoloop.recording.following_error import FollowingError
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import ArmFolder
@@ -29,7 +29,7 @@ class _NextCycle:
 
 
 class SimulatedArm:
-    """Implementation of nodes.pick_place.job.JobArm with the controllers of a simulated stack."""
+    """Implementation of pick_place.job.JobArm with the controllers of a simulated stack."""
 
     def __init__(self, stack: SimulatedStack, settings: JobSettings) -> None:
         self._stack = stack

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.port import Port
 from hal.types import JointState
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.recording.bus_tap import BusTap, BusTaps
 from servoloop.recording.following_error import FollowingError
 from servoloop.recording.sampler import Sampler

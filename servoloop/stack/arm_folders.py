@@ -1,5 +1,6 @@
 """Find and read arm folders. ``config/arms/NAME/arm.yaml`` describes an arm and names its files."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -10,7 +11,7 @@ from commissioning.calibrate.plan import ArmPlan
 from hal.errors import ArmFileError
 from hal.yaml_file import load
 from hal.yaml_nodes import compose
-from servoloop.stack.robot_files import CONFIG, Files, ServoFiles, read_servo_files, with_controllers
+from servoloop.stack.robot_files import CONFIG, NO_ARGUMENTS, Files, ServoFiles, read_servo_files, with_controllers
 
 ARMS: Final = CONFIG / "arms"
 ARM_FILE: Final = "arm.yaml"
@@ -137,16 +138,25 @@ def _completed(own: ArmFile, model: Path, path: Path) -> ArmFile:
 
 
 def read_arm_files(
-    arm: ArmFolder, urdf: Path | None = None, controllers: Path | None = None, robot: Path | None = None
+    arm: ArmFolder,
+    urdf: Path | None = None,
+    controllers: Path | None = None,
+    robot: Path | None = None,
+    xacro_arguments: Mapping[str, str] = NO_ARGUMENTS,
 ) -> Files:
     """Read and check the files of an arm. A file given as an argument replaces the file of the arm.
 
     Raises the same errors as read_files.
     """
-    return with_controllers(read_arm_servos(arm, urdf, robot), controllers or arm.controllers)
+    return with_controllers(read_arm_servos(arm, urdf, robot, xacro_arguments), controllers or arm.controllers)
 
 
-def read_arm_servos(arm: ArmFolder, urdf: Path | None = None, robot: Path | None = None) -> ServoFiles:
+def read_arm_servos(
+    arm: ArmFolder,
+    urdf: Path | None = None,
+    robot: Path | None = None,
+    xacro_arguments: Mapping[str, str] = NO_ARGUMENTS,
+) -> ServoFiles:
     """Read and check the files of an arm, except for its controllers file.
 
     If ``urdf`` is given, the robot file is the file that the URDF names, unless ``robot`` is given too. The poses are
@@ -154,6 +164,6 @@ def read_arm_servos(arm: ArmFolder, urdf: Path | None = None, robot: Path | None
     read_servo_files.
     """
     own = None if urdf else arm.robot
-    servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene)
+    servos = read_servo_files(urdf or arm.urdf, robot or own, arm.scene, xacro_arguments)
     poses = arm.folder if urdf is None or urdf.resolve() == arm.urdf else urdf.resolve().parent
     return replace(servos, arm=arm.name, arm_folder=arm.folder, folder=poses)

@@ -1,17 +1,26 @@
 """Options that name an arm and its files, as fields of the dataclasses that commands take."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 
+from drivers.errors import DriverError
 from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm, read_arm_files, read_arm_servos
 from servoloop.stack.robot_files import Files, ServoFiles
 
 ArmOption = Annotated[str, typer.Option("--arm", help="Arm: a name that `servoloop arms` lists, or an arm folder.")]
 RobotOption = Annotated[Path | None, typer.Option("--robot", help="Robot file to use instead of the arm's own.")]
-UrdfOption = Annotated[Path | None, typer.Option("--urdf", help="URDF file to use instead of the arm's own.")]
+UrdfOption = Annotated[
+    Path | None,
+    typer.Option("--urdf", help="URDF file to use instead of the arm's own. A name that ends in .xacro is expanded."),
+]
+XacroOption = Annotated[
+    list[str] | None,
+    typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Argument of a --urdf in xacro. Repeat it for several."),
+]
 BacklashOption = Annotated[
     float, typer.Option("--backlash", min=0.0, max=10.0, help="Backlash of each virtual servo, in degrees.")
 ]
@@ -25,6 +34,17 @@ BACKLASH_DEG: Final = 1.0
 """Typical backlash that users measure at the shaft of an STS3215, in degrees."""
 
 
+def xacro_arguments(texts: Sequence[str] | None) -> dict[str, str]:
+    """Parse the values of ``--xacro-arg``. Raises DriverError."""
+    arguments: dict[str, str] = {}
+    for text in texts or ():
+        name, separator, value = text.partition(":=")
+        if not separator or not name:
+            raise DriverError(f"--xacro-arg must be NAME:=VALUE, such as prefix:=left_, not {text!r}")
+        arguments[name] = value
+    return arguments
+
+
 @dataclass(frozen=True, slots=True)
 class ServoArm:
     """Arm whose servos a command uses, and the files that replace the arm's own."""
@@ -32,6 +52,7 @@ class ServoArm:
     arm: ArmOption = OWN
     robot: RobotOption = None
     urdf: UrdfOption = None
+    xacro_arg: XacroOption = None
 
     def found(self) -> ArmFolder:
         """Return the folder of the arm. Raises ArmFileError."""
@@ -39,7 +60,7 @@ class ServoArm:
 
     def read(self) -> ServoFiles:
         """Read and check the files of the arm, except for its controllers file. Raises HalError."""
-        return read_arm_servos(self.found(), self.urdf, self.robot)
+        return read_arm_servos(self.found(), self.urdf, self.robot, xacro_arguments(self.xacro_arg))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +73,9 @@ class ControlledArm:
     ] = None
     urdf: UrdfOption = None
     robot: RobotOption = None
+    xacro_arg: XacroOption = None
 
     def read(self) -> Files:
         """Read and check the files of the arm. Raises HalError or ControllersFileError."""
-        return read_arm_files(find_arm(self.arm), self.urdf, self.controllers, self.robot)
+        arguments = xacro_arguments(self.xacro_arg)
+        return read_arm_files(find_arm(self.arm), self.urdf, self.controllers, self.robot, arguments)

@@ -151,7 +151,7 @@ class EmulatedArm:
         """Build the virtual arm. Raises ArmFileError if the scene lacks joints of the servos."""
         ways = build.mounted(couplings(files.robot))
         require_scene(files.scene, [one.joint for one in ways])
-        self.world = World(files.scene, spread=build.spread, backlash=build.gaps(ways))
+        self.world = World(files.scene, spread=build.spread, backlash=build.gaps(ways), apples=build.apples)
         self.world.hold_until_driven()
         if build.practice_seed is not None:
             self.world.clear_table()

@@ -41,6 +41,10 @@ class EmulatorOptions:
             help="YAML file with faults, timed from when the servos are ready (see `servoloop fault --list`)."
         ),
     ] = None
+    apples: Annotated[
+        int | None,
+        typer.Option(min=0, help="Seed for apples that come to the stand one after another, in place of the cube."),
+    ] = None
     view: Annotated[
         bool, typer.Option("--view", help="Show the arm in a browser, as `servoloop view --bus LINK` does.")
     ] = False
@@ -51,4 +55,4 @@ class EmulatorOptions:
         from sim_backend.buses.build import Build
 
         practice_seed = 0 if self.box and self.practice is None else self.practice
-        return Build(self.backlash_deg, self.seed, practice_seed, self.box)
+        return Build(self.backlash_deg, self.seed, practice_seed, self.box, self.apples)

@@ -12,7 +12,7 @@ from hal.plausible import Position
 from hal.yaml_file import mistakes
 
 if TYPE_CHECKING:
-    from nodes.pick_place.settings import JobSettings
+    from pick_place.settings import JobSettings
 
 
 NODE: Final = "vision_pick_place_controller"
@@ -60,7 +60,7 @@ class PickPlace(BaseModel):
 
     def settings(self) -> "JobSettings":
         """Return the settings of the node, with default times."""
-        from nodes.pick_place.settings import JobSettings
+        from pick_place.settings import JobSettings
 
         return JobSettings(
             joints=self.joints,

@@ -3,8 +3,9 @@
 import logging
 import tempfile
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from types import MappingProxyType
 
 from commissioning.atomic_write import cannot_write, write_whole
 from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controllers_file
@@ -12,6 +13,7 @@ from drivers.errors import DriverError
 from hal.errors import DescriptionError, RobotFileError
 from hal.robot_description.description import Description, merged, parse_urdf
 from hal.robot_description.hardware_info import HardwareInfo
+from hal.robot_description.xacro_file import SUFFIX, expand_xacro
 from hal.robot_file.robot import Robot, assemble
 from hal.robot_file.robot_file import load_robot_file
 from hal.robot_file.robots import all_limits, together
@@ -26,6 +28,7 @@ CONFIG = HOME / "config"
 URDF = HOME / "urdf" / "robot_arm.urdf"
 CONTROLLERS = CONFIG / "arm_controllers.yaml"
 SCENE = HOME / "urdf" / "scene.xml"
+NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 OWN_SERVOS = ("servoloop/ServoHardware", "servoloop/MujocoHardware")
 """Hardware plug-ins that need a robot file."""
 ROBOT = "robot_arm.yaml"
@@ -43,6 +46,8 @@ class ServoFiles:
     limits: dict[str, JointLimits]
     """Limits of every joint with a command interface."""
     urdf_path: Path
+    xacro_arguments: Mapping[str, str] = field(default_factory=dict)
+    """Arguments of the URDF by name, if it is written in xacro."""
     robot_paths: dict[str, Path]
     """Robot file of each component that needs one."""
     scene: Path = SCENE
@@ -68,7 +73,8 @@ class ServoFiles:
         paths = {"arm": self.arm_folder, "urdf": self.urdf_path}
         if len(self.robot_paths) == 1:
             paths["robot"] = self.robot_path
-        return _options(paths)
+        arguments = [f"{name}:={value}" for name, value in self.xacro_arguments.items()]
+        return (*_options(paths), *(word for argument in arguments for word in ("--xacro-arg", argument)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,9 +122,14 @@ def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
     return Files(**known, controllers=loaded)
 
 
-def read_servo_files(urdf: Path = URDF, robot: Path | None = None, scene: Path = SCENE) -> ServoFiles:
+def read_servo_files(
+    urdf: Path = URDF,
+    robot: Path | None = None,
+    scene: Path = SCENE,
+    xacro_arguments: Mapping[str, str] = NO_ARGUMENTS,
+) -> ServoFiles:
     """Read and check the files of an arm without its controllers file. Raises DescriptionError or RobotFileError."""
-    description = read_description(urdf)
+    description = read_description(urdf, xacro_arguments)
     for warning in description.warnings:
         LOG.warning("%s", warning)
     paths = _robot_paths(description, urdf, robot)
@@ -130,13 +141,18 @@ def read_servo_files(urdf: Path = URDF, robot: Path | None = None, scene: Path =
         robot=whole,
         limits=all_limits(description.components, whole, description.joints),
         urdf_path=urdf,
+        xacro_arguments=xacro_arguments,
         robot_paths=paths,
         scene=scene,
     )
 
 
-def read_description(urdf: Path) -> Description:
-    """Read the URDF. Raises DescriptionError."""
+def read_description(urdf: Path, xacro_arguments: Mapping[str, str] = NO_ARGUMENTS) -> Description:
+    """Read the URDF, and expand it first if it is written in xacro. Raises DescriptionError."""
+    if urdf.suffix == SUFFIX:
+        return parse_urdf(expand_xacro(urdf, xacro_arguments), f"{urdf} (expanded)")
+    if xacro_arguments:
+        raise DescriptionError(f"--xacro-arg is for a URDF in xacro, but {urdf} does not end in {SUFFIX}: rename it")
     try:
         return parse_urdf(read_xml(urdf, DescriptionError, "the URDF"), str(urdf))
     except DescriptionError as error:

@@ -38,7 +38,7 @@ class VirtualLines:
         """
         ways = build.mounted(couplings(files.robot))
         require_scene(files.scene, [one.joint for one in ways])
-        self.world = World(files.scene, initial_position=start, spread=build.spread, backlash=build.gaps(ways))
+        self.world = World(files.scene, start, build.spread, build.gaps(ways), build.apples)
         if start is None:
             self.world.hold_until_driven()
         feeder = Feeder()

@@ -162,7 +162,7 @@ class RecordedMotion:
 
 
 def _unit(joint: Joint) -> str:
-    return "rad" if joint.transmission == 1.0 else "m"
+    return joint.unit
 
 
 def _check_path(motion: RecordedMotion, path: HandPath, limits: Sequence[JointLimits], source: str) -> None:

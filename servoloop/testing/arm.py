@@ -53,7 +53,9 @@ class VirtualArm:
         """
         paths = {name: Path(path) for name, path in files.items() if name != "arm"}
         self.stack = FaultyStack(
-            files=read_arm_files(find_arm(files.get("arm", OWN)), **paths),
+            files=read_arm_files(
+                find_arm(files.get("arm", OWN)), paths.get("urdf"), paths.get("controllers"), paths.get("robot")
+            ),
             build=Build(backlash_deg, seed),
             keep_alive=True,
         )

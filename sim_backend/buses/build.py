@@ -25,6 +25,9 @@ class Build:
     in_box: bool = False
     """Whether the servos are factory-new: all have the same ID, and none is connected (``sim_backend.box``)."""
 
+    apples: int | None = None
+    """Seed of the apples that take the place of the cube. None for the cube."""
+
     @property
     def spread(self) -> Spread:
         """Deviations of the arm's parts."""

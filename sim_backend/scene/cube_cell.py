@@ -12,6 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_backend.apples.apple import Apple
+from sim_backend.apples.spheres import apple_of_tray, resize
 from sim_backend.mechanics.plant import JointArrays
 
 FloatArray = NDArray[np.float64]
@@ -39,10 +41,28 @@ def has_cell(model: Any) -> bool:
     return CUBE in [model.joint(i).name for i in range(model.njnt)]
 
 
-class CubeCell:
-    """The cube, its stand and the bins of a world. ``of_arm`` marks the geoms that are part of the arm, (ngeom,)."""
+@dataclass(frozen=True, slots=True)
+class Tray:
+    """Apples that come to the stand one after another, in place of the cube."""
 
-    def __init__(self, model: Any, data: Any, arrays: JointArrays, of_arm: NDArray[np.bool_]) -> None:
+    seed: int
+    """Seed of all apples."""
+    diameters_mm: tuple[float, float]
+    """Smallest and largest diameter."""
+
+
+class CubeCell:
+    """The cube, its stand and the bins of a world. With a tray, apples take the place of the cube."""
+
+    def __init__(
+        self, model: Any, data: Any, arrays: JointArrays, of_arm: NDArray[np.bool_], tray: Tray | None = None
+    ) -> None:
+        """Find the parts of the cell. ``of_arm`` marks the geoms that are part of the arm, (ngeom,)."""
+        self.tray = tray
+        self.apple: Apple | None = None
+        """The apple that is on its way; None for a cube."""
+        self.fed = 0
+        """Number of cubes or apples before this one."""
         self._model, self._data, self._arrays, self._of_arm = model, data, arrays, of_arm
         self.laid = True
         """Whether stand, bins and cube are present."""
@@ -54,6 +74,11 @@ class CubeCell:
         self._place_geom = model.geom("cube_place").id
         width, depth, _ = model.geom("stand").size
         self._on_stand_m = (float(width) + OFF_STAND_M, float(depth) + OFF_STAND_M, LIFTED_M)
+        if tray is not None:
+            mujoco.mj_kinematics(model, data)
+            stand = data.geom("stand")
+            self._stand_m = float(stand.xpos[2] + model.geom("stand").size[2])
+            self._place_apple(tray)
 
     def locate(self) -> None:
         """Store the poses of the bins. Call it when the kinematics are up to date."""
@@ -129,10 +154,23 @@ class CubeCell:
         return np.array([g for g in np.flatnonzero(~self._of_arm) if g != self._model.geom("table").id])
 
     def feed_cube(self) -> None:
-        """Place the cube at rest in the middle of the stand."""
+        """Place the cube, or the next apple, at rest in the middle of the stand."""
+        self.fed += 1
+        if self.tray is not None:
+            self._place_apple(self.tray)
         self._data.qpos[self.qpos] = self.home
         self._data.qvel[self.qvel] = 0.0
         mujoco.mj_forward(self._model, self._data)
+
+    def _place_apple(self, tray: Tray) -> None:
+        """Give the sphere size and pose of the next apple on the stand."""
+        self.apple = apple_of_tray(tray.seed, self.fed, tray.diameters_mm)
+        radius_m = 0.0005 * self.apple.diameter_mm
+        resize(self._model, radius_m)
+        turn = np.random.default_rng((self.apple.seed, 5)).normal(size=4)
+        self.home[2] = self._stand_m + radius_m
+        self.home[3:] = turn / np.linalg.norm(turn)
+        self._data.qpos[self.qpos] = self.home
 
 
 def _pose(position: FloatArray, quaternion_wxyz: FloatArray) -> Pose:

@@ -1,5 +1,7 @@
 """Feed a new cube to the stand when the last one is done and the arm starts to move again.
 
+Apples come earlier, while the arm rests: a camera must see an apple before a job for it can start.
+
 Between two jobs the arm rests at the ready pose with its open fingers around the stand. The old cube stays in place
 until the arm leaves for the next job, so that it can be seen and measured.
 """
@@ -31,6 +33,8 @@ SWINGING_REST_S: Final = 0.5
 """Time at rest for an arm that swings in place. On its way to the ready pose it never stays that long."""
 LONG_REST_S: Final = 10.0
 """Time at rest in other poses. It is long because a rest there can be a pause within the job."""
+SHOWN_S: Final = 1.5
+"""Time that the old apple stays in its bin before the next one comes."""
 
 
 class Feeder:
@@ -43,6 +47,7 @@ class Feeder:
         self._next_s = 0.0
         self._slow_since_s = self._stays_since_s = math.inf
         self._stays_at: FloatArray | None = None
+        self._shown_until_s = math.inf
         self.due = False
         """Whether the old cube is done and the arm has rested, so that the next motion brings a new cube."""
 
@@ -51,7 +56,9 @@ class Feeder:
         if time_s < self._next_s or world.cell is None or not world.cell.laid:
             return
         self._next_s = time_s + LOOK_S
-        if self.due:
+        if self.due and world.cell.tray is not None:
+            self._feed_apple(world, world.cell, time_s)
+        elif self.due:
             self._feed(world, world.cell)
         elif _done(world, world.cell):
             self._rest(world, time_s)
@@ -72,6 +79,7 @@ class Feeder:
             self.due = slow_s >= REST_S or stays_s >= SWINGING_REST_S
         else:
             self.due = max(slow_s, stays_s) >= LONG_REST_S
+        self._shown_until_s = time_s + SHOWN_S
 
     def _feed(self, world: World, cell: CubeCell) -> None:
         """Feed a cube when the arm leaves and the stand is free.
@@ -79,9 +87,20 @@ class Feeder:
         A hand that only opens or closes does not start a job.
         """
         if self._stays_at is not None and _set_out(self._stays_at, world) and cell.stand_free():
-            cell.feed_cube()
-            self.due = False
-            self._begin()
+            self._lay_next(cell)
+
+    def _feed_apple(self, world: World, cell: CubeCell, time_s: float) -> None:
+        """Feed an apple when the last one has been in its bin for a while, even if the arm rests in another pose.
+
+        The arm of a failed job holds its pose. The next job starts with the ready pose.
+        """
+        if time_s >= self._shown_until_s and cell.stand_free():
+            self._lay_next(cell)
+
+    def _lay_next(self, cell: CubeCell) -> None:
+        cell.feed_cube()
+        self.due = False
+        self._begin()
 
 
 def _slow(world: World) -> bool:

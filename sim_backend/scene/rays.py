@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_backend.compiled import compiled
+from sim_backend.scene.ellipsoid_rays import cast_ellipsoid
 from sim_backend.scene.mesh_rays import cast_mesh, mesh_parts
 
 FloatArray = NDArray[np.float64]
@@ -20,9 +21,12 @@ Hits = tuple[Any, FloatArray, FloatArray]
 VISIBLE_GROUPS: Final = (0, 1, 2)
 """Geom groups that are drawn. Other groups are used only by the simulation."""
 PLANE: Final = int(mujoco.mjtGeom.mjGEOM_PLANE)
+SPHERE: Final = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+ELLIPSOID: Final = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 BOX: Final = int(mujoco.mjtGeom.mjGEOM_BOX)
 CYLINDER: Final = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 MESH: Final = int(mujoco.mjtGeom.mjGEOM_MESH)
+DRAWN: Final = (PLANE, SPHERE, ELLIPSOID, BOX, CYLINDER, MESH)
 WALL: Final = -1
 """Face of a hit on a cylinder's round wall. Other faces are named by the axis normal to them."""
 
@@ -45,8 +49,10 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
     geom, nearest, normal = (values.copy() for values in so_far or no_hits(len(rays)))
     for i in geoms:
         kind, axes = int(model.geom_type[i]), data.geom_xmat[i].reshape(3, 3)
-        if kind not in (PLANE, BOX, CYLINDER, MESH):
-            raise ValueError(f"pictures can show planes, boxes, cylinders and meshes, but not geom type {kind}")
+        if kind not in DRAWN:
+            raise ValueError(
+                f"pictures can show planes, spheres, ellipsoids, boxes, cylinders and meshes, but not geom type {kind}"
+            )
         away = data.geom_xpos[i] - origin
         half = np.array([0.0, 0.0, model.geom_size[i][1]]) if kind == CYLINDER else model.geom_size[i]
         radius = model.geom_size[i][0] if kind == CYLINDER else 0.0
@@ -56,6 +62,10 @@ def cast(model: Any, data: Any, origin: FloatArray, rays: FloatArray, geoms: Any
         if kind == MESH:
             parts = mesh_parts(model, int(model.geom_dataid[i]))
             cast_mesh(i, parts, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
+            continue
+        if kind in (SPHERE, ELLIPSOID):
+            radii = model.geom_size[i] if kind == ELLIPSOID else np.full(3, model.geom_size[i][0])
+            cast_ellipsoid(i, radii, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
             continue
         _cast_one(i, kind == PLANE, half, radius, axes, away, -away @ axes, beside, rays, geom, nearest, normal)
     return geom, nearest, normal

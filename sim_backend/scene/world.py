@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.robot_description.link_meshes import link_meshes
+from sim_backend.apples.apple import Apple
+from sim_backend.apples.spheres import apple_diameters_mm, replace_cube
 from sim_backend.line.spread import NOMINAL, Spread
 from sim_backend.mechanics.gears import Gears
 from sim_backend.mechanics.joint_gears import JointGears
 from sim_backend.mechanics.plant import JointArrays
 from sim_backend.scene.backlash import motor_name, with_gaps
-from sim_backend.scene.cube_cell import CUBE, CubeCell, FloatArray, Pose, has_cell
+from sim_backend.scene.cube_cell import CUBE, CubeCell, FloatArray, Pose, Tray, has_cell
 from sim_backend.scene.drawn_model import drawn_model
 
 SCENE: Final = Path(__file__).resolve().parents[2] / "urdf" / "scene.xml"
@@ -43,6 +45,7 @@ class World:
         initial_position: Sequence[float] | None = None,
         spread: Spread = NOMINAL,
         backlash: Mapping[str, float] | None = None,
+        apples: int | None = None,
     ) -> None:
         """Load the scene with the cube on the stand and the arm at rest.
 
@@ -51,13 +54,19 @@ class World:
             initial_position: Joint positions in the order of `joints` (rad, m); by default those of `rest` or `ready`.
             spread: Deviations of this arm from the scene.
             backlash: Free travel of joints relative to their motors (rad, m).
+            apples: Seed of the apples that take the place of the cube; None for the cube.
         """
         self._gears: JointGears | None = None
         self._built_armature: dict[int, float] = {}
         """Original armature of blocked degrees of freedom."""
         self._motors = {joint: motor_name(joint) for joint in backlash or {}}
         self._scene, self._gaps = scene or SCENE, backlash or {}
-        self.model: Any = with_gaps(self._scene, self._gaps).compile()
+        self._tray: Tray | None = None
+        spec: Any = with_gaps(self._scene, self._gaps)
+        if apples is not None:
+            self._tray = Tray(apples, apple_diameters_mm(spec, self._scene))
+            replace_cube(spec, self._tray.diameters_mm)
+        self.model: Any = spec.compile()
         if spread.seed is not None:
             spread.vary(self.model)
             mujoco.mj_setConst(self.model, mujoco.MjData(self.model))  # Update the constants that depend on masses.
@@ -66,8 +75,10 @@ class World:
         self.joints: tuple[str, ...] = tuple(self.model.actuator(i).name for i in range(self.model.nu))
         self._find_joints()
         self._arm_geoms = self._of_arm()
-        self.cell = CubeCell(self.model, self.data, self.arrays, self._arm_geoms) if has_cell(self.model) else None
+        self.cell: CubeCell | None = None
         """The cube with its stand and bins; None if the scene has only the arm."""
+        if has_cell(self.model):
+            self.cell = CubeCell(self.model, self.data, self.arrays, self._arm_geoms, self._tray)
         self._cube_geoms = np.array([self.model.geom(geom).name == CUBE for geom in range(self.model.ngeom)])
         first = self.model.key(READY).qpos if READY in self._keyframes() else self.model.qpos0
         self.ready: FloatArray = first[self._qpos]
@@ -213,6 +224,11 @@ class World:
         other_name = self.model.geom(other).name if body == "world" else body
         return f"{self.model.body(self.model.geom_bodyid[link]).name} and {other_name}"
 
+    @property
+    def apple(self) -> Apple | None:
+        """The apple that is on its way, if apples take the place of the cube."""
+        return None if self.cell is None else self.cell.apple
+
     def clear_table(self) -> None:
         """Remove stand, bins and cube, if there are any."""
         if self.cell is not None:
@@ -230,7 +246,10 @@ class World:
 
     def drawn_model(self) -> Any:
         """Return a model with the same positions for pictures, with the real shapes of links if they exist."""
-        model = drawn_model(with_gaps(self._scene, self._gaps), link_meshes(self._scene.parent))
+        spec = with_gaps(self._scene, self._gaps)
+        if self._tray is not None:
+            replace_cube(spec, self._tray.diameters_mm)
+        model = drawn_model(spec, link_meshes(self._scene.parent))
         model.geom_rgba[model.geom_type != mujoco.mjtGeom.mjGEOM_MESH] = self.model.geom_rgba
         return model
 

@@ -34,6 +34,16 @@ class SeenPose(Protocol):
     def quaternion_xyzw(self) -> tuple[float, float, float, float]: ...
 
 
+class SeenApple(Protocol):
+    """Apple that is on its way."""
+
+    @property
+    def seed(self) -> int: ...
+
+    @property
+    def diameter_mm(self) -> float: ...
+
+
 class SeenWorld(Protocol):
     """The part of ``sim_backend.scene.world.World`` that the feed needs."""
 
@@ -51,6 +61,9 @@ class SeenWorld(Protocol):
 
     def arm_contacts(self) -> set[str]: ...
 
+    @property
+    def apple(self) -> SeenApple | None: ...
+
 
 def feed_path(link: Path) -> Path:
     """Return the path of the feed for the bus at ``link``."""
@@ -62,11 +75,14 @@ def snapshot(
 ) -> dict[str, Any]:
     """Return one publication: world time, poses, the cube's bin, joint positions (rad, m), and time lost to stalls.
 
+    A world with apples also publishes seed and diameter of the apple, which has the pose and the bin of the cube.
     ``trace`` has the motion of the joints since the last publication: pairs of the emulator's clock (s; the same for
     every process on one machine) and the positions in the order of ``joints``. ``contacts`` has the contacts of the arm
     in this time, except for those with the cube.
     """
+    apple = world.apple
     return {
+        **({} if apple is None else {"apple": {"seed": apple.seed, "diameter_mm": apple.diameter_mm}}),
         "time_s": round(world.time_s, 6),
         "poses": {
             name: {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}

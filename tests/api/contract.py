@@ -18,6 +18,7 @@ from servoloop import (
     ArmTimeoutError,
     ArmTrajectory,
     MotionCanceledError,
+    PlanFailedError,
     StreamEndedError,
 )
 from servoloop.recording.reader import read_recording
@@ -52,6 +53,15 @@ def moved(arm: Arm, action: Callable[[], object]) -> float:
 
 class ArmContract:
     """Contract of all arms. A subclass defines the fixture ``arm``, an active SO-101."""
+
+    def test_a_motion_is_planned_from_the_measured_state(self, arm: Arm) -> None:
+        arm.move_to({PAN: 0.2, "shoulder_lift": -0.3, "elbow_flex": 0.3}, duration=2.0)
+        plan = arm.plan({PAN: -0.2}, speed=0.5)
+        assert plan.start == pytest.approx(arm.state.position, abs=NEAR)
+        arm.follow(plan)
+        assert arm.state.position[PAN] == pytest.approx(-0.2, abs=NEAR)
+        with pytest.raises(PlanFailedError, match=f"{PAN} is at"):
+            arm.follow(plan)
 
     def test_joints_reach_named_targets_and_others_hold(self, arm: Arm) -> None:
         before = arm.state

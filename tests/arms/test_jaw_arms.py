@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controller.action_goals import GoalStatus
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.simulation.stack import SimulatedStack
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.pick_place import PickPlace, load_pick_place

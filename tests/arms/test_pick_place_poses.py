@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from nodes.pick_place.pose_settings import PickObject, PoseSettings, above
+from pick_place.pose_settings import PickObject, PoseSettings, above
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
-from servoloop.motion_planning.planner import MotionPlanner
+from planning.kinematics.rotations import matrices
+from planning.motion import MotionRequest, ToolGoal
+from servoloop.api.options import ArmOptions
+from servoloop.motion_planning.robot import planning_robot
 from servoloop.stack.arm_folders import find_arm
 from servoloop.stack.pick_place import NODE, load_pick_place
 
@@ -40,15 +43,17 @@ def test_file_of_robot_arm_has_the_defaults() -> None:
 @pytest.mark.parametrize("arm", ARMS)
 def test_poses_are_those_of_the_joint_positions_and_reachable_from_above(arm: str) -> None:
     parameters, joints = parameters_of(arm), load_pick_place(find_arm(arm).pick_place)
-    planner = MotionPlanner(arm, parameters["planning"]["tool_link"])
-    planner.scene = planner.scene.without("cube")
-    ready = dict(zip(joints.joints, joints.poses.ready, strict=True))
+    robot, link = planning_robot(ArmOptions(arm).files()), parameters["planning"]["tool_link"]
+    group = robot.group(parameters["planning"].get("group", PoseSettings().group))
+    ready = {**robot.rest, **dict(zip(joints.joints, joints.poses.ready, strict=True))}
     places = {"pick": (joints.poses.pick, parameters["pick"]["pose"])}
     places |= {grade: (joints.bins[grade], parameters["bins"][grade]["pose"]) for grade in joints.grades}
     for name, (positions, pose) in places.items():
-        position_m, quaternion = planner.pose(dict(zip(joints.joints, positions, strict=True)))
-        np.testing.assert_allclose(pose[:3], position_m, atol=1e-4, err_msg=name)
-        np.testing.assert_allclose(pose[3:], quaternion, atol=1e-4, err_msg=name)
+        placed = robot.link_poses([link], {**robot.rest, **dict(zip(joints.joints, positions, strict=True))})[link]
+        np.testing.assert_allclose(pose[:3], placed.position_m, atol=1e-4, err_msg=name)
+        np.testing.assert_allclose(matrices(np.array(pose[3:])), placed.matrix, atol=2e-4, err_msg=name)
         x, y, z, *upright = above(tuple(pose), parameters["planning"]["approach_m"])
         goal = PoseGoal(ToolPose(np.array([x, y, z]), np.array(upright)), PositionSphere(1e-3), (1e-2,) * 3)
-        assert planner.plan(ready, goal).times_s[-1] > 0.0
+        scene = robot.scene.without("cube")
+        request = MotionRequest(start=ready, goals=[ToolGoal(goal, link)], scene=scene, remaining_s=lambda: 5.0)
+        assert group.plan(request).path.duration_s > 0.0

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.bus import BAUDS, CLIENTS, compare, show
-from benchmarks.busy import without_priority
+from benchmarks.processes.busy import without_priority
 from benchmarks.stalls import JointSteps
 
 pytestmark = pytest.mark.slow
@@ -58,6 +58,10 @@ def test_a_cycle_of_seven_servos_on_the_wire() -> None:
         (("benchmarks.recording", "--seconds", "1"), ("in the loop's thread", "% of a core")),
         (("benchmarks.command_socket", "--messages", "50"), ("set_point", "median, ms")),
         (("benchmarks.stream", "--seconds", "2"), ("call to bytes", "100 targets; ", " 0 lost")),
+        (
+            ("benchmarks.topic_host", "--seconds", "2", "--rate", "50"),
+            ("bytes to state topic", "100 commands; ", " 0 lost"),
+        ),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )

@@ -12,13 +12,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks.children import child, kill, next_line, start
+from benchmarks.processes.children import child, kill, next_line, start
 
 pytestmark = pytest.mark.slow
 
 PARENT = """
 import sys
-from benchmarks.children import child
+from benchmarks.processes.children import child
 with child("-m", "benchmarks.simulator", sys.argv[1]) as simulator:
     print(simulator.pid, flush=True)
     sys.stdin.read()

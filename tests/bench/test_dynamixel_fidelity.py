@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks import dynamixel_fidelity
-from benchmarks.dynamixel_facts import Fact
+from benchmarks.facts.dynamixel_facts import Fact
 
 
 def test_the_virtual_dynamixels_agree_with_every_fact(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ from PIL import Image
 from rich.console import Console
 
 from benchmarks import fidelity
-from benchmarks.figures import Figure
+from benchmarks.facts.figures import Figure
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from calibration.angles import Travel
 from commissioning.calibrate.by_hand import CalibrationTask
 from commissioning.calibrate.plan import ArmPlan, JointPlan
 from commissioning.calibrate.result import FoundZero, JointCalibration, calibration_of, unit
 from drivers.bus.bus import Bus
+from drivers.servos.angles import Travel
 from hal.joint import Joint
 from hal.types import FloatArray
 from servoloop.stack.arm_folders import find_arm, read_arm_files

@@ -5,13 +5,13 @@ from math import tau
 
 import pytest
 
-from calibration.angles import shortest
 from commissioning.calibrate.by_hand import CalibrationTask
 from commissioning.calibrate.by_itself import ByItself
 from commissioning.calibrate.plan import ArmPlan, AutoPlan, JointPlan
 from commissioning.calibrate.result import travel_warnings
 from drivers.bus.bus import Bus
 from drivers.servos import sts
+from drivers.servos.angles import shortest
 from hal.joint import Joint
 from hal.types import JointLimits
 from tests.commissioning.loose import Loose, Port

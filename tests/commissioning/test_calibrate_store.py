@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from calibration.eeprom import OPEN, EepromError
 from commissioning.calibrate.result import CalibrationError, JointCalibration
 from commissioning.calibrate.run import check
 from commissioning.calibrate.store import store
 from commissioning.slow_arm import FASTEST_RAD_S, SlowArm
+from drivers.eeprom import OPEN, EepromError
 from drivers.errors import DriverError, PortLost, ServoError
 from drivers.servos import sts, x
 from drivers.servos.catalog import series_of

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from calibration.eeprom import Eeprom, EepromError
+from drivers.eeprom import Eeprom, EepromError
 from drivers.servos import sts, x
 from drivers.servos.register import Register
 from hal.joint import Joint

@@ -68,7 +68,7 @@ def in_the_place_of_its_own(code: str, text: str) -> str:
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Create a copy of the package in which the page was followed."""
     copy = tmp_path_factory.mktemp("package")
-    for folder in ("drivers", "calibration", "sim_backend"):
+    for folder in ("drivers", "sim_backend"):
         shutil.copytree(SOURCES / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
     for folder in ("tests/drivers", "tests/sim_backend"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))

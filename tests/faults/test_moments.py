@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hal.lifecycle import LifecycleState
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.campaign.run import RunReport, end_program, run_schedule, with_exit_policy
 from servoloop.campaign.shrink import shrink
 from servoloop.simulation.faulty_stack import FaultyStack

@@ -278,7 +278,7 @@ def test_a_joint_without_commands_needs_no_limits() -> None:
         ),
         (
             urdf(control=CONTROL.replace("<hardware>", '<gpio name="led"/><hardware>')),
-            "<ros2_control name='arm'>: <gpio> is not supported",
+            "<gpio name='led'> has no <state_interface>",
         ),
         (
             urdf(ELBOW.replace("revolute", "fixed") + FINGER),

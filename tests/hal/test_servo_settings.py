@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.eeprom import OPEN
+from drivers.eeprom import OPEN
 from drivers.errors import DriverError
 from drivers.servos import sts
 from drivers.servos.catalog import MODELS

@@ -12,7 +12,7 @@ from commissioning.calibrations import calibration_rows, export_calibration, imp
 from commissioning.passport.compare import take_passport
 from commissioning.passport.file import read_passport, write_passport
 from hal.robot_file.calibration_file import calibration_path
-from servoloop.commands.options import known_arm
+from servoloop.commands.shared.options import known_arm
 from servoloop.stack.arm_folders import find_arm, read_arm_files
 from servoloop.stack.arm_options import ServoArm
 from servoloop.stack.emulator import virtual_lines

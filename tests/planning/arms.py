@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import mujoco
+
 from hal.types import JointLimits
 from planning.arm_model import ArmModel
 
@@ -14,7 +16,10 @@ def limits(lower: float, upper: float) -> JointLimits:
 
 def robot_arm() -> ArmModel:
     ranges = {"joint1": 3.05, "joint2": 2.0, "joint3": 2.0, "joint4": 2.0, "joint5": 2.0, "joint6": 3.05}
-    return ArmModel.from_file(ROOT / "urdf/scene.xml", {name: limits(-end, end) for name, end in ranges.items()})
+    return ArmModel(
+        mujoco.MjModel.from_xml_path(str(ROOT / "urdf/scene.xml")),
+        {name: limits(-end, end) for name, end in ranges.items()},
+    )
 
 
 def so101() -> ArmModel:
@@ -25,7 +30,10 @@ def so101() -> ArmModel:
         "wrist_flex": (-1.65806, 1.65806),
         "wrist_roll": (-2.74385, 2.84121),
     }
-    return ArmModel.from_file(ROOT / "config/arms/so101/scene.xml", {name: limits(*end) for name, end in ends.items()})
+    return ArmModel(
+        mujoco.MjModel.from_xml_path(str(ROOT / "config/arms/so101/scene.xml")),
+        {name: limits(*end) for name, end in ends.items()},
+    )
 
 
 PLANAR = """

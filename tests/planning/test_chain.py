@@ -66,7 +66,7 @@ def test_pose_and_jacobian_equal_those_of_mujoco(arm: str, shares: list[float]) 
     columns = [model(arm).joint(name).dofadr[0] for name in one.names]
     assert pose.position_m == pytest.approx(data.body(one.tool).xpos, abs=1e-12)
     assert matrices(pose.quaternion_xyzw).ravel() == pytest.approx(data.body(one.tool).xmat, abs=1e-12)
-    assert one.jacobian(positions) == pytest.approx(jacobian[:, columns], abs=1e-12)
+    assert one.transforms_and_jacobians(positions[None])[1][0] == pytest.approx(jacobian[:, columns], abs=1e-12)
 
 
 @settings(max_examples=40)
@@ -78,14 +78,16 @@ def test_an_odd_arm_equals_mujoco_in_the_frame_of_its_base(values: list[float], 
     pose = one.pose(positions)
     assert pose.position_m == pytest.approx(base.T @ (data.site("tip").xpos - data.body("stand").xpos), abs=1e-12)
     assert matrices(pose.quaternion_xyzw) == pytest.approx(base.T @ data.site("tip").xmat.reshape(3, 3), abs=1e-12)
-    assert one.jacobian(positions) == pytest.approx(differences(one, positions), abs=1e-8)
+    assert one.transforms_and_jacobians(positions[None])[1][0] == pytest.approx(differences(one, positions), abs=1e-8)
 
 
 @settings(max_examples=40)
 @given(ARMS, SHARES)
 def test_the_jacobian_is_the_derivative_of_the_pose(arm: str, shares: list[float]) -> None:
     positions = at_shares(arm, shares)
-    assert chain(arm).jacobian(positions) == pytest.approx(differences(chain(arm), positions), abs=1e-8)
+    assert chain(arm).transforms_and_jacobians(positions[None])[1][0] == pytest.approx(
+        differences(chain(arm), positions), abs=1e-8
+    )
 
 
 def differences(one: Chain, positions: FloatArray) -> FloatArray:

@@ -259,8 +259,6 @@ def test_a_wrong_start_is_refused(positions: list[float], message: str) -> None:
     with pytest.raises(PlanningError, match=message) as caught:
         SOLVERS["robot_arm"].solve(goal, np.array(positions))
     assert caught.value.code == "INVALID_ROBOT_STATE"
-    with pytest.raises(PlanningError, match=message):
-        SOLVERS["robot_arm"].solve(goal, start("robot_arm"), seeds=[np.array(positions)])
 
 
 def test_other_places_of_the_region_are_tried_if_its_center_collides() -> None:
@@ -273,15 +271,15 @@ def test_other_places_of_the_region_are_tried_if_its_center_collides() -> None:
     assert check("robot_arm", goal, SOLVERS["robot_arm"].solve(goal, start("robot_arm"), valid=clear))
 
 
-def test_a_given_seed_is_tried() -> None:
-    """The robot_arm reaches a pose in infinitely many ways, of which only those near the seed are valid here."""
+def test_the_start_is_tried_first() -> None:
+    """The robot_arm reaches a pose in infinitely many ways, of which only those near the start are valid here."""
     positions = random_positions("robot_arm", 1, seed=8)[0]
     goal = around("robot_arm", positions)
 
     def near(at: FloatArray) -> bool:
         return bool(np.abs(at - positions).max() < 0.01)
 
-    solutions = SOLVERS["robot_arm"].solve(goal, start("robot_arm"), seeds=[positions], valid=near)
+    solutions = SOLVERS["robot_arm"].solve(goal, positions, valid=near)
     assert solutions == pytest.approx(positions[None], abs=0.01)
     with pytest.raises(CollidingError):
         SOLVERS["robot_arm"].solve(goal, start("robot_arm"), valid=near)

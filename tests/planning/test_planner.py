@@ -5,13 +5,20 @@ import itertools
 import numpy as np
 import pytest
 
+from planning.arm_model import ArmModel
 from planning.collision import Collisions, Margins
 from planning.errors import PlanningError
-from planning.paths.planner import plan_motion, plan_path
+from planning.paths.planner import plan_path
 from planning.paths.request import PathRequest
 from planning.paths.smoothing import path_length
+from planning.paths.timing import TimedPath, timed
 from planning.scene import Box, Pose, Scene, SceneObject
 from tests.planning.arms import planar, robot_arm, so101
+
+
+def plan_motion(arm: ArmModel, collisions: Collisions, request: PathRequest, limit_s: float) -> TimedPath:
+    plan = plan_path(arm, collisions, request, lambda: limit_s)
+    return timed(plan.points, arm.limits, collisions, plan.margins)
 
 
 def test_more_searches_never_give_a_longer_path_and_the_same_seed_gives_the_same_path():
@@ -35,7 +42,7 @@ def test_the_arms_of_the_project_are_planned_among_the_objects_of_their_scene(ma
         if collisions.is_clear(positions):
             clear.append(positions)
     for start, goal in itertools.pairwise(clear):
-        path = plan_motion(arm, collisions, PathRequest(start, (goal,)), lambda: 5.0).positions
+        path = plan_motion(arm, collisions, PathRequest(start, (goal,)), 5.0).positions
         poses = [one + (other - one) * part for one, other in itertools.pairwise(path) for part in (0.0, 0.5, 1.0)]
         assert min(collisions.clearance(pose).distance_m for pose in poses) >= 0.5e-3 - 2e-6
 
@@ -52,7 +59,7 @@ def test_a_start_near_an_obstacle_is_timed_with_the_margins_of_its_plan():
     arm = planar()
     wall = SceneObject("wall", ((Box(0.2, 0.2, 0.2), Pose()),), Pose(np.array([0.8, -0.1205, 0.15])))
     collisions = Collisions(arm, Scene().without("post").with_object(wall))
-    motion = plan_motion(arm, collisions, PathRequest(np.zeros(2), (np.array([1.0, 0.0]),)), lambda: 1.0)
+    motion = plan_motion(arm, collisions, PathRequest(np.zeros(2), (np.array([1.0, 0.0]),)), 1.0)
     assert motion.positions[-1] == pytest.approx([1.0, 0.0])
     assert min(collisions.clearance(pose).distance_m for pose in motion.positions) > 0.0
 
@@ -66,7 +73,7 @@ def test_a_start_near_an_obstacle_reduces_the_margins_only_near_the_start():
     plan = plan_path(arm, collisions, request, lambda: 2.0)
     (near,) = plan.margins.near
     assert near.margins.padding_m < 0.001 and near.radius < 0.5
-    motion = plan_motion(arm, collisions, request, lambda: 2.0)
+    motion = plan_motion(arm, collisions, request, 2.0)
     assert motion.positions[-1] == pytest.approx([1.6, 0.0])
     rest = [pose for pose in motion.positions if np.linalg.norm(pose) > near.radius]
     assert min(collisions.clearance(pose).distance_m for pose in rest) >= 0.02 - 1.5 * 0.002 - 1e-5

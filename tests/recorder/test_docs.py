@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.cli import app
 from servoloop.recording.fault_files import FILES, KEPT_S
 from servoloop.recording.recorder import WAITING

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.cli import app
 from servoloop.recording.mcap import RecordingError
 from servoloop.recording.reader import RecordedRun, read_recording

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.recording.message_types import MSG, definition, typestore
 from servoloop.recording.messages import Messages
 from servoloop.recording.recorder import RecordingFile

@@ -116,10 +116,10 @@ def remove(name: str) -> CollisionObject:
 
 
 @contextmanager
-def planning_stack(folder: Path) -> Iterator[PlanClient]:
-    """Run a stack without servos and a planning server, and yield a client."""
-    with running(folder, "--hardware", "mock"):
-        server = StackProcess(folder / "plan.log", "plan-server")
+def planning_stack(folder: Path, *arguments: str) -> Iterator[PlanClient]:
+    """Run a stack without servos and a planning server with the same arguments, and yield a client."""
+    with running(folder, "--hardware", "mock", *arguments):
+        server = StackProcess(folder / "plan.log", "plan-server", *arguments)
         try:
             until(lambda: "ready:" in server.words, lambda: server.process.poll() is not None and server.words)
             client = PlanClient()

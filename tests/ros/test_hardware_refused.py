@@ -24,7 +24,7 @@ BROKEN = {
     "a sensor element": (
         HARDWARE,
         f'{HARDWARE}<sensor name="scale"/>',
-        "<ros2_control name='arm'>: <sensor> is not supported, only <joint> is: remove it",
+        "<sensor name='scale'> has no <state_interface>",
     ),
     "a joint that is not in the URDF": (
         ARM_JOINT,

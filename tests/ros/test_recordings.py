@@ -14,7 +14,7 @@ pytest.importorskip("rclpy")
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.simulation.schedule import Schedule
 from servoloop.simulation.simulate import simulate
 from servoloop.stack.robot_files import read_files

@@ -23,7 +23,7 @@ class NoRos:
             raise ImportError("no ROS here: " + name)
 
 sys.meta_path.insert(0, NoRos())
-for package in ("drivers", "calibration", "hal", "commissioning", "controller", "sim_backend", "servoloop"):
+for package in ("drivers", "hal", "commissioning", "controller", "sim_backend", "servoloop"):
     for module in pkgutil.walk_packages(importlib.import_module(package).__path__, package + "."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)

@@ -12,9 +12,9 @@ from commissioning.calibrate.by_hand import CalibrationTask
 from commissioning.calibrate.run import STORE, TRY
 from commissioning.set_up.flow import SetUpTask
 from commissioning.slow_arm import StoppedError
-from servoloop.commands.calibrate_terminal import Terminal
-from servoloop.commands.console import Keyboard
+from servoloop.commands.output.calibrate_terminal import Terminal
 from servoloop.commands.set_up import Plugger
+from servoloop.commands.shared.console import Keyboard
 from servoloop.stack.processes import Interrupted
 from servoloop.stack.signals import Signals
 from tests.servoloop.served import eventually

@@ -8,7 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from servoloop.commands.option_groups import grouped_options
+from servoloop.commands.shared.option_groups import grouped_options
 
 
 @dataclass(frozen=True, slots=True)

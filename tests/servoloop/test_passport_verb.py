@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from calibration.eeprom import Eeprom
+from drivers.eeprom import Eeprom
 from drivers.servos import sts
 from drivers.servos.register import Register
 from servoloop.cli import app

@@ -129,7 +129,7 @@ with Signals() as signals:
     Path(sys.argv[1]).write_text("ended")
 """
 RAISING = """
-from servoloop.commands.line_options import Interrupted, interruptible
+from servoloop.commands.shared.line_options import Interrupted, interruptible
 try:
     with interruptible():
         try:

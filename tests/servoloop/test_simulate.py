@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from nodes.pick_place.job import JobPhase
-from nodes.pick_place.settings import JobSettings
+from pick_place.job import JobPhase
+from pick_place.settings import JobSettings
 from servoloop import cli
 from servoloop.simulation.job import run_job
 from servoloop.simulation.schedule import Schedule, ScheduleError, read_schedule

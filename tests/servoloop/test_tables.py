@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from commissioning.doctor.report import BusFigures, DoctorReport, ServoFigures
-from servoloop.commands.console import print_table
 from servoloop.commands.doctor import print_report
+from servoloop.commands.shared.console import print_table
 
 ARMS = [f"joint{number}" for number in range(1, 7)] + ["hand_right_joint"]
 

@@ -3,7 +3,7 @@
 import json
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +20,16 @@ class StillPose:
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
+@dataclass(frozen=True)
+class StillApple:
+    seed: int = 7
+    diameter_mm: float = 55.0
+
+
 class StillWorld:
     """A world with a cube in a bin that never changes."""
+
+    apple: StillApple | None = None
 
     joints = ("joint1", "hand")
     time_s = 0.0
@@ -65,6 +73,17 @@ def test_a_publication_contains_poses_and_joints(feed: WorldFeed) -> None:
     }
     assert client.newest() is None
     client.close()
+
+
+def test_a_world_with_apples_publishes_the_apple(feed: WorldFeed) -> None:
+    world = StillWorld()
+    with closing(WorldFeedClient(feed.path)) as client:
+        publish(feed, world)
+        world.apple = StillApple()
+        publish(feed, world)
+        first, second = client.all()[-2:]
+    assert "apple" not in first
+    assert second["apple"] == {"seed": 7, "diameter_mm": 55.0}
 
 
 def test_the_trace_has_joint_positions_since_the_last_publication(feed: WorldFeed) -> None:

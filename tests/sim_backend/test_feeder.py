@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from sim_backend.scene.cube_cell import Tray
 from sim_backend.scene.feeder import Feeder
 from sim_backend.scene.world import World
 from tests.sim_backend.robot_arm import READY
@@ -31,6 +32,7 @@ class PaperWorld:
     ready = np.array(READY)
     hand_travel = 0.05
     laid = True
+    tray: Tray | None = None
 
     @property
     def cell(self):
@@ -181,3 +183,37 @@ def test_a_simulated_world_gets_a_cube_when_the_arm_leaves_ready():
     hold(0.2)
     assert world.cell.cube_on_stand() and not feeder.due
     assert not world.cell.cube_touched()
+
+
+@pytest.fixture
+def tray(world):
+    world.tray = Tray(seed=1, diameters_mm=(50.0, 60.0))
+
+
+@pytest.mark.usefixtures("tray")
+def test_an_apple_comes_while_the_arm_rests(run, world):
+    assert run(1.0) == 0, "the old apple stays in view for a while"
+    assert run(1.5) == 1
+    assert run(60.0) == 1, "no further apple comes while one is on the stand"
+    world.place = "bin"
+    assert run(2.5) == 2
+
+
+@pytest.mark.usefixtures("tray")
+def test_no_apple_comes_into_the_arm(run, world):
+    world.free = False
+    assert run(20.0) == 0
+    world.free = True
+    assert run(0.02) == 1
+
+
+@pytest.mark.usefixtures("tray")
+def test_no_apple_comes_in_a_pause_above_the_bin(run, world):
+    world.pose = BIN
+    assert run(5.0) == 0
+
+
+@pytest.mark.usefixtures("tray")
+def test_an_apple_comes_after_a_failed_job(run, world):
+    world.pose = BIN
+    assert run(15.0) == 1

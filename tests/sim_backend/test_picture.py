@@ -28,7 +28,17 @@ def meshes() -> tuple[Any, Any]:
     return model, data
 
 
-@pytest.mark.parametrize("shapes", [boxes_and_cylinders, meshes])
+def spheres_and_ellipsoids() -> tuple[Any, Any]:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom type="plane" size="0 0 1"/><geom type="sphere" size="0.1" pos="0.15 0.05 0.12"/>
+        <geom type="ellipsoid" size="0.15 0.04 0.08" pos="0.2 0 0.1" euler="20 50 70"/></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return model, data
+
+
+@pytest.mark.parametrize("shapes", [boxes_and_cylinders, meshes, spheres_and_ellipsoids])
 def test_ray_hits_match_mujoco(shapes):
     (model, data), random = shapes(), np.random.default_rng(7)
     round_meshes = model.nmesh > 0
@@ -103,7 +113,7 @@ def test_a_picture_does_not_depend_on_earlier_pictures():
 def test_only_known_shapes_are_drawn():
     world = World()
     world.model.geom_type[world.model.geom("cube").id] = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-    with pytest.raises(ValueError, match="planes, boxes, cylinders and meshes"):
+    with pytest.raises(ValueError, match="spheres, ellipsoids, boxes, cylinders and meshes"):
         View(world.model, world.data, width=60, height=45, smooth=False).picture(world.data)
 
 

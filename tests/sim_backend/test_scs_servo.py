@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from calibration.eeprom import eeprom
 from drivers.bus.bus import Bus
 from drivers.bus.types import ServoGoal, ServoState
+from drivers.eeprom import eeprom
 from drivers.protocol import v1 as wire
 from drivers.servos import feetech as models
 from drivers.servos import scs

@@ -1,7 +1,7 @@
 """Poses of the pick-and-place job, and the job as another node may send it, without waiting for the hand."""
 
 from controller.trajectory.goal import GoalHandle
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.simulation.stack import SimulatedStack
 
 ARM = tuple(f"joint{i}" for i in range(1, 7))

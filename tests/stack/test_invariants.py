@@ -11,7 +11,7 @@ from hal.gate import Gated, SafetyGate
 from hal.lifecycle import LifecycleState
 from hal.servos.joint_buses import JointBuses
 from hal.types import FloatArray, JointState
-from nodes.pick_place.settings import JobSettings
+from pick_place.settings import JobSettings
 from servoloop.campaign.invariants.end import EndsAsChosen
 from servoloop.campaign.invariants.goals import GoalsEnd
 from servoloop.campaign.invariants.watch import Watch

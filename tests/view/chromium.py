@@ -13,7 +13,7 @@ import pytest
 from PIL import Image, ImageChops
 from playwright.sync_api import Page
 
-from benchmarks.browser import PATIENCE_MS, VIEWPORT, browser_page
+from benchmarks.processes.browser import PATIENCE_MS, VIEWPORT, browser_page
 
 
 def find_chromium() -> str:

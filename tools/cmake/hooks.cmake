@@ -22,7 +22,7 @@ endfunction()
 # The generated C++ is many small files that include the same large headers. Compiled sixteen at a time it takes two
 # thirds of the time. The other libraries' files can not share a translation unit.
 function(compile_many_at_a_time)
-  foreach(kind IN ITEMS c fastrtps_c)
+  foreach(kind IN ITEMS c cpp fastrtps_c fastrtps_cpp)
     set(target ${PROJECT_NAME}__rosidl_typesupport_${kind})
     if(TARGET ${target})
       set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 16)
@@ -30,22 +30,26 @@ function(compile_many_at_a_time)
   endforeach()
 endfunction()
 
-# Python programs load only the libraries in C. Those below are for programs in C++, which build these packages in a ROS
-# workspace. Without code in them, the build takes half the time. The folders of their headers are installed, empty.
-function(leave_out_cpp_libraries)
-  set(empty ${CMAKE_CURRENT_BINARY_DIR}/empty.cpp)
-  file(WRITE ${empty} "")
-  foreach(kind IN ITEMS cpp fastrtps_cpp introspection_cpp)
-    set(target ${PROJECT_NAME}__rosidl_typesupport_${kind})
-    if(TARGET ${target})
-      set_property(TARGET ${target} PROPERTY SOURCES ${empty})
-      file(MAKE_DIRECTORY ${CMAKE_CURRENT_BINARY_DIR}/rosidl_typesupport_${kind}/${PROJECT_NAME})
-    endif()
+# The libraries in C++ take more than half of the time, and nothing in .venv uses them: rclpy needs those in C. A package
+# in the place of a generator generates nothing. It has only the library of the generator, to which others link.
+function(leave_out_libraries_in_cpp)
+  foreach(package IN ITEMS rosidl_typesupport_cpp rosidl_typesupport_fastrtps_cpp rosidl_typesupport_introspection_cpp)
+    file(CONFIGURE OUTPUT "${CMAKE_FIND_PACKAGE_REDIRECTS_DIR}/${package}-config.cmake" @ONLY CONTENT [[
+find_package(fastcdr QUIET REQUIRED)
+find_package(rmw QUIET REQUIRED)
+find_package(rosidl_runtime_cpp QUIET REQUIRED)
+if(NOT TARGET @package@::@package@)
+  add_library(@package@::@package@ INTERFACE IMPORTED)
+  target_include_directories(@package@::@package@ INTERFACE "@CMAKE_INSTALL_PREFIX@/include/@package@")
+  target_link_libraries(@package@::@package@ INTERFACE "@CMAKE_INSTALL_PREFIX@/lib/lib@package@.so"
+    fastcdr rmw::rmw rosidl_runtime_cpp::rosidl_runtime_cpp)
+endif()
+]])
   endforeach()
 endfunction()
 
 if(PROJECT_IS_TOP_LEVEL)
-  cmake_language(DEFER CALL leave_out_cpp_libraries)
+  leave_out_libraries_in_cpp()
   cmake_language(DEFER CALL drop_missing_include_directories)
   cmake_language(DEFER CALL compile_many_at_a_time)
 endif()

@@ -84,4 +84,4 @@ def _rest(place: FindingPlace, servo: ServoSnapshot, motion: TrialMotion) -> Ite
 
 
 def _unit(joint: Joint) -> str:
-    return "rad" if joint.transmission == 1.0 else "m"
+    return joint.unit

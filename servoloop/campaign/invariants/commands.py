@@ -81,6 +81,10 @@ class SafeCommands(Invariant):
         self._velocity = np.array([one.velocity for one in limits])
 
     def on_state(self, state: JointState) -> None:
+        if self.active and not math.isfinite(self.stack.loop.command.sum()):
+            for name, command in zip(self.commanded, self.stack.loop.command.tolist(), strict=True):
+                if not math.isfinite(command) and name not in state.faults:
+                    self.say(f"{name} has no fault, but its command is not a number")
         if math.isfinite(state.position.sum() + state.velocity.sum()):
             return
         for name, position, velocity in zip(
@@ -95,8 +99,8 @@ class SafeCommands(Invariant):
         if not self.active:
             return
         self.examined += 1
-        if not np.isfinite(command).all():
-            self.say("a command of the loop is not a number")
+        if (np.isfinite(before) & ~np.isfinite(command)).any():  # It is not a number until the first measurement.
+            self.say("a command of the loop has become not a number")
         if last is None or not np.array_equal(before, last):
             self._taken_over(before, last)
         # A joint that was outside its limits when its torque was enabled may be on its way back.

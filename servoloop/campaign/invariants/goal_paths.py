@@ -89,7 +89,10 @@ def _distances(path: FloatArray, point: FloatArray) -> FloatArray:
 
 
 class ReplacedGoalsEnd(Invariant):
-    """A goal ends when its controller takes another goal."""
+    """A goal ends when its controller takes another goal.
+
+    A controller takes no goal while its joints still slow down from the motion of another controller.
+    """
 
     name = "replaced goals end"
 
@@ -100,7 +103,9 @@ class ReplacedGoalsEnd(Invariant):
     def on_state(self, state: JointState) -> None:
         goals = [logged for logged in self.stack.goals.open if logged.controller == self.stack.arm.name]
         self.examined += bool(goals) and bool(self.stack.ended_goals)
-        self._cycles = self._cycles + 1 if len(goals) > 1 else 0
+        manager = self.stack.manager
+        takes = manager.cycle.at_rest(manager.registry.loaded[self.stack.arm.name].index)
+        self._cycles = self._cycles + 1 if len(goals) > 1 and takes else 0
         if self._cycles > REPLACED_CYCLES:
             self.say(f"{len(goals)} goals of {self.stack.arm.name} continue at the same time")
 

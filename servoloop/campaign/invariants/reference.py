@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -60,7 +59,7 @@ class ReferenceJoint:
 
 def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
     """Read every joint that has a servo. Return the joints by name."""
-    limits = _limits(files.urdf_path)
+    limits, gears = _limits(files.description.xml), _gears(files.description.xml)
     joints: dict[str, ReferenceJoint] = {}
     for path in dict.fromkeys(files.robot_paths.values()):
         robot = _parsed(path.read_bytes())
@@ -69,7 +68,7 @@ def read_reference(files: ServoFiles) -> dict[str, ReferenceJoint]:
         first_bus = next(iter(robot.get("buses") or {"": None}))
         for name, entry in robot["joints"].items():
             if name in limits:
-                mounted = {"bus": first_bus, **entry, **calibrated.get(name, {})}
+                mounted = {"bus": first_bus, **entry, **calibrated.get(name, {}), **gears.get(name, {})}
                 joints[name] = _joint(name, mounted, limits[name])
     return joints
 
@@ -78,6 +77,8 @@ def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, floa
     model = MODELS[entry["model"]]
     middle = (model.last_count + 1) // 2
     unit = 2.0 * math.pi / model.counts_per_turn * entry.get("metres_per_radian", 1.0) * entry.get("sign", 1)
+    unit /= entry.get("reduction", 1.0)
+    middle -= round(entry.get("offset", 0.0) / unit)
     return ReferenceJoint(
         name=name,
         bus=entry["bus"],
@@ -93,14 +94,26 @@ def _joint(name: str, entry: Mapping[str, Any], limits: tuple[float, float, floa
     )
 
 
+def _gears(urdf: str) -> dict[str, dict[str, float]]:
+    """Return the reduction and the offset of each joint with a transmission."""
+    found: dict[str, dict[str, float]] = {}
+    for block in ElementTree.fromstring(urdf).iter("ros2_control"):
+        for joint in block.findall("transmission/joint"):
+            found[str(joint.get("name"))] = {
+                "reduction": float(joint.findtext("mechanical_reduction", "1")),
+                "offset": float(joint.findtext("offset", "0")),
+            }
+    return found
+
+
 def _gain(entry: Mapping[str, Any]) -> dict[str, int]:
     return {} if entry.get("position_p") is None else {"position_p": entry["position_p"]}
 
 
-def _limits(urdf: Path) -> dict[str, tuple[float, float, float]]:
+def _limits(urdf: str) -> dict[str, tuple[float, float, float]]:
     """Return the lower, upper and velocity limit of each joint whose limits are plain numbers."""
     found: dict[str, tuple[float, float, float]] = {}
-    for joint in ElementTree.parse(urdf).getroot().iter("joint"):
+    for joint in ElementTree.fromstring(urdf).iter("joint"):
         limit = joint.find("limit")
         if limit is None or joint.get("type") not in ("revolute", "prismatic"):
             continue

@@ -133,7 +133,10 @@ class NothingTravels(Invariant):
 
 
 class NothingPresses(Invariant):
-    """Some time after a goal has failed, no joint of the arm is driven against an obstacle."""
+    """Some time after a goal has failed, no joint of the arm is driven against an obstacle.
+
+    The relief of one joint may move another one, which is then relieved after it.
+    """
 
     name = "nothing presses after the end"
 
@@ -145,6 +148,9 @@ class NothingPresses(Invariant):
             for joint, place in self._places.items()
         }
         self._off_s = defaultdict[str, float](float)
+        """Time for which each joint has pressed without the relief of any joint."""
+        self._pressed_s = defaultdict[str, float](float)
+        """Time for which each joint has pressed, including the relief of others."""
         self._before: dict[str, tuple[float, float]] = {}
         """Position and command of each joint in the last cycle."""
         self._guided = False
@@ -164,7 +170,7 @@ class NothingPresses(Invariant):
             return
         ended = [one for one in self.stack.goals.goals if one.controller == self.stack.arm.name and one.ended_s]
         if self.stack.goals.open or not ended or not self.active or ended[-1].handle.status is GoalStatus.SUCCEEDED:
-            self._off_s.clear()
+            self._forget()
             return
         last = ended[-1].handle
         running = self.stack.manager.registry.loaded[self.stack.arm.name].active
@@ -175,19 +181,30 @@ class NothingPresses(Invariant):
         relieved = last.status is GoalStatus.CANCELED or "is off by" in last.error_text
         waited = relieved and not (self._deactivated or state.faults or self._streamed)
         true, relieved_s = self.true_positions(), RELIEVED_S if waited else RELIEVED_AFTER_FAULT_S
+        relieved_now = {joint for joint in self._places if self._relieving(joint, true[joint])}
         for joint, place in self._places.items():
             known = joint not in state.faults and not self.deceived(joint) and self.torque_of(joint)
             command = float(self.stack.loop.command[place])
-            position_before, command_before = self._before.get(joint, (true[joint], command))
-            creeps = abs(true[joint] - position_before) > CREEPS * period_s
-            relieving = (command_before - command) * (command - true[joint]) > 0.0
-            off = not (creeps or relieving) and abs(command - true[joint]) > self._allowed[joint]
+            creeps = abs(true[joint] - self._before.get(joint, (true[joint], command))[0]) > CREEPS * period_s
+            off = not (creeps or joint in relieved_now) and abs(command - true[joint]) > self._allowed[joint]
             self.examined += known
             pressed = known and off and joint not in streamed
-            self._off_s[joint] = self._off_s[joint] + period_s if pressed else 0.0
-            if self._off_s[joint] > relieved_s and not self._pulled(joint):
+            self._pressed_s[joint] = self._pressed_s[joint] + period_s if pressed else 0.0
+            self._off_s[joint] = self._off_s[joint] + period_s if pressed and not relieved_now else 0.0
+            long = self._off_s[joint] > relieved_s or self._pressed_s[joint] > RELIEVED_AFTER_FAULT_S
+            if long and not self._pulled(joint):
                 self.say(f"{joint} is blocked at {true[joint]:.4f} but commanded to {command:.4f} without a goal")
             self._before[joint] = true[joint], command
+
+    def _forget(self) -> None:
+        self._off_s.clear()
+        self._pressed_s.clear()
+
+    def _relieving(self, joint: str, true: float) -> bool:
+        """Return whether the command of a joint has moved towards its true position since the last cycle."""
+        command = float(self.stack.loop.command[self._places[joint]])
+        command_before = self._before[joint][1] if joint in self._before else command
+        return (command_before - command) * (command - true) > 0.0
 
     def _driven_by_others(self) -> set[str]:
         """Return the joints of the arm that another controller drives, whose client may press."""

@@ -21,6 +21,8 @@ RELIEF_SHARE: Final = 2.0
 """Allowed acceleration at the end if joints are relieved, as a factor on the limit: commands lead by the servo lag."""
 COMMANDS_SHARE: Final = 1.05
 """Allowed acceleration at the end otherwise, as a factor on the limit: a command applies to the end of its period."""
+AT_END: Final = 1e-9
+"""Distance from a limit within which a command is at the limit, in rad or m."""
 UPSET_S: Final = 3.0
 """Time after a fault of a controller in which commands at the end are not examined, in seconds."""
 
@@ -95,7 +97,8 @@ class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
     Commands that a controller with a fault makes jump are limited in speed only, so they are not examined. Neither are
-    commands of joints without torque: they follow joints that fall.
+    commands of joints without torque: they follow joints that fall. A command leads its reference by the servo lag, so
+    it stays at a limit of the joint while the reference still brakes before it, and is not examined there.
     """
 
     name = "smooth end"
@@ -103,6 +106,7 @@ class SmoothEnd(Invariant):
     def __init__(self, stack: FaultyStack, say: Callable[[str], None]) -> None:
         super().__init__(stack, say)
         self._acceleration = np.array([limit.acceleration for limit in stack.loop.limits])
+        self._ends = np.array([(limit.lower, limit.upper) for limit in stack.loop.limits]).T
         self._commands = deque[FloatArray](maxlen=3)
         self._upset_s = -math.inf
         """Time of the latest cycle in which a controller had a fault."""
@@ -120,6 +124,7 @@ class SmoothEnd(Invariant):
             change = np.abs(np.diff(np.array(self._commands), 2, axis=0)[0]) / self.stack.loop.period_s**2
             limp = {joint.name for joint in self.joints if not self.torque(joint)}
             change[[name in limp for name in self.commanded]] = 0.0
+            change[(np.abs(values - self._ends) < AT_END).any(axis=0)] = 0.0
             worst = int((change / self._acceleration).argmax())
             share = COMMANDS_SHARE if self.stack.control_stack.releases else RELIEF_SHARE
             if change[worst] > share * self._acceleration[worst]:

@@ -8,6 +8,7 @@ from moveit_msgs.msg import (
     AllowedCollisionMatrix,
     AttachedCollisionObject,
     CollisionObject,
+    MoveItErrorCodes,
     PlanningScene,
     RobotState,
 )
@@ -16,7 +17,7 @@ from std_msgs.msg import Header
 
 from nodes.planning.conversion.frames import Frames
 from nodes.planning.edits import WorldEdit
-from nodes.planning.errors import REFUSALS
+from nodes.planning.errors import REFUSALS, error_code
 from nodes.planning.world import World, first_world
 from planning.arm_model import pair
 from planning.scene import Box
@@ -207,7 +208,7 @@ def test_invalid_objects_are_refused(message: CollisionObject, code: str, text: 
     change = edit()
     with pytest.raises(REFUSALS, match=text) as caught:
         change.apply_object(message)
-    assert caught.value.code == code
+    assert error_code(caught.value).val == getattr(MoveItErrorCodes, code)
 
 
 def test_a_scene_for_another_robot_is_refused() -> None:

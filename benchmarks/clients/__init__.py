@@ -1,0 +1,1 @@
+"""Drivers under comparison, as clients of a benchmark."""

@@ -1,0 +1,90 @@
+"""Dynamixel clients under comparison: each reads the state of every servo and writes a goal to it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from struct import pack
+
+from benchmarks.clients import peers
+from benchmarks.clients.bare import bare
+from benchmarks.clients.peers import Client, Driver, Work, cycle_size
+from drivers.bus.bus import Bus
+from drivers.bus.types import ServoFault, ServoGoal
+from drivers.clock import MonotonicClock
+from drivers.port import Port
+from drivers.port.serial_port import SerialPort
+from drivers.servos.dynamixel import X
+from drivers.servos.indirect import AT_224
+from drivers.servos.x import XL430_W250
+
+WORK = Work(
+    X.blocks[0].address,
+    X.blocks[0].size,
+    X.goal_address,
+    pack(f"<{X.goal_fields}", *X.goal_of(XL430_W250)(ServoGoal(2048))),
+)
+
+
+def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Client:
+    clock = MonotonicClock()
+    bus = Bus(port, clock, dict.fromkeys(servo_ids, XL430_W250))
+    if identified:
+        for servo_id in servo_ids:
+            bus.identify(servo_id, XL430_W250)
+        bus.read_states(servo_ids)  # detects whether the servos answer fast sync reads
+    goals = {i: ServoGoal(2048) for i in servo_ids}
+
+    def cycle() -> bool:
+        bus.request(servo_ids, clock.now() + 0.05)
+        readings = bus.receive()
+        bus.write_goals(goals)
+        return ServoFault not in set(map(type, readings.values()))
+
+    return cycle, bus.close
+
+
+def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """Use a fast sync read of the mapped block, as the stack does."""
+    return _ours(SerialPort(device, baud), servo_ids)
+
+
+def no_driver(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """Send the bytes of ``ours`` without decoding the replies."""
+    return bare(_ours, device, baud, servo_ids)
+
+
+def ours_plain(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """Use a sync read of the direct block, as the other clients do."""
+    return _ours(SerialPort(device, baud), servo_ids, identified=False)
+
+
+def rustypot(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """The Rust driver."""
+    import rustypot as library
+
+    return peers.rustypot(library.Xl430PyController(device, baud, 0.05), servo_ids, WORK)
+
+
+def dynamixel_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """The SDK of the servo maker."""
+    import dynamixel_sdk as sdk
+
+    return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, WORK)
+
+
+def fast_sdk(device: str, baud: int, servo_ids: Sequence[int]) -> Client:
+    """Use a fast sync read of the servo maker's SDK."""
+    import dynamixel_sdk as sdk
+
+    return peers.makers_sdk(sdk, 2.0, device, baud, servo_ids, replace(WORK, fast=True))
+
+
+_PLAIN, _FAST = cycle_size(X, X.blocks[0]), cycle_size(X, X.blocks[0], fast=True)
+_MAPPED = cycle_size(X, AT_224, fast=True)
+CLIENTS: dict[str, Driver] = {
+    "system calls alone": Driver(no_driver, _MAPPED),
+    "servoloop": Driver(ours, _MAPPED),
+    "servoloop, same bytes": Driver(ours_plain, _PLAIN),
+    "rustypot": Driver(rustypot, _PLAIN),
+    "dynamixel-sdk": Driver(dynamixel_sdk, _PLAIN),
+    "dynamixel-sdk, fast sync read": Driver(fast_sdk, _FAST),
+}

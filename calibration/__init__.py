@@ -1,1 +1,0 @@
-"""Tools for calibrating single servos. The control cycle does not use them."""

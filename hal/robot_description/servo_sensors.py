@@ -1,0 +1,72 @@
+"""Parse the ``<sensor>`` and ``<gpio>`` elements of ``<ros2_control>`` blocks, which only report values."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Final
+from xml.etree.ElementTree import Element
+
+from hal.errors import DescriptionError
+from hal.robot_description.urdf import attribute, doubles
+from hal.robot_description.xml_places import place
+
+SENSORS: Final = ("sensor", "gpio")
+"""Tags of elements without motion."""
+SERVO_VALUES: Final = ("voltage", "temperature", "current", "load", "alarms")
+"""State interfaces of a servo (V, °C, A, share of full drive, number of alarms)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorInfo:
+    """A ``<sensor>`` or ``<gpio>`` with its state interfaces."""
+
+    joint: str
+    """Joint whose servo reports the values; empty if the hardware itself does."""
+    interfaces: tuple[str, ...]
+    place: str = "the URDF"
+    """File and line of the element."""
+
+
+def parse_sensors(block: Element, joints: Collection[str]) -> dict[str, SensorInfo]:
+    """Return the sensors of a block by name.
+
+    Args:
+        block: The ``<ros2_control>`` block.
+        joints: Names of its joints.
+
+    Raises:
+        DescriptionError: A sensor has mistakes or a command interface.
+    """
+    found: dict[str, SensorInfo] = {}
+    for element in (child for child in block if child.tag in SENSORS):
+        name = attribute(element, "name", f"a <{element.tag}> of '{block.get('name')}'")
+        subject, where = f"<{element.tag} name='{name}'>", place(element)
+        if name in found or name in joints:
+            raise DescriptionError(f"{subject} has the name of another element ({where}): rename it")
+        if element.find("command_interface") is not None:
+            raise DescriptionError(
+                f"{subject} has a <command_interface> ({where}), but only its states are supported: remove it"
+            )
+        states = element.findall("state_interface")
+        interfaces = tuple(attribute(state, "name", f"a <state_interface> of {subject}") for state in states)
+        if not interfaces:
+            raise DescriptionError(f"{subject} has no <state_interface> ({where}): add one, or remove it")
+        if twice := doubles(interfaces):
+            raise DescriptionError(f"{subject} has <state_interface name='{twice[0]}'> twice ({where}): remove one")
+        found[name] = SensorInfo(_joint(element, subject, joints, interfaces), interfaces, where)
+    return found
+
+
+def _joint(element: Element, subject: str, joints: Collection[str], interfaces: tuple[str, ...]) -> str:
+    """Return the joint that a sensor names as its source, or an empty string."""
+    parameters = {p.get("name", ""): (p.text or "").strip() for p in element.findall("param")}
+    joint, where = parameters.get("joint", ""), place(element)
+    if not joint:
+        return ""
+    if joint not in joints:
+        raise DescriptionError(f"{subject} names joint '{joint}', which its block does not have ({where}): correct it")
+    if unknown := [name for name in interfaces if name not in SERVO_VALUES]:
+        raise DescriptionError(
+            f"{subject} has the state interface {', '.join(unknown)} ({where}), but the servo of {joint} reports "
+            f"{', '.join(SERVO_VALUES)}: use one of them"
+        )
+    return joint

@@ -1,0 +1,1 @@
+"""The camera node: publishes the pictures of a camera and the apples that it grades in them."""

@@ -1,0 +1,90 @@
+"""Declare the ROS parameters of the camera node, and build its camera and its grading from them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+from drivers.clock import Clock
+from perception.camera_view import CameraView, read_pose
+from perception.detector.classes import read_classes
+from perception.detector.onnx_grader import OnnxGrader
+from perception.errors import PerceptionError
+from perception.frames import CameraSource
+from perception.grading.grader import Grader
+from perception.grading.settings import GradingSettings, read_settings
+from perception.grading_loop import Grading
+from perception.intrinsics import Intrinsics, read_intrinsics
+from perception.sources.choice import source_of
+
+FRAMES: Final = {
+    "camera_frame": ("camera_optical_frame", "frame of the pictures"),
+    "base_frame": ("base_link", "frame of the poses"),
+}
+"""Parameters of each camera, with their defaults and descriptions."""
+OWN: Final[dict[str, tuple[Any, str]]] = {
+    "source": ("", "path in /dev/v4l/by-id, index, video file, or folder of pictures"),
+    "rate_hz": (30.0, "rate to request from the camera, in Hz"),
+    "camera_file": ("camera.yaml", "intrinsics, as camera_calibration or 'servoloop camera calibrate' writes them"),
+    "pose_file": ("camera_pose.yaml", "pose above the plane, as 'servoloop camera plane' writes it"),
+    "grades_file": ("", "thresholds of the grades; empty for the built-in ones"),
+    "detector": ("color", "color finds apples by their color, onnx by a model of yours"),
+    "model_file": ("", "ONNX file of the detector, in the layout of YOLOv8"),
+    "classes_file": ("", "classes of the detector, and their grades"),
+}
+"""Parameters of a camera of this machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSetup:
+    """A camera and its grading."""
+
+    source: CameraSource
+    intrinsics: Intrinsics
+    grading: Grading
+
+
+Setup = Callable[[Node], CameraSetup]
+"""Function that declares the parameters of a camera and builds it. It raises a PerceptionError if it cannot."""
+
+
+def declare(node: Node, name: str, default: Any, description: str) -> Any:
+    """Declare a read-only parameter, and return its value."""
+    return node.declare_parameter(name, default, ParameterDescriptor(read_only=True, description=description)).value
+
+
+def given_camera(source: CameraSource, view: CameraView, settings: GradingSettings) -> Setup:
+    """Return a set-up for a camera that the program has made."""
+    return lambda node: CameraSetup(source, view.intrinsics, Grader(view, settings).grade)
+
+
+def camera_of_parameters(clock: Clock) -> Setup:
+    """Return a set-up for the camera that the parameters name."""
+
+    def setup(node: Node) -> CameraSetup:
+        values = {name: declare(node, name, *rest) for name, rest in OWN.items()}
+        rate_hz = float(values["rate_hz"])
+        if not 0.1 <= rate_hz <= 240.0:
+            raise PerceptionError(f"parameter 'rate_hz' is {rate_hz:g}: choose a rate from 0.1 to 240 Hz")
+        intrinsics = read_intrinsics(Path(values["camera_file"]))
+        view = CameraView(intrinsics, read_pose(Path(values["pose_file"]), intrinsics.name))
+        settings = read_settings(Path(values["grades_file"])) if values["grades_file"] else GradingSettings()
+        source = source_of(values["source"], clock, intrinsics.size, rate_hz)
+        return CameraSetup(source, intrinsics, _grading(values, Grader(view, settings)))
+
+    return setup
+
+
+def _grading(values: Mapping[str, Any], grader: Grader) -> Grading:
+    """Return the function that grades pictures with the detector that the parameters name."""
+    if values["detector"] == "color":
+        return grader.grade
+    if values["detector"] != "onnx":
+        raise PerceptionError(f"parameter 'detector' is {values['detector']!r}: choose color or onnx")
+    for name in ("model_file", "classes_file"):
+        if not values[name]:
+            raise PerceptionError(f"parameter '{name}' is empty: name the file of your detector")
+    return OnnxGrader(Path(values["model_file"]), read_classes(Path(values["classes_file"])), grader).grade

@@ -1,0 +1,82 @@
+"""Run the process of the camera node, from its arguments to its exit status."""
+
+import argparse
+import os
+from collections.abc import Sequence
+from typing import Final
+
+import cv2
+import rclpy
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+
+from drivers.clock import MonotonicClock
+from drivers.printable import printable
+from nodes.discovery import open_to_network
+from nodes.perception.node import CameraNode
+from nodes.perception.parameters import Setup, camera_of_parameters, given_camera
+from nodes.pick_place.signals import on_stop_signal
+from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_done
+from perception.camera_view import CameraView
+from perception.frames import CameraSource
+from perception.grading.settings import GradingSettings
+
+NODE_NAME: Final = "apple_camera"
+
+
+def run(args: Sequence[str]) -> int:
+    """Run the node with the camera that its parameters name, until SIGINT, SIGTERM or SIGHUP.
+
+    Args:
+        args: Arguments in the form of ``sys.argv``.
+
+    Returns:
+        The exit status.
+
+    Raises:
+        RosError: ROS 2 does not start.
+    """
+    return _run(args, camera_of_parameters(MonotonicClock()))
+
+
+def run_source(source: CameraSource, view: CameraView, settings: GradingSettings, args: Sequence[str]) -> int:
+    """Run the node with a given camera, whose stamps are those of the monotonic clock, as ``run`` does."""
+    return _run(args, given_camera(source, view, settings))
+
+
+def _run(args: Sequence[str], setup: Setup) -> int:
+    parser = argparse.ArgumentParser(
+        NODE_NAME, description="Grade apples with a camera. ROS arguments follow --ros-args."
+    )
+    parser.add_argument("--network", action="store_true", help="let programs on other machines receive the pictures")
+    with rcl_errors():
+        if parser.parse_known_args(remove_ros_args(args)[1:])[0].network:
+            open_to_network(os.environ)
+    cv2.setNumThreads(1)  # other processors belong to the control loop
+    init_rclpy(args)
+    executor, stopped = SingleThreadedExecutor(), Future()
+
+    async def stop() -> None:
+        stopped.set_result(None)
+
+    on_stop_signal(lambda: executor.create_task(stop))
+    with rcl_errors():
+        node = rclpy.create_node(NODE_NAME)
+    executor.add_node(node)
+    camera: CameraNode | None = None
+    try:
+        camera = CameraNode(node, setup, MonotonicClock())
+        spin_until_done(executor, stopped)
+    except (ValueError, ParameterException, NameValidationException) as error:
+        node.get_logger().fatal(printable(f"invalid parameters: {error}"))
+        return 2
+    finally:
+        with exit_watchdog():
+            if camera is not None:
+                camera.stop()
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.shutdown()
+    return 0

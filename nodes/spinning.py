@@ -1,0 +1,49 @@
+"""Start rclpy with the patches of this rclpy version, and serve nodes although a callback may fail."""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Final
+
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+from nodes.rclpy_patches import cycle_executor, gil_release
+from nodes.rclpy_patches.guard import usable_patches
+from nodes.rclpy_patches.plain_executor import PlainExecutor
+from nodes.ros_process import init_rclpy
+
+FINISH_S: Final = 0.2
+"""Time in which clients are still served after the control loop has ended, in seconds."""
+WAKE_S: Final = 0.1
+"""Time after which the executor wakes without a reason, in seconds, to check for the end and to send late answers."""
+
+LOG = logging.getLogger("servoloop.nodes")
+
+CycleExecutor = cycle_executor.CycleExecutor | PlainExecutor
+
+
+def start_rclpy() -> Callable[[], None]:
+    """Initialize rclpy, and return the function that sends delayed answers."""
+    patched = gil_release.PATCH in usable_patches()
+    if patched:
+        gil_release.release_gil_in_middleware()
+    LOG.info("%s", init_rclpy())
+    return gil_release.send_delayed if patched else lambda: None
+
+
+def executor_of(node: Node, turn: AbstractContextManager[object]) -> CycleExecutor:
+    """Create the executor of ``node`` and of nodes that are added later. It holds ``turn`` while callbacks run."""
+    supported = cycle_executor.PATCH in usable_patches()
+    return cycle_executor.CycleExecutor(turn) if supported else PlainExecutor(node, turn)
+
+
+@contextmanager
+def errors_logged() -> Iterator[None]:
+    """Log errors, so that an unusual request of one client does not end the service for the others."""
+    try:
+        yield
+    except ExternalShutdownException:
+        raise
+    except Exception:
+        LOG.exception("Error in a ROS callback")

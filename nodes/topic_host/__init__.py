@@ -1,0 +1,1 @@
+"""ROS interface of an arm that another controller manager drives through topics."""

@@ -1,0 +1,139 @@
+"""The ChArUco board: a chessboard with a marker in each white square, and its detection in pictures."""
+
+import zlib
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.types import FloatArray
+from perception.errors import CalibrationRefused
+from perception.frames import Picture
+
+MARKERS: Final = cv2.aruco.DICT_5X5_50
+MARKER_SHARE: Final = 0.74
+"""Side of a marker, as a share of the side of a square."""
+LEAST_CORNERS: Final = 8
+"""Number of corners from which a view is used."""
+A4_M: Final = (0.297, 0.210)
+"""Width and height of the page, in m."""
+POINT_M: Final = 0.0254 / 72.0
+"""Unit of length in PDF files, in m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """Size of a board. The default fills a page of A4."""
+
+    columns: int = 9
+    rows: int = 6
+    square_m: float = 0.03
+    """Side of a square, in m, as measured on the print."""
+
+    def detector_board(self) -> Any:
+        """Return the board of OpenCV."""
+        dictionary = cv2.aruco.getPredefinedDictionary(MARKERS)
+        size = (self.columns, self.rows)
+        return cv2.aruco.CharucoBoard(size, self.square_m, MARKER_SHARE * self.square_m, dictionary)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height, in m."""
+        return self.columns * self.square_m, self.rows * self.square_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardView:
+    """The corners of a board in one picture."""
+
+    corners_m: FloatArray
+    """Corners (n, 2) on the board, in m: x to the right and y down from its top left corner."""
+    pixels: FloatArray
+    """Their pixels (n, 2)."""
+    size: tuple[int, int]
+    """Width and height of the picture, in pixels."""
+
+
+class BoardDetector:
+    """Finds a board in pictures."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board.detector_board()
+        self._detector = cv2.aruco.CharucoDetector(self._board)
+
+    def view(self, picture: Picture) -> BoardView:
+        """Find the board in an RGB picture (height, width, 3).
+
+        Raises:
+            CalibrationRefused: The picture does not show enough of the board.
+        """
+        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        corners, ids, _, _ = self._detector.detectBoard(gray)
+        count = 0 if ids is None else len(ids)
+        if count < LEAST_CORNERS:
+            raise CalibrationRefused(
+                f"the picture shows {count} corners of the board instead of at least {LEAST_CORNERS}: bring the whole "
+                "board into the picture, flat and without reflections"
+            )
+        points, pixels = self._board.matchImagePoints(corners, ids)
+        flat = np.asarray(points, dtype=np.float64).reshape(-1, 3)[:, :2]
+        return BoardView(
+            flat, np.asarray(pixels, dtype=np.float64).reshape(-1, 2), (picture.shape[1], picture.shape[0])
+        )
+
+
+def board_picture(board: Board, square_px: int = 120) -> NDArray[np.uint8]:
+    """Return the board as a gray picture (rows * square_px, columns * square_px), without a margin."""
+    size = (board.columns * square_px, board.rows * square_px)
+    return np.asarray(board.detector_board().generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
+
+
+def board_pdf(board: Board) -> bytes:
+    """Return a page of A4 with the board in its true size.
+
+    Raises:
+        CalibrationRefused: The board does not fit on the page.
+    """
+    width_m, height_m = board.size_m
+    if width_m > A4_M[0] - 0.01 or height_m > A4_M[1] - 0.02:
+        raise CalibrationRefused(
+            f"a board of {1000 * width_m:.0f} × {1000 * height_m:.0f} mm does not fit on A4 with a margin of 5 mm: "
+            "choose fewer or smaller squares, or write a PNG"
+        )
+    picture = board_picture(board)
+    data = zlib.compress(picture.tobytes(), 9)
+    page = [length / POINT_M for length in A4_M]
+    width, height = width_m / POINT_M, height_m / POINT_M
+    left, bottom = 0.5 * (page[0] - width), 0.5 * (page[1] - height) + 8.0
+    label = f"Print at 100 %. A square must measure {1000 * board.square_m:g} mm. Glue the page to a flat plate."
+    content = (
+        f"q {width:.4f} 0 0 {height:.4f} {left:.4f} {bottom:.4f} cm /B Do Q "
+        f"BT /F 9 Tf {left:.1f} {bottom - 14.0:.1f} Td ({label}) Tj ET"
+    ).encode()
+    rows, columns = picture.shape
+    return _pdf(
+        (
+            b"<< /Type /Catalog /Pages 2 0 R >>",
+            b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
+            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {page[0]:.2f} {page[1]:.2f}] /Contents 4 0 R "
+            "/Resources << /XObject << /B 5 0 R >> /Font << /F 6 0 R >> >> >>".encode(),
+            b"<< /Length %d >>\nstream\n%s\nendstream" % (len(content), content),
+            b"<< /Type /XObject /Subtype /Image /Width %d /Height %d /ColorSpace /DeviceGray /BitsPerComponent 8 "
+            b"/Filter /FlateDecode /Length %d >>\nstream\n%s\nendstream" % (columns, rows, len(data), data),
+            b"<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica >>",
+        )
+    )
+
+
+def _pdf(objects: tuple[bytes, ...]) -> bytes:
+    """Return a PDF file of objects, of which the first is the catalog."""
+    text, offsets = b"%PDF-1.4\n", []
+    for number, content in enumerate(objects, start=1):
+        offsets.append(len(text))
+        text += b"%d 0 obj\n%s\nendobj\n" % (number, content)
+    table = b"".join(b"%010d 00000 n \n" % offset for offset in offsets)
+    count = len(objects) + 1
+    head = b"xref\n0 %d\n0000000000 65535 f \n%s" % (count, table)
+    return text + head + b"trailer\n<< /Size %d /Root 1 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (count, len(text))

@@ -1,0 +1,157 @@
+"""A calibrated camera above a plane: from pixels to rays and points in base_link, and back."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+import cv2
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from hal.types import FloatArray
+from hal.yaml_file import load
+from perception.errors import CameraFileError
+from perception.intrinsics import Intrinsics
+
+LOWEST_SLOPE: Final = 0.05
+"""Smallest downward slope of a ray that is intersected with the plane. Flatter rays meet the plane too far away."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPose:
+    """Pose of a camera in base_link, and the plane that it looks at."""
+
+    rotation: FloatArray
+    """Rotation (3, 3) from the optical frame (x right, y down, z forward) to base_link."""
+    position_m: FloatArray
+    """Position (3,) of the camera in base_link, in m."""
+    plane_height_m: float
+    """z of the plane on which the apples lie, in base_link, in m."""
+    camera: str = "camera"
+    """Name of the camera."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraView:
+    """Intrinsics and pose of a camera."""
+
+    intrinsics: Intrinsics
+    pose: CameraPose
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Return the unit directions (n, 3) in base_link of pixels (n, 2)."""
+        points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+        flat = cv2.undistortPoints(points, self.intrinsics.matrix, self.intrinsics.distortion).reshape(-1, 2)
+        rays = np.column_stack([flat, np.ones(len(flat))]) @ self.pose.rotation.T
+        directions: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        return directions
+
+    def pixels(self, points_m: FloatArray) -> FloatArray:
+        """Return the pixels (n, 2) of points (n, 3) in base_link, in m. Points behind the camera are NaN."""
+        local = (np.atleast_2d(points_m) - self.pose.position_m) @ self.pose.rotation
+        ahead = local[:, 2] > 1e-6
+        pixels = np.full((len(local), 2), np.nan)
+        if ahead.any():
+            seen = np.ascontiguousarray(local[ahead]).reshape(-1, 1, 3)
+            none = np.zeros(3)
+            projected = cv2.projectPoints(seen, none, none, self.intrinsics.matrix, self.intrinsics.distortion)[0]
+            pixels[ahead] = projected.reshape(-1, 2)
+        return pixels
+
+    def on_plane(self, pixels: FloatArray) -> FloatArray:
+        """Return the points (n, 3) of the plane at pixels (n, 2), in m. Pixels beside the plane are NaN."""
+        rays = self.rays(pixels)
+        down = np.where(rays[:, 2] < -LOWEST_SLOPE, rays[:, 2], np.nan)
+        lengths_m = (self.pose.plane_height_m - self.pose.position_m[2]) / down
+        points_m: FloatArray = self.pose.position_m + lengths_m[:, np.newaxis] * rays
+        return points_m
+
+
+class _PoseFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    camera_name: str
+    position_m: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+    orientation_xyzw: Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+    plane_height_m: FiniteFloat
+
+    @model_validator(mode="after")
+    def _usable(self) -> "_PoseFile":
+        length = float(np.linalg.norm(self.orientation_xyzw))
+        if abs(length - 1.0) > 1e-3:
+            raise ValueError(f"orientation_xyzw has length {length:.4g} instead of 1: calibrate the plane again")
+        if self.position_m[2] <= self.plane_height_m:
+            raise ValueError(
+                f"the camera at z = {self.position_m[2]} m is not above the plane at {self.plane_height_m} m: "
+                "calibrate the plane again"
+            )
+        return self
+
+
+def read_pose(path: Path, camera: str) -> CameraPose:
+    """Read the pose of a camera.
+
+    Args:
+        path: The file, as ``servoloop camera plane`` writes it.
+        camera: Name of the camera in its intrinsics.
+
+    Raises:
+        CameraFileError: The file has mistakes, or belongs to another camera.
+    """
+    file = load(path, _PoseFile, CameraFileError)
+    if file.camera_name != camera:
+        raise CameraFileError(
+            f"{path} is the pose of the camera {file.camera_name}, but the intrinsics are those of {camera}: "
+            "name the two files of one camera"
+        )
+    quaternion = np.array(file.orientation_xyzw)
+    return CameraPose(rotation_matrix(quaternion), np.array(file.position_m), file.plane_height_m, file.camera_name)
+
+
+def pose_text(pose: CameraPose) -> str:
+    """Return the content of the file that ``read_pose`` reads."""
+    content = {
+        "camera_name": pose.camera,
+        "position_m": [round(float(value), 6) for value in pose.position_m],
+        "orientation_xyzw": [round(float(value), 9) for value in quaternion_xyzw(pose.rotation)],
+        "plane_height_m": round(pose.plane_height_m, 6),
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+
+
+def rotation_matrix(quaternion: FloatArray) -> FloatArray:
+    """Return the rotation matrix (3, 3) of a quaternion (4,) x, y, z, w."""
+    x, y, z, w = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_xyzw(rotation: FloatArray) -> FloatArray:
+    """Return the quaternion (4,) x, y, z, w of a rotation matrix (3, 3)."""
+    axis_angle = cv2.Rodrigues(np.ascontiguousarray(rotation))[0].reshape(3)
+    angle = float(np.linalg.norm(axis_angle))
+    axis = axis_angle / angle if angle > 1e-12 else np.zeros(3)
+    return np.array([*(axis * np.sin(angle / 2.0)), np.cos(angle / 2.0)])
+
+
+def looking_at(position_m: FloatArray, target_m: FloatArray, plane_height_m: float) -> CameraPose:
+    """Return the pose of a camera that looks at a target, with the far side of the plane at the top of the picture.
+
+    Args:
+        position_m: Position (3,) of the camera in base_link, in m.
+        target_m: Point (3,) in the center of the picture, in m.
+        plane_height_m: z of the plane, in m.
+    """
+    forward = np.asarray(target_m, dtype=np.float64) - position_m
+    forward = forward / np.linalg.norm(forward)
+    side = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(side) < 1e-6:
+        side = np.array([0.0, -1.0, 0.0])
+    right = side / np.linalg.norm(side)
+    rotation = np.column_stack([right, np.cross(forward, right), forward])
+    return CameraPose(rotation, np.asarray(position_m, dtype=np.float64), plane_height_m)

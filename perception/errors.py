@@ -1,0 +1,70 @@
+"""Errors of cameras, calibration and grading.
+
+PerceptionError
+├── CameraError          the camera cannot be used
+│   ├── CameraMissing    the camera does not exist
+│   ├── CameraBusy       another program uses the camera
+│   ├── CameraDenied     the user has no permission to open the camera
+│   ├── CameraLost       the camera disappeared while it was open
+│   ├── CameraSilent     no new frame arrived in time
+│   └── SourceEnded      a recording has no further frame
+├── CalibrationRefused   the views do not determine the calibration
+├── PictureRefused       the picture cannot be graded
+├── CameraFileError      mistakes in a calibration file
+├── GradesFileError      mistakes in a file of thresholds or classes
+└── DetectorError        the file of the detector cannot be used
+"""
+
+from hal.errors import HalError
+
+
+class PerceptionError(HalError):
+    """Base class of all errors of this package. The message describes a remedy."""
+
+
+class CameraError(PerceptionError):
+    """The camera cannot be used."""
+
+
+class CameraMissing(CameraError):
+    """The camera does not exist."""
+
+
+class CameraBusy(CameraError):
+    """Another program uses the camera."""
+
+
+class CameraDenied(CameraError):
+    """The user has no permission to open the camera."""
+
+
+class CameraLost(CameraError):
+    """The camera disappeared while it was open."""
+
+
+class CameraSilent(CameraError):
+    """No new frame arrived in time, or the frames do not change."""
+
+
+class SourceEnded(CameraError):
+    """A recording has no further frame."""
+
+
+class CalibrationRefused(PerceptionError):
+    """The views do not determine the calibration."""
+
+
+class PictureRefused(PerceptionError):
+    """The picture cannot be graded."""
+
+
+class CameraFileError(PerceptionError):
+    """A calibration file has mistakes. The message lists all of them."""
+
+
+class GradesFileError(PerceptionError):
+    """A file of thresholds or classes has mistakes. The message lists all of them."""
+
+
+class DetectorError(PerceptionError):
+    """The file of the detector cannot be used."""

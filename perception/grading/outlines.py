@@ -1,0 +1,180 @@
+"""Find the outlines of apples: a mask of colored pixels, split where apples touch."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.types import FloatArray
+from perception.grading.light import Pixels
+
+FloatMap = NDArray[np.float32]
+Mask = NDArray[np.uint8]
+"""Picture (height, width) with 255 at the pixels that belong to it, otherwise 0."""
+
+LEAST_SATURATION: Final = 0.3
+"""Saturation (1 - min / max, relative to the table) from which a pixel is colored. Shadows on the table keep 0."""
+SMALLEST_PX: Final = 60
+"""Smallest area of an apple, in pixels."""
+NECK: Final = 0.86
+"""Two parts of a mask are two apples if the mask between them is narrower than this share of the smaller part."""
+LEAST_PART: Final = 0.35
+"""Smallest half width of a part of a mask, as a share of the largest part."""
+LEAST_REST: Final = 0.06
+"""Smallest area of the visible part of an apple behind another one, as a share of the other one."""
+BOX_POINTS: Final = 72
+"""Number of points of an outline that fills a box."""
+BORDER_PX: Final = 2
+"""Distance from the edge of the picture within which an outline counts as cut off, in pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """Visible outline of one apple."""
+
+    pixels: FloatArray
+    """Pixels (n, 2) of the outline, without those that another apple or the edge of the picture cuts off."""
+    mask: Mask
+    """Its colored pixels (height, width of ``box``)."""
+    box: tuple[int, int, int, int]
+    """Left, top, width and height of ``mask`` in the picture, in pixels."""
+    cut: bool
+    """Whether the edge of the picture cuts the apple off."""
+
+
+def colored(relative: Pixels, region: NDArray[np.bool_] | None = None) -> Mask:
+    """Return the mask of pixels whose color differs from that of the table.
+
+    Args:
+        relative: Linear RGB (height, width, 3), relative to the table.
+        region: Pixels (height, width) in which apples are searched; None for all pixels.
+    """
+    red, green, blue = cv2.split(relative)  # numpy takes far longer for a minimum over three values
+    largest, smallest = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
+    mask = np.where(largest - smallest > LEAST_SATURATION * largest, 255, 0).astype(np.uint8)
+    if region is not None:
+        mask[~region] = 0
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disk)
+    return _filled(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, disk))
+
+
+def _filled(mask: NDArray[np.generic]) -> Mask:
+    """Return a mask without its holes, which are gray spots and reflections."""
+    contours = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    filled = np.zeros(mask.shape, np.uint8)
+    cv2.drawContours(filled, list(contours), -1, 255, cv2.FILLED)
+    return filled
+
+
+def outlines(mask: Mask) -> list[Outline]:
+    """Return the outline of each apple of a mask. Apples that touch are split at the neck between them."""
+    return [outline for box, part in _components(mask) for outline in _split(part, box, mask.shape)]
+
+
+def _components(mask: Mask) -> Iterator[tuple[tuple[int, int, int, int], Mask]]:
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    for index in range(1, count):
+        left, top, width, height, area = (int(value) for value in stats[index])
+        if area >= SMALLEST_PX:
+            part = np.where(labels[top : top + height, left : left + width] == index, 255, 0).astype(np.uint8)
+            yield (left, top, width, height), part
+
+
+def _split(part: Mask, box: tuple[int, int, int, int], shape: tuple[int, ...]) -> Iterator[Outline]:
+    padded = np.pad(part, 1)
+    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5).astype(np.float32)
+    seeds = _seeds(depth)
+    labels = _nearest(padded, depth, seeds)
+    for index in range(1, len(seeds) + 1):
+        own = np.where(labels == index, 255, 0).astype(np.uint8)
+        if cv2.countNonZero(own) < SMALLEST_PX:
+            continue
+        yield _outline(own, (labels != index) & (labels > 0), box, shape)
+
+
+def _outline(own: Mask, others: NDArray[np.bool_], box: tuple[int, int, int, int], shape: tuple[int, ...]) -> Outline:
+    """Return the outline of a mask, which has a margin of 1 pixel around its box, beside the pixels of other apples."""
+    pixels = _free_edge(own, others) + (np.array(box[:2]) - 1.0)
+    inside = ((pixels >= BORDER_PX) & (pixels <= np.array(shape[1::-1]) - 1 - BORDER_PX)).all(axis=1)
+    return Outline(pixels[inside], own[1:-1, 1:-1], box, cut=not bool(inside.all()))
+
+
+def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
+    """Return the outline of an apple that fills a box (4,), left, top, right and bottom; None if it is too small.
+
+    ``shape`` is the height and width of the picture.
+    """
+    low, high = box_px[:2], box_px[2:]
+    corner = np.clip(np.floor(low), 0, np.array(shape[1::-1]) - 1).astype(int)
+    end = np.clip(np.ceil(high), 1, np.array(shape[1::-1])).astype(int)
+    width, height = (int(value) for value in end - corner)
+    if width * height < SMALLEST_PX:
+        return None
+    turns = np.linspace(0.0, 2.0 * np.pi, BOX_POINTS, endpoint=False)
+    around = 0.5 * (low + high) + 0.5 * (high - low) * np.column_stack([np.cos(turns), np.sin(turns)])
+    cut = bool((low < 1.0).any() or (high > np.array(shape[1::-1]) - 1.0).any())
+    mask = np.full((height, width), 255, np.uint8)
+    return Outline(around, mask, (int(corner[0]), int(corner[1]), width, height), cut)
+
+
+def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -> Outline | None:
+    """Return what an outline shows beside an apple, if it is large enough to be another one behind it.
+
+    Args:
+        outline: The outline.
+        covered: Pixels (height, width of the box) of the apple.
+        shape: Height and width of the picture.
+    """
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    left = cv2.morphologyEx(np.where(covered, 0, outline.mask).astype(np.uint8), cv2.MORPH_OPEN, disk)
+    parts = sorted(_components(np.asarray(left, dtype=np.uint8)), key=lambda part: cv2.countNonZero(part[1]))
+    if not parts or cv2.countNonZero(parts[-1][1]) < max(SMALLEST_PX, LEAST_REST * covered.sum()):
+        return None
+    (x, y, width, height), part = parts[-1]
+    box = (outline.box[0] + x, outline.box[1] + y, width, height)
+    return _outline(np.pad(part, 1), np.pad(covered[y : y + height, x : x + width], 1), box, shape)
+
+
+def _seeds(depth: FloatMap) -> list[tuple[int, int]]:
+    """Return the deepest pixel (x, y) of each apple in a map of the distances to the edge of the mask."""
+    left: FloatMap = np.array(cv2.GaussianBlur(depth, (5, 5), 1.0), dtype=np.float32)
+    smooth, seeds = left.copy(), list[tuple[int, int]]()
+    deepest = float(left.max())
+    while True:
+        y, x = (int(value) for value in np.unravel_index(int(left.argmax()), left.shape))
+        if left[y, x] < LEAST_PART * deepest or left[y, x] <= 0.0:
+            return seeds
+        if all(_neck(smooth, (x, y), seed) < NECK * smooth[y, x] for seed in seeds):
+            seeds.append((x, y))
+        cv2.circle(left, (x, y), max(2, int(0.7 * smooth[y, x])), 0.0, cv2.FILLED)
+
+
+def _neck(depth: FloatMap, one: tuple[int, int], other: tuple[int, int]) -> float:
+    """Return the smallest half width of the mask between two pixels."""
+    count = 2 + int(np.hypot(one[0] - other[0], one[1] - other[1]))
+    x, y = (np.linspace(one[i], other[i], count).round().astype(int) for i in (0, 1))
+    return float(depth[y, x].min())
+
+
+def _nearest(mask: Mask, depth: FloatMap, seeds: list[tuple[int, int]]) -> NDArray[np.int64]:
+    """Return the number (from 1) of the apple to which each pixel belongs: the nearest one, relative to its size."""
+    y, x = np.indices(mask.shape, dtype=np.float32)
+    distances = [np.hypot(x - seed[0], y - seed[1]) / float(depth[seed[1], seed[0]]) for seed in seeds]
+    labels: NDArray[np.int64] = np.where(mask > 0, np.argmin(distances, axis=0) + 1, 0)
+    return labels
+
+
+def _free_edge(own: Mask, others: NDArray[np.bool_]) -> FloatArray:
+    """Return the pixels (n, 2) of the edge of a mask that are not beside another apple, half a pixel outward."""
+    contours = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    contour = max(contours, key=cv2.contourArea).reshape(-1, 2)
+    near = cv2.dilate(others.astype(np.uint8), np.ones((7, 7), np.uint8))
+    free = contour[near[contour[:, 1], contour[:, 0]] == 0]
+    middle = contour.mean(axis=0)
+    away = free - middle
+    lengths = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1.0)
+    return np.asarray(free + 0.5 * away / lengths, dtype=np.float64)

@@ -1,0 +1,142 @@
+"""Settings of the grading, read from a file: thresholds of the grades, and which things count as apples."""
+
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Final
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, model_validator
+
+from hal.yaml_file import load_with_lines
+from perception.errors import GradesFileError
+
+QUANTITIES: Final = ("diameter_mm", "red_ratio", "defect_score")
+"""Measured quantities that have thresholds."""
+TOPS: Final = {"diameter_mm": 1000.0, "red_ratio": 1.0, "defect_score": 1.0}
+"""Largest value of each quantity. A range that ends there includes its end."""
+
+Range = tuple[float, float]
+"""Lower end (included) and upper end (not included)."""
+
+
+@dataclass(frozen=True, slots=True)
+class GradeRule:
+    """One grade, and the values that an apple of this grade has. A grade may have several rules."""
+
+    grade: str
+    diameter_mm: Range = (0.0, 1000.0)
+    red_ratio: Range = (0.0, 1.0)
+    defect_score: Range = (0.0, 1.0)
+
+    def covers(self, values: dict[str, float]) -> bool:
+        """Whether the rule covers the values of an apple, by quantity."""
+        return all(_within(values[name], getattr(self, name), TOPS[name]) for name in QUANTITIES)
+
+    def overlaps(self, other: "GradeRule") -> bool:
+        """Whether an apple can match both rules."""
+        pairs = [(getattr(self, name), getattr(other, name)) for name in QUANTITIES]
+        return all(max(one[0], two[0]) < min(one[1], two[1]) for one, two in pairs)
+
+
+def _within(value: float, limits: Range, top: float) -> bool:
+    return limits[0] <= value and (value < limits[1] or limits[1] >= top)
+
+
+DEFAULT_RULES: Final = (
+    GradeRule("A", red_ratio=(0.5, 1.0), defect_score=(0.0, 0.03)),
+    GradeRule("B", red_ratio=(0.0, 0.5), defect_score=(0.0, 0.03)),
+    GradeRule("B", defect_score=(0.03, 0.12)),
+    GradeRule("C", defect_score=(0.12, 1.0)),
+)
+"""Red apples without defects are A, apples with large defects are C, and all others are B."""
+
+
+@dataclass(frozen=True, slots=True)
+class GradingSettings:
+    """Thresholds, and limits of what counts as an apple."""
+
+    rules: tuple[GradeRule, ...] = DEFAULT_RULES
+    diameter_mm: Range = (15.0, 130.0)
+    """Range of the diameters of apples. Smaller and larger things are ignored."""
+    region_m: tuple[float, float, float, float] | None = None
+    """Least x and y, and largest x and y in base_link, in m, where apples are searched; None for the whole picture."""
+    table_rgb: tuple[float, float, float] = (0.6, 0.6, 0.6)
+    """Share of red, green and blue light that the table reflects. A gray table has three equal values."""
+    least_visible: float = 0.7
+    """Share of an apple that must be visible so that it gets a grade."""
+
+    def grade_of(self, diameter_mm: float, red_ratio: float, defect_score: float) -> str:
+        """Return the grade of an apple, or an empty text if no rule covers its values."""
+        values = {"diameter_mm": diameter_mm, "red_ratio": red_ratio, "defect_score": defect_score}
+        return next((rule.grade for rule in self.rules if rule.covers(values)), "")
+
+
+_Pair = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+_Share = Annotated[float, Field(ge=0.01, le=1.0)]
+
+
+class _Rule(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    grade: Annotated[str, Field(min_length=1, max_length=20, pattern=r"^\S+$")]
+    diameter_mm: _Pair = [0.0, 1000.0]
+    red_ratio: _Pair = [0.0, 1.0]
+    defect_score: _Pair = [0.0, 1.0]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "_Rule":
+        for name in QUANTITIES:
+            low, high = getattr(self, name)
+            if not 0.0 <= low < high <= TOPS[name]:
+                raise ValueError(
+                    f"{name}: [{low}, {high}] is not a range within 0 to {TOPS[name]:g}: write the lower end first"
+                )
+        return self
+
+    def rule(self) -> GradeRule:
+        ranges = {name: (getattr(self, name)[0], getattr(self, name)[1]) for name in QUANTITIES}
+        return GradeRule(self.grade.upper(), **ranges)
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    grades: Annotated[list[_Rule], Field(min_length=1, max_length=100)]
+    apple_diameter_mm: Annotated[list[PositiveFloat], Field(min_length=2, max_length=2)] = [15.0, 130.0]
+    region_m: Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)] | None = None
+    table_rgb: Annotated[list[_Share], Field(min_length=3, max_length=3)] = [0.6, 0.6, 0.6]
+    least_visible: Annotated[float, Field(ge=0.4, le=1.0)] = 0.7
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "_File":
+        if self.apple_diameter_mm[0] >= self.apple_diameter_mm[1]:
+            raise ValueError(f"apple_diameter_mm {self.apple_diameter_mm}: write the lower end first")
+        if self.region_m is not None and not (
+            self.region_m[0] < self.region_m[2] and self.region_m[1] < self.region_m[3]
+        ):
+            raise ValueError(f"region_m {self.region_m}: write the least x and y, then the largest x and y")
+        return self
+
+
+def read_settings(path: Path) -> GradingSettings:
+    """Read the settings of the grading from a file.
+
+    Raises:
+        GradesFileError: The file has mistakes, or rules of different grades overlap. The message has their lines.
+    """
+    file, places = load_with_lines(path, _File, GradesFileError)
+    rules = tuple(entry.rule() for entry in file.grades)
+    lines = tuple(places.line(("grades", index)) for index in range(len(rules)))
+    mistakes = [
+        f"{path}:{lines[second]}: grades {rules[first].grade} (line {lines[first]}) and {rules[second].grade} overlap: "
+        "change a range, so that each apple has one grade"
+        for first, second in combinations(range(len(rules)), 2)
+        if rules[first].grade != rules[second].grade and rules[first].overlaps(rules[second])
+    ]
+    if mistakes:
+        raise GradesFileError("\n".join(mistakes))
+    low, high = file.apple_diameter_mm
+    red, green, blue = file.table_rgb
+    region = None
+    if file.region_m is not None:
+        x_min, y_min, x_max, y_max = file.region_m
+        region = (x_min, y_min, x_max, y_max)
+    return GradingSettings(rules, (low, high), region, (red, green, blue), file.least_visible)

@@ -1,0 +1,143 @@
+"""Judge the skin of an apple: which of its pixels are red, and which are defects.
+
+Brightness is compared with that of sound skin at the same place of the sphere, because the side away from the lamp is
+dark but sound. A defect is darker than sound skin and has a color that the sound skin does not have, so that the shadow
+of another object is not a defect.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.types import FloatArray
+
+Flags = NDArray[np.bool_]
+
+RED_HUE: Final = 0.6
+"""Largest hue of red skin, (G - B) / (R - B) in linear light: 0 is red, 1 is yellow."""
+DARKER: Final = -0.3
+"""Largest log of the brightness of a defect, relative to the darkest sound skin at the same place."""
+HALF: Final = -0.65
+"""Largest log of the relative brightness of a pixel that mixes a defect and sound skin, and is mostly a defect."""
+BLACK: Final = -1.9
+"""Log of the relative brightness below which a pixel is a defect, whatever its color is."""
+BROWN: Final = (0.28, 0.74)
+"""Range of G / R of brown. Red skin has less green, and yellow or green skin has more."""
+BROWN_BLUE: Final = 0.14
+"""Least B / R of brown. The change from red to green skin has less blue."""
+GRAY_BLUE: Final = 0.33
+"""Least B / R of gray and black."""
+MOSTLY: Final = 0.6
+"""Share of brown pixels from which an apple is either yellow or rotten as a whole."""
+YELLOW: Final = 0.22
+"""Median brightness from which such an apple is yellow."""
+ROUNDS: Final = 6
+MOST_POINTS: Final = 800
+"""Number of pixels from which the brightness of sound skin is estimated."""
+SPREAD: Final = 0.12
+"""Deviation of the log brightness of sound skin."""
+CHROMA_BIN: Final = 0.15
+"""Bin width of the colors of sound skin, in log ratios."""
+COMMON: Final = 0.02
+"""Smallest share of a color that counts as a color of the sound skin."""
+RIM_PX: Final = 1.2
+"""Width of the rim of an apple whose skin is not judged, in pixels, because it mixes the apple and the table."""
+RING: Final = 0.08
+"""Width of the ring inside the rim, as a squared share of the radius. Its pixels also stand for the rim."""
+DIMMEST: Final = 1e-3
+"""Lowest brightness, relative to the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Skin:
+    """The visible skin of one apple."""
+
+    red_ratio: float
+    """Share that is red and not a defect."""
+    defect_score: float
+    """Share that is a defect."""
+
+
+def judge(colors: FloatArray, places: FloatArray, area: Flags) -> tuple[Flags, Flags]:
+    """Return which pixels are red and which are defects.
+
+    Args:
+        colors: Linear RGB (n, 3) of the pixels, relative to a white surface.
+        places: Positions (n, 2) of the pixels in the outline, whose radius is 1.
+        area: The n pixels in a part (height, width) of the picture.
+    """
+    red, green, blue = np.maximum(colors, DIMMEST).T
+    is_red = (green - blue) < RED_HUE * np.maximum(red - blue, DIMMEST)
+    brightness = np.log(np.maximum(np.maximum(red, green), blue))
+    ratio_green, ratio_blue = green / red, blue / red
+    brown = _brown(ratio_green, ratio_blue, brightness)
+    relative = brightness - _sound(brightness, places, is_red, brown)
+    skin_colors = _common(np.log(ratio_green), np.log(ratio_blue), (relative > -0.2) & ~brown)
+    defect = (relative < BLACK) | ((relative < DARKER) & brown & ~skin_colors)
+    defect = defect | (_beside(defect, area) & (relative < HALF))
+    return is_red & ~defect, defect
+
+
+def _beside(defect: Flags, area: Flags) -> Flags:
+    """Return which pixels are beside a defect. There, the color is a mixture that is neither brown nor sound."""
+    mask = np.zeros(area.shape, np.uint8)
+    mask[area] = defect
+    beside: Flags = cv2.dilate(mask, np.ones((3, 3), np.uint8))[area] > 0
+    return beside
+
+
+def skin_of(colors: FloatArray, places: FloatArray, area: Flags) -> Skin:
+    """Return the shares of red pixels and defects, from the arguments of ``judge``."""
+    red, defect = judge(colors, places, area)
+    away = (places * places).sum(axis=1)
+    ring = float(away.max()) - RING
+    weights = np.where(away > ring, (1.0 - ring) / RING, 1.0)
+    total = float(weights.sum())
+    return Skin(float(weights @ red) / total, float(weights @ defect) / total)
+
+
+def _brown(green: FloatArray, blue: FloatArray, brightness: FloatArray) -> Flags:
+    """Return which pixels have the color of a defect, from G / R, B / R and log brightness (n,)."""
+    brown: Flags = (green > BROWN[0]) & (green < BROWN[1]) & (blue > BROWN_BLUE)
+    if brown.mean() > MOSTLY and np.median(brightness[brown]) > np.log(YELLOW):
+        brown[:] = False
+    return brown | ((blue > GRAY_BLUE) & (green > BROWN[0]))
+
+
+def _sound(brightness: FloatArray, places: FloatArray, is_red: Flags, brown: Flags) -> FloatArray:
+    """Return the log brightness (n,) of the darkest sound skin at each pixel.
+
+    The estimate is a smooth function of the place with one level for red and one for green skin. Darker pixels have
+    little weight: they are spots or in a shadow.
+    """
+    x, y = places.T
+    z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
+    shapes = np.column_stack([is_red, ~is_red, x, y, z, x * x, x * y, y * y]).astype(np.float64)
+    step = max(1, len(brightness) // MOST_POINTS)
+    sample, wanted = shapes[::step], brightness[::step]
+    weights = np.where(brown[::step], 0.05, 1.0)
+    fit: FloatArray = np.zeros(shapes.shape[1])
+    ridge = 1e-3 * len(sample) * np.diag([0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    for _ in range(ROUNDS):
+        weighted = sample * weights[:, np.newaxis]
+        fit = np.asarray(np.linalg.lstsq(weighted.T @ sample + ridge, weighted.T @ wanted, rcond=None)[0])
+        left = wanted - sample @ fit
+        weights = np.where(left > 0.0, 1.0, 1.0 / (1.0 + (left / SPREAD) ** 2) ** 2)
+        weights = weights * np.where(brown[::step] & (left < -SPREAD), 0.05, 1.0)
+    levels = [level for level, kind in ((fit[0], is_red), (fit[1], ~is_red)) if (kind & ~brown).mean() > COMMON]
+    smooth: FloatArray = shapes[:, 2:] @ fit[2:] + (min(levels) if levels else max(fit[0], fit[1]))
+    return smooth
+
+
+def _common(green: FloatArray, blue: FloatArray, sound: Flags) -> Flags:
+    """Return which pixels have a color that is common among sound pixels. Colors are logs of G / R and B / R (n,)."""
+    if not sound.any():
+        return np.zeros(len(green), dtype=bool)
+    bins = np.clip(np.column_stack([green, blue]) / CHROMA_BIN, -40, 40).round().astype(int) + 40
+    counts = np.zeros((81, 81))
+    np.add.at(counts, tuple(bins[sound].T), 1.0)
+    common: Flags = (counts > COMMON * sound.sum())[bins[:, 0], bins[:, 1]]
+    return common

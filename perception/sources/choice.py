@@ -1,0 +1,28 @@
+"""Choose the camera source that a text names."""
+
+from pathlib import Path
+
+from drivers.clock import Clock
+from perception.errors import CameraMissing
+from perception.frames import CameraSource
+from perception.sources.recorded import RecordedSource
+from perception.sources.video_device import VideoDevice
+
+
+def source_of(text: str, clock: Clock, size: tuple[int, int], rate_hz: float) -> CameraSource:
+    """Return the source that a text names. It is not opened yet.
+
+    Args:
+        text: An index, a path of a device, or a path of a video, a picture or a folder of pictures.
+        clock: Clock of the stamps.
+        size: Width and height to request from a camera, in pixels.
+        rate_hz: Rate to request from a camera.
+
+    Raises:
+        CameraMissing: The text is empty.
+    """
+    if not text.strip():
+        raise CameraMissing("no camera is named: name one that 'servoloop camera list' lists, a video or a folder")
+    if text.isdecimal() or text.startswith("/dev/"):
+        return VideoDevice(text, clock, size, rate_hz)
+    return RecordedSource(Path(text), clock)

@@ -1,0 +1,105 @@
+"""List the cameras of the machine, and check access to them."""
+
+import grp
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from drivers.port.owners import port_owners
+from perception.errors import CameraBusy, CameraDenied, CameraMissing
+
+BY_ID: Final = "dev/v4l/by-id"
+WATCHERS: Final = ("pipewire", "wireplumber")
+"""Programs of the desktop that keep each camera open, but take its pictures only on request."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraDevice:
+    """A camera of the machine."""
+
+    device: str
+    """Path, such as /dev/video0."""
+    index: int
+    name: str
+    by_id: str | None
+    """Path that stays the same when cameras are plugged in again; None if the camera has none."""
+    may_open: bool
+    """Whether this user may open the camera."""
+    owners: tuple[str, ...]
+    """Programs that use the camera."""
+
+
+def cameras(root: Path = Path("/")) -> list[CameraDevice]:
+    """Return the cameras of the machine, without opening them. ``root`` is the root of its file system."""
+    return sorted(_cameras(root), key=lambda camera: camera.index)
+
+
+def _cameras(root: Path) -> Iterator[CameraDevice]:
+    links = sorted((root / BY_ID).glob("*"))
+    for folder in (root / "sys/class/video4linux").glob("video*"):
+        number = folder.name.removeprefix("video")
+        if not number.isdecimal() or _text(folder / "index") not in ("0", ""):
+            continue  # a second node of the same camera, which delivers metadata
+        path = root / "dev" / folder.name
+        link = next((link for link in links if link.resolve() == path.resolve()), None)
+        yield CameraDevice(
+            device=f"/dev/{folder.name}",
+            index=int(number),
+            name=_text(folder / "name") or "camera",
+            by_id=None if link is None else f"/{BY_ID}/{link.name}",
+            may_open=os.access(path, os.R_OK | os.W_OK),
+            owners=tuple(_users(path)),
+        )
+
+
+def find_device(source: str, root: Path = Path("/")) -> str:
+    """Return the path of a camera that this program can use.
+
+    Args:
+        source: Path of the camera, or its index.
+        root: Root of the file system of the machine.
+
+    Raises:
+        CameraMissing: The camera does not exist. The message lists the cameras of the machine.
+        CameraDenied: The user has no permission.
+        CameraBusy: Another program uses the camera. The message names the program.
+    """
+    device = f"/dev/video{int(source)}" if source.isdecimal() else source
+    path = root / device.lstrip("/")
+    if not path.exists():
+        raise CameraMissing(f"there is no camera {device}: {_others(root)}")
+    if not os.access(path, os.R_OK | os.W_OK):
+        group = _group(path)
+        raise CameraDenied(
+            f"only members of the group '{group}' may open {device}: run 'sudo usermod -aG {group} $USER', then log "
+            "out and in again"
+        )
+    if users := list(_users(path)):
+        raise CameraBusy(f"{device} is in use by {', '.join(users)}: end that program first")
+    return device
+
+
+def _others(root: Path) -> str:
+    found = [f"{camera.by_id or camera.device} ({camera.name})" for camera in cameras(root)]
+    return f"choose {' or '.join(found)}" if found else "plug in a camera, and look with 'servoloop camera list'"
+
+
+def _users(path: Path) -> Iterator[str]:
+    return (owner for owner in port_owners(path) if not owner.startswith(WATCHERS))
+
+
+def _group(path: Path) -> str:
+    number = path.stat().st_gid
+    try:
+        return grp.getgrgid(number).gr_name
+    except KeyError:  # a container may have no name for the group
+        return str(number)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace").strip()
+    except OSError:
+        return ""

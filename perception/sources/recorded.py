@@ -1,0 +1,127 @@
+"""A recorded video, or a folder of pictures, as a camera source that plays at its own rate."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from drivers.clock import Clock
+from perception.errors import CameraError, CameraMissing, CameraSilent, SourceEnded
+from perception.frames import Frame, Picture
+from perception.sources.rate import RateMeter
+
+PICTURES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+FOLDER_HZ: Final = 10.0
+"""Rate at which the pictures of a folder are played, in Hz."""
+RATES_HZ: Final = (0.1, 240.0)
+"""Range of plausible rates of a video."""
+
+
+class RecordedSource:
+    """A file or a folder; implementation of ``perception.frames.CameraSource``."""
+
+    def __init__(self, path: Path, clock: Clock) -> None:
+        """Prepare the source.
+
+        Args:
+            path: A video, a picture, or a folder of pictures, which are played in the order of their names.
+            clock: Clock of the stamps.
+        """
+        self._path, self._clock = path, clock
+        self._pictures: Iterator[Picture] = iter(())
+        self._interval_s = 1.0 / FOLDER_HZ
+        self._due_s = 0.0
+        self._number = 0
+        self._rate = RateMeter()
+
+    @property
+    def name(self) -> str:
+        """Name of the source for messages."""
+        return str(self._path)
+
+    @property
+    def rate_hz(self) -> float:
+        """Measured rate of new frames, in Hz; 0.0 before the second frame."""
+        return self._rate.rate_hz
+
+    def open(self) -> None:
+        """Start at the first picture. Raises CameraError if there are no pictures."""
+        if not self._path.exists():
+            raise CameraMissing(f"there is no file or folder {self._path}: name a video or a folder of pictures")
+        self._interval_s = 1.0 / FOLDER_HZ
+        if self._path.is_dir():
+            files = sorted(file for file in self._path.iterdir() if file.suffix.lower() in PICTURES)
+            if not files:
+                raise CameraMissing(
+                    f"the folder {self._path} has no pictures ({', '.join(PICTURES)}): name another one"
+                )
+            self._pictures = map(read_picture, files)
+        elif self._path.suffix.lower() in PICTURES:
+            self._pictures = iter((read_picture(self._path),))
+        else:
+            self._pictures = self._video()
+        self._number, self._rate = 0, RateMeter()
+        self._due_s = self._clock.now()
+
+    def read(self, timeout_s: float) -> Frame:
+        """Wait until the next picture is due, and return it.
+
+        Raises:
+            CameraSilent: The next picture is not due within the timeout.
+            SourceEnded: There is no further picture.
+            CameraError: A picture cannot be read.
+        """
+        now_s = self._clock.now()
+        if self._due_s > now_s + timeout_s:
+            self._clock.sleep_until(now_s + timeout_s)
+            raise CameraSilent(f"the next picture of {self._path} is not due within {timeout_s:g} s: wait longer")
+        self._clock.sleep_until(self._due_s)
+        rgb = next(self._pictures, None)
+        if rgb is None:
+            raise SourceEnded(f"{self._path} has no further picture after {self._number}: start again to repeat it")
+        stamp_s = self._clock.now()
+        self._due_s = max(self._due_s + self._interval_s, stamp_s)
+        self._number += 1
+        self._rate.add(stamp_s)
+        return Frame(rgb, stamp_s, self._number)
+
+    def close(self) -> None:
+        """Release the file."""
+        self._pictures = iter(())
+
+    def _video(self) -> Iterator[Picture]:
+        capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
+        if not capture.isOpened():
+            capture.release()
+            raise CameraError(f"{self._path} is not a video that OpenCV can read: convert it to MP4, or name a picture")
+        rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
+        if RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+            self._interval_s = 1.0 / rate_hz
+        return _frames_of(capture)
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a file as an RGB picture (height, width, 3). Raises CameraError if it is not a picture."""
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    except OSError as error:
+        raise CameraError(f"cannot read {path}: {error.strerror}: check the file") from error
+    except cv2.error:
+        bgr = None
+    if bgr is None:
+        raise CameraError(f"{path} is not a picture, or is damaged: remove it")
+    return np.ascontiguousarray(bgr[..., ::-1]).astype(np.uint8, copy=False)
+
+
+def _frames_of(capture: cv2.VideoCapture) -> Iterator[Picture]:
+    try:
+        while True:
+            ok, bgr = capture.read()
+            if not ok:
+                return
+            yield np.ascontiguousarray(bgr[..., ::-1]).astype(np.uint8, copy=False)
+    finally:
+        capture.release()

@@ -1,0 +1,1 @@
+"""Pick-and-place job: its steps, settings and state, without ROS."""

@@ -1,0 +1,20 @@
+"""Format the messages of ``/sorting/arm/state``. Imports no ROS package."""
+
+import json
+
+from pick_place.job import State
+
+
+def state_json(seq: int, time_s: float, state: State) -> str:
+    """Format a state as JSON. ``seq`` counts states from 1. ``ts`` is the time of the node, in seconds since 1970."""
+    return json.dumps(
+        {
+            "seq": seq,
+            "request_id": state.request_id,
+            "ts": round(time_s, 6),
+            "phase": state.phase,
+            "ok": state.ok,
+            "message": state.message,
+            "grade": state.grade,
+        }
+    )

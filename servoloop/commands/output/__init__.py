@@ -1,0 +1,1 @@
+"""Output of single commands: tables, plots and dialogs."""

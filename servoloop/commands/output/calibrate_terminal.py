@@ -1,0 +1,137 @@
+"""Guide a person at a terminal through a calibration with instructions, a live table and questions."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from math import degrees
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from commissioning.calibrate.result import unit
+from commissioning.calibrate.run import STORE
+from commissioning.slow_arm import StoppedError
+from servoloop.commands.shared.console import Keyboard, print_table
+from servoloop.stack.signals import Signals
+
+if TYPE_CHECKING:
+    from commissioning.calibrate.by_hand import CalibrationTask
+    from commissioning.calibrate.run import CalibrationDifference
+
+NOTHING, STORED = "nothing was stored", "the calibration is stored, but it was not tested"
+
+
+class Terminal:
+    """Dialog with the person who calibrates. It uses stderr, so that stdout has only the result."""
+
+    def __init__(self, signals: Signals, yes: bool) -> None:
+        """Start the dialog; with ``yes``, confirmations are not asked for."""
+        self.console = Console(stderr=True, highlight=False)
+        self._signals = signals
+        self._keyboard = Keyboard(signals, NOTHING)
+        self._yes = yes
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Restore the terminal."""
+        self._keyboard.whole_lines()
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self.console.print(f"[dim]·[/] {text}", soft_wrap=True)
+
+    def until_done(self, task: "CalibrationTask", update: Callable[[], None]) -> None:
+        """Show the task and the positions of all joints until Enter is pressed."""
+        self.console.print(f"[bold]{task.text}[/]; press Enter when done", soft_wrap=True)
+        with self._table() as show:
+            while self._keyboard.line() is None:
+                update()
+                show(task)
+
+    @contextmanager
+    def _table(self) -> Iterator[Callable[["CalibrationTask"], None]]:
+        if not self.console.is_terminal:
+            yield lambda task: None
+            return
+        with Live(console=self.console, refresh_per_second=10, transient=True) as live:
+            yield lambda task: live.update(_sweep_table(task))
+
+    def confirm(self, question: str) -> bool:
+        """Ask for a confirmation, or return True without asking if ``yes`` was set."""
+        if self._yes:
+            self.say(f"{question} yes")
+        agreed = self._yes or self._keyboard.agrees(question)
+        if question == STORE and agreed:
+            self._keyboard.left = STORED
+        return agreed
+
+    def moved_so(self, joint: str, text: str) -> bool:
+        """Ask whether a joint first moved in the direction that ``text`` describes.
+
+        Raises StoppedError if a key was pressed before the question. Enter alone is not an answer: the user may have
+        meant to stop the arm, and a wrong answer would reverse the direction of the joint.
+        """
+        if self._keyboard.pressed():  # after the last cycle of the motion
+            raise StoppedError("stopped; the torque of the arm is off")
+        question = f"{joint} moved in one direction and back. Was the first direction: {text}?"
+        return self._keyboard.agrees(question, enter_is_no=False)
+
+    def show(self, differences: "Sequence[CalibrationDifference]") -> None:
+        """Print the new calibration next to the previous one."""
+        print_table(self.console, difference_table(differences), "joint", "zero", "homing offset")
+        for one in differences:
+            if one.doubt:
+                self.console.print(f"! {one.joint}: {one.doubt}", style="yellow", markup=False, soft_wrap=True)
+
+    def stopped(self) -> bool:
+        """Return whether a key was pressed or a signal received."""
+        return self._keyboard.pressed() or self._signals.count > 0
+
+
+def _sweep_table(task: "CalibrationTask") -> Table:
+    table = Table("joint", "servo", "counts", "minimum", "maximum", "covered")
+    for joint in task.sweep.joints:
+        swept = task.sweep.swept.get(joint.name)
+        style = "bold" if joint.name in task.joints else "dim"
+        if swept is None:
+            table.add_row(joint.name, str(joint.servo_id), task.sweep.missing.get(joint.name, ""), style=style)
+            continue
+        share = swept.travel.span * unit(joint) / (joint.limits.upper - joint.limits.lower)
+        numbers = (swept.counts, swept.lower, swept.upper)
+        table.add_row(joint.name, str(joint.servo_id), *map(str, numbers), f"{share:.0%}", style=style)
+    return table
+
+
+def difference_table(differences: "Sequence[CalibrationDifference]") -> Table:
+    """Return a table of the previous and new sign, zero and offset of each joint, its travel and its URDF range."""
+    table = Table(
+        "joint", "servo", "sign", "zero", "homing offset", "zero moved", "zero within", "travel", "URDF range"
+    )
+    for one in differences:
+        before, made = one.before, one.made
+        prismatic = before.unit == "m"
+        travel, range_ = made.travel(before), before.limits.upper - before.limits.lower
+        table.add_row(
+            one.joint,
+            str(one.servo_id),
+            _changed(before.sign, made.sign),
+            _changed(before.zero_counts, made.zero_counts),
+            _changed(before.homing_offset, made.homing_offset),
+            f"{one.zero_moved:+.4f} m" if prismatic else f"{degrees(one.zero_moved):+.2f}°",
+            f"±{one.uncertainty:.4f} m" if prismatic else f"±{one.uncertainty:.3f} rad",
+            f"{travel:.4f} m" if prismatic else f"{travel:.3f} rad",
+            f"{range_:.4f} m" if prismatic else f"{range_:.3f} rad",
+        )
+    return table
+
+
+def _changed(before: int | None, now: int | None) -> str:
+    if before == now or before is None:
+        return "-" if now is None else str(now)
+    return f"{before} → {now}"

@@ -1,0 +1,35 @@
+"""Run the perception node with the virtual camera: ``python -m servoloop.demo.camera_process LINK SCENE``.
+
+The process has a lower priority than the control loop, so that drawing and grading do not delay a cycle.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from drivers.clock import MonotonicClock
+from hal.errors import HalError
+from servoloop.virtual_camera import VirtualCamera
+
+NICE: Final = 5
+"""Nice value of the process."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Grade the apples of an emulator until a signal ends the process, and return the exit status."""
+    from nodes.perception.process import run_source
+
+    os.setpriority(os.PRIO_PROCESS, 0, NICE)
+    link, scene = map(Path, arguments[1:3])
+    try:
+        camera = VirtualCamera(link, scene, MonotonicClock())
+        return run_source(camera, camera.view, camera.settings, arguments)
+    except HalError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

@@ -1,0 +1,80 @@
+"""Add the pictures of the camera to the recording of a stack.
+
+The process of the control loop writes the recording. The pictures are in a file of their own until that process ends.
+"""
+
+import heapq
+from collections.abc import Iterator
+from operator import itemgetter
+from pathlib import Path
+from typing import Final
+
+from mcap.exceptions import McapError
+from mcap.reader import McapReader, make_reader
+
+from servoloop.recording.mcap import SUFFIX, McapFile, RecordingError
+from servoloop.recording.message_types import definition
+
+COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"
+
+
+class CameraRecording:
+    """Pictures of one run, beside the recording of its stack."""
+
+    def __init__(self, recording: Path, topic: str) -> None:
+        """Create the file of the pictures. Raises RecordingError if it cannot be created."""
+        self._recording, self._topic = recording, topic
+        self.pictures = recording.with_suffix(f".camera{SUFFIX}")
+        """File of the pictures, until ``finish`` has added them to the recording."""
+        self._file = McapFile(self.pictures)
+        self._file.add_channel(topic, COMPRESSED, definition(COMPRESSED))
+
+    def add(self, stamp_ns: int, data: bytes) -> None:
+        """Write an encoded picture."""
+        self._file.add_message(self._topic, stamp_ns, data)
+
+    def finish(self) -> None:
+        """Close the file of the pictures, and add them to the recording, ordered by time.
+
+        Call it when the stack has ended. If it did not start, there is no recording, and the pictures are removed.
+
+        Raises:
+            RecordingError: The recording cannot be read or written. Both files remain in that case.
+        """
+        self._file.close()
+        if self._recording.exists():
+            self._merge()
+        self.pictures.unlink()
+
+    def _merge(self) -> None:
+        whole = self._recording.with_suffix(f".part{SUFFIX}")
+        whole.unlink(missing_ok=True)
+        try:
+            with self._recording.open("rb") as run, self.pictures.open("rb") as pictures:
+                _write(whole, make_reader(run), make_reader(pictures))
+            whole.replace(self._recording)
+        except (OSError, McapError) as error:
+            raise RecordingError(
+                f"cannot add the pictures to {self._recording}: {error}; they remain in {self.pictures}"
+            ) from error
+
+
+def _write(path: Path, *readers: McapReader) -> None:
+    merged = McapFile(path)
+    try:
+        for reader in readers:
+            for metadata in reader.iter_metadata():
+                merged.add_metadata(metadata.name, metadata.metadata)
+        for stamp_ns, schema, topic, data in heapq.merge(*map(_messages, readers), key=itemgetter(0)):
+            if not merged.has_channel(topic):
+                merged.add_channel(topic, *schema)
+            merged.add_message(topic, stamp_ns, data)
+    finally:
+        merged.close()
+
+
+def _messages(reader: McapReader) -> Iterator[tuple[int, tuple[str, str], str, bytes]]:
+    """Yield the messages of a file in the order of time: time in ns, schema, topic and data."""
+    for schema, channel, message in reader.iter_messages():
+        assert schema is not None
+        yield message.log_time, (schema.name, schema.data.decode()), channel.topic, message.data

@@ -1,0 +1,83 @@
+"""Implementation of ``servoloop topic-host``: put an arm under the controller manager of another program."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from controller.host.host_controller import HostController
+from controller.interface import limits_of
+from drivers.errors import DriverError
+from hal.types import Interface, joints_of
+from nodes.ros_environment import require_ros
+from nodes.topic_host.topics import HostTopics
+from servoloop.stack.control_stack import ControlStack
+from servoloop.stack.hardware import HardwareKind
+from servoloop.stack.robot_files import Files
+from servoloop.stack.ros_interface import RosInterface
+from servoloop.up import up
+from servoloop.up_options import UpOptions
+
+if TYPE_CHECKING:
+    from nodes.stack import Stack
+
+NAME: Final = "host_controller"
+"""Name of the controller that follows the commands."""
+
+
+@dataclass(slots=True)
+class ForeignControllers:
+    """The controllers of another controller manager, connected by two topics."""
+
+    topics: HostTopics
+    record: Path | None = None
+    """File of the recording, if any."""
+    controllers: list[HostController] = field(default_factory=list)
+    """The controller that follows the commands, once it is loaded."""
+
+    def load_controllers(self, stack: ControlStack) -> None:
+        """Load the controller that follows the commands. Raises DriverError if the arm has no position commands."""
+        hardware = stack.loop.hardware
+        positions = [name for name in hardware.command_interfaces if Interface.parse(name).kind == "position"]
+        if not positions:
+            raise DriverError(
+                f"{stack.files.urdf_path} has no position command interface: topic-host moves joints to positions"
+            )
+        joints = joints_of(positions)
+        others = stack.files.description.joints.keys() - set(joints)
+        controller = HostController(NAME, joints, limits_of(joints, stack.files.limits), hardware.joints, others)
+        stack.loop.manager.registry.add(controller)
+        self.controllers.append(controller)
+
+    def ros_interface(self, stack: "Stack") -> RosInterface:
+        """Create the node with the two topics. Raises RosError."""
+        from nodes.topic_host.interface import TopicHostInterface
+
+        return TopicHostInterface(stack, self.controllers[0], self.topics)
+
+
+def topic_host(
+    kind: HardwareKind | None,
+    ports: Mapping[str, str] | None,
+    files: Files,
+    ready: Callable[[str], None],
+    program: ForeignControllers,
+) -> int:
+    """Run an arm under another controller manager until a signal or a fault.
+
+    Args:
+        kind: Hardware of all components. None: the ``<plugin>`` of each component decides.
+        ports: Devices by bus. None: virtual servos.
+        files: Files of the arm. The controllers of its controllers file are not used.
+        ready: Called with the name and the rate of the stack when it accepts commands.
+        program: The other controller manager.
+
+    Returns:
+        Exit status.
+
+    Raises:
+        RosError: ROS 2 is missing or cannot be used.
+    """
+    require_ros()
+    files = replace(files, controllers=replace(files.controllers, controllers=()))
+    return up(kind, ports, files, ready, UpOptions(record=program.record), program)

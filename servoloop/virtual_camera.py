@@ -1,0 +1,168 @@
+"""The virtual camera as a camera source: it draws the world of an emulator in the process that reads it."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.clock import Clock
+from perception.camera_view import CameraPose, CameraView
+from perception.errors import CameraLost, CameraMissing, CameraSilent
+from perception.frames import Frame
+from perception.grading.settings import GradingSettings
+from perception.intrinsics import Intrinsics
+from sim_backend.camera.light import Light
+from sim_backend.camera.scene_camera import SceneCamera
+from sim_backend.camera.truth import AppleTruth
+from sim_backend.scene.world_feed import PERIOD_S, WorldFeedClient, feed_path
+
+RATE_HZ: Final = 10.0
+POLL_S: Final = 0.005
+"""Interval at which the camera looks for a new state of the world."""
+REGION: Final = (1.2, 0.8)
+"""Half sizes of the region around the stand in which apples are searched, along x and y, in diameters of the largest
+apple."""
+TOLERANCE: Final = 0.15
+"""Deviation from the sizes of the scene that a measured diameter may have."""
+FRESH_S: Final = 0.02
+"""Age up to which a state of the world is drawn at once."""
+NEXT_S: Final = 1.5 * PERIOD_S
+"""Maximum time to wait for the next state if the newest one is older."""
+SMOOTHING: Final = 0.2
+"""Weight of the newest interval in the measured rate."""
+
+
+def grading_settings(camera: SceneCamera) -> GradingSettings:
+    """Return settings of the grading for a scene: only apples of its sizes, on its stand, have a grade."""
+    x, y, _ = camera.stand_m
+    low_mm, high_mm = camera.diameters_mm
+    along_m, across_m = (0.001 * share * high_mm for share in REGION)
+    return GradingSettings(
+        region_m=(x - along_m, y - across_m, x + along_m, y + across_m),
+        diameter_mm=(low_mm * (1.0 - TOLERANCE), high_mm * (1.0 + TOLERANCE)),
+    )
+
+
+class VirtualCamera:
+    """Camera of an emulator's scene; implementation of ``perception.frames.CameraSource``."""
+
+    def __init__(self, link: Path, scene: Path, clock: Clock, light: Light | None = None, seed: int = 0) -> None:
+        """Prepare the camera. It needs no emulator before ``open``.
+
+        Args:
+            link: Path of the emulator's bus.
+            scene: The MuJoCo file of the emulator, with a camera and apples.
+            clock: Clock of the stamps. The emulator uses the same one.
+            light: The light; by default daylight in a room.
+            seed: Seed of the noise.
+
+        Raises:
+            ArmFileError: The scene has no camera or no apples.
+        """
+        self._feed, self._clock = feed_path(link), clock
+        self._camera = SceneCamera(scene, light, seed=seed)
+        self._client: WorldFeedClient | None = None
+        self._next_s = 0.0
+        self._number = 0
+        self._last_s: float | None = None
+        self._interval_s = 0.0
+
+    @property
+    def name(self) -> str:
+        """Name of the source for messages."""
+        return f"the virtual camera at {self._feed}"
+
+    @property
+    def rate_hz(self) -> float:
+        """Measured rate of new frames, in Hz; 0.0 before the second frame."""
+        return 1.0 / self._interval_s if self._interval_s > 0.0 else 0.0
+
+    @property
+    def view(self) -> CameraView:
+        """Calibration of the camera. The plane is the top of the stand."""
+        camera = self._camera.camera
+        intrinsics = Intrinsics.pinhole(camera.focal_px, camera.width, camera.height)
+        return CameraView(intrinsics, CameraPose(camera.axes, camera.position_m, self._camera.stand_m[2]))
+
+    @property
+    def settings(self) -> GradingSettings:
+        """Settings of the grading for this scene."""
+        return grading_settings(self._camera)
+
+    def open(self) -> None:
+        """Connect to the emulator. Raises CameraMissing if no emulator runs."""
+        try:
+            self._client = WorldFeedClient(self._feed)
+        except OSError as error:
+            raise CameraMissing(
+                f"{self.name} has no world: {error.strerror or error}: start the emulator first"
+            ) from error
+        self._number, self._last_s, self._interval_s = 0, None, 0.0
+        self._next_s = self._clock.now()
+
+    def read(self, timeout_s: float) -> Frame:
+        """Wait for the next picture, and return it.
+
+        Raises:
+            CameraSilent: The emulator published nothing in time.
+            CameraLost: The emulator has ended, or the camera is not open.
+        """
+        deadline_s = self._clock.now() + timeout_s
+        self._clock.sleep_until(min(self._next_s, deadline_s))
+        publication = self._fresh(deadline_s, timeout_s)
+        now_s = self._clock.now()
+        # Keep the period, unless pictures were missed.
+        self._next_s = max(self._next_s + 1.0 / RATE_HZ, now_s + 0.5 / RATE_HZ)
+        self._camera.see(publication)
+        stamp_s = self._stamp_s(publication)
+        self._count(stamp_s)
+        return Frame(self._camera.picture(), stamp_s, self._number)
+
+    def truth(self) -> AppleTruth | None:
+        """Return what the last picture shows of the apple; None if the world has no apples."""
+        return self._camera.truth()
+
+    def close(self) -> None:
+        """Disconnect. A second call has no effect."""
+        if self._client is not None:
+            self._client.close()
+        self._client = None
+
+    def _fresh(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
+        """Return a state that is almost new, so that the picture is not late. Wait for at most one further state."""
+        publication = self._newest(deadline_s, timeout_s)
+        now_s = self._clock.now()
+        if now_s - self._stamp_s(publication) > FRESH_S:
+            with suppress(CameraSilent):
+                return self._newest(min(deadline_s, now_s + NEXT_S), timeout_s)
+        return publication
+
+    def _stamp_s(self, publication: Mapping[str, Any]) -> float:
+        """Return the time of a state on the clock of the camera."""
+        trace = publication["trace"]
+        return float(trace[-1][0]) if trace else self._clock.now()
+
+    def _newest(self, deadline_s: float, timeout_s: float) -> Mapping[str, Any]:
+        """Return the newest publication that has not been read, and wait for one if there is none."""
+        while True:
+            if self._client is None:
+                raise CameraLost(f"{self.name} is not open: open it first")
+            publication = self._client.newest()
+            if publication is not None:
+                return publication
+            if self._client.ended:
+                raise CameraLost(f"{self.name} has ended with its emulator: start the emulator again")
+            now_s = self._clock.now()
+            if now_s >= deadline_s:
+                raise CameraSilent(
+                    f"{self.name} got no state of the world in {timeout_s:g} s: look whether the emulator hangs"
+                )
+            self._clock.sleep_until(min(now_s + POLL_S, deadline_s))
+
+    def _count(self, stamp_s: float) -> None:
+        self._number += 1
+        if self._last_s is not None:
+            interval_s = stamp_s - self._last_s
+            known = self._interval_s or interval_s
+            self._interval_s = known + SMOOTHING * (interval_s - known)
+        self._last_s = stamp_s

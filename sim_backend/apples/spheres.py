@@ -1,0 +1,78 @@
+"""Apples in a MuJoCo scene: spheres of different sizes that take the place of the cube.
+
+A scene for apples names their diameters: ``<custom><numeric name="apple_diameter_m" data="0.05 0.06"/></custom>``.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+
+from hal.errors import ArmFileError
+from sim_backend.apples.apple import Apple, draw_apple
+
+DIAMETERS: Final = "apple_diameter_m"
+"""Name of the scene's smallest and largest diameter of an apple, in meters."""
+DENSITY_KG_M3: Final = 850.0
+FRICTION: Final = (0.8, 0.01, 0.002)
+"""Sliding friction, and torsional and rolling friction in meters. An apple is not perfectly round."""
+STAND_FRICTION: Final = (0.2, 0.005, 0.004)
+"""Friction on the stand. An apple can lie as far from its middle as the rolling friction allows."""
+ALL_FRICTION: Final = 6
+"""Contact dimension of MuJoCo with rolling friction."""
+BIN_RGBA: Final = (0.80, 0.80, 0.78, 1.0)
+"""Color of the bins. A camera can tell apples from a gray background in any light."""
+
+
+def apple_diameters_mm(spec: Any, scene: Path) -> tuple[float, float]:
+    """Return the smallest and the largest diameter. Raises ArmFileError if the scene names none."""
+    found = [numeric.data for numeric in spec.numerics if numeric.name == DIAMETERS]
+    if not found or len(found[0]) != 2 or not 0.0 < found[0][0] <= found[0][1]:
+        raise ArmFileError(
+            f'{scene}: the scene has no apples: add <custom><numeric name="{DIAMETERS}" data="SMALLEST LARGEST"/>'
+            "</custom>, in meters, or use the arm robot_arm or so101"
+        )
+    return 1000.0 * float(found[0][0]), 1000.0 * float(found[0][1])
+
+
+def apple_of_tray(seed: int, number: int, diameters_mm: tuple[float, float]) -> Apple:
+    """Return one apple of a tray, counted from 0. In a world, apples are spheres."""
+    return replace(draw_apple(seed * 1_000_003 + number, diameters_mm), height=1.0)
+
+
+def replace_cube(spec: Any, diameters_mm: tuple[float, float]) -> None:
+    """Replace the cube of a scene by a sphere of mean size, and make stand and bins fit for apples."""
+    radius_m = 0.0005 * sum(diameters_mm) / 2.0
+    sphere = spec.geom("cube")
+    sphere.type = mujoco.mjtGeom.mjGEOM_SPHERE
+    sphere.size = [radius_m, 0.0, 0.0]
+    sphere.friction, sphere.condim = FRICTION, ALL_FRICTION
+    sphere.mass = apple_mass_kg(radius_m)
+    stand = spec.geom("stand")
+    stand.friction, stand.condim = STAND_FRICTION, ALL_FRICTION
+    for body in spec.bodies:
+        if body.name.startswith("bin_"):
+            for geom in body.geoms:
+                geom.rgba = BIN_RGBA
+
+
+def apple_mass_kg(radius_m: float) -> float:
+    """Return the mass of an apple."""
+    return DENSITY_KG_M3 * 4.0 / 3.0 * 3.141592653589793 * radius_m**3
+
+
+def resize(model: Any, radius_m: float) -> None:
+    """Change the apple's size and mass in a compiled model."""
+    geom, body = model.geom("cube").id, model.body("cube").id
+    dofs = slice(model.body_dofadr[body], model.body_dofadr[body] + 6)
+    mass_kg = apple_mass_kg(radius_m)
+    inertia_kg_m2 = 0.4 * mass_kg * radius_m**2
+    model.geom_size[geom, 0] = model.geom_rbound[geom] = radius_m
+    model.geom_aabb[geom, 3:] = radius_m
+    model.body_mass[body] = model.body_subtreemass[body] = mass_kg
+    model.body_inertia[body] = inertia_kg_m2
+    # The constants that MuJoCo derives from the mass of a free body.
+    model.body_invweight0[body] = 1.0 / mass_kg, 1.0 / inertia_kg_m2
+    model.dof_invweight0[dofs] = [1.0 / mass_kg] * 3 + [1.0 / inertia_kg_m2] * 3
+    model.dof_M0[dofs] = [mass_kg] * 3 + [inertia_kg_m2] * 3

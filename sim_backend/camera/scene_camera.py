@@ -1,0 +1,95 @@
+"""The camera of a scene: pictures of the arm and the apple, from the publications of a world feed."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from hal.errors import ArmFileError
+from sim_backend.apples.apple import Apple, draw_apple
+from sim_backend.apples.spheres import resize
+from sim_backend.camera.light import Light
+from sim_backend.camera.pinhole import FloatArray, PinholeCamera
+from sim_backend.camera.sensor import Film, Sensor
+from sim_backend.camera.skin import skin_of
+from sim_backend.camera.truth import AppleTruth, truth_of
+from sim_backend.camera.view import CameraView, Sight, mean_radiance
+from sim_backend.scene.picture import Picture
+from sim_backend.scene.world import World, place_followers
+
+CAMERA: Final = "camera"
+"""Name of the camera in the scene."""
+MOVED: Final = 1e-4
+"""Change of a joint (rad, m) or of the apple's pose from which a new picture is cast. The noise is always new."""
+FIRST_APPLE: Final = Apple(diameter_mm=50.0, height=1.0, red_share=0.5, spots=(), seed=0)
+"""Apple that gives the sphere a skin before the first publication."""
+
+
+class SceneCamera:
+    """The camera of one scene with apples. Links have the simple shapes of the scene, which are fast to draw."""
+
+    def __init__(self, scene: Path, light: Light | None = None, sensor: Sensor | None = None, seed: int = 0) -> None:
+        """Prepare the camera.
+
+        Args:
+            scene: The MuJoCo file, with a camera ``camera`` and with apples.
+            light: The light; by default daylight in a room.
+            sensor: Settings of the sensor.
+            seed: Seed of the noise.
+
+        Raises:
+            ArmFileError: The scene has no camera or no apples.
+        """
+        world = World(scene, apples=seed)
+        self._model, self._data = world.model, world.data
+        if CAMERA not in [self._model.cam(i).name for i in range(self._model.ncam)]:
+            raise ArmFileError(f'{scene}: the scene has no camera: add <camera name="{CAMERA}" .../> to <worldbody>')
+        assert world.cell is not None and world.cell.tray is not None
+        self.diameters_mm = world.cell.tray.diameters_mm
+        """Smallest and largest diameter of the apples."""
+        self._light, self._seed, self._taken = light or Light(), seed, 0
+        self.camera = PinholeCamera.of(self._model, self._data, CAMERA)
+        self._geom = int(self._model.geom("cube").id)
+        self._at = slice(int(self._model.joint("cube").qposadr[0]), int(self._model.joint("cube").qposadr[0]) + 7)
+        self._view = CameraView(self._model, self._data, self.camera, self._light, {self._geom: skin_of(FIRST_APPLE)})
+        self._film = Film(sensor or Sensor(), self.camera.width, self.camera.height)
+        mujoco.mj_kinematics(self._model, self._data)
+        x, y, z = (float(value) for value in self._data.geom("stand").xpos)
+        self.stand_m = (x, y, z + float(self._model.geom("stand").size[2]))
+        """Middle of the top of the stand in the world, in m."""
+        self._apple: Apple | None = None
+        self._cast_at: FloatArray | None = None
+        self._sights: list[Sight] = []
+
+    def see(self, publication: Mapping[str, Any]) -> None:
+        """Take over the state of the world from a publication of its feed (``sim_backend.scene.world_feed``)."""
+        for joint, position in publication["joints"].items():
+            self._data.joint(joint).qpos = position
+        place_followers(self._model, self._data.qpos)
+        pose = publication["poses"]["cube"]
+        x, y, z, w = pose["quaternion_xyzw"]
+        self._data.qpos[self._at] = *pose["position_m"], w, x, y, z
+        apple = publication.get("apple")
+        if apple is not None and (self._apple is None or apple["seed"] != self._apple.seed):
+            self._apple = replace(draw_apple(apple["seed"]), diameter_mm=apple["diameter_mm"], height=1.0)
+            resize(self._model, 0.0005 * self._apple.diameter_mm)
+            self._view.skins[self._geom] = skin_of(self._apple)
+            self._cast_at = None
+
+    def picture(self) -> Picture:
+        """Take a picture (480, 640, 3) of what ``see`` has taken over."""
+        if self._cast_at is None or np.abs(self._data.qpos - self._cast_at).max() > MOVED:
+            mujoco.mj_kinematics(self._model, self._data)
+            self._sights = list(self._view.sights(self._data))
+            self._cast_at = self._data.qpos.copy()
+        self._taken += 1
+        return self._film.picture(mean_radiance(self._sights), self._light, self._seed * 1_000_003 + self._taken)
+
+    def truth(self) -> AppleTruth | None:
+        """Return what the last picture shows of the apple; None before the first picture of an apple."""
+        if self._apple is None or not self._sights:
+            return None
+        return truth_of(self._view, self.camera, self._data, self._sights, self._geom, self._apple.diameter_mm)

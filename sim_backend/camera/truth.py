@@ -1,0 +1,67 @@
+"""What a picture really shows of each apple, to compare gradings with."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_backend.camera.pinhole import PinholeCamera
+from sim_backend.camera.skin import DEFECT, RED
+from sim_backend.camera.view import CameraView, Sight
+
+OCCLUDED: Final = 0.98
+"""Visible share below which an apple is occluded."""
+
+
+@dataclass(frozen=True, slots=True)
+class AppleTruth:
+    """One apple in a picture. Shares are those of the pixels that show the apple."""
+
+    position_m: tuple[float, float, float]
+    """Position of the middle in the world."""
+    diameter_mm: float
+    red_ratio: float
+    """Share that is red: neither green nor a defect."""
+    defect_score: float
+    """Share that is brown or dark."""
+    visible_share: float
+    """Share of the apple's outline that no other object hides; 0.0 if the apple is not in the picture."""
+    cut: bool
+    """Whether the edge of the picture cuts the apple off."""
+    box_px: tuple[int, int, int, int]
+    """Left, top, right and bottom pixel that show the apple, right and bottom included; all 0 if no pixel does."""
+
+    @property
+    def occluded(self) -> bool:
+        """Whether a part of the apple is hidden by another object or cut off."""
+        return self.cut or self.visible_share < OCCLUDED
+
+
+def truth_of(
+    view: CameraView, camera: PinholeCamera, data: Any, sights: Sequence[Sight], geom: int, diameter_mm: float
+) -> AppleTruth:
+    """Return what a picture shows of the apple of a geom."""
+    own = [sight.geom == geom for sight in sights]
+    kinds = np.concatenate([sight.kind[mask] for sight, mask in zip(sights, own, strict=True)])
+    count, alone = max(len(kinds), 1), max(view.alone(data, geom), 1)
+    x, y, z = (float(value) for value in data.geom_xpos[geom])
+    left, top, right, bottom = box = _box(np.any(own, axis=0).reshape(camera.height, camera.width))
+    cut = len(kinds) > 0 and (left == 0 or top == 0 or right == camera.width - 1 or bottom == camera.height - 1)
+    return AppleTruth(
+        position_m=(x, y, z),
+        diameter_mm=diameter_mm,
+        red_ratio=float((kinds == RED).sum()) / count,
+        defect_score=float((kinds == DEFECT).sum()) / count,
+        visible_share=len(kinds) / alone,
+        cut=cut,
+        box_px=box,
+    )
+
+
+def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return 0, 0, 0, 0
+    return int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])

@@ -1,0 +1,98 @@
+"""The grader against painted pictures whose truth is known pixel by pixel."""
+
+import numpy as np
+import pytest
+
+from perception.errors import PictureRefused
+from perception.grading.grader import GradedApple, Grader
+from tests.perception import painted
+
+CENTER = np.array([0.25, 0.0, 0.03])
+
+
+@pytest.fixture(scope="module")
+def grader() -> Grader:
+    return Grader(painted.view())
+
+
+def graded(
+    grader: Grader, apples: list[painted.PaintedApple], lamp: painted.Lamp, seed: int = 0
+) -> list[tuple[GradedApple, painted.PaintedTruth]]:
+    """Return each apple of a picture with its truth; fail if an apple is missed or invented."""
+    picture, truth = painted.paint(painted.view(), apples, lamp, seed)
+    found = grader.grade(picture)
+    assert len(found) == len(truth), [apple.position_m for apple in found]
+    by_place = [min(found, key=lambda one: np.linalg.norm(one.position_m - real.position_m)) for real in truth]
+    return list(zip(by_place, truth, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_values_of_apples_are_measured_in_any_light(grader: Grader, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    apples = painted.random_apples(rng, 5, gap_m=0.0)
+    for apple, truth in graded(grader, apples, painted.random_lamp(rng), seed):
+        assert abs(apple.diameter_mm - truth.diameter_mm) < 2.0
+        assert np.linalg.norm(apple.position_m - truth.position_m) < 0.004
+        assert abs(apple.red_ratio - truth.red_ratio) < 0.05
+        assert abs(apple.defect_score - truth.defect_score) < 0.04
+
+
+@pytest.mark.parametrize(
+    ("ground", "red_share", "expected_red"),
+    [(painted.GREEN, 0.0, 0.0), (painted.YELLOW, 0.0, 0.0), (painted.GREEN, 1.0, 1.0)],
+)
+def test_an_apple_of_one_color_has_no_defect(
+    grader: Grader, ground: np.ndarray, red_share: float, expected_red: float
+) -> None:
+    apple = painted.PaintedApple(CENTER, 0.03, ground, red_share, np.array([0.0, 0.0, 1.0]))
+    [(found, _)] = graded(grader, [apple], painted.Lamp(lamp=0.8, direction=painted.unit(np.array([1.0, 0.5, 0.7]))))
+    assert found.defect_score < 0.01 and abs(found.red_ratio - expected_red) < 0.02
+
+
+def test_the_shadow_of_another_apple_is_not_a_defect(grader: Grader) -> None:
+    lamp = painted.Lamp(lamp=0.8, ambient=0.3, direction=painted.unit(np.array([0.0, 1.0, 0.8])))
+    apples = [
+        painted.PaintedApple(np.array([0.25, y, r]), r, painted.GREEN, share, np.array([0.0, 0.3, 1.0]))
+        for y, r, share in ((-0.045, 0.035, 0.5), (0.035, 0.035, 1.0))
+    ]
+    assert all(found.defect_score < 0.02 for found, _ in graded(grader, apples, lamp))
+
+
+def test_an_apple_that_another_hides_is_found_but_not_graded(grader: Grader) -> None:
+    apples = [
+        painted.PaintedApple(np.array([x, y, r]), r, painted.GREEN, 1.0, np.array([0.0, 0.0, 1.0]))
+        for x, y, r in ((0.15, 0.0, 0.04), (0.225, 0.01, 0.03))
+    ]
+    low = painted.view(height_m=0.25, back_m=0.4)
+    picture, truth = painted.paint(low, apples, painted.Lamp(lamp=0.7), 0)
+    assert truth[1].visible < 0.7
+    near, far = Grader(low).grade(picture)
+    assert near.grade == "A" and not near.reason
+    assert far.grade == "" and "of it is visible" in far.reason
+
+
+def test_an_apple_at_the_edge_of_the_picture_has_no_grade(grader: Grader) -> None:
+    apple = painted.PaintedApple(np.array([0.25, 0.285, 0.03]), 0.03, painted.GREEN, 1.0, np.array([0.0, 0.0, 1.0]))
+    picture, _ = painted.paint(painted.view(), [apple], painted.Lamp(lamp=0.7), 0)
+    assert [one.grade for one in grader.grade(picture)] in ([], [""])
+
+
+def test_things_that_are_no_apples_are_ignored(grader: Grader) -> None:
+    picture, _ = painted.paint(painted.view(), [], painted.Lamp(lamp=0.7), 0)
+    picture[100:300, 100:140] = (200, 40, 20)  # a red stick
+    picture[50:60, 400:410] = (200, 40, 20)  # a red crumb
+    picture[250:420, 380:600] = (40, 40, 40)  # a gray box
+    assert grader.grade(picture) == []
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.zeros((480, 640, 3), np.uint8), "almost black .* remove the lens cap"),
+        (np.full((480, 640, 3), 255, np.uint8), "100 % of the picture is overexposed"),
+        (np.full((720, 1280, 3), 90, np.uint8), "calibration is for .480, 640, 3. uint8"),
+    ],
+)
+def test_a_picture_that_shows_nothing_is_refused(grader: Grader, picture: np.ndarray, message: str) -> None:
+    with pytest.raises(PictureRefused, match=message):
+        grader.grade(picture)

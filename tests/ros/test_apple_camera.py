@@ -1,0 +1,163 @@
+"""The camera node over ROS: its topics, what it grades, and what it reports if it cannot grade."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from apple_quality_msgs.msg import AppleQualityArray
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from perception.camera_view import pose_text
+from perception.intrinsics import intrinsics_text
+from tests.perception import painted
+
+pytestmark = pytest.mark.ros
+
+DEADLINE_S = 30.0
+TOPICS = {
+    "/apple_camera/image_raw": (Image, qos_profile_sensor_data),
+    "/apple_camera/image_raw/compressed": (CompressedImage, qos_profile_sensor_data),
+    "/apple_camera/camera_info": (CameraInfo, qos_profile_sensor_data),
+    "/apple_camera/image_annotated": (Image, qos_profile_sensor_data),
+    "/sorting/perception/apple_quality": (AppleQualityArray, 10),
+    "/sorting/perception/apple_poses": (PoseArray, 10),
+    "/diagnostics": (DiagnosticArray, 10),
+}
+
+
+class Heard:
+    """Subscriber to all topics of the node."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.messages: dict[str, list[Any]] = {topic: [] for topic in TOPICS}
+        self.node = rclpy.create_node("onlooker")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        for topic, (kind, qos) in TOPICS.items():
+            self.node.create_subscription(kind, topic, self.messages[topic].append, qos)
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        end_s = time.monotonic() + DEADLINE_S
+        while not (found := condition()):
+            assert time.monotonic() < end_s, f"not within {DEADLINE_S} s: {what}"
+            self._executor.spin_once(timeout_sec=0.1)
+        return found
+
+    def reported(self, text: str) -> Any:
+        """Wait for a report of /diagnostics whose message contains a text."""
+        return self.until(
+            lambda: [m.status[0] for m in self.messages["/diagnostics"] if text in m.status[0].message], text
+        )[0]
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def heard(ros_domain: int) -> Iterator[Heard]:
+    heard = Heard()
+    yield heard
+    heard.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a calibration, and with pictures of two apples."""
+    folder, view = tmp_path_factory.mktemp("camera"), painted.view()
+    (folder / "camera.yaml").write_text(intrinsics_text(view.intrinsics))
+    (folder / "camera_pose.yaml").write_text(pose_text(view.pose))
+    (folder / "pictures").mkdir()
+    apples = [
+        painted.PaintedApple(np.array([0.2, y, 0.03]), 0.03, painted.GREEN, share, np.array([0.0, 0.0, 1.0]))
+        for y, share in ((-0.06, 1.0), (0.06, 0.0))
+    ]
+    for seed in range(60):
+        if seed < 2:
+            picture, _ = painted.paint(view, apples, painted.Lamp(lamp=0.7), seed)
+        cv2.imwrite(str(folder / f"pictures/{seed:03}.png"), picture[..., ::-1])
+    return folder
+
+
+@contextmanager
+def camera(folder: Path, **parameters: str) -> Iterator[subprocess.Popen[str]]:
+    arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+    command = [sys.executable, "-m", "nodes.apple_camera", "--ros-args", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
+            _, log = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 0 and "Traceback" not in log, log
+
+
+@pytest.mark.runs("python -m nodes.apple_camera --ros-args -p source:=pictures")
+def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folder: Path) -> None:
+    with camera(folder, source="pictures"):
+        heard.until(lambda: all(heard.messages.values()), "a message of each topic")
+        report = heard.reported("2 apples in the picture")
+    array = heard.messages["/sorting/perception/apple_quality"][0]
+    assert sorted(apple.grade for apple in array.apples) == ["A", "B"]
+    poses = heard.messages["/sorting/perception/apple_poses"][0]
+    assert poses.header.frame_id == "base_link" and poses.header.stamp == array.header.stamp
+    for apple, pose in zip(array.apples, poses.poses, strict=True):
+        assert apple.diameter_mm == pytest.approx(60.0, abs=2.0)
+        assert pose.position.y == pytest.approx(-0.06 if apple.grade == "A" else 0.06, abs=0.003)
+    image, info = heard.messages["/apple_camera/image_raw"][0], heard.messages["/apple_camera/camera_info"][0]
+    assert (image.encoding, image.width, image.height, len(image.data)) == ("rgb8", 640, 480, 640 * 480 * 3)
+    assert image.header.frame_id == info.header.frame_id == array.header.frame_id == "camera_optical_frame"
+    assert info.k[0] == 620.0 and info.distortion_model == "plumb_bob" and info.p[2] == info.k[2]
+    jpeg = heard.messages["/apple_camera/image_raw/compressed"][0]
+    assert "jpeg" in jpeg.format and cv2.imdecode(np.array(jpeg.data, np.uint8), 1).shape == (480, 640, 3)
+    assert abs(time.time() - array.header.stamp.sec) < DEADLINE_S
+    assert report.level == b"\x00" and {value.key for value in report.values} >= {"rate_hz", "lost_frames"}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"source": "/dev/video99"}, "nothing is graded: there is no camera /dev/video99"),
+        ({}, "no camera is named"),
+        ({"source": "pictures", "camera_file": "nothing.yaml"}, "cannot read nothing.yaml"),
+        ({"source": "pictures", "grades_file": "grades.yaml"}, "grades A (line 2) and B overlap"),
+        ({"source": "pictures", "detector": "onnx", "model_file": "grades.yaml"}, "parameter 'classes_file' is empty"),
+        (
+            {"source": "pictures", "detector": "onnx", "model_file": "grades.yaml", "classes_file": "classes.yaml"},
+            "grades.yaml is not an ONNX model that can run",
+        ),
+        ({"source": "black"}, "the picture is almost black"),
+    ],
+)
+def test_bad_input_is_reported_and_nothing_is_graded(
+    heard: Heard, folder: Path, parameters: dict[str, str], message: str
+) -> None:
+    (folder / "grades.yaml").write_text("grades:\n  - {grade: A}\n  - {grade: B}\n")
+    (folder / "classes.yaml").write_text("classes: [good]\ngrades: {good: A}\n")
+    (folder / "black").mkdir(exist_ok=True)
+    for number in range(30):
+        cv2.imwrite(str(folder / f"black/{number:02}.png"), np.zeros((480, 640, 3), np.uint8))
+    with camera(folder, **parameters):
+        report = heard.reported(message)
+    assert report.level == b"\x02" and not heard.messages["/sorting/perception/apple_quality"]
