@@ -20,8 +20,8 @@ RED_HUE: Final = 0.6
 """Largest hue of red skin, (G - B) / (R - B) in linear light: 0 is red, 1 is yellow."""
 DARKER: Final = -0.3
 """Largest log of the brightness of a defect, relative to the darkest sound skin at the same place."""
-HALF: Final = -0.65
-"""Largest log of the relative brightness of a pixel that mixes a defect and sound skin, and is mostly a defect."""
+HALF: Final = -0.45
+"""Largest log of the relative brightness of a pixel beside a defect that mixes the defect and sound skin."""
 BLACK: Final = -1.9
 """Log of the relative brightness below which a pixel is a defect, whatever its color is."""
 BROWN: Final = (0.28, 0.74)
