@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from planning.collision import Margins
 from planning.errors import PlanningError
 from planning.group_planner import GroupPlanner
 from planning.kinematics.chain import ToolPose
@@ -21,6 +22,8 @@ TOLERANCE_M: Final = 0.005
 TOLERANCE_RAD: Final = 0.05
 ENOUGH_S: Final = 1.0
 """Time within which a pose must be planned or refused, in s."""
+TOUCHING: Final = Margins(1e-5, 1e-5)
+"""Distance that counts as a contact of a plan."""
 LIMIT_S: Final = 5.0
 """Time limit of a request, in s."""
 FARTHER: Final = (1.05, 2.0)
@@ -36,7 +39,7 @@ class PoseResults:
     failed: Counter[str] = field(default_factory=Counter)
     refused_s: list[float] = field(default_factory=list)
     wrong: int = 0
-    """Number of plans that end outside the region of the goal, or touch something at a point of the trajectory."""
+    """Number of plans that end outside the region of the goal, or touch something on the way."""
     accepted: int = 0
     """Number of unreachable poses that were not refused."""
 
@@ -102,8 +105,7 @@ def _is_right(robot: PlanningRobot, group: GroupPlanner, start: State, goal: Pos
     end = robot.link_poses([group.group.tip], motion.end)[group.group.tip]
     tool = np.eye(4)
     tool[:3, :3], tool[:3, 3] = end.matrix, end.position_m
-    states = (with_positions(start, motion.joints, row) for row in motion.path.positions)
-    clear = all(group.clearance(state, robot.scene).distance_m > 0.0 for state in states)
+    clear = group.future_contact(motion.path, 0.0, start, robot.scene, TOUCHING) is None
     return clear and bool(goal.contains(tool[None])[0])
 
 
