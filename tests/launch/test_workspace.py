@@ -80,7 +80,7 @@ def test_the_manifest_names_every_ros_package_that_nodes_may_import() -> None:
                 imported.add(str(node.module).split(".")[0])
             elif isinstance(node, ast.Import):
                 imported |= {alias.name.split(".")[0] for alias in node.names}
-    own = {"controller", "drivers", "hal", "nodes", "servoloop", "sim_backend"}
+    own = {"controller", "drivers", "hal", "nodes", "perception", "pick_place", "planning", "servoloop", "sim_backend"}
     ros = imported - own - set(sys.stdlib_module_names) - {"numpy", "yaml", "pydantic"}
     assert "rclpy" in ros
     assert ros <= depends

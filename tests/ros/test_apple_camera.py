@@ -135,6 +135,7 @@ def test_apples_are_published_with_their_places_and_pictures(heard: Heard, folde
     assert report.level == b"\x00" and {value.key for value in report.values} >= {"rate_hz", "lost_frames"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [

@@ -36,6 +36,8 @@ local_broadcaster: {ros__parameters: {use_local_topics: true, joints: [joint1], 
 hand_controller: {ros__parameters: {joints: [hand_right_joint]}}
 base_controller: {ros__parameters: {joints: [joint1]}}
 """
+CELL_CAMERA = (("base_link", "camera_link"), ("camera_link", "camera_optical_frame"))
+"""Fixed frames of the camera beside the arm."""
 MORE = """
 <link name="camera"/>
 <joint name="camera_mount" type="fixed">
@@ -118,7 +120,7 @@ def test_moving_links_are_in_tf_and_fixed_links_in_tf_static(client: Onlooker) -
     fixed = client.first(TFMessage, "/tf_static", qos=LATCHED)
     assert {child for _, child in frames(moving)} == MOVING
     assert ("base_link", "link1") in frames(moving)
-    assert frames(fixed) == {("link5", "camera")}
+    assert frames(fixed) == {("link5", "camera"), *CELL_CAMERA}
     assert shift(placed(fixed, "camera")) == pytest.approx((0.01, 0.02, 0.03))
     assert turn(placed(fixed, "camera")) == about_z(math.pi / 2.0)
 
@@ -219,7 +221,8 @@ def test_frame_prefix_applies_to_all_links_at_run_time(client: Onlooker, upstrea
         return all(frame.startswith("left/") for pair in frames(message) for frame in pair)
 
     assert ("left/base_link", "left/link1") in frames(client.first(TFMessage, "/tf", prefixed))
-    assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == {("left/link5", "left/camera")}
+    fixed = {("left/link5", "left/camera"), *((f"left/{parent}", f"left/{child}") for parent, child in CELL_CAMERA)}
+    assert frames(client.first(TFMessage, "/tf_static", prefixed, LATCHED)) == fixed
     # The broadcaster with local topics publishes a part of the arm and does not affect the transforms.
     assert {len(m.transforms) for m in client.some(TFMessage, "/tf", 10, prefixed)} == {len(MOVING)}
     assert client.put(LINKS, "frame_prefix", "") == ""

@@ -32,6 +32,7 @@ def test_program_of_the_course_moves_arm_and_hand(stack: None, monkeypatch: pyte
     assert program(str(COURSE)).splitlines()[-1] == "arm: True, pose: True, hand: True"
 
 
+@pytest.mark.slow
 def test_goto_moves_the_tool_or_names_the_reason(stack: None) -> None:
     moved = servoloop("goto", "0.25", "-0.05", "0.3")
     assert (moved.returncode, moved.stdout.partition(";")[0]) == (0, "done: the tool is at the pose"), moved.stderr
@@ -44,6 +45,7 @@ def test_goto_moves_the_tool_or_names_the_reason(stack: None) -> None:
     assert "frame" in servoloop("goto", "0.2", "0", "0.3", "--frame", "moon").stderr
 
 
+@pytest.mark.slow
 def test_scene_is_listed_and_changed(stack: None, tmp_path: Path) -> None:
     added = servoloop("scene", "add", "wall", "box", "0.1", "0.1", "0.4", "--at", "0.3", "-0.1", "0.2")
     assert added.stdout == "added wall\n", added.stderr
@@ -64,6 +66,7 @@ def test_scene_is_listed_and_changed(stack: None, tmp_path: Path) -> None:
     assert servoloop("scene", "remove", "cup").returncode == 0
 
 
+@pytest.mark.slow
 def test_view_gets_the_scene_and_the_plans(stack: None) -> None:
     watch = SceneWatch()
     watch.start()

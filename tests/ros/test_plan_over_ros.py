@@ -39,6 +39,7 @@ def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         assert process.end() == 0, process.words
 
 
+@pytest.mark.slow
 @pytest.mark.runs(UP, *CLIENTS)
 def test_commands_of_the_page_move_the_tool_and_change_the_scene(stack: None) -> None:
     for command in CLIENTS:
@@ -49,6 +50,7 @@ def test_commands_of_the_page_move_the_tool_and_change_the_scene(stack: None) ->
         assert expected in ran.stdout, command
 
 
+@pytest.mark.slow
 @pytest.mark.runs(f"{PAGE} python 1", f"{PAGE} yaml 1")
 def test_program_and_scene_file_of_the_page(stack: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = tmp_path / "bench.yaml"

@@ -228,6 +228,7 @@ def test_a_second_server_does_not_start(client: PlanClient, tmp_path: Path) -> N
     assert client.run(joint_goal(plan_only=True, **READY)).error_code.val == SUCCESS
 
 
+@pytest.mark.slow
 @pytest.mark.runs("servoloop up --plan")
 def test_up_starts_the_server_and_both_end_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(int(os.environ.get("ROS_DOMAIN_ID", "0")) + 1))

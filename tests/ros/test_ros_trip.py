@@ -31,7 +31,7 @@ pytestmark = pytest.mark.ros
 
 PATIENCE_S = 30.0
 GOAL = ["trajectory_goals", "parameter_node", "rcl_calls", "fair_rate"]
-JOINT_STATES = ["surface", "ros_time", "controller_nodes", "broadcasters", "publishing", "rcl_calls"]
+JOINT_STATES = ["surface", "spinning", "ros_time", "controller_nodes", "broadcasters", "publishing", "rcl_calls"]
 
 
 class InProcess:
