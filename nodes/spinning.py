@@ -1,10 +1,11 @@
 """Start rclpy with the patches of this rclpy version, and serve nodes although a callback may fail."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Final
 
+import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
@@ -36,6 +37,17 @@ def executor_of(node: Node, turn: AbstractContextManager[object]) -> CycleExecut
     """Create the executor of ``node`` and of nodes that are added later. It holds ``turn`` while callbacks run."""
     supported = cycle_executor.PATCH in usable_patches()
     return cycle_executor.CycleExecutor(turn) if supported else PlainExecutor(node, turn)
+
+
+def serve(stop: Callable[[], bool], steps: Sequence[Callable[[], object]]) -> None:
+    """Run steps in turn until ``stop`` returns True or rclpy shuts down. An error in a step is logged."""
+    while not stop() and rclpy.ok():
+        try:
+            for step in steps:
+                with errors_logged():
+                    step()
+        except ExternalShutdownException:
+            return
 
 
 @contextmanager

@@ -6,10 +6,10 @@ take turns, so that both can use the nodes.
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import monotonic
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 
 from controller.broadcasters.joint_state_broadcaster import JointStateBroadcaster
 from controller.manager.client import ManagerClient
@@ -24,7 +24,7 @@ from nodes.robot_state_publisher import RobotStatePublisher
 from nodes.ros_process import exit_watchdog, rcl_errors
 from nodes.ros_time import RosTime
 from nodes.simulation_node import SimulationNode
-from nodes.spinning import FINISH_S, WAKE_S, errors_logged, executor_of, start_rclpy
+from nodes.spinning import FINISH_S, WAKE_S, errors_logged, executor_of, serve, start_rclpy
 from nodes.stack import Stack
 
 
@@ -80,18 +80,7 @@ class Surface:
 
     def spin(self, stop: Callable[[], bool]) -> None:
         """Serve clients until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
-        while not stop() and rclpy.ok():
-            try:
-                with errors_logged():
-                    self._executor.serve(WAKE_S)
-                with errors_logged(), self._turn:
-                    if self._woken:
-                        self._woken = False
-                        self._synchronize()
-                with errors_logged():
-                    self._send_delayed()
-            except ExternalShutdownException:
-                return
+        serve(stop, (partial(self._executor.serve, WAKE_S), self._respond, self._send_delayed))
 
     def finish(self) -> None:
         """Send results and responses to clients after the control loop has ended."""
@@ -133,6 +122,13 @@ class Surface:
         for broadcaster in self._broadcasters:
             if self._robot_state_publisher is not None and broadcaster.state is not None:
                 self._robot_state_publisher.publish(broadcaster.sample(state), stamp)
+
+    def _respond(self) -> None:
+        """Respond to clients whose requests are complete."""
+        with self._turn:
+            if self._woken:
+                self._woken = False
+                self._synchronize()
 
     def _synchronize(self) -> None:
         """Create the node of a loaded controller before its client receives the response."""

@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from hal.rotations import matrices, quaternions
 from hal.types import FloatArray
 from hal.yaml_file import load
 from perception.errors import CameraFileError
@@ -105,7 +106,12 @@ def read_pose(path: Path, camera: str) -> CameraPose:
             "name the two files of one camera"
         )
     quaternion = np.array(file.orientation_xyzw)
-    return CameraPose(rotation_matrix(quaternion), np.array(file.position_m), file.plane_height_m, file.camera_name)
+    return CameraPose(
+        matrices(quaternion / np.linalg.norm(quaternion)),
+        np.array(file.position_m),
+        file.plane_height_m,
+        file.camera_name,
+    )
 
 
 def pose_text(pose: CameraPose) -> str:
@@ -113,30 +119,10 @@ def pose_text(pose: CameraPose) -> str:
     content = {
         "camera_name": pose.camera,
         "position_m": [round(float(value), 6) for value in pose.position_m],
-        "orientation_xyzw": [round(float(value), 9) for value in quaternion_xyzw(pose.rotation)],
+        "orientation_xyzw": [round(float(value), 9) for value in quaternions(pose.rotation)],
         "plane_height_m": round(pose.plane_height_m, 6),
     }
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
-
-
-def rotation_matrix(quaternion: FloatArray) -> FloatArray:
-    """Return the rotation matrix (3, 3) of a quaternion (4,) x, y, z, w."""
-    x, y, z, w = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def quaternion_xyzw(rotation: FloatArray) -> FloatArray:
-    """Return the quaternion (4,) x, y, z, w of a rotation matrix (3, 3)."""
-    axis_angle = cv2.Rodrigues(np.ascontiguousarray(rotation))[0].reshape(3)
-    angle = float(np.linalg.norm(axis_angle))
-    axis = axis_angle / angle if angle > 1e-12 else np.zeros(3)
-    return np.array([*(axis * np.sin(angle / 2.0)), np.cos(angle / 2.0)])
 
 
 def looking_at(position_m: FloatArray, target_m: FloatArray, plane_height_m: float) -> CameraPose:

@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.rotations import matrices
 from hal.types import FloatArray
 from planning.arm_model import Pair, pair
 from planning.errors import PlanningError
-from planning.kinematics.rotations import matrices
 
 FLAT_M: Final = 1e-6
 """Extent below which a mesh counts as flat, in m. A flat mesh has no volume and no hull."""

@@ -6,9 +6,10 @@ from struct import pack
 
 from benchmarks.clients import peers
 from benchmarks.clients.bare import bare
+from benchmarks.clients.own import own_client
 from benchmarks.clients.peers import Client, Driver, Work, cycle_size
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal
+from drivers.bus.types import ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
@@ -31,15 +32,7 @@ def _ours(port: Port, servo_ids: Sequence[int], identified: bool = True) -> Clie
         for servo_id in servo_ids:
             bus.identify(servo_id, XL430_W250)
         bus.read_states(servo_ids)  # detects whether the servos answer fast sync reads
-    goals = {i: ServoGoal(2048) for i in servo_ids}
-
-    def cycle() -> bool:
-        bus.request(servo_ids, clock.now() + 0.05)
-        readings = bus.receive()
-        bus.write_goals(goals)
-        return ServoFault not in set(map(type, readings.values()))
-
-    return cycle, bus.close
+    return own_client(bus, clock, servo_ids)
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:

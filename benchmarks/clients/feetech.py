@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from benchmarks.clients import peers
 from benchmarks.clients.bare import bare
+from benchmarks.clients.own import own_client
 from benchmarks.clients.peers import Client, Driver, Work, cycle_size
 from drivers.bus.bus import Bus
-from drivers.bus.types import ServoFault, ServoGoal
 from drivers.clock import MonotonicClock
 from drivers.port import Port
 from drivers.port.serial_port import SerialPort
@@ -18,15 +18,7 @@ WORK = Work(STS.blocks[0].address, STS.blocks[0].size, STS.goal_address, bytes((
 def _ours(port: Port, servo_ids: Sequence[int]) -> Client:
     clock = MonotonicClock()
     bus = Bus(port, clock)
-    goals = {i: ServoGoal(2048) for i in servo_ids}
-
-    def cycle() -> bool:
-        bus.request(servo_ids, clock.now() + 0.05)
-        readings = bus.receive()
-        bus.write_goals(goals)
-        return ServoFault not in set(map(type, readings.values()))
-
-    return cycle, bus.close
+    return own_client(bus, clock, servo_ids)
 
 
 def ours(device: str, baud: int, servo_ids: Sequence[int]) -> Client:

@@ -26,7 +26,7 @@ from planning.robot import PlanningRobot
 START_RAD: Final = 0.05
 """Largest distance of a joint from the start of a trajectory, in rad or m."""
 LAG_S: Final = 0.5
-"""Largest time by which the arm lags behind its trajectory, in seconds."""
+"""Maximum lag of the arm on its trajectory, in seconds."""
 INVALIDATED: Final = "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE"
 """Code of a motion that a change of the scene has ended."""
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
 from geometry_msgs.msg import PoseStamped
 from moveit_msgs.msg import ContactInformation, MotionPlanRequest, PositionIKRequest, RobotState
 from moveit_msgs.srv import GetCartesianPath, GetPositionFK, GetStateValidity
@@ -19,7 +18,6 @@ from nodes.planning.slowing import slowed
 from nodes.planning.states import state_of, world_of
 from nodes.planning.world import World
 from planning.collision import Margins
-from planning.constraints import PathConstraints
 from planning.group_planner import GroupPlanner
 from planning.kinematics.cartesian import Steps
 from planning.motion import LineMotion, LineRequest, Motion, MotionRequest, Scaling, State, Validity
@@ -115,7 +113,7 @@ class Requests:
         goal = reader.pose_goal(stamped, link, IK_POSITION_M, IK_TURN_RAD)
         scene = world.scene if request.avoid_collisions else None
         found = group.inverse(goal, seed, scene, _margins(world))
-        if text := _broken(group, reader.path(request.constraints), found):
+        if text := group.broken_constraint(reader.path(request.constraints), found):
             raise RequestError("NO_IK_SOLUTION", f"{text}: widen the constraint or move the pose")
         return found
 
@@ -168,7 +166,8 @@ class Requests:
         state, world = self._placed(request.robot_state, now)
         found = self.robot.validity(state, world.scene, request.group_name)
         group = self.robot.group(request.group_name or next(iter(self.robot.groups.groups)))
-        return found, _broken(group, self._reader(group, state, world).path(request.constraints), state), world
+        path = self._reader(group, state, world).path(request.constraints)
+        return found, group.broken_constraint(path, state), world
 
     def contacts(self, found: Validity, world: World) -> list[ContactInformation]:
         """Return the messages of the pairs in contact."""
@@ -199,19 +198,6 @@ class Requests:
 
     def _links(self) -> str:
         return ", ".join(self.robot.description.links)
-
-
-def _broken(group: GroupPlanner, constraints: PathConstraints, state: State) -> str:
-    """Describe the first constraint that a state breaks; empty if it keeps all."""
-    if text := constraints.broken_range(state):
-        return text
-    for region in constraints.regions:
-        chain = group.chain(region.link, state, region.offset_m)
-        place = chain.transforms(np.array([[state[joint] for joint in chain.names]]))
-        if not region.goal.contains(place)[0]:
-            distance_m, angle_rad = region.goal.distances(place)[0].tolist()
-            return f"{chain.tool} is {distance_m:.3f} m and {angle_rad:.2f} rad from the center of its constraint"
-    return ""
 
 
 def _steps(request: GetCartesianPath.Request) -> Steps:

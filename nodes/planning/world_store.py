@@ -92,7 +92,7 @@ class WorldStore:
             return None
 
     def _publish_state(self) -> None:
-        """Publish the state of the robot if it has changed and somebody listens."""
+        """Publish the state of the robot if it has changed and a client subscribes to it."""
         state = self._state()
         if state is None or not self._scenes.get_subscription_count() or state == self._published:
             return

@@ -9,8 +9,8 @@ from moveit_msgs.srv import GetPlanningScene
 from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
+from hal.rotations import quaternions
 from nodes.planning_client.goals import pose_message
-from planning.kinematics.rotations import quaternions
 from planning.scene import Box, Cone, Cylinder, Mesh, Pose, SceneObject, Shape, Sphere
 
 OBJECTS: Final = GetPlanningScene.Request(

@@ -2,17 +2,17 @@
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import monotonic
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 
 from controller.host.host_controller import HostController
 from hal.types import JointState
 from nodes.cycle_publisher import CyclePublisher
 from nodes.ros_process import exit_watchdog, rcl_errors
 from nodes.ros_time import RosTime
-from nodes.spinning import FINISH_S, WAKE_S, errors_logged, executor_of, start_rclpy
+from nodes.spinning import FINISH_S, WAKE_S, errors_logged, executor_of, serve, start_rclpy
 from nodes.stack import Stack
 from nodes.topic_host.node import HostNode
 from nodes.topic_host.topics import HostTopics
@@ -47,14 +47,7 @@ class TopicHostInterface:
 
     def spin(self, stop: Callable[[], bool]) -> None:
         """Receive commands until ``stop`` returns True. An error in a callback is logged and does not end the loop."""
-        while not stop() and rclpy.ok():
-            try:
-                with errors_logged():
-                    self._executor.serve(WAKE_S)
-                with errors_logged():
-                    self._send_delayed()
-            except ExternalShutdownException:
-                return
+        serve(stop, (partial(self._executor.serve, WAKE_S), self._send_delayed))
 
     def finish(self) -> None:
         """Publish the last states after the control loop has ended."""

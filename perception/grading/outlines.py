@@ -122,7 +122,7 @@ def box_outline(box_px: FloatArray, shape: tuple[int, ...]) -> Outline | None:
 
 
 def rest(outline: Outline, covered: NDArray[np.bool_], shape: tuple[int, ...]) -> Outline | None:
-    """Return what an outline shows beside an apple, if it is large enough to be another one behind it.
+    """Return the part of an outline beside an apple, if this part is large enough to be a second, hidden apple.
 
     Args:
         outline: The outline.

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from hal.rotations import angle_between, slerp
 from hal.types import FloatArray
 from planning.kinematics.chain import Chain, ToolPose
 from planning.kinematics.descent import Effort, descend
 from planning.kinematics.goals import INSIDE, PoseGoal, PositionSphere, checked_pose, invalid
-from planning.kinematics.rotations import angle_between, slerp
 
 TURN_PER_METER: Final = 3.5
 """Largest rotation of a step for each meter of its maximum length, in rad/m, as in MoveIt."""

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.rotations import quaternions, skew
 from hal.types import FloatArray, JointLimits
 from planning.errors import Code, PlanningError
-from planning.kinematics.rotations import quaternions, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,10 +8,10 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.rotations import euler_angles, euler_rates, matrices, rotation_vectors, vector_rates
 from hal.types import FloatArray
 from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
-from planning.kinematics.rotations import euler_angles, euler_rates, matrices, rotation_vectors, vector_rates
 
 ROTATION_M: Final = 0.1
 """Distance that counts as much as a rotation by 1 rad when positions and orientations are compared, in m/rad."""

@@ -43,8 +43,8 @@ def goto(
     """
     with move_group("goto", pose.network) as client:
         from hal.robot_description.description import parse_urdf
+        from hal.rotations import quaternions
         from nodes.planning_client.goals import motion_goal, pose_constraints
-        from planning.kinematics.rotations import quaternions
         from planning.srdf_file import parse_srdf
 
         target = pose_of((x, y, z), pose.rpy)

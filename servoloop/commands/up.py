@@ -4,7 +4,7 @@ import logging
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LOG = logging.getLogger("servoloop")
+GRADES: Final = ("A", "B", "C")
+"""Grades that the demo picks by default."""
 
 HardwareOption = Annotated[
     HardwareKind | None,
@@ -137,7 +139,7 @@ def pick(
 @grouped_options
 def demo(
     *,
-    grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = "A,B,C",
+    grades: Annotated[str, typer.Option(help="Grades to pick, separated by commas.")] = ",".join(GRADES),
     repeat: Annotated[int, typer.Option(min=1, help="Number of times to pick all grades.")] = 1,
     options: CellOptions,
 ) -> None:
@@ -157,6 +159,8 @@ def demo(
     jobs = [grade for grade in grades.split(",") if grade.strip()]
     if not jobs:
         raise DriverError(f"--grades needs grades such as A,B,C, not {grades!r}")
+    if options.vision and (tuple(jobs) != GRADES or repeat > 1 or options.poses):
+        raise DriverError("--vision sorts twelve apples by their own grades: leave out --grades, --repeat and --poses")
     if options.record is not None:
         check_path(options.record)
     check_grades(jobs, options.found())

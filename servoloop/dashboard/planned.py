@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 import viser
 
+from hal.rotations import quaternions
 from hal.types import FloatArray
-from planning.kinematics.rotations import quaternions
 from planning.scene import Box, Cone, Cylinder, Pose, Shape, Sphere
 from servoloop.dashboard.arm_model import ArmModel
 from servoloop.dashboard.scene import MEASURED, DrawnRobot

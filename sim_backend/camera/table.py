@@ -57,7 +57,7 @@ def table_camera(focal_px: float = 600.0) -> PinholeCamera:
 def draw_tray(seed: int, count: int, gap_m: float = GAP_M) -> list[LyingApple]:
     """Return random apples at random places of the table. The same seed returns the same apples.
 
-    Raises ValueError if so many apples find no place.
+    Raises ValueError if there is no place for this number of apples.
     """
     random = np.random.default_rng((seed, 4))
     apples = [draw_apple(int(number), DIAMETERS_MM) for number in random.integers(1 << 31, size=count)]

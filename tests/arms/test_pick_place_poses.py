@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
+from hal.rotations import matrices
 from pick_place.pose_settings import PickObject, PoseSettings, above
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
-from planning.kinematics.rotations import matrices
 from planning.motion import MotionRequest, ToolGoal
 from servoloop.api.options import ArmOptions
 from servoloop.motion_planning.robot import planning_robot

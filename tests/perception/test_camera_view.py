@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.camera_view import CameraView, looking_at, pose_text, quaternion_xyzw, read_pose, rotation_matrix
+from perception.camera_view import CameraView, looking_at, pose_text, read_pose
 from perception.errors import CameraFileError
 from perception.intrinsics import Intrinsics
 
@@ -32,13 +32,6 @@ def test_the_top_of_the_picture_is_far_and_its_right_is_at_negative_y() -> None:
 
 def test_a_point_behind_the_camera_has_no_pixel() -> None:
     assert np.isnan(VIEW.pixels(np.array([[-2.0, 0.0, 2.0]]))).all()
-
-
-@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1))
-def test_a_quaternion_and_its_matrix_are_the_same_rotation(quaternion: list[float]) -> None:
-    matrix = rotation_matrix(np.array(quaternion))
-    assert matrix @ matrix.T == pytest.approx(np.eye(3), abs=1e-9)
-    assert rotation_matrix(quaternion_xyzw(matrix)) == pytest.approx(matrix, abs=1e-6)
 
 
 def test_a_pose_survives_its_file_and_belongs_to_one_camera(tmp_path: Path) -> None:

@@ -78,11 +78,11 @@ def test_a_lost_camera_is_opened_again_after_a_second() -> None:
     loop = GradingLoop(camera, grading, clock)
     assert loop.step(1.0) is None and loop.status.message == "nothing" and camera.closed == 0
     assert loop.step(1.0) is None and loop.status.message == "gone" and camera.closed == 1
-    told, start_s = [], clock.time_s
+    messages, start_s = [], clock.time_s
     while (seen := loop.step(0.5)) is None:
-        told.append(loop.status.message)
+        messages.append(loop.status.message)
         assert clock.time_s < start_s + 5.0
-    assert "in use by cheese" in told and seen.apples == (APPLE,)
+    assert "in use by cheese" in messages and seen.apples == (APPLE,)
     assert clock.time_s >= start_s + 2.0 and loop.status.values["reopened"] == "1"
 
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hal.rotations import angle_between, slerp
 from hal.types import FloatArray
 from planning.kinematics.cartesian import Checks, Steps, ToolPath, tool_path
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import GoalError
-from planning.kinematics.rotations import angle_between, slerp
 from tests.planning.chains import chain
 
 READY = np.array([0.0, -0.3643, -0.6419, -0.8154, -0.9541, -1.6828])

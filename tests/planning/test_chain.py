@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.robot_description.kinematics import child_pose, multiply, rotate
+from hal.rotations import matrices, rotation_vectors
 from hal.types import FloatArray, JointLimits
 from planning.errors import PlanningError
 from planning.kinematics.chain import Chain
-from planning.kinematics.rotations import matrices, rotation_vectors
 from tests.planning.chains import SHARES, TOOLS, at_shares, chain, description, limits, model
 
 ARMS = st.sampled_from(sorted(TOOLS))

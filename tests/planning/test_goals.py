@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hal.rotations import matrices
 from hal.types import FloatArray
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import GoalError, PoseGoal, PositionBox, PositionSphere, checked_pose
-from planning.kinematics.rotations import matrices
 from tests.planning.chains import chain, random_positions
 
 NONE = (0.0, 0.0, 0.0, 1.0)

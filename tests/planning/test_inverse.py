@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hal.rotations import matrices, quaternions
 from hal.types import FloatArray, JointLimits
 from planning.errors import PlanningError
 from planning.kinematics.chain import Chain, ToolPose
@@ -22,7 +23,6 @@ from planning.kinematics.goals import (
     UnreachableError,
 )
 from planning.kinematics.inverse import DISTINCT, InverseKinematics
-from planning.kinematics.rotations import matrices, quaternions
 from tests.planning.chains import SHARES, around, at_shares, chain, limits, model, random_positions
 
 ARMS = ("robot_arm", "so101")

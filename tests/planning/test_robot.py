@@ -5,10 +5,10 @@ from itertools import count
 import numpy as np
 import pytest
 
+from hal.rotations import quaternions
 from planning.errors import PlanningError
 from planning.kinematics.chain import ToolPose
 from planning.kinematics.goals import PoseGoal, PositionSphere
-from planning.kinematics.rotations import quaternions
 from planning.motion import JointGoal, LineRequest, MotionRequest, State, ToolGoal
 from planning.scene import Box, Pose, Scene, SceneObject
 from tests.planning.robots import robot_arm

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 pytest.importorskip("rclpy")
 
 from hal.errors import ArmFileError
 from nodes.sorting_monitor import SeenApple, SortingJob
+from servoloop.cli import app
 from servoloop.demo.cell_options import CellOptions
 from servoloop.demo.jobs import Live
 from servoloop.demo.sort_apples import sort_apples
@@ -65,4 +67,11 @@ def test_an_arm_without_apples_is_refused_before_anything_starts(tmp_path: Path)
     options = CellOptions(tmp_path, arm="koch", vision=True)
     with pytest.raises(ArmFileError, match="use the arm robot_arm or so101"):
         sort_apples(options, Live(Console(file=io.StringIO())), 1)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("also", [["--grades", "A"], ["--repeat", "2"], ["--poses"]])
+def test_options_for_cubes_are_refused_with_a_camera(also: list[str], tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["demo", "--vision", "--out", str(tmp_path), *also])
+    assert "leave out --grades, --repeat and --poses" in str(result.exception)
     assert list(tmp_path.iterdir()) == []

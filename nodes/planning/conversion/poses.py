@@ -4,8 +4,8 @@ import numpy as np
 from geometry_msgs.msg import Point, Quaternion, Vector3
 from geometry_msgs.msg import Pose as PoseMessage
 
+from hal.rotations import quaternions
 from planning.kinematics.chain import ToolPose
-from planning.kinematics.rotations import quaternions
 from planning.scene import Pose
 
 

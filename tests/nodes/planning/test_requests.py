@@ -236,7 +236,10 @@ def test_the_semantic_description_has_the_groups_of_the_robot(tmp_path) -> None:
         (joint("joint2", -0.36, 0.01), ""),
         (joint("joint2", 0.5), "joint2 is at -0.3643, outside"),
         (Constraints(position_constraints=[position(0.25, 0.0, 0.23, radius=0.1)]), ""),
-        (Constraints(position_constraints=[position(0.25, 0.2, 0.23, radius=0.1)]), "gripper_base_link is 0.2"),
+        (
+            Constraints(position_constraints=[position(0.25, 0.2, 0.23, radius=0.1)]),
+            "gripper_base_link is outside its path constraint, 0.2",
+        ),
     ],
 )
 def test_a_state_is_checked_against_constraints(constraints: Constraints, text: str) -> None:

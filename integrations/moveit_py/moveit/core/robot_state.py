@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rclpy.duration import Duration
 
 from hal.robot_description.urdf import UrdfJoint
+from hal.rotations import matrices
 from moveit.core.robot_model import JointModelGroup, RobotModel
-from planning.kinematics.rotations import matrices
 
 Vector = NDArray[np.float64]
 

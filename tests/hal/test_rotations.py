@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.types import FloatArray
-from planning.kinematics.rotations import (
+from hal.rotations import (
     angle_between,
     euler_angles,
     euler_rates,
@@ -16,6 +15,7 @@ from planning.kinematics.rotations import (
     slerp,
     vector_rates,
 )
+from hal.types import FloatArray
 
 ANGLES = st.one_of(st.floats(0.0, np.pi), st.sampled_from([0.0, 1e-9, 1e-4, 2.69, np.pi - 1e-9, np.pi]))
 AXES = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array).filter(lambda axis: np.linalg.norm(axis) > 0.1)
