@@ -104,22 +104,23 @@ class Arm:
         return arm
 
     @classmethod
-    def connect(cls, arm: str | None = None) -> Self:
+    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
         The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
         time moves the arm: this one from its first motion until ``close``. Times count real time.
 
         Args:
-            arm: Name, folder or process ID of the running arm. None: the only running arm.
+            arm: Name, folder or process ID of the running arm. None: any arm.
+            namespace: ROS namespace of the running stack, such as ``left``. None: any namespace.
 
         Raises:
-            ArmSetupError: No such arm runs, or several do.
+            ArmSetupError: No such arm runs, several do, or the namespace is invalid.
         """
         from servoloop.api.socket_backend import SocketBackend
 
         connected = cls.__new__(cls)
-        backend = SocketBackend.find(arm)
+        backend = SocketBackend.find(arm, namespace)
         connected._use(backend, backend.close, str(backend.description.folder or backend.description.name))
         return connected
 
