@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec, name_mistake, with_ros_flag
 from controller.manager.node_parameters import files_in, merged, parameters_in
 from controller.manager.parameter_file import MOST_NODES, PARAMETERS
@@ -17,7 +18,6 @@ from controller.manager.settings import SETTINGS, ManagerSettings, setting_mista
 from controller.parameters import ManagerParameters, Parameters, ros_mistakes
 from hal.file_size import check_existing
 from hal.robot_description.description import HardwareInfo
-from hal.types import Interface
 from hal.yaml_file import YamlPlaces, mistakes
 
 LOG = logging.getLogger("servoloop.controller")
@@ -213,6 +213,9 @@ class _Reader:
             raise ControllersFileError(f"{place}: {MANAGER} has more than {MOST_NODES} controllers: remove some")
         found: list[ControllerSpec] = []
         for name in known:
+            if self.sections.elsewhere(name):
+                self._report_elsewhere(name)
+                continue
             entry = source.entry(name)
             waits = self.sections.of(name).get("wait_for")
             for other in self._not_in_file(name, waits, known):
@@ -234,6 +237,13 @@ class _Reader:
             reader = _Reader(last, self.component, self.problems, places)
             found += reader.controller(name, settings, parameters)
         return found
+
+    def _report_elsewhere(self, name: str) -> None:
+        namespace = self.sections.namespace
+        self.problems.append(
+            f"{self.places.place((name,))}: this section is for /{name}, but the controller is {namespace}/{name}: "
+            f"name the section {namespace}/{name} or /**/{name}"
+        )
 
     def _settings_wrong(self, source: _Source, name: str) -> bool:
         """Record the mistakes in the settings of a controller. Return whether there are mistakes."""
@@ -310,21 +320,3 @@ class _Reader:
         """Return the entries of a list that are the controller itself or not a controller of the file."""
         listed = others if isinstance(others, list | tuple) else ()
         return [other for other in listed if other == name or other not in known]
-
-
-def claim_mistakes(parameters: Parameters, component: HardwareInfo) -> Iterator[tuple[str, str]]:
-    """Check that the URDF has each claimed command interface and that each is claimed once.
-
-    Yields the name of the wrong parameter and a description of the mistake.
-    """
-    joints, claims = component.joints, parameters.claims()
-    key = "joint" if "joint" in type(parameters).model_fields else "joints"
-    block = "the URDF's <ros2_control> block"
-    for claim in dict.fromkeys(claims):
-        joint = Interface.parse(claim).joint
-        if joint not in joints:
-            yield key, f"names {joint}, which has no command_interface in {block} (joints there: {', '.join(joints)})"
-        elif claim not in component.commands:
-            yield key, f"needs {claim}, which is not a command_interface in {block}"
-    for claim in sorted({claim for claim in claims if claims.count(claim) > 1}):
-        yield key, f"names {Interface.parse(claim).joint} twice"

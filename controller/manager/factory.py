@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from controller.interface import Controller, ControllerContext
+from controller.manager.claims import claim_mistakes
 from controller.manager.controller_spec import ControllerSpec
-from controller.manager.controllers_file import ControllersFile, ControllersFileError, claim_mistakes, load_controller
+from controller.manager.controllers_file import ControllersFile, ControllersFileError, load_controller
 from controller.manager.manager import ControllerManager
 from controller.manager.plugins import controller_types
 from controller.manager.settings import ManagerSettings

@@ -37,6 +37,10 @@ class Sections:
         """Return whether the file has a section for this node or for all nodes."""
         return self.has(node) or ALL in self.content
 
+    def elsewhere(self, node: str) -> bool:
+        """Return whether the only sections with the name of this node are for the node in the root namespace."""
+        return bool(self.namespace) and not self.has(node) and named(self.content, f"/{node}")
+
     def nodes(self) -> Iterator[str]:
         """Yield the names of the nodes of this namespace that have a section, in the order of the file."""
         for pattern in self.content:
