@@ -32,8 +32,9 @@ class Factory:
     def make(self, spec: ControllerSpec) -> Controller:
         """Build an inactive controller. Raises ValueError if it does not fit the robot or lacks parameters."""
         if missing := spec.parameters.missing():
+            node = f"{self.file.namespace}/{spec.name}"
             them = "them" if len(missing) > 1 else "it"
-            raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node /{spec.name}")
+            raise ValueError(f"{spec.name} lacks {', '.join(missing)}: set {them} on its node {node}")
         for key, text in claim_mistakes(spec.parameters, self.context.component):
             raise ValueError(f"{spec.name}.{key} {text}")
         return controller_types()[spec.kind].build(spec.name, spec.parameters, self.context)
