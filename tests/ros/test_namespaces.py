@@ -23,6 +23,25 @@ from tests.ros.stack_process import running
 
 pytestmark = pytest.mark.ros
 
+LEFT = """
+lab/left:
+  controller_manager:
+    ros__parameters:
+      update_rate: 20
+      joint_state_broadcaster: {type: joint_state_broadcaster/JointStateBroadcaster}
+      arm_controller:
+        type: joint_trajectory_controller/JointTrajectoryController
+        node_options_args: [--ros-args, -r, "~/controller_state:=arm_state"]
+      hand_controller: {type: forward_command_controller/ForwardCommandController}
+  robot_state_publisher: {ros__parameters: {frame_prefix: l_}}
+/**/arm_controller:
+  ros__parameters:
+    joints: [joint1, joint2, joint3, joint4, joint5, joint6]
+    command_interfaces: [position]
+    state_interfaces: [position, velocity]
+/**/hand_controller: {ros__parameters: {joints: [hand_right_joint], interface_name: position}}
+"""
+STATE = "/right/arm_controller/controller_state"
 SHARED = {"/tf", "/tf_static", "/diagnostics", "/parameter_events", "/rosout"}
 """Topics that upstream's nodes have in every namespace."""
 
@@ -34,7 +53,12 @@ def client(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     mock = ("--hardware", "mock", "--namespace")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("runtime")))
-        with running(left, *mock, "lab/left"), running(right, *mock, "/right"), manager_client() as client:
+        (left / "left.yaml").write_text(LEFT)
+        with (
+            running(left, *mock, "lab/left", "--controllers", str(left / "left.yaml")),
+            running(right, *mock, "/right"),
+            manager_client() as client,
+        ):
             yield client
 
 
@@ -49,11 +73,19 @@ def test_all_nodes_topics_and_services_are_in_the_namespaces(client: ManagerClie
     wanted = {(name, namespace) for name in names for namespace in ("/lab/left", "/right")}
     client.spin_until(lambda: wanted <= nodes())
     assert {namespace for _, namespace in nodes()} == {"/lab/left", "/right"}
-    topics = {name for name, _ in client.node.get_topic_names_and_types()}
-    services = {name for name, _ in client.node.get_service_names_and_types() if not name.startswith(f"/{own}/")}
-    assert {"/lab/left/joint_states", "/right/robot_description"} <= topics
-    assert "/lab/left/arm_controller/follow_joint_trajectory/_action/send_goal" in services
-    outside = {name for name in topics | services if not name.startswith(("/lab/left/", "/right/"))}
+
+    def topics() -> set[str]:
+        return {name for name, _ in client.node.get_topic_names_and_types()}
+
+    def services() -> set[str]:
+        found = {name for name, _ in client.node.get_service_names_and_types()}
+        return {name for name in found if not name.startswith(f"/{own}/")}
+
+    action = "/lab/left/arm_controller/follow_joint_trajectory/_action/send_goal"
+    wanted_topics = {"/lab/left/joint_states", "/lab/left/arm_state", "/right/robot_description", STATE}
+    client.spin_until(lambda: wanted_topics <= topics() and action in services(), instead=topics)
+    assert f"/lab/left{STATE.removeprefix('/right')}" not in topics(), "it is renamed by node_options_args"
+    outside = {name for name in topics() | services() if not name.startswith(("/lab/left/", "/right/"))}
     assert outside <= SHARED
 
 
@@ -80,10 +112,10 @@ def test_frames_and_statuses_carry_the_namespace(client: ManagerClient) -> None:
 
         def complete() -> bool:
             frames.update(transform.child_frame_id for message in moving for transform in message.transforms)
-            return {"lab/left/link1", "right/link1"} <= frames and len(reports) > 3 and bool(joints)
+            return {"l_link1", "right/link1"} <= frames and len(reports) > 3 and bool(joints)
 
         client.spin_until(complete)
-    assert all(frame.startswith(("lab/left/", "right/")) for frame in frames)
+    assert all(frame.startswith(("l_", "right/")) for frame in frames)
     names = {status.name for message in reports for status in message.status}
     assert {"/lab/left/servoloop: control loop", "/right/servoloop: control loop"} <= names
     assert "joint1" in joints[0].name, "names of joints have no prefix"
