@@ -114,7 +114,7 @@ class Collisions:
         return Clearance(distance_m, self._named(pair)) if pair >= 0 else Clearance(math.inf, ("", ""))
 
     def is_clear(self, positions: FloatArray, padding_m: float = PADDING_M) -> bool:
-        """Return whether the arm keeps ``padding_m`` from objects, and this distance or less from itself."""
+        """Return whether the arm keeps ``padding_m`` from objects, and the padding of links from itself."""
         return self.contact(positions, padding_m) is None
 
     def contact(self, positions: FloatArray, padding_m: float = PADDING_M) -> Contact | None:
