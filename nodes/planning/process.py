@@ -19,12 +19,12 @@ from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors, spin_until_
 from planning.robot import PlanningRobot
 
 DISCOVERY_S: Final = 2.0
-"""Time in which other nodes are discovered before the start, in seconds."""
+"""Time to discover other nodes before the start, in seconds."""
 OTHER: Final = (
     "another node is named {}: a MoveIt or another servoloop plan-server is running; "
     "end it first, because both would move the arm"
 )
-"""Message if another server with the name in the braces is in the graph."""
+"""Message if another server with the name in the braces is in the ROS graph."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,8 @@ def run(robot: PlanningRobot, routes: tuple[Route, ...], ready: Callable[[], Non
 
     Args:
         robot: The robot.
-        routes: Controllers of the stack.
-        ready: Called when clients can send requests.
+        routes: Controllers of the stack and their joints.
+        ready: Function to call when clients can send requests.
         settings: Other settings.
 
     Returns:
