@@ -2,7 +2,7 @@
 
 ros2 launch servoloop robot_arm_ros2_control.launch.py
 ros2 launch servoloop robot_arm_ros2_control.launch.py port:=/dev/ttyACM0 pick_place:=true
-ros2 launch servoloop robot_arm_ros2_control.launch.py arm:=so101
+ros2 launch servoloop robot_arm_ros2_control.launch.py arm:=so101 namespace:=left
 """
 
 from pathlib import Path
@@ -24,6 +24,7 @@ ARGUMENTS = {
     "robot": ("", "Robot file (default: the one named in the URDF)."),
     "hardware": ("", "servos, mujoco or mock (default: the plugin named in the URDF)."),
     "port": ("", "Serial port; NAME=PATH, separated by spaces, for several buses (default: virtual servos)."),
+    "namespace": ("", "Namespace of all nodes, so that several arms can share one domain."),
     "pick_place": ("false", "Also start the pick-and-place node."),
 }
 
@@ -31,7 +32,7 @@ ARGUMENTS = {
 def command(values: dict[str, str]) -> list[str]:
     """Return the arguments of ``servoloop``. Empty values, and defaults of another arm, are left out."""
     ports = [("port", port) for port in values["port"].split()]
-    said = {name: values[name] for name in ("arm", "urdf", "controllers", "robot", "hardware")}
+    said = {name: values[name] for name in ("arm", "urdf", "controllers", "robot", "hardware", "namespace")}
     if said["arm"]:
         said = {name: value for name, value in said.items() if value != str(ARGUMENTS[name][0])}
     single = [(name, value) for name, value in said.items() if value]
@@ -63,6 +64,7 @@ def generate_launch_description() -> LaunchDescription:
     pick_place = Node(
         package="servoloop",
         executable="vision_pick_place_controller",
+        namespace=LaunchConfiguration("namespace"),
         output="screen",
         parameters=[str(SHARE / "config" / "vision_pick_place_controller.yaml")],
         condition=IfCondition(LaunchConfiguration("pick_place")),

@@ -102,7 +102,9 @@ def _sections(path: Path, namespace: str) -> Sections:
         if found.has(MANAGER):
             return found
     name = f"{namespace}/{MANAGER}" if namespace else MANAGER
-    raise ControllersFileError(f"{path}:1: the file has no {name} section: add one that lists the controllers")
+    others = [pattern for pattern in sections.content if pattern.rpartition("/")[2] == MANAGER]
+    remedy = f"rename {others[0]} or use its namespace" if others else "add one that lists the controllers"
+    raise ControllersFileError(f"{path}:1: the file has no {name} section: {remedy}")
 
 
 def load_controller(

@@ -23,7 +23,7 @@ def sort_apples(options: CellOptions, live: Live, count: int) -> SortingReport:
     camera = SceneCamera(options.found().scene)
     if options.record is None:
         return _sorted(options, live, count, camera, None)
-    pictures = CameraRecording(options.record, PICTURES)
+    pictures = CameraRecording(options.record, f"/{PICTURES}")
     try:
         return _sorted(options, live, count, camera, pictures)
     finally:  # An interrupted run has a recording, too.

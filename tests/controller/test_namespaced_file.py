@@ -72,7 +72,10 @@ def test_a_section_of_the_root_is_not_for_a_manager_in_a_namespace(tmp_path: Pat
 
 
 def test_a_file_for_another_namespace_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ControllersFileError, match=r"has no /right/controller_manager section: add one"):
+    with pytest.raises(
+        ControllersFileError,
+        match=r"has no /right/controller_manager section: rename /left/controller_manager or use its n",
+    ):
         load(tmp_path, IN_LEFT, "/right")
 
 

@@ -97,6 +97,7 @@ class Node:
     output: str
     parameters: list[Any]
     arguments: list[str] = field(default_factory=list)
+    namespace: LaunchConfiguration | None = None
     condition: IfCondition | None = None
 
 

@@ -50,6 +50,12 @@ def test_another_arm_brings_its_own_files(share: Path) -> None:
     assert str(parse(process.cmd[1:])["controllers"]) == "/b.yaml"
 
 
+def test_a_namespace_reaches_servoloop_and_the_node(share: Path) -> None:
+    process, node = actions(share / "launch" / CONTROL, namespace="left", pick_place="true")
+    assert parse(process.cmd[1:])["namespace"] == "/left"
+    assert node.namespace.name == "namespace"
+
+
 def test_there_is_time_to_park(share: Path) -> None:
     """After sigterm_timeout, launch sends a second signal, which releases the torque of a real arm in any pose."""
     from servoloop.stack.robot_files import read_files

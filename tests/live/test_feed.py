@@ -176,6 +176,28 @@ def test_arms_with_equal_names_are_distinguished_by_folder(tmp_path: Path) -> No
     assert not list(live_folder().iterdir())
 
 
+@pytest.mark.parametrize("namespace", ["/left", "/lab_1/left"])
+def test_stacks_are_found_by_their_namespaces(namespace: str) -> None:
+    make_live_folder()
+    with socket.socket(socket.AF_UNIX) as server, socket.socket(socket.AF_UNIX) as other:
+        server.bind(str(socket_path("so.101", 3, namespace)))
+        other.bind(str(socket_path("so.101", 4)))
+        server.listen()
+        other.listen()
+        assert [(one.arm, one.namespace, one.pid) for one in running_stacks()] == [
+            ("so.101", namespace, 3),
+            ("so.101", "", 4),
+        ]
+        assert find_stack(namespace=namespace).pid == find_stack("so.101", namespace).pid == find_stack("3").pid == 3
+        assert find_stack("so.101", "").pid == 4
+        with pytest.raises(LiveError, match=rf"several .*: so.101 in {namespace} \(process 3\).*or --namespace"):
+            find_stack()
+        with pytest.raises(LiveError, match="no stack in the namespace /right is running"):
+            find_stack(namespace="/right")
+    for path in live_folder().iterdir():
+        path.unlink()
+
+
 def test_folder_link_of_a_killed_stack_is_removed() -> None:
     make_live_folder()
     socket_path("koch", 7).with_suffix(FOLDER).symlink_to("/nowhere")

@@ -71,7 +71,7 @@ def pictures_of(recording: Path) -> list[Image.Image]:
     with recording.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():
             topics.add(channel.topic)
-            if channel.topic == PICTURES:
+            if channel.topic == f"/{PICTURES}":
                 assert message.log_time > 0
                 pictures.append(Image.open(io.BytesIO(deserialize_message(message.data, CompressedImage).data)))
     assert {"/joint_states", "/arm_controller/controller_state"} <= topics
