@@ -1,7 +1,7 @@
 """Move the outline of an apple to the middle of the transition from its color to the color of its surroundings.
 
-The mask of colored pixels ends where the color differs enough from the table. In a blurred picture, this line is outside
-an apple that is brighter than the table, and inside an apple that is darker.
+The mask of colored pixels ends where the color differs enough from the table. In a blurred picture, this line is
+outside an apple that is brighter than the table, and inside an apple that is darker.
 """
 
 from dataclasses import replace
