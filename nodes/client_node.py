@@ -11,13 +11,15 @@ from nodes.ros_process import exit_watchdog, init_rclpy, rcl_errors
 
 
 @contextmanager
-def client_node(name: str) -> Iterator[tuple[Node, SingleThreadedExecutor]]:
-    """Provide a node and its executor, which the caller spins. Signal handling remains with the caller.
+def client_node(name: str, namespace: str = "") -> Iterator[tuple[Node, SingleThreadedExecutor]]:
+    """Provide a node in a namespace and its executor, which the caller spins.
+
+    Signal handling remains with the caller.
 
     Raises:
         RosError: ROS 2 does not start.
     """
-    init_rclpy()
+    init_rclpy(namespace=namespace)
     with rcl_errors():
         node = Node(name)
     executor = SingleThreadedExecutor()

@@ -184,6 +184,7 @@ class _Up:
             stack.releases,
             self._options.publish_transforms,
             self._simulated.pace if self._simulated else None,
+            files.namespace,
         )
 
     def _record_and_serve(self, thread: LoopThread, surface: RosInterface, ready: Callable[[str], None]) -> None:

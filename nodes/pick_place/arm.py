@@ -13,8 +13,8 @@ from nodes.pick_place.action_goals import ActionGoals
 from pick_place.job import JobOutcome
 from pick_place.settings import ArmSettings
 
-ARM_ACTION = "/arm_controller/follow_joint_trajectory"
-HAND_TOPIC = "/hand_controller/commands"
+ARM_ACTION = "arm_controller/follow_joint_trajectory"
+HAND_TOPIC = "hand_controller/commands"
 
 
 class RosArm:

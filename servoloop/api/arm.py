@@ -105,22 +105,23 @@ class Arm:
         return arm
 
     @classmethod
-    def connect(cls, arm: str | None = None) -> Self:
+    def connect(cls, arm: str | None = None, *, namespace: str | None = None) -> Self:
         """Attach to an arm whose control loop runs in ``servoloop up`` on this machine.
 
         The arm keeps running after ``close``; motions of this program then end within their limits. One program at a
         time moves the arm: this one from its first motion until ``close``. All durations are in real time.
 
         Args:
-            arm: Name, folder or process ID of the running arm. None: the only running arm.
+            arm: Name, folder or process ID of the running arm. None: any arm.
+            namespace: ROS namespace of the running stack, such as ``left``. None: any namespace.
 
         Raises:
-            ArmSetupError: No such arm is running, or several are running.
+            ArmSetupError: No such arm is running, several are running, or the namespace is invalid.
         """
         from servoloop.api.socket_backend import SocketBackend
 
         connected = cls.__new__(cls)
-        backend = SocketBackend.find(arm)
+        backend = SocketBackend.find(arm, namespace)
         connected._use(backend, backend.close, str(backend.description.folder or backend.description.name))
         return connected
 

@@ -151,7 +151,7 @@ def command_socket(stack: ControlStack, recording: StackRecording, ended: Callab
     arm = StackBackend(stack, describe(stack), ThreadPace(stack.loop.clock, why_ended), why_ended, recording)
     try:
         make_live_folder()
-        path = socket_path(stack.files.arm, os.getpid()).with_suffix(COMMANDS)
+        path = socket_path(stack.files.arm, os.getpid(), stack.files.namespace).with_suffix(COMMANDS)
         server = CommandServer(path, StackRequests(stack, arm, recording))
     except LiveError as error:
         LOG.warning("%s", error)

@@ -57,14 +57,14 @@ class CommandClient:
             raise
 
     @classmethod
-    def find(cls, arm: str | None = None, name: str = "") -> Self:
-        """Connect to the only running stack, or to that of an arm (name, folder or process ID).
+    def find(cls, arm: str | None = None, name: str = "", namespace: str | None = None) -> Self:
+        """Connect to the only running stack, or to that of an arm (name, folder or process ID) or a namespace.
 
         Raises:
             LiveError: No stack of this arm is running, or several are.
             CommandError: The stack does not accept the connection.
         """
-        return cls(find_stack(arm), name)
+        return cls(find_stack(arm, namespace), name)
 
     def request(self, op: str, timeout_s: float = TIMEOUT_S, **fields: Any) -> dict[str, Any]:
         """Send a message and return the reply.
@@ -152,7 +152,7 @@ class CommandClient:
         return found if isinstance(found, dict) else {}
 
     def _ended(self) -> CommandError:
-        return CommandError("ended", f"the connection to the stack of {self.stack.arm} has ended: start it again")
+        return CommandError("ended", f"the connection to the stack of {self.stack.name} has ended: start it again")
 
 
 def _is_refusal(message: dict[str, Any]) -> bool:

@@ -41,7 +41,7 @@ def goto(
     Without `--rpy`, the tool may have any orientation. The command needs a motion planner: `servoloop up --plan`,
     `servoloop plan-server` or MoveIt. Example: `servoloop goto 0.25 0.1 0.2 --rpy 0 3.14 0`
     """
-    with move_group("goto", pose.network) as client:
+    with move_group("goto", pose.network, pose.namespace) as client:
         from hal.robot_description.description import parse_urdf
         from hal.rotations import quaternions
         from nodes.planning_client.goals import motion_goal, pose_constraints

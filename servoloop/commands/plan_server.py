@@ -29,7 +29,7 @@ def plan_server(
     require_extras("motion planning", "planning")
     require_ros(PLANNING_PACKAGES)
     set_network(network)
-    from nodes.planning.process import run
+    from nodes.planning.process import ServerSettings, run
     from planning.collision import warm_up
     from planning.errors import PlanningError
     from servoloop.motion_planning.robot import planning_robot
@@ -43,6 +43,8 @@ def plan_server(
     warm_up()
 
     def ready() -> None:
-        typer.echo(f"ready: planning for {files.arm} as /move_group, groups {', '.join(robot.groups.groups)}")
+        typer.echo(
+            f"ready: planning for {files.arm} as {files.namespace}/move_group, groups {', '.join(robot.groups.groups)}"
+        )
 
-    raise typer.Exit(run(robot, routes(files), ready, sim_time=sim_time))
+    raise typer.Exit(run(robot, routes(files), ready, ServerSettings(files.namespace, sim_time)))

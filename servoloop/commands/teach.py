@@ -21,7 +21,7 @@ from servoloop.commands.shared.options import (
     side_of,
 )
 from servoloop.stack.arm_folders import OWN, find_arm
-from servoloop.stack.arm_options import ArmOption
+from servoloop.stack.arm_options import ArmOption, RunningChoice, RunningNamespace
 from servoloop.stack.terminal import log_to_terminal, print_styled
 
 if TYPE_CHECKING:
@@ -91,8 +91,19 @@ def record(
     raise typer.Exit(run(side, rate_hz, limp, poses, teacher, keep))
 
 
+@dataclass(frozen=True, slots=True)
+class PlayOptions:
+    """Speed and supervision of a motion that is played back."""
+
+    speed: SpeedOption = 1.0
+    hands_free: UnattendedOption = False
+    rate_hz: RateOption = RATE_HZ
+
+
 @app.command()
+@grouped_options
 def play(
+    *,
     name: Name,
     port: Annotated[
         str | None,
@@ -108,9 +119,8 @@ def play(
             "ID of the running arm."
         ),
     ] = None,
-    speed: SpeedOption = 1.0,
-    hands_free: UnattendedOption = False,
-    rate_hz: RateOption = RATE_HZ,
+    namespace: RunningNamespace = None,
+    options: PlayOptions,
 ) -> None:
     """Play back a recorded motion while you hold a key.
 
@@ -119,16 +129,17 @@ def play(
     Without --port, the motion is played on the arm of the running `servoloop up`, which then holds its position.
     Example: `servoloop teach play wave --arm so101 --port /dev/ttyACM0 --speed 0.5`
     """
-    require_keys(hands_free)
+    require_keys(options.hands_free)
     if port is None:
-        played_on_running_arm(arm, partial(_saved_motion, name=name), speed, hands_free)
+        chosen = RunningChoice(arm, namespace)
+        played_on_running_arm(chosen, partial(_saved_motion, name=name), options.speed, options.hands_free)
         return
     side, motions = ArmAtPort(port, arm or OWN).opened()
     joints = side.files.robot.joints
     motion = motions.get(name).of([joint.name for joint in joints], name)
     motion.check_units(joints, str(motions.path(name)))
     motion.check([joint.limits for joint in joints], str(motions.path(name)))
-    raise typer.Exit(played(side, motion, speed, hands_free, rate_hz))
+    raise typer.Exit(played(side, motion, options.speed, options.hands_free, options.rate_hz))
 
 
 def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
@@ -144,12 +155,12 @@ def _saved_motion(arm: "Arm", name: str) -> "RecordedMotion":
 
 
 def played_on_running_arm(
-    name: str | None, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
+    choice: RunningChoice, motion_of: Callable[["Arm"], "RecordedMotion"], speed: float, hands_free: bool
 ) -> None:
     """Play a motion on the arm of ``servoloop up`` and print each phase.
 
     Args:
-        name: Name, folder or process ID of the running arm. None: the only one.
+        choice: The running arm.
         motion_of: Returns the motion for an arm, with its joints in their order.
         speed: Share of the recorded speed, from 0 to 1.
         hands_free: Whether to move without a dead-man key.
@@ -159,7 +170,11 @@ def played_on_running_arm(
     from servoloop.stack.signals import Signals
     from servoloop.teach.running_play import RunningPlay
 
-    with Signals() as signals, Arm.connect(name) as arm, permission_of(hands_free) as permission:
+    with (
+        Signals() as signals,
+        Arm.connect(choice.arm, namespace=choice.namespace) as arm,
+        permission_of(hands_free) as permission,
+    ):
         playing, shown = RunningPlay(arm, motion_of(arm), speed, permission), ""
         while playing.update():
             if signals.count:

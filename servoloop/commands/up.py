@@ -15,7 +15,7 @@ from servoloop.commands.shared.options import NetworkOption, set_network
 from servoloop.demo.cell_options import CellOptions
 from servoloop.extras import require_extras
 from servoloop.recording.mcap import check_path
-from servoloop.stack.arm_options import ControlledArm
+from servoloop.stack.arm_options import ControlledArm, NamespaceOption
 from servoloop.stack.devices import parse_ports
 from servoloop.stack.hardware import HardwareKind
 from servoloop.stack.processes import Interrupted
@@ -108,6 +108,7 @@ def write_ready(path: Path) -> None:
 def pick(
     grade: Annotated[str, typer.Argument(help="Grade of the cube: A, B or C.")],
     network: NetworkOption = False,
+    namespace: NamespaceOption = "",
 ) -> None:
     """Send one pick-and-place goal to a running arm and print its feedback.
 
@@ -117,18 +118,20 @@ def pick(
         raise DriverError("GRADE must not be empty; choose a grade, such as A")
     require_ros()
     from nodes.client_node import client_node
-    from nodes.pick_place.client import ACTION, PickClient
+    from nodes.pick_place.client import PickClient
     from servoloop.stack.signals import Signals
 
     set_network(network)
     left = "the node may continue the job"
-    with Signals(left) as signals, client_node("servoloop_pick") as (node, executor):
+    with Signals(left) as signals, client_node("servoloop_pick", namespace) as (node, executor):
         client = PickClient(node, executor)
         available = client.wait(5.0, lambda: signals.count > 0)
         if signals.count:
             raise Interrupted("interrupted before the job began")
         if not available:
-            raise DriverError(f"no node provides the action {ACTION}; start the stack and the pick-and-place node")
+            raise DriverError(
+                f"no node provides the action {client.action}; start the stack and the pick-and-place node"
+            )
         outcome = client.pick(
             grade, lambda phase, message: typer.echo(f"{phase}: {message}"), lambda: signals.count > 0
         )

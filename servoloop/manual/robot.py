@@ -52,16 +52,17 @@ class LiveRobot:
         self._limits: dict[str, JointLimits] = {}
 
     @classmethod
-    def find(cls, arm: str | None = None) -> Self:
+    def find(cls, arm: str | None = None, namespace: str | None = None) -> Self:
         """Follow a running stack.
 
         Args:
-            arm: Name or folder of the arm; needed if several stacks are running.
+            arm: Name or folder of the arm. None: any arm.
+            namespace: ROS namespace of the stack; empty for the root namespace. None: any namespace.
 
         Raises:
             LiveError: No such stack is running.
         """
-        return cls(LiveSource(arm, MonotonicClock()))
+        return cls(LiveSource(arm, MonotonicClock(), namespace))
 
     @property
     def arm(self) -> str:

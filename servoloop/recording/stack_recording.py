@@ -114,7 +114,7 @@ def _live_feed(files: Files, messages: Messages) -> list[Sink]:
     """Return the live feed, or nothing if it cannot be created. The arm works without it."""
     try:
         make_live_folder()
-        return [LiveFeed(socket_path(files.arm, os.getpid()), messages, files.folder)]
+        return [LiveFeed(socket_path(files.arm, os.getpid(), files.namespace), messages, files.folder)]
     except LiveError as error:
         LOG.warning("%s", error)
         return []

@@ -143,12 +143,16 @@ def read_arm_files(
     controllers: Path | None = None,
     robot: Path | None = None,
     xacro_arguments: Mapping[str, str] = NO_ARGUMENTS,
+    namespace: str = "",
 ) -> Files:
-    """Read and check the files of an arm. A file given as an argument replaces the file of the arm.
+    """Read and check the files of an arm for a stack in a namespace.
+
+    A file given as an argument replaces the file of the arm.
 
     Raises the same errors as read_files.
     """
-    return with_controllers(read_arm_servos(arm, urdf, robot, xacro_arguments), controllers or arm.controllers)
+    servos = read_arm_servos(arm, urdf, robot, xacro_arguments)
+    return with_controllers(servos, controllers or arm.controllers, namespace)
 
 
 def read_arm_servos(

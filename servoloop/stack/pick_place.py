@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Final, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from controller.manager.node_parameters import names, parameters_of
-from controller.manager.parameter_file import ALL, PARAMETERS, read_parameter_file
+from controller.manager.parameter_file import PARAMETERS
+from controller.manager.sections import Sections
 from hal.errors import ArmFileError
 from hal.plausible import Position
 from hal.yaml_file import mistakes
@@ -72,17 +72,18 @@ class PickPlace(BaseModel):
         )
 
 
-def load_pick_place(path: Path) -> PickPlace:
-    """Read the parameter file. Raises ArmFileError with the file and line of every mistake."""
+def load_pick_place(path: Path, namespace: str = "") -> PickPlace:
+    """Read the parameters of the node in a namespace. Raises ArmFileError with the file and line of every mistake."""
     if not path.exists():
         raise ArmFileError(
             f"{path} is missing: demo, simulate and bench arm need its poses. Write the file as described in "
             "docs/arms/README.md, or use servoloop up, which does not need the file"
         )
-    file, content = read_parameter_file(path, ArmFileError)
-    if not names(content, NODE) and ALL not in content:
-        raise ArmFileError(f"{path}:1: {NODE} is missing: put the parameters under '{NODE}: {PARAMETERS}:'")
+    sections = Sections.read(path, namespace, ArmFileError)
+    if not sections.concerns(NODE):
+        name = f"/**/{NODE}" if namespace else NODE
+        raise ArmFileError(f"{path}:1: {namespace}/{NODE} is missing: put the parameters under '{name}: {PARAMETERS}:'")
     try:
-        return PickPlace.model_validate(parameters_of(content, NODE))
+        return PickPlace.model_validate(sections.of(NODE))
     except ValidationError as error:
-        raise ArmFileError("\n".join(mistakes(file, error, (NODE, PARAMETERS), NODE))) from error
+        raise ArmFileError("\n".join(mistakes(sections, error, (NODE, PARAMETERS), NODE))) from error

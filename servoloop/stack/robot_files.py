@@ -84,9 +84,15 @@ class Files(ServoFiles):
     controllers: ControllersFile
 
     @property
+    def namespace(self) -> str:
+        """Namespace of all ROS nodes of the stack; empty for the root namespace."""
+        return self.controllers.namespace
+
+    @property
     def options(self) -> tuple[str, ...]:
         """Options with which ``servoloop up`` reads these files in another process."""
-        return (*self.servo_options, *_options({"controllers": self.controllers.path}))
+        namespace = ("--namespace", self.namespace) if self.namespace else ()
+        return (*self.servo_options, *_options({"controllers": self.controllers.path}), *namespace)
 
 
 def _options(paths: Mapping[str, Path]) -> tuple[str, ...]:
@@ -113,11 +119,17 @@ def read_files(
     return with_controllers(servos, controllers)
 
 
-def with_controllers(servos: ServoFiles, controllers: Path) -> Files:
-    """Read a controllers file and check that it fits these servos. Raises ControllersFileError."""
+def with_controllers(servos: ServoFiles, controllers: Path, namespace: str = "") -> Files:
+    """Read a controllers file and check that it fits these servos. Raises ControllersFileError.
+
+    Args:
+        servos: Files of the servos.
+        controllers: Path of the controllers file.
+        namespace: Namespace of all ROS nodes of the stack; empty for the root namespace.
+    """
     defaults = servos.robot.file.controller_defaults
     origin = compose(servos.robot_path, ControllersFileError) if defaults else None
-    loaded = load_controllers_file(controllers, defaults, servos.component, origin)
+    loaded = load_controllers_file(controllers, defaults, servos.component, origin, namespace)
     known = {one.name: getattr(servos, one.name) for one in fields(servos)}
     return Files(**known, controllers=loaded)
 

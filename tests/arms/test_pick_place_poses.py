@@ -21,7 +21,7 @@ ARMS = ("robot_arm", "so101")
 
 def parameters_of(arm: str) -> dict[str, Any]:
     content = yaml.safe_load(find_arm(arm).pick_place_poses.read_text())
-    parameters: dict[str, Any] = content[NODE]["ros__parameters"]
+    parameters: dict[str, Any] = content[f"/**/{NODE}"]["ros__parameters"]
     assert parameters["motion"] == "poses"
     return parameters
 

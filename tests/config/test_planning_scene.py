@@ -18,7 +18,7 @@ from tests.config.arm import ARM, CONFIG, DESCRIPTION, LINKS, MOVEIT, read, stat
 
 REQUEST: Final = read(MOVEIT / "planning_scene.yaml")
 PADDING: Final = read(MOVEIT / "joint_limits.yaml")["default_robot_padding"]
-NODE: Final = read(CONFIG / "vision_pick_place_controller.yaml")["vision_pick_place_controller"]["ros__parameters"]
+NODE: Final = read(CONFIG / "vision_pick_place_controller.yaml")["/**/vision_pick_place_controller"]["ros__parameters"]
 POSES: Final = {**NODE["poses"], **{f"bin {name}": pose for name, pose in NODE["bins"].items()}}
 GIVES_WAY_RAD_PER_NM: Final = 30 * 2 * np.pi / 4096
 """Deflection of an STS3215 per N m.

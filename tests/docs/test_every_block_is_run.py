@@ -13,7 +13,14 @@ from tests.marked import ROOT, marked
 from tests.pages import SHELL, blocks, pages
 
 TO_RUN = {what for page in pages() for block in blocks(page) for what in block.to_run}
-NOT_RUN = {"install.md": 1, "lerobot.md": 1, "ros2.md": 3, "ros2-control-host.md": 1, "moveit.md": 4}
+NOT_RUN = {
+    "install.md": 1,
+    "lerobot.md": 1,
+    "ros2.md": 3,
+    "ros2-control-host.md": 1,
+    "moveit.md": 4,
+    "several-arms.md": 1,
+}
 """Number of blocks per page that need a whole ROS 2 installation or change the machine."""
 INLINE = re.compile(r"(?<!`)`servoloop ([^`]+)`(?!`)")
 """Pattern of a command in running text."""

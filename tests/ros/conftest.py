@@ -13,18 +13,24 @@ if TYPE_CHECKING:  # These tests are skipped without rclpy.
 
 
 @pytest.fixture(scope="module")
-def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator["StackProcess"]:
+def namespace() -> str:
+    """Return the namespace of the stack. Some modules replace it, to run in several namespaces."""
+    return ""
+
+
+@pytest.fixture(scope="module")
+def stack(ros_domain: int, tmp_path_factory: pytest.TempPathFactory, namespace: str) -> Iterator["StackProcess"]:
     from tests.ros.manager_bench import manager_stack
 
-    with manager_stack(tmp_path_factory.mktemp("stack")) as stack:
+    with manager_stack(tmp_path_factory.mktemp("stack"), namespace) as stack:
         yield stack
 
 
 @pytest.fixture(scope="module")
-def connected(stack: "StackProcess") -> Iterator["ManagerClient"]:
+def connected(stack: "StackProcess", namespace: str) -> Iterator["ManagerClient"]:
     from tests.ros.manager_client import manager_client
 
-    with manager_client() as client:
+    with manager_client(namespace) as client:
         yield client
 
 

@@ -33,12 +33,12 @@ spare:
 
 
 @contextmanager
-def manager_stack(folder: Path) -> Iterator[StackProcess]:
-    """Run the stack until the end of the block."""
+def manager_stack(folder: Path, namespace: str = "") -> Iterator[StackProcess]:
+    """Run the stack in a namespace until the end of the block."""
     head, rest = CONTROLLERS.read_text().split("\narm_controller:\n")
     path = folder / "controllers.yaml"
     path.write_text(f"{head.rstrip()}\n{_MORE}\narm_controller:\n{rest}")
-    with running(folder, "--hardware", "mock", "--controllers", str(path)) as stack:
+    with running(folder, "--hardware", "mock", "--controllers", str(path), "--namespace", namespace) as stack:
         yield stack
 
 

@@ -31,9 +31,11 @@ BEST_EFFORT, STRICT, AUTO, FORCE_AUTO = 1, 2, 3, 4  # of controller_manager_msgs
 
 
 class ManagerClient:
-    """Client that calls services by their short names, one after the other."""
+    """Client that calls services of a stack by their names in the root namespace, one after the other."""
 
-    def __init__(self, name: str = "manager_client") -> None:
+    def __init__(self, name: str = "manager_client", namespace: str = "") -> None:
+        self.namespace = namespace
+        """Namespace of the stack."""
         self.node = Node(name)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -42,7 +44,7 @@ class ManagerClient:
     def client(self, kind: Any, service: str) -> Any:
         """Return the client of a service after the service has been discovered."""
         if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
+            self._clients[service] = self.node.create_client(kind, self.namespace + service)
             assert self._clients[service].wait_for_service(PATIENCE_S), service
         return self._clients[service]
 
@@ -136,9 +138,9 @@ class ManagerClient:
 
     @contextmanager
     def hearing(self, kind: Any, topic: str, qos: Any = 10) -> Iterator[list[Any]]:
-        """Record the messages of a topic from the discovery of its publisher until the end of the block."""
+        """Record the messages of a topic of the stack, from the discovery of its publisher on."""
         messages: list[Any] = []
-        subscription = self.node.create_subscription(kind, topic, messages.append, qos)
+        subscription = self.node.create_subscription(kind, self.namespace + topic, messages.append, qos)
         try:
             self.spin_until(subscription.get_publisher_count)
             yield messages
@@ -151,10 +153,10 @@ class ManagerClient:
 
 
 @contextmanager
-def manager_client() -> Iterator[ManagerClient]:
-    """Provide a client with its own ROS context."""
+def manager_client(namespace: str = "") -> Iterator[ManagerClient]:
+    """Provide a client of a stack in a namespace, with its own ROS context."""
     rclpy.init()
-    client = ManagerClient()
+    client = ManagerClient(namespace=namespace)
     try:
         yield client
     finally:

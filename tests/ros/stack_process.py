@@ -82,13 +82,14 @@ def emulating(folder: Path, *arguments: str) -> Iterator[Path]:
 
 
 class ArmClient:
-    """A client of the arm's action on its own node."""
+    """A client of the arm's action on its own node. ``namespace`` is that of the stack."""
 
-    def __init__(self, name: str = "test_client") -> None:
+    def __init__(self, name: str = "test_client", namespace: str = "") -> None:
         self.node = Node(name)
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self._client = ActionClient(self.node, FollowJointTrajectory, "/arm_controller/follow_joint_trajectory")
+        action = f"{namespace}/arm_controller/follow_joint_trajectory"
+        self._client = ActionClient(self.node, FollowJointTrajectory, action)
         assert self._client.wait_for_server(PATIENCE_S)
 
     def send(self, positions: Sequence[float], seconds: int = 2) -> Future:

@@ -30,25 +30,26 @@ from std_msgs.msg import Float64MultiArray
 from tests.ros.manager_client import MANAGER, ManagerClient
 from tests.ros.stack_process import StackProcess, running
 
-pytestmark = pytest.mark.ros
+NAMESPACES = ["", pytest.param("/lab/left", marks=pytest.mark.slow)]
+pytestmark = [pytest.mark.ros, pytest.mark.parametrize("namespace", NAMESPACES, scope="module")]
 
 FORWARD = "forward_command_controller/ForwardCommandController"
 EMPTY = "controller_manager: {ros__parameters: {update_rate: 20}}\n"
 ARM = """
-arm:
+/**/arm:
   ros__parameters:
     type: joint_trajectory_controller/JointTrajectoryController
     joints: [joint1, joint2, joint3, joint4, joint5, joint6]
     command_interfaces: [position]
     state_interfaces: [position, velocity]
     fallback_controllers: [spare]
-spare:
+/**/spare:
   ros__parameters: {joints: [joint1], interface_name: position}
 /**:
   ros__parameters: {use_sim_time: false}
 """
-HAND = f"hand: {{ros__parameters: {{type: {FORWARD}, joints: [hand_right_joint], interface_name: position}}}}\n"
-NARROW = "hand: {ros__parameters: {joints: [hand_right_joint, joint6]}}\n"
+HAND = f"/**/hand: {{ros__parameters: {{type: {FORWARD}, joints: [hand_right_joint], interface_name: position}}}}\n"
+NARROW = "/**/hand: {ros__parameters: {joints: [hand_right_joint, joint6]}}\n"
 
 
 class Spawner:
@@ -116,8 +117,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def stack(ros_domain: int, files: Path) -> Iterator[StackProcess]:
-    with running(files, "--hardware", "mock", "--controllers", str(files / "empty.yaml")) as stack:
+def stack(ros_domain: int, files: Path, namespace: str) -> Iterator[StackProcess]:
+    empty = str(files / "empty.yaml")
+    with running(files, "--hardware", "mock", "--controllers", empty, "--namespace", namespace) as stack:
         yield stack
 
 
@@ -186,8 +188,8 @@ def test_node_arguments_rename_a_topic(spawner: Spawner, files: Path) -> None:
         ("hand", "hand", "", "load", "The 'type' param was not defined for 'hand'"),
         ("hand", "hand", "no/Such", "load", "hand has unknown type 'no/Such'; known types are"),
         ("hand", "nowhere", FORWARD, "load", "cannot read"),
-        ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node /hand"),
-        ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node /hand"),
+        ("hand", "arm", FORWARD, "configure", "hand lacks joints, interface_name: set them on its node"),
+        ("hand", "narrow", FORWARD, "configure", "hand lacks interface_name: set it on its node"),
     ],
 )
 def test_failed_load_or_configuration_is_logged(

@@ -135,7 +135,7 @@ def test_the_arm_holds_when_the_sender_leaves(host: StackProcess, plugin: Plugin
     plugin.node.destroy_publisher(plugin.publisher)
     plugin.run(0.4)
     assert plugin.way_rad(0.1) == 0.0
-    assert plugin.phase() == f"holding: no program publishes on {COMMANDS} any longer"
+    assert plugin.phase() == f"holding: no program publishes on /{COMMANDS} any longer"
 
 
 def test_a_message_for_another_arm_is_refused_once(host: StackProcess, plugin: PluginNode) -> None:
