@@ -1,7 +1,7 @@
 """Convert LeRobot's calibration file (JSON) to servoloop's and back, without loss.
 
-Both files contain the ID, the homing offset and the ends of the travel of each servo, in counts. They differ in two
-ways:
+Both files contain the ID, the homing offset and the ends of the travel of each servo, in counts. The two formats differ
+in two ways:
 
 - LeRobot's file does not contain the positive direction of the URDF. The robot file has the ``sign`` of all arms of the
 same design, and ``drive_mode`` 1 means that this servo turns the other way.

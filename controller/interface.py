@@ -67,7 +67,7 @@ class ControllerType(Protocol):
 
 
 class Controller(Protocol):
-    """A controller. It runs in the thread of the loop, once per cycle, and must neither wait nor do I/O.
+    """A controller. The thread of the loop runs it once per cycle, so it must neither wait nor do I/O.
 
     While it is active, a controller claims its n ``command_interfaces``.
     """

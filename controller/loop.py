@@ -210,7 +210,9 @@ class ControlLoop:
             self.figures.observer_errors += 1
 
     def send(self, wanted: FloatArray) -> None:
-        """Send a command through the safety gate to the hardware. This is the only path to the hardware.
+        """Send a command through the safety gate to the hardware.
+
+        All commands reach the hardware only through this method.
 
         Args:
             wanted: Command of shape (m,).

@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """A clock that never goes backwards. Its zero point has no meaning."""
+    """A clock that never goes backwards and whose zero point has no meaning."""
 
     def now(self) -> float:
         """Return the time, in seconds."""

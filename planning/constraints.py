@@ -43,7 +43,7 @@ class PathConstraints:
 
     joints: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Lowest and highest positions by joint, in rad or m. If both ends of an edge are within these ranges, the whole
-    edge is.
+    edge is within them.
     """
     regions: Sequence[LinkRegion] = ()
     """Regions of links, checked at steps of ``STEP_RAD``."""

@@ -1,7 +1,8 @@
 """Calibrate an arm automatically: drive each joint with low torque until it stops moving at its stops.
 
-Only STS servos can do this. Their own position limits are disabled in RAM during the calibration (with the EEPROM lock
-closed), so that the encoder's seam may lie anywhere in the travel. A restart of the servos restores the limits.
+Only STS servos can do this. The position limits of the servos are disabled in RAM during the calibration (with the
+EEPROM lock closed), so that the encoder's seam may lie anywhere in the travel. A restart of the servos restores the
+limits.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -57,7 +57,7 @@ class JointCalibration:
         return (self.upper_counts - self.lower_counts) * unit(joint)
 
     def stops(self, joint: Joint) -> tuple[float, float]:
-        """Return the joint positions at both ends of the travel, the smaller one first, in rad or m."""
+        """Return the joint positions at both ends of the travel, smaller position first, in rad or m."""
         ends = [
             self.sign * (counts - self.zero_counts) * unit(joint) for counts in (self.lower_counts, self.upper_counts)
         ]
@@ -180,8 +180,8 @@ def _longer_allowed(joint: Joint) -> float:
 def pressed_counts(joint: Joint, travel: Travel) -> float:
     """Return the distance by which the joint was pressed into each of its stops, in counts.
 
-    This is half of the difference between the travel and the URDF's range. It is 0 if the travel is not longer, or so
-    much longer that the stops must differ from the URDF.
+    This is half of the difference between the travel and the URDF's range. The result is 0 if the travel is not longer
+    than the range, or so much longer that the stops must differ from the URDF.
     """
     longer = travel.span * unit(joint) - (joint.limits.upper - joint.limits.lower)
     return 0.5 * longer / unit(joint) if 0.0 < longer <= PRESSED_RAD * joint.transmission else 0.0

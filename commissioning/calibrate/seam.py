@@ -33,7 +33,7 @@ class Counting:
     """Whether a Dynamixel X is in extended position mode."""
 
     def seam(self, model: ServoModel) -> int | None:
-        """Return the encoder reading at which the servo reports 0; None if it cannot be changed."""
+        """Return the encoder reading at which the servo reports 0, or None if this reading cannot be changed."""
         if self.homing_offset is None or not can_move_seam(model):
             return None
         if series_of(model) is not X:
@@ -123,7 +123,7 @@ def _as_it_is(model: ServoModel, needed: Travel, counting: Counting) -> Travel |
 
 
 def _clear(needed: Travel, added: int, turn: int) -> Travel | None:
-    """Return the range minus ``added``, within one turn; None if it crosses into the next turn."""
+    """Return the range minus ``added``, within one turn, or None if the result crosses into the next turn."""
     lower = (needed.lower - added) % turn
     margin = min(SEAM_MARGIN_COUNTS, max(0, (turn - needed.span) // 4))
     inside = lower >= margin and lower + needed.span < turn - margin

@@ -31,8 +31,8 @@ def save(robot: Path, joints: Mapping[str, tuple[int, JointCalibration]], in_ser
     """Write the calibration of this robot file, keep the previous calibration, and return the path.
 
     The file is written under another name and then renamed, so it is complete at all times. An unfinished previous
-    calibration is not kept, because it would replace the last complete one. A CalibrationError has the content in a
-    note.
+    calibration is not kept, because it would replace the last complete calibration. A CalibrationError has the content
+    in a note.
 
     Args:
         robot: Robot file of the arm.

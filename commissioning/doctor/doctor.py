@@ -79,7 +79,7 @@ def doctor(
 ) -> DoctorReport:
     """Examine the servos of an arm and return a report.
 
-    The function only pings and reads. It does not change the torque unless ``move`` moves the joints
+    The function only pings and reads. The torque does not change unless ``move`` moves the joints
     (commissioning/doctor/motion.py). A problem of the arm never raises an exception, but is a finding in the report.
 
     Args:

@@ -37,7 +37,7 @@ def no_move(snapshot: Snapshot, findings: tuple[Finding, ...]) -> tuple[tuple[Tr
 
 @dataclass(frozen=True, slots=True)
 class SmallMotions:
-    """A ``Move`` that moves all joints, one after the other. It does nothing if faults were found."""
+    """A ``Move`` that moves all joints, one after the other, unless faults were found."""
 
     open_port: OpenPort
     clock: Clock
@@ -57,7 +57,7 @@ class SmallMotions:
         if unread := [servo_name(servo.joint) for servo in servos if "torque_enable" not in servo.registers]:
             return (), (
                 f"The joints were not moved, because the torque state of {', '.join(unread)} could not be read. Run "
-                f"the doctor again"
+                "the doctor again"
             )
         motions: list[TrialMotion] = []
         try:

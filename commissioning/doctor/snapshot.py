@@ -91,7 +91,7 @@ class LineFigures:
 
 @dataclass(frozen=True, slots=True)
 class BusSnapshot:
-    """Measurements of one bus. Its name is empty if the robot has only one bus."""
+    """Measurements of one bus. ``name`` is empty if the robot has only one bus."""
 
     name: str
     port: str

@@ -150,7 +150,10 @@ def _pings(bus: Bus, servo_id: int) -> bool:
 
 
 def _with_values(found: ScannedServo, bus: Bus, model: ServoModel, state: ServoState) -> ScannedServo:
-    """Return the servo with its state, torque, mode and problems. They are read with the control table of its model."""
+    """Return the servo with its state, torque, mode and problems.
+
+    All values are read with the control table of its model.
+    """
     servo_id, series, problems = found.servo_id, series_of(model), list(found.problems)
     torque: int | None = None
     mode: str | None = None

@@ -46,7 +46,7 @@ class Predicted:
     rest_error: float | None
     delay_s: float | None
     overshoot: float | None
-    """Predicted overshoot; None if the loop is not that of an STS, or uses I."""
+    """Predicted overshoot; None if the servo is not an STS or uses I."""
     overshoot_at_most: bool = False
     """Whether the overshoot is an upper limit, because the measured overshoot was too small to determine the inertia.
     """
@@ -159,7 +159,7 @@ class Law:
 
 
 def _dead(joint: Joint) -> float:
-    """Return the dead zone in the joint's units. It is subtracted from the error."""
+    """Return the dead zone, which is subtracted from the error, in the joint's units."""
     held = dict(joint.settings)
     return max(held.get("cw_dead_zone", 0), held.get("ccw_dead_zone", 0)) * abs(joint.units_per_count)
 

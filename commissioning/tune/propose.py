@@ -18,7 +18,7 @@ DEAD_ZONES: Final = ("cw_dead_zone", "ccw_dead_zone")
 WIDE: Final = 3
 """Dead zone that stops the minimum drive from moving a joint through its backlash, in counts."""
 FACTORY_P: Final = STS_SETTINGS["position_p"]
-"""Largest P that is proposed for an STS. A larger P does not reduce backlash, and the stack compensates sag anyway."""
+"""Largest P that is proposed for an STS. A larger P does not reduce backlash, and the stack already compensates sag."""
 STIFFER: Final = 1.5
 """Maximum increase of P in one step, as a factor."""
 ALLOWED_REST_COUNTS: Final = 8.0

@@ -48,7 +48,7 @@ class Measurement:
 
 
 class Tuner:
-    """Tuner of one joint. It opens the buses itself, and holds all joints of the arm while it measures."""
+    """Tuner of one joint. The tuner opens the buses itself, and holds all joints of the arm during a measurement."""
 
     def __init__(
         self,
@@ -104,9 +104,7 @@ class Tuner:
             yield buses
 
     def releases(self, writes: bool) -> str:
-        """Return a warning about servos that hold torque and will be released.
-
-        It is empty if no servo will be released.
+        """Return a warning about servos that hold torque and will be released, or an empty text.
 
         Args:
             writes: Whether gains are written, for which the torque must be off.

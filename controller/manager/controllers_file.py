@@ -190,7 +190,7 @@ def no_type(name: str) -> str:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reader of one controllers file. It collects the mistakes."""
+    """Reader of one controllers file, which collects the mistakes."""
 
     file: YamlFile
     content: Content

@@ -14,7 +14,7 @@ LOG = logging.getLogger("servoloop.controller")
 
 
 class ControllerCycle:
-    """One update of all active controllers, in the order of loading. It runs in the thread of the loop."""
+    """One update of all active controllers, in the order of loading, in the thread of the loop."""
 
     def __init__(
         self, registry: ControllerRegistry, stops: DecelerationStops, fail: Callable[[Running, FloatArray], None]

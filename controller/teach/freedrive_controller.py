@@ -41,7 +41,7 @@ class GuidedJoint:
 
 
 def guided_joint(joint: Joint) -> GuidedJoint:
-    """Describe a joint that a hand may move. Its servo pulls with at most ``SLACK`` of its full drive."""
+    """Describe a joint that a hand may move. The servo of the joint pulls with at most ``SLACK`` of its full drive."""
     slack = SLACK * joint.full_effort / joint.compliance.stiffness if joint.compliance else 0.0
     return GuidedJoint(joint.name, joint.limits, slack, joint.compliance, joint.transmission)
 

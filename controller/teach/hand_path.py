@@ -184,7 +184,7 @@ def inside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 
 
 def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
-    """Return the largest distance (n,) of positions (k, n) beyond the limits, in rad or m; 0 if none is beyond."""
+    """Return the largest distance (n,) of positions (k, n) beyond the limits, in rad or m; 0 if all are within."""
     most: FloatArray = excess(position, limits).max(axis=0)
     return most
 
@@ -192,7 +192,7 @@ def outside(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
 def excess(position: FloatArray, limits: Sequence[JointLimits]) -> FloatArray:
     """Return the distance (k, n) of each position beyond the limits, in rad or m.
 
-    It is 0 for positions within the limits.
+    The distance is 0 for positions within the limits.
     """
     lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).T
     beyond: FloatArray = np.maximum(np.maximum(lower - position, position - upper), 0.0)

@@ -26,7 +26,7 @@ REJOIN_S: Final = 0.3
 
 
 class Standstill(Unmeasured):
-    """Standstill of one trajectory during a stall. It runs in the thread of the loop.
+    """Standstill of one trajectory during a stall, in the thread of the loop.
 
     Call ``step`` in cycles with faults and in the cycles after them, until ``cycles`` is 0.
     """

@@ -43,7 +43,7 @@ class AdaptiveTimeout:
     def slowest_s(self) -> float:
         """Delay of the slowest recent reply, in seconds beyond the transmission time.
 
-        It is 0 before the first reply.
+        The delay is 0 before the first reply.
         """
         return self._slowest_s or 0.0
 

@@ -117,7 +117,7 @@ STATE_BLOCK_END: Final = present_temperature.address + present_temperature.size
 GOAL_BLOCK: Final = (profile_velocity, goal_position)
 
 BAUD_RATES: Final = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-"""Baud rates by the value of ``baud_rate``. XL330 and XC330 do not support the last one."""
+"""Baud rates by the value of ``baud_rate``. XL330 and XC330 do not support the last rate."""
 
 POSITION_MODE: Final = 3
 EXTENDED_POSITION_MODE: Final = 4

@@ -194,7 +194,7 @@ class ComponentSet:
             self.failures.append(component)
 
     def rejoin(self, component: Component) -> None:
-        """Return a component to the cycle after a transition. Its old values are discarded."""
+        """Return a component to the cycle after a transition, and discard the old values of the component."""
         component.switching = False
         component.out_of_reach = False
         component.driven = False

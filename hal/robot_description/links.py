@@ -16,7 +16,7 @@ PRODUCTS: Final = ("ixy", "ixz", "iyz")
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A link. Its mass and inertia are zero if the URDF does not have them."""
+    """A link. Mass and inertia are zero if the URDF does not contain them."""
 
     name: str
     mass_kg: float

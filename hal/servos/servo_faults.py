@@ -249,7 +249,7 @@ class ServoFaults:
                 self._refuse(joint, buses, f"{_servo_label(joint, buses)} has lost its torque ({why})")
 
     def _due(self, measured: Mapping[str, int], missed_s: float) -> list[Joint]:
-        """Return the joints to check in this cycle: those that missed their turn, and those whose turn it is."""
+        """Return the joints to check in this cycle: joints that missed their turn, and joints whose turn it is."""
         due = self._unseen(missed_s, measured)
         now_s, each_s = self._clock.now(), WATCH_S / len(self._joints)
         self._next_s = max(self._next_s, now_s - WATCH_S)

@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 
 class ServoSetup:
-    """Slow access to servos one by one. It must not be used in a cycle."""
+    """Slow access to servos one by one, which must not be used in a cycle."""
 
     def __init__(self, buses: JointBuses) -> None:
         self._buses = buses

@@ -151,7 +151,10 @@ def _follow(chain: Chain, pose: ToolPose, previous: FloatArray, steps: Steps) ->
 
 
 def _miss(chain: Chain, pose: ToolPose, positions: FloatArray, steps: Steps) -> str:
-    """Describe why the tool misses the pose at these joint positions (n,). The text is empty if it does not."""
+    """Describe why the tool misses the pose at these joint positions (n,).
+
+    The text is empty if the tool is at the pose.
+    """
     goal, tool = _goal(pose, steps), chain.transforms(positions[None])
     if goal.contains(tool)[0]:
         return ""

@@ -115,7 +115,7 @@ def _attempts(stem: str, seed: int) -> Iterator[Attempt]:
 
 
 class _Edges(base.MotionValidator):  # type: ignore[misc] # OMPL has no types
-    """Check of OMPL's edges. It must not refer to OMPL's objects."""
+    """Check of OMPL's edges. The object must not refer to OMPL's objects."""
 
     def __init__(self, space: Any, collisions: Collisions, joints: int, margins: Margins) -> None:
         super().__init__(space)

@@ -68,8 +68,8 @@ def _alarms(bus: BusSnapshot, servo: ServoSnapshot) -> Iterator[Finding]:
 def _clear(servo: ServoSnapshot, kind: str) -> str | None:
     """Return the command that clears an alarm.
 
-    A Feetech servo clears most alarms when their cause is gone. It clears an overload when its torque is released. A
-    Dynamixel needs a reboot.
+    A Feetech servo clears most alarms when their cause is gone, but clears an overload only when its torque is
+    released. A Dynamixel needs a reboot.
     """
     if series_of(servo.joint.model).make == "dynamixel":
         return on(servo.port, "reboot", servo.joint.servo_id)

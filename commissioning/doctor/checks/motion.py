@@ -53,7 +53,10 @@ def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
 
 
 def gear_ratio(motion: TrialMotion) -> float | None:
-    """Return how many times faster the servo is than its model at the same drive; None if it is not clearly faster."""
+    """Return the ratio of the servo's speed to its model's speed at the same drive.
+
+    None if it is not clearly above 1.
+    """
     ratio = motion.faster
     return ratio if ratio is not None and ratio > SPEED_FACTOR else None
 
