@@ -75,7 +75,7 @@ def read_lerobot(path: Path) -> LerobotFile:
 def places(path: Path) -> Callable[[Sequence[int | str]], str]:
     """Return a function that maps a location in a JSON file to the file and line, for messages.
 
-    The function reads the JSON as YAML. If that fails, it returns only the file name.
+    The function reads the JSON as YAML. If that fails, the function returns only the file name.
     """
     try:
         return compose(path, CalibrationError).place
@@ -86,7 +86,7 @@ def places(path: Path) -> Callable[[Sequence[int | str]], str]:
 def without_prefix(file: LerobotFile, prefix: str) -> LerobotFile:
     """Return the entries whose names begin with a prefix, without this prefix.
 
-    Raise CalibrationError if there are none.
+    Raise CalibrationError if there are no such entries.
     """
     found = {name.removeprefix(prefix): one for name, one in file.items() if name.startswith(prefix)}
     if not found:

@@ -162,7 +162,7 @@ class _Import:
         return low if (zero == "lower_stop") == (sign > 0) else high
 
     def _is_whole_turn(self) -> bool:
-        """Whether the travel is a whole turn. LeRobot writes this for a wrist without sweeping it."""
+        """Whether the travel is a whole turn. LeRobot writes a whole turn for a wrist without sweeping the joint."""
         span = self.theirs.range_max - self.theirs.range_min
         return span >= self.joint.model.counts_per_turn - 2 * SEAM_MARGIN_COUNTS
 

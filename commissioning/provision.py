@@ -13,7 +13,7 @@ from drivers.servos.catalog import registers_of, series_of
 from drivers.servos.register import Register, ServoModel
 
 RESTART_S: Final = 1.5
-"""Time that a servo gets to restart, in seconds. It needs 0.8 s."""
+"""Time that a servo gets to restart, in seconds. A servo needs 0.8 s."""
 
 
 def persistent_registers(model: ServoModel) -> dict[str, Register]:

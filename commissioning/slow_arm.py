@@ -149,7 +149,7 @@ class SlowArm:
     def go_all(self, targets: FloatArray, after_cycle: Callable[[], None] = lambda: None) -> None:
         """Move all joints smoothly at the same time, at most at ``FASTEST_RAD_S`` of each servo's shaft.
 
-        The joints arrive together. The method does not wait until they are at rest. Raises StoppedError.
+        The joints arrive together. The method does not wait until the joints are at rest. Raises StoppedError.
 
         Args:
             targets: Goals of the joints, shape (n,).

@@ -67,7 +67,9 @@ class ControllerType(Protocol):
 
 
 class Controller(Protocol):
-    """A controller. The thread of the loop runs it once per cycle, so it must neither wait nor do I/O.
+    """A controller.
+
+    The thread of the loop updates the controller once per cycle, so the controller must neither wait nor do I/O.
 
     While it is active, a controller claims its n ``command_interfaces``.
     """

@@ -31,7 +31,9 @@ class Clearance(NamedTuple):
     """Smallest distance at a pose."""
 
     distance_m: float
-    """Distance in m; infinite if nothing can touch. In contact it is 0 or negative, and does not measure the depth."""
+    """Distance in m; infinite if nothing can touch. In contact, the value is 0 or negative, but not the depth of the
+    contact.
+    """
     pair: tuple[str, str]
     """Names of the two links or objects, the link first."""
 

@@ -38,7 +38,7 @@ THINNING_M: Final = 2e-4
 ROUNDING_M: Final = 1e-6
 """Largest motion of any geometry between a point and a straight edge at which the point counts as on it, in m."""
 SLOWER: Final = 1.5
-"""Largest factor by which a spline may be slower than blends. It follows the line of a straight motion better.
+"""Largest factor by which a spline may be slower than blends, because it follows the line of a straight motion better.
 """
 NEAR: Final = Margins(1e-3, 5e-4)
 """Distances at which a motion under way counts as in contact."""

@@ -202,7 +202,7 @@ class Scene:
 
 
 def check_object(item: SceneObject) -> None:
-    """Check an object. Raises PlanningError if it has no shape, or a size that is not positive and finite."""
+    """Check an object. Raise PlanningError if the object has no shape, or a size that is not positive and finite."""
     if not item.shapes:
         raise PlanningError("INVALID_OBJECT_NAME", f'object "{item.name}" has no shape: give it at least one')
     for shape, pose in item.shapes:

@@ -225,7 +225,7 @@ class ByHand:
     def _pose_twice(self, joint: Joint, plan: JointPlan) -> float:
         """Return the counts at the pose of a joint that turns freely.
 
-        The user shows the pose twice, because no stop can confirm it.
+        The user shows the pose twice, because no stop can confirm the pose.
         """
         turn = joint.model.counts_per_turn
         first = self._pose(joint, plan)

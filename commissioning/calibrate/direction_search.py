@@ -106,7 +106,7 @@ class DirectionSearch:
         return away if start - limits.lower < limits.upper - start else -away
 
     def _wiggled(self, index: int, way: int, angle_rad: float) -> float:
-        """Turn a joint a little and back. Return the angle by which it turned."""
+        """Turn a joint a little and back. Return the angle by which the joint turned."""
         joint = self._joints[index]
         self._watcher.say(f"{joint.name} turns a little and back")
         self._arm.go(index, way * angle_rad * joint.transmission)

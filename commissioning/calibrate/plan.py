@@ -22,8 +22,8 @@ class JointPlan(BaseModel):
     pose.
     """
     at: Position | None = None
-    """Joint position at the reference position. If it is missing, the middle and the stops follow from the URDF's
-    limits.
+    """Joint position at the reference position. If this value is missing, the middle and the stops follow from the
+    URDF's limits.
     """
     pose: str = ""
     """Instruction for the user that describes the pose; only for ``zero: pose``."""
@@ -44,7 +44,7 @@ class JointPlan(BaseModel):
 def _in_order(steps: Any) -> Any:
     """Convert a list of single entries to a mapping in the same order.
 
-    Raises ValueError for a mapping with several entries, because its order is not reliable.
+    Raise ValueError for a mapping with several entries, because the order of a mapping is not reliable.
     """
     if isinstance(steps, Mapping) and len(steps) > 1:
         example = ", ".join(f"{{{name}: {position}}}" for name, position in steps.items())

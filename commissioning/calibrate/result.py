@@ -41,7 +41,7 @@ class JointCalibration:
     homing_offset: int | None
     """Homing offset of the servo; None if the servo has no usable homing offset."""
     lower_counts: int
-    """Smallest count in the travel. It may belong to the upper stop of the joint."""
+    """Smallest count in the travel. This count may belong to the upper stop of the joint."""
     upper_counts: int
     """Largest count in the travel."""
     extended: bool = False
@@ -94,7 +94,7 @@ def fills_the_turn(joint: Joint, travel: Travel) -> bool:
 
 
 def calibration_of(joint: Joint, found: FoundZero) -> JointCalibration:
-    """Return the calibration of one joint. Raises CalibrationError if the seam cannot be kept out of its range.
+    """Return the calibration of one joint. Raise CalibrationError if the seam cannot be kept out of the joint's range.
 
     For a joint that turns freely, only the range in the URDF matters: the seam is put opposite the middle of this
     range, and the travel is the whole turn.

@@ -129,7 +129,7 @@ class JointsToCalibrate:
     """Joints of a robot file that are on one bus, with the plan of each joint."""
 
     robot: Path
-    """Robot file. The calibration is stored beside it."""
+    """Robot file. The calibration is stored in the same folder."""
     joints: Sequence[Joint]
     plans: Mapping[str, JointPlan]
     """Calibration plan of each joint, by name."""

@@ -83,7 +83,7 @@ def set_aside(robot: Path) -> str:
 
 
 RESTART_S: Final = 1.5
-"""Time that a servo gets to restart, in seconds. It needs 0.8 s."""
+"""Time that a servo gets to restart, in seconds. A servo needs 0.8 s."""
 AGAIN_S: Final = 0.1
 """Time after which a silent servo is read again, in seconds."""
 SLACK_COUNTS: Final = 40

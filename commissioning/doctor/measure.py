@@ -46,7 +46,7 @@ def search_line(port: Port, clock: Clock, make: Make, missing: Sequence[int], kn
 
 LARGEST_BLOCK: Final = 60
 LARGEST_GAP: Final = 8
-"""Maximum number of undocumented bytes in a block. They are read as well, because servos return them."""
+"""Maximum number of undocumented bytes in a block. These bytes are read as well, because servos return them."""
 
 
 def read_table(bus: Bus, servo_id: int, series: Series) -> Mapping[str, int]:

@@ -22,7 +22,7 @@ from hal.servos.limp_arm import servo_name, torque_warning
 Move = Callable[[Snapshot, tuple[Finding, ...]], tuple[tuple[TrialMotion, ...], str]]
 """Function that moves the joints, given the measurements and findings so far.
 
-It returns the motions, and a message if joints were not moved.
+The function returns the motions, and a message if joints were not moved.
 """
 
 WAY_RAD: Final = 0.4

@@ -53,7 +53,8 @@ def plan_restore(bus: Bus, passport: Passport, servo_id: int | None = None) -> l
 def plan_replacement(bus: Bus, passport: Passport, servo_id: int) -> Restoration:
     """Return the values that make a new servo a replacement for ``servo_id`` in the passport. Raises PassportError.
 
-    The new servo may have any ID if it is alone on the bus. Otherwise, only its ID may be missing in the passport.
+    The new servo may have any ID if it is alone on the bus. Otherwise, the new servo must be the only servo whose ID is
+    not in the passport.
     """
     _asked_for(passport, servo_id)
     answers = {answer.servo_id: answer for answer in who_answers(bus)}

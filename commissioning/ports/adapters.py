@@ -220,7 +220,7 @@ def ports(machine: Machine | None = None) -> PortsReport:
 
 
 def only_port(machine: Machine | None = None) -> str:
-    """Return the device of the only USB adapter. Raises CommissioningError if there is none, or more than one."""
+    """Return the device of the only USB adapter. Raise CommissioningError if there is no adapter, or more than one."""
     report = ports(machine)
     devices = [one.device for one in report.adapters if one.vid is not None]
     if len(devices) == 1:

@@ -72,7 +72,7 @@ ELSEWHERE: Final = {
 }
 """Registers that ``write_register`` does not write, with the reason or the command to use instead."""
 GOALS: Final = ("goal_position", "goal_velocity", "goal_time", "goal_pwm", "goal_current", "moving_speed")
-"""Registers that make the servo move. Writing them even switches on the torque of an STS servo."""
+"""Registers that make the servo move. A write to such a register even switches on the torque of an STS servo."""
 CORRECTS_S: Final = 0.005
 """Time to wait before reading back. An STS servo accepts any value, but corrects an invalid one a millisecond later."""
 

@@ -103,7 +103,10 @@ def _refuse_taken(servo: FoundServo, former: int, baud: int) -> None:
 
 
 def _follow(servo: FoundServo, memory: Eeprom, register: Register, rates: tuple[int, int]) -> int | None:
-    """Set the port to the first of these rates at which the servo answers. Return the rate, or None if it is silent."""
+    """Set the port to the first of these rates at which the servo answers.
+
+    Return the rate, or None if the servo is silent.
+    """
     for rate in rates:
         servo.port.set_baud(rate)
         memory.bus = servo.bus
@@ -154,7 +157,7 @@ class RebootReport:
     took_s: float
     """Time until the servo answered again."""
     let_go: bool
-    """Whether the torque was on before the restart. After a restart, it is off."""
+    """Whether the torque was on before the restart. After a restart, the torque is off."""
 
 
 def factory_reset(servo: FoundServo) -> ResetReport:

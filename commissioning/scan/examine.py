@@ -83,7 +83,7 @@ class ScannedServo:
 
 
 def examine_servo(port: Port, clock: Clock, step: Step, servo_id: int) -> ScannedServo | None:
-    """Examine the servo with this ID at the current baud rate of the port. Return None if it does not answer."""
+    """Examine the servo with this ID at the current baud rate of the port. Return None if the servo does not answer."""
     identity: Identity | None = None
     corrupt = False
     try:

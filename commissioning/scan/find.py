@@ -123,7 +123,10 @@ def locate(port: Port, clock: Clock, servo_id: int, bauds: tuple[int, ...] = ())
 
 
 def _sole(port: Port, clock: Clock, step: Step, servo_id: int) -> FoundServo:
-    """Return the servo with this ID. Raise CommissioningError if two servos have it, or if the servo cannot be read."""
+    """Return the servo with this ID.
+
+    Raise CommissioningError if two servos have this ID, or if the servo cannot be read.
+    """
     seen = examine_servo(port, clock, step, servo_id)
     for problem in seen.problems if seen else ():
         if problem.kind in ("collision", "no_reads", "late"):

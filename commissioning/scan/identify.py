@@ -49,7 +49,7 @@ def retry_often(question: Callable[[], Result]) -> Result:
 
 
 def identify(port: Port, clock: Clock, packets: ModuleType, servo_id: int) -> Identity:
-    """Read the identity of a servo. Raises ServoError if it does not send valid replies."""
+    """Read the identity of a servo. Raise ServoError if the servo does not send valid replies."""
     if packets is v1:
         bus = Bus(port, clock)
         head = retry_often(partial(bus.read, servo_id, HEAD))

@@ -112,7 +112,7 @@ VOLTAGE_LIMITS: Final = (("min_voltage", "max_voltage"), ("min_voltage_limit", "
 
 
 def own_troubles(model: ServoModel, state: ServoState, read: Read) -> list[Problem]:
-    """Return the problems of the servo itself: its mode and alarms. ``read`` reads one of its registers."""
+    """Return the problems of the servo itself: its mode and alarms. ``read`` reads a register of the servo."""
     series, problems = series_of(model), list[Problem]()
     if wrong := series.config_error(model, read):
         problems.append(Problem("wrong_mode", f"it {wrong}"))

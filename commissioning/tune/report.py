@@ -55,7 +55,10 @@ class TuneReport:
 
     @property
     def overruled(self) -> dict[str, int]:
-        """Settings in the robot file that differ from the servo. ``servoloop up`` will write them to the servo."""
+        """Settings in the robot file that differ from the servo.
+
+        ``servoloop up`` will write these settings to the servo.
+        """
         known = gains_of(self.joint.model)
         now = {known[name].name: value for name, value in self.held.items()}
         return {name: value for name, value in self.named.items() if now.get(name, value) != value}

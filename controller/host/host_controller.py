@@ -23,7 +23,9 @@ Flags = NDArray[np.bool_]
 MAX_SILENCE_S: Final = 0.2
 """Maximum time without a command while a joint is on its way, and maximum time without a measurement, in seconds."""
 NEAR: Final = 0.02
-"""Distance at which a first command counts as near the joint, as a share of the joint's range. This covers sag."""
+"""Distance at which a first command counts as near the joint, as a share of the joint's range. This distance covers
+sag.
+"""
 SLOW: Final = 0.1
 """Share of the velocity limit with which a joint approaches a first command that is not near."""
 JOINED: Final = 0.002
@@ -102,7 +104,10 @@ class HostController:
         self._unmeasured_s = np.zeros(len(joints))
 
     def submit(self, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Pass on a message from any thread. Raises RefusedCommandError if it is not a command for these joints."""
+        """Pass on a message from any thread.
+
+        Raise RefusedCommandError if the message is not a command for these joints.
+        """
         self._inbox.append(self._messages.sorted(names, positions))
 
     def lose(self, reason: str) -> None:

@@ -70,7 +70,10 @@ class ControllerCycle:
         self._stops.begin(index, self._command, (self._command - self._last) / self._period_s)
 
     def take(self, index: list[int]) -> None:
-        """End the relief of the interfaces at ``index``, because a controller claims them. Their joints stop first."""
+        """End the relief of the interfaces at ``index``, because a controller claims them.
+
+        The joints of these interfaces stop first.
+        """
         for ended in self.leaving.end(index):
             self.stop(ended)
 

@@ -116,7 +116,7 @@ class FreedriveController:
     def _lead(self, period_s: float) -> FloatArray:
         """Return the distances (n,) that the joints move until their servos act on the new set points.
 
-        Without this lead, the set points would drag on the joints.
+        Without this lead, the set points would hold the joints back.
         """
         velocity = np.clip(self._velocity, -self._led, self._led)
         lag_s, profile_acceleration, _ = self._lags

@@ -17,7 +17,7 @@ from hal.types import FloatArray, JointFault
 LONGEST_LEAD_S: Final = 0.5
 """Time ahead of the reference in which the path point nearest to the last command is searched, in seconds.
 
-It covers the lag of the servos and one period.
+This time covers the lag of the servos and one period.
 """
 SAMPLES: Final = 30
 """Number of instants that the search samples. A finer search around the best instant samples the same number."""

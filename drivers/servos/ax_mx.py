@@ -52,7 +52,7 @@ lock = Register("lock", 47, 1, values=SWITCH)  # 1: EEPROM is locked until power
 punch = Register("punch", 48, 2, values=TEN_BITS)
 
 COMMON: Final = by_address(globals().values())
-"""Registers of all models. The positions of a model are those of its sensor (``_positions``)."""
+"""Registers of all models. The position registers of a model depend on its sensor (``_positions``)."""
 
 # The models differ here: an AX has compliance settings, and an MX has gains.
 cw_compliance_margin = Register("cw_compliance_margin", 26, 1)  # counts

@@ -275,7 +275,10 @@ PAIRS: Final = (TWO_XL430_W250, TWO_XC430_W250)
 
 
 def needs_extended_position(homing_offset: int) -> bool:
-    """Whether this homing offset takes effect only in the modes that count turns. Position mode ignores it."""
+    """Whether this homing offset takes effect only in the modes that count turns.
+
+    Position mode ignores such an offset.
+    """
     return abs(homing_offset) > LARGEST_OFFSET_OF_POSITION_MODE
 
 

@@ -35,7 +35,7 @@ class GravityCompensation:
         """Torques due to gravity, and the command for which they were computed."""
         self._each = [JointOffset(joint, guided) for joint in joints]
         self.enabled = True
-        """Whether offsets are applied. They fade in and out slowly."""
+        """Whether offsets are applied. The offsets fade in and out slowly."""
         self.restart()
 
     def restart(self, joints: Collection[str] | None = None) -> None:

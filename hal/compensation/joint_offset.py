@@ -19,7 +19,7 @@ FADE_IN_S: Final = 1.0
 LARGEST_LOAD: Final = 0.5
 """Maximum torque for compensation, as a share of full effort. A higher value indicates wrong masses in the URDF."""
 CORRECTION_S: Final = 0.5
-"""Time constant of the slow correction. It is much longer than the servos' lag and the cycle."""
+"""Time constant of the slow correction. This constant is much longer than the servos' lag and the cycle."""
 REST_S: Final = 0.2
 """Time after the last change of the command until the correction begins. The joint is still moving during this time."""
 STILL: Final = 1e-6

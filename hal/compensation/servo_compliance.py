@@ -31,7 +31,8 @@ STS_FRICTION_SHARE: Final = 0.04
 increases it."""
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
-"""Share of full drive per count of error and unit of P. According to the e-manual it is P / 128 units of PWM."""
+"""Share of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 units of PWM.
+"""
 XL330_DRIVE_PER_COUNT: Final = X_DRIVE_PER_COUNT / 2.0
 """Half of ``X_DRIVE_PER_COUNT``, which BAM measured on an XL330 with an oscilloscope."""
 X_DEAD_BAND_COUNTS: Final = 2.0
@@ -49,7 +50,7 @@ class Compliance:
     lag_s: float
     """Delay of the joint behind the set-point at constant speed, in seconds."""
     inertia_s2: float
-    """Rotor inertia divided by stiffness. Multiplied by the acceleration, it gives the lag due to inertia."""
+    """Rotor inertia divided by stiffness. This value times the acceleration is the lag due to inertia."""
     profile_acceleration: float
     """Deceleration with which the servo stops at each goal. In a stream of goals, the servo lags by the braking
     distance.

@@ -45,7 +45,9 @@ class Steps:
     deviation_m: float = 5e-4
     """Largest distance of a point from the line, in m."""
     deviation_rad: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. From pi on, it is free."""
+    """Largest rotation about the axes of the tool from the interpolated orientation, in rad. From pi on, the rotation
+    is free.
+    """
 
     def __post_init__(self) -> None:
         """Check the values. Raises GoalError."""

@@ -55,7 +55,7 @@ def _stuck(place: FindingPlace, motion: TrialMotion) -> Finding:
 def gear_ratio(motion: TrialMotion) -> float | None:
     """Return the ratio of the servo's speed to its model's speed at the same drive.
 
-    None if it is not clearly above 1.
+    None if the ratio is not clearly above 1.
     """
     ratio = motion.faster
     return ratio if ratio is not None and ratio > SPEED_FACTOR else None
