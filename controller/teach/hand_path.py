@@ -129,8 +129,8 @@ def path_of(times_s: FloatArray, position: FloatArray, limits: Sequence[JointLim
 def kept_inside(path: HandPath, limits: Sequence[JointLimits]) -> HandPath:
     """Clip a path to the limits.
 
-    Next to clipped knots, the velocity is limited so that the cubics do not swing beyond the limits: to three times the
-    smaller slope at a knot (Fritsch and Carlson).
+    Next to clipped knots, the velocity is limited to three times the smaller slope at the knot (Fritsch and Carlson),
+    so that the cubics do not swing beyond the limits.
     """
     position = inside(path.position, limits)
     slopes = np.pad(np.diff(position, axis=0) / np.diff(path.times_s)[:, None], ((1, 1), (0, 0)))

@@ -6,9 +6,9 @@ one size is requested again. A reply of this size gives no value, because it may
 requests sent before the first request of its size, because a servo replies in order. The next reply is then
 unambiguous.
 
-A late reply is therefore never mistaken for the reply to a later request, if the replies of a servo keep their order
-and are delayed by ``OPEN_S`` at most. A reply overtaken by a later reply of the same servo is still recognized for
-``HELD_S``, unless all sizes are in use.
+A late reply is therefore never mistaken for the reply to a later request. This holds if the replies of a servo keep
+their order and are delayed by at most ``OPEN_S``. A reply overtaken by a later reply of the same servo is still
+recognized for ``HELD_S``, unless all sizes are in use.
 """
 
 import math

@@ -27,8 +27,9 @@ STS_MOTOR_TIME_S: Final = 0.026
 ENCODER_STEP_COUNTS: Final = 1.0
 """Resolution of the encoder. A servo does not correct errors below its dead zone plus this resolution."""
 STS_FRICTION_SHARE: Final = 0.04
-"""Friction as a share of the stall torque: twice the Coulomb friction identified by BAM (0.052 N m), because load
-increases it."""
+"""Friction as a share of the stall torque: twice the Coulomb friction that BAM identified (0.052 N m), because load
+increases friction.
+"""
 
 X_DRIVE_PER_COUNT: Final = 1.0 / 128.0 / x.FULL_PWM
 """Share of full drive per count of error and unit of P. According to the e-manual, the drive is P / 128 units of PWM.
