@@ -147,7 +147,7 @@ class GroupPlanner:
         return with_positions(state, self.joints, found[0])
 
     def broken_constraint(self, constraints: PathConstraints, state: State) -> str:
-        """Describe the first path constraint that a state violates. The text is empty if there is none.
+        """Describe the first path constraint that a state violates, or return an empty text.
 
         Raises:
             PlanningError: The link of a region does not exist.
@@ -263,7 +263,7 @@ class GroupPlanner:
 
 
 def _kept(goals: Sequence[FloatArray], collisions: Collisions) -> list[FloatArray]:
-    """Return the goals (n,) that satisfy the constraints. Raise PlanningError if there are none."""
+    """Return the goals (n,) that satisfy the constraints. Raise PlanningError if no goal does."""
     if not isinstance(collisions, ConstrainedCollisions):
         return list(goals)
     texts = [collisions.broken_region(goal) for goal in goals]

@@ -85,7 +85,7 @@ class Asker(CalibrationDialog, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CalibrationDifference:
-    """One joint before and after the calibration."""
+    """Values of one joint before and after the calibration."""
 
     joint: str
     servo_id: int

@@ -63,7 +63,7 @@ def answer_reads(port: Port, clock: Clock, servo_id: int, model: ServoModel, bau
 
 
 def _refuse_readable(port: Port, clock: Clock, servo_id: int, model: ServoModel) -> None:
-    """Raise CommissioningError if the servo answers reads, because its model is then read and not assumed."""
+    """Raise CommissioningError if the servo answers reads, because its model need not be assumed in this case."""
     series = series_of(model)
     try:
         number = retry_often(partial(Bus(port, clock, {servo_id: model}).read, servo_id, series.model_number))

@@ -49,8 +49,8 @@ class HostController:
     brake and hold if the messages end while a joint is on its way, if the sender leaves, or if a joint is not measured.
     The joints follow again from the next message on.
 
-    NaN in a message means that no controller of the sender commands the joint. A message without a joint means the
-    same.
+    NaN in a message means that no controller of the sender commands the joint. A joint that is missing in a message is
+    treated in the same way.
     """
 
     kind: ClassVar[str] = "servoloop/HostController"

@@ -164,7 +164,7 @@ class GroupRead:
     def _decode_separately(
         self, plan: ReadPlan, responsive: int, data: bytes, wait_s: float, due_s: float, deadline_s: float
     ) -> Mapping[int, ReadResult]:
-        """Decode replies one by one, because some are missing or there is garbage, until no more bytes arrive."""
+        """Decode replies one by one until no more bytes arrive, because replies are missing or there is garbage."""
         size = min(plan.sizes.values())
         others = self._late.sizes().union(plan.sizes.values()) - {size}
         decoder = self._protocol.packets.ReplyDecoder(size, others, self._protocol.refusals)

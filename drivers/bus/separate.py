@@ -60,7 +60,7 @@ class SeparateServos:
     def examine(self, servo_id: int) -> bool:
         """Return whether a servo answers single reads but not group reads.
 
-        Such a servo is read separately from then on.
+        Such a servo is then read separately in every cycle.
         """
         if servo_id in self._servos.separate:
             return True

@@ -59,7 +59,10 @@ def _not_negative(link: str, element: Element | None, key: str, what: tuple[str,
 
 
 def _number(link: str, element: Element | None, key: str, what: tuple[str, str]) -> float:
-    """Parse a number of a link; 0 if it is missing. ``what`` is its name in messages and its kind in ``RANGES``."""
+    """Parse a number of a link; 0 if it is missing.
+
+    ``what`` is the name of the number in messages and the kind of number in ``RANGES``.
+    """
     if element is None:
         return 0.0
     (name, kind), text = what, element.get(key, "0")
