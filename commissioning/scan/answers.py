@@ -32,7 +32,7 @@ def who_answers(bus: Bus, looks: int = LOOKS) -> list[Answer]:
     """Return all IDs that answer at the bus's baud rate, sorted. The search only reads states. Raises PortLost."""
     found: dict[int, bool] = {}
     for _ in range(looks):
-        # A bus object remembers silent servos and does not ask them every time, so a new one is used.
+        # A bus object remembers silent servos and does not ask them every time, so a new bus object is used.
         with bus.at_baud(bus.baud) as forgetful:
             for first in range(0, LARGEST_ID + 1, TOGETHER):
                 _look(forgetful, range(first, min(first + TOGETHER, LARGEST_ID + 1)), found)

@@ -118,7 +118,7 @@ class LateReplyFilter:
     def place(self, sizes: Mapping[int, Sequence[int]]) -> int:
         """Return the index into ``sizes`` for which the fewest servos have open requests."""
 
-        # Of equally good sizes, the one requested last is best, because its reply closes the most requests.
+        # Of equally good sizes, the last requested size is best, because its reply closes the most requests.
         def open_requests(place: int) -> tuple[int, int, float]:
             found = [o for i, of in sizes.items() if (o := self.open.get(i, {}).get(of[place]))]
             first_s = [one.given_up[0][0] for one in found if not one.overtaken]

@@ -70,7 +70,7 @@ realtime_tick = Register("realtime_tick", 50, 2, READ)  # ms; firmware 40 or lat
 goal_acceleration = Register("goal_acceleration", 73, 1, values=BYTE)  # 8.583 deg/s^2; 0: no ramp
 _MX_ONLY: Final = (multi_turn_offset, resolution_divider, d_gain, i_gain, p_gain, realtime_tick, goal_acceleration)
 
-# Only some models have these.
+# Only some models have these registers.
 drive_mode = Register("drive_mode", 10, 1, persistent=True, values=between(0, 3))  # EX-106+, MX-106
 sensed_current = Register("sensed_current", 56, 2, READ)  # EX-106+: 10 mA, 512 is none
 present_current = Register("present_current", 68, 2)  # MX-64, MX-106: 4.5 mA, 2048 is none

@@ -106,7 +106,7 @@ goal_current = Register("goal_current", 102, 2, signed=True)  # the model's unit
 pwm_slope = Register("pwm_slope", 62, 1, persistent=True, values=between(1, 255))  # XL330, XC330
 acceleration_limit = Register("acceleration_limit", 40, 4, persistent=True, values=PROFILE)  # MX-28; 214.577 rev/min^2
 
-# An MX and firmware before version 45 (X330: 46) lack these two.
+# An MX, and firmware before version 45 (X330: 46), lack these two registers.
 startup_configuration = Register(
     "startup_configuration", 60, 1, persistent=True, values=between(0, 3)
 )  # bits, see below

@@ -79,7 +79,7 @@ class JointOffset:
         before = command if self._command is None else self._command
         sag = self._sag(torque)
         at_rest, error = abs(command - before) < STILL, command - measured
-        # If gravity turns a joint beyond its dead band, it presses the gear against one side of the backlash.
+        # If gravity turns a joint beyond its dead band, gravity also presses the gear against one side of the backlash.
         self._limit_cycle.update(error, at_rest and abs(sag) < self._dead_band, dt_s)
         self._rested_s = self._rested_s + dt_s if at_rest else 0.0
         self._correct(before, error, dt_s)
