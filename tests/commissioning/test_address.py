@@ -78,7 +78,7 @@ def test_set_id_reports_a_second_servo_that_kept_the_old_id(monkeypatch: pytest.
     memory = line.servos.servos[2].memory
     write = memory.write
     monkeypatch.setattr(memory, "write", lambda at, data: None if at == sts.servo_id.address else write(at, data))
-    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another one still answers with ID 2"):
+    with pytest.raises(CommissioningError, match="one servo now has ID 5, but another servo still answers with ID 2"):
         told(line, set_id, 2, 5)
 
 

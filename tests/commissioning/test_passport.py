@@ -357,7 +357,7 @@ def test_a_passport_keeps_the_startup_configuration_and_an_older_passport_lacks_
         ("position_p: 17", "position_q: 17", "sts3215 has no persistent register position_q; register position_p is"),
         ("model: sts3215", "model: sts9", "unknown model sts9"),
         ("model_number: 777", "model_number: 778", "model_number is 778, but an sts3215 has 777"),
-        ("    id: 1\n", "    id: 4\n", "servo 1: the register id has another value"),
+        ("    id: 1\n", "    id: 4\n", "servo 1: the register id has a different value"),
         ("\n...\n", "\n", "the file is truncated"),
         ("baud: 1000000", "baud: [", "is not YAML"),
     ],
