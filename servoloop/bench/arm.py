@@ -108,8 +108,9 @@ def bench_arm(
         arm: The arm.
         devices: Serial device of each bus, by bus name.
         clock: Clock for the measurements.
-        signals: Returns the number of signals received. The first ends the measurement; a second skips the way back.
-        say: Prints a line of progress.
+        signals: Function that returns the number of signals received. The first ends the measurement; a second skips
+            the way back.
+        say: Function that prints a line of progress.
         virtual: Virtual buses in this process, used instead of the devices.
 
     Raises:

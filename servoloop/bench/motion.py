@@ -119,7 +119,7 @@ def run_trial(
         poses: Poses of the joints of the trajectory controller.
         devices: Serial device of each bus, by bus name.
         clock: Clock of the control loop.
-        signals: Returns the number of signals received.
+        signals: Function that returns the number of signals received.
         virtual: Virtual buses in this process, used instead of the devices.
 
     Raises:

@@ -60,7 +60,7 @@ def run_ros(
         ready: Ready pose of the arm.
         lay: Initial pose of the arm.
         devices: Serial device of each bus, by bus name.
-        signals: Returns the number of signals received.
+        signals: Function that returns the number of signals received.
 
     Raises:
         DriverError: The stack failed; the message has its last output.

@@ -191,7 +191,7 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 
     Args:
         schedule: The schedule.
-        prepare: Called with the stack before it comes up.
+        prepare: Function called with the stack before it comes up.
 
     Raises:
         FaultError: A fault of the schedule cannot happen to the arm.
@@ -236,7 +236,7 @@ def campaign(
         scenario: The scenario.
         seeds: The seeds.
         processes: Number of processes. With 0 the runs take place in this process, and a run that is killed ends it.
-        stop: Returns whether to stop before the next report.
+        stop: Function that returns whether to stop before the next report.
         ray: Address of a Ray cluster, or ``local`` to start one on this machine. None runs without Ray.
 
     Raises:

@@ -76,8 +76,8 @@ def keep(report: RunReport, invariant: str, out: Path, stop: Stop, violated: Vio
         report: Report of a run that violates the invariant.
         invariant: Name of the invariant.
         out: Folder for the files.
-        stop: Returns whether to stop minimizing.
-        violated: Runs a schedule and returns the invariants that it violates.
+        stop: Function that returns whether to stop minimizing.
+        violated: Function that runs a schedule and returns the invariants that it violates.
 
     Raises:
         DriverError: A file cannot be written, or a process cannot be started.

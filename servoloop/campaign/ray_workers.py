@@ -36,12 +36,12 @@ def on_ray(
     a Ray worker that is killed is repeated.
 
     Args:
-        run: Runs a seed.
-        lost: Returns the result of a seed whose run was lost.
+        run: Function that runs a seed.
+        lost: Function that returns the result of a seed whose run was lost.
         seeds: The seeds.
         address: Address of a Ray cluster, or ``local``.
         processes: Number of processes of a local Ray. A cluster determines its own number.
-        stop: Returns whether to stop.
+        stop: Function that returns whether to stop.
 
     Raises:
         ExtraError: Ray is not installed.

@@ -69,7 +69,7 @@ def run_schedule(
         settings: Settings of the pick-and-place jobs.
         schedule: Faults, jobs and clients of the run.
         kinds: Invariants that watch the run.
-        prepare: Called with the stack before it comes up. Tests use it to plant a bug.
+        prepare: Function called with the stack before it comes up. Tests use it to plant a bug.
 
     Raises:
         FaultError: A fault of the schedule cannot happen to this arm.

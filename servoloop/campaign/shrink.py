@@ -71,8 +71,8 @@ def shrink(schedule: Schedule, breaks: Breaks, stop: Callable[[], bool] = lambda
 
     Args:
         schedule: A schedule for which ``breaks`` returns True.
-        breaks: Returns whether a schedule still violates the invariant.
-        stop: Returns whether to end the search early.
+        breaks: Function that returns whether a schedule still violates the invariant.
+        stop: Function that returns whether to end the search early.
 
     Returns:
         The smallest schedule found for which ``breaks`` returns True.

@@ -37,7 +37,7 @@ FORWARD: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class _RunningGoal:
-    """Goal of a client that has not ended."""
+    """Goal of a client, until the goal ends."""
 
     controller: Any
     handle: GoalHandle | GripperHandle
@@ -134,7 +134,7 @@ class Motions:
             motions.set_points.clear()
 
     def stop(self) -> None:
-        """Cancel the goals of all clients, also of ROS clients, and hold the joints of all streams."""
+        """Cancel the goals of all clients, including ROS clients, and hold the joints of all streams."""
         with self._lock:
             for client in self._clients:
                 self.halt(client)
@@ -154,12 +154,12 @@ class Motions:
                 yield _result(number, goals.pop(number).handle)
 
     def forget(self, client: object) -> None:
-        """Forget a client that has disconnected, after ``halt``."""
+        """Discard the data of a client that has disconnected. Call ``halt`` first."""
         with self._lock:
             self._clients.pop(client, None)
 
     def busy(self, client: object, entry: Loaded) -> bool:
-        """Return whether a controller executes a goal of another client, also of a ROS client."""
+        """Return whether a controller executes a goal of another client or of a ROS client."""
         newest = getattr(entry.controller, "newest_goal", None)
         if newest is None or newest.done:
             return False
@@ -186,7 +186,7 @@ class Motions:
         return _RunningGoal(controller, controller.submit(goal))
 
     def _timed(self, controller: JointTrajectoryController, goal: TrajectoryGoal) -> TrajectoryGoal:
-        """Add the time of the next cycle, estimated from the newest cycle."""
+        """Return the goal with the time of the next cycle, estimated from the newest cycle."""
         tracking, now_s = controller.tracking, self._loop.clock.now()
         if tracking is None:
             return goal

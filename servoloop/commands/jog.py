@@ -62,7 +62,7 @@ def jog(
 
 
 def stop(arm: RunningArm = None) -> None:
-    """Stop all motions of a running arm, also those that ROS clients have started. The arm holds its position.
+    """Stop all motions of a running arm, including those that ROS clients have started. The arm holds its position.
 
     Example: `servoloop stop`
     """
@@ -74,7 +74,7 @@ def stop(arm: RunningArm = None) -> None:
 
 
 class Jogging:
-    """Jog session: handles keys, sends motions and shows the joints."""
+    """Jog session, which handles keys, sends motions and shows the joints."""
 
     def __init__(self, client: "RobotClient", robot: "LiveRobot") -> None:
         from servoloop.stack.terminal import HeldKey

@@ -98,7 +98,7 @@ ModelOption = Annotated[
 
 
 def write_status_level(port: str | None, servo_id: int, baud: int | None, model: str, words: list[str]) -> None:
-    """Let a servo answer reads again. Raises CommissioningError if anything but its status level is to be written."""
+    """Make a servo answer reads again. Raises CommissioningError if the register to write is not its status level."""
     from commissioning.ports.adapters import only_port
     from commissioning.registers.mute import answer_reads
     from drivers.clock import MonotonicClock
@@ -129,7 +129,7 @@ def tables(
 ) -> None:
     """List all servo models, or the control table of one model. No servo is needed.
 
-    The servo models of the present folder are included (servo_models.yaml, see docs/add-a-servo.md).
+    The servo models of the current folder are included (servo_models.yaml, see docs/add-a-servo.md).
     Example: `servoloop register tables xl430-w250`
     """
     from rich.console import Console

@@ -34,7 +34,7 @@ class SimulatedRun:
     ] = BACKLASH_DEG
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Seed that varies friction, motors, masses and supply of the arm by up to 10 %."),
+        typer.Option(min=0, help="Seed for random variations of friction, motors, masses and supply by up to 10 %."),
     ] = None
     faults: Annotated[
         Path | None, typer.Option(help="YAML file with faults to inject (see `servoloop fault --list`).")

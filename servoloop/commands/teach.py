@@ -150,7 +150,7 @@ def played_on_running_arm(
 
     Args:
         name: Name, folder or process ID of the running arm. None: the only one.
-        motion_of: Returns the motion for an arm, with its joints in their order.
+        motion_of: Function that returns the motion for an arm, in the order of its joints.
         speed: Share of the recorded speed, from 0 to 1.
         hands_free: Whether to move without a dead-man key.
     """

@@ -39,7 +39,7 @@ def view(
     ] = None,
     port: Annotated[
         int,
-        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free one is used."),
+        typer.Option(min=0, max=65535, help="Network port of the page. If it is in use, the next free port is used."),
     ] = 8080,
     host: Annotated[
         str, typer.Option(help="Network address of the page. Other machines need the token that is printed.")

@@ -71,7 +71,7 @@ class LiveFeed:
 
         Args:
             path: Path of the socket.
-            messages: Creates the messages.
+            messages: Factory of the messages.
             folder: Folder of the arm, if any.
 
         Raises:

@@ -106,7 +106,8 @@ def read_messages(path: Path, open_file: OpenFile = open_file) -> Iterator[Recei
 
     Args:
         path: Path of the file.
-        open_file: Opens the file. A caller that shows progress passes a function that counts the bytes read.
+        open_file: Function that opens the file. A caller that shows progress passes a function that counts the bytes
+            read.
 
     Raises:
         RecordingError: The file cannot be read, or it is not an MCAP file.

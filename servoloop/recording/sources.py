@@ -26,7 +26,7 @@ class LiveSource:
 
         Args:
             arm: Name, folder or process ID of the arm. None: the only running stack.
-            clock: Measures the time since the last message.
+            clock: Clock that measures the time since the last message.
 
         Raises:
             LiveError: No stack of this arm is running, or several are.

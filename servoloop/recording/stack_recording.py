@@ -80,8 +80,8 @@ class StackRecording:
             loop: Control loop.
             files: Files of the robot.
             offset_s: ROS time minus the time of the loop's clock, in seconds.
-            failed: Returns at the end whether the loop failed.
-            scene: Returns the objects around the arm. Called in the recorder thread.
+            failed: Function that returns at the end whether the loop failed.
+            scene: Function that returns the objects around the arm. Called in the recorder thread.
             live: Whether to write fault files, and whether other programs can find the stack and follow it.
 
         Raises:
@@ -143,7 +143,7 @@ def record(stream: MessageStream, path: Path, seconds: float | None, stop: Calla
         stream: Messages of the stack.
         path: Path of the new file.
         seconds: Maximum length of the recording, in seconds of the stack's time. None: no limit.
-        stop: Returns whether to end the recording.
+        stop: Function that returns whether to end the recording.
 
     Raises:
         RecordingError: The file cannot be written, or no cycle arrived. After a write error, the file contains the

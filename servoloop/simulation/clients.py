@@ -82,7 +82,7 @@ class SimulatedClients:
             stack: The stack.
             arm: Trajectory controller that receives the goals.
             acts: Actions of the clients.
-            programs: Carries out the actions on the command socket. Required if there are any.
+            programs: Programs that carry out the actions on the command socket. Required if there are such actions.
         """
         self.programs = programs
         """Programs on the command socket, if there are any."""

@@ -57,7 +57,7 @@ class SimulatedStack:
             start: Initial joint positions, in rad or m. None: the arm rests in the scene's keyframe until driven.
             build: Build of the virtual servos.
             keep_alive: Whether the loop continues when it loses a component.
-            compensation: Creates the gravity compensation.
+            compensation: Function that creates the gravity compensation.
             wire: Whether to simulate servos and buses. Otherwise MuJoCo drives the arm directly, as with ``servoloop up
                 --hardware mujoco``, and there is no trace between the cycles.
         """

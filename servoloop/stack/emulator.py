@@ -215,8 +215,8 @@ def emulate(
         link: Path of the bus.
         options: Options of the virtual arm.
         faults: Faults to inject. Their times count from the moment the emulator is ready.
-        stop: Returns whether to end.
-        on_ready: Called when clients can open the buses.
+        stop: Function that returns whether to end.
+        on_ready: Function called when clients can open the buses.
 
     Raises:
         PortBusy: Another program uses one of the paths.

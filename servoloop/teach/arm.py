@@ -63,9 +63,9 @@ def build_arm(
         side: Files and devices of the arm.
         rate_hz: Rate of the loop.
         clock: Clock of the loop.
-        worker: Runs tasks that take longer than a cycle.
+        worker: Worker for tasks that take longer than a cycle.
         soft: Whether the arm is guided by hand with compensated gravity.
-        tap: Wraps each port, for example to record its bytes.
+        tap: Function that wraps each port, for example to record its bytes.
     """
     files, buses = side.files, dict[str, Bus]()
     joints = files.robot.joints

@@ -55,7 +55,7 @@ class TeachRecording:
             arm: Arm to record.
             freedrive: Freedrive controller of a soft arm. None: the arm is limp.
             poses: Whether to record poses marked with a key instead of the path.
-            keep: Saves the motion.
+            keep: Function that saves the motion.
         """
         self.phase = RecordPhase.READYING
         self.error: Exception | None = None

@@ -54,7 +54,7 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOpera
         limp: Whether to record a limp arm instead of a soft one.
         poses: Whether to record marked poses instead of the path.
         person: User interface.
-        keep: Saves the motion. Called before torque is enabled again.
+        keep: Function that saves the motion. Called before torque is enabled again.
 
     Returns:
         Exit status.
@@ -103,7 +103,7 @@ def play(side: Side, rate_hz: int, motion: RecordedMotion, speed: float, permiss
         motion: Motion to play.
         speed: Share of the recorded speed, from 0 to 1.
         permission: Dead-man switch.
-        show: Displays the state of the arm.
+        show: Function that displays the state of the arm.
 
     Returns:
         Exit status.

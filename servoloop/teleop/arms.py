@@ -119,8 +119,8 @@ def build_teleop(
         leader: Files and devices of the leader.
         follower: Files and devices of the follower.
         clock: Clock of the loop.
-        worker: Runs tasks that take longer than a cycle.
-        tap: Wraps each port, for example to record its bytes.
+        worker: Worker for tasks that take longer than a cycle.
+        tap: Function that wraps each port, for example to record its bytes.
 
     Raises:
         TeleopError: The leader lacks a joint of the follower.
@@ -152,7 +152,7 @@ def release_leader(both: Teleop, confirm: Callable[[str], None]) -> None:
 
     Args:
         both: Leader and follower.
-        confirm: Asks a question and raises an error unless the answer is yes.
+        confirm: Function that asks a question and raises an error unless the answer is yes.
 
     Raises:
         DriverError: The leader cannot be reached.

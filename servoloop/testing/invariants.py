@@ -11,7 +11,7 @@ from servoloop.testing.errors import ArmTestError
 IDLE = (
     "the condition of this invariant never occurred: make it occur in the test, or remove the name from `examined`. {}"
 )
-OWN = "Your own invariants must count in `self.examined`."
+OWN = "Your own invariants must count their examinations in `self.examined`."
 
 
 class ChosenInvariants:

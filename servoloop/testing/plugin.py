@@ -83,7 +83,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Iterator[None]:
 
 @pytest.fixture
 def virtual_bus(request: pytest.FixtureRequest, seed: int | None, tmp_path: Any) -> Iterator["VirtualBusProcess"]:
-    """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a process of their own."""
+    """Yield the arm's servos on the pseudo-terminal ``virtual_bus.port``, in a separate process."""
     _require_simulation("virtual_bus")
     from servoloop.testing.processes import VirtualBusProcess
 

@@ -1,4 +1,4 @@
-"""Run a virtual bus on a pseudo-terminal, or the ROS stack, in a process of its own for tests."""
+"""Run a virtual bus on a pseudo-terminal, or the ROS stack, in a separate process for tests."""
 
 import fcntl
 import os
@@ -17,7 +17,10 @@ from drivers.errors import DriverError
 from nodes.discovery import stay_on_this_machine
 
 DOMAINS = range(1, 98, 4)
-"""ROS domain IDs for tests. A run may also use the next two IDs. From 102 on, Linux may use the ports of a domain."""
+"""ROS domain IDs for tests. A run may also use the next two IDs.
+
+From 102 on, other programs may use the network ports of a domain.
+"""
 
 
 @contextmanager

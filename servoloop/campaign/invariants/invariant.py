@@ -48,7 +48,7 @@ class Invariant:
 
     Args:
         stack: The stack, not yet up.
-        say: Reports a violation. Only the first violation of an invariant is kept.
+        say: Function that reports a violation. Only the first violation of an invariant is kept.
     """
 
     name = ""

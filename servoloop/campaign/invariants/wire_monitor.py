@@ -40,7 +40,8 @@ class WireMonitor:
             line: The simulated bus.
             period_s: Period of the control loop, in seconds.
             limp: Names of joints that the stack must know to be without torque. The caller keeps it up to date.
-            activating: Returns whether the hardware is being activated, with or without torque on its servos.
+            activating: Function that returns whether the hardware is being activated, with or without torque on its
+                servos.
         """
         self._joints = {joint.servo_id: (joint, line.servo(joint.servo_id)) for joint in joints}
         self._line = line
