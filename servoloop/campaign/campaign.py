@@ -33,7 +33,7 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.events import KINDS, FaultEvent
 
 KILLED_IN_A_ROW: Final = 3
-"""Number of consecutive seeds whose processes are killed after which a campaign ends."""
+"""A campaign ends after this number of consecutive seeds whose processes were killed."""
 
 
 class ScenarioError(DriverError):
@@ -65,7 +65,7 @@ class Scenario(BaseModel):
     arm: OneOrMore[str] = (OWN,)
     """Names or folders of arms. Each run draws one of them."""
     clients: OneOrMore[ClientKind] = ("job",)
-    """Kinds of clients. Each run draws one of them. ``job`` does the jobs; the others move the arm directly."""
+    """Kinds of clients. Each run draws one of them. ``job`` runs the jobs; the others move the arm directly."""
     on_exit: OneOrMore[ExitPolicy] | None = None
     """Policies for the end of a run. Each run draws one of them. None uses the policy of the robot file."""
     job: Annotated[tuple[str, ...], BeforeValidator(_as_list)] = ()
@@ -79,9 +79,9 @@ class Scenario(BaseModel):
     within_s: Duration = 10.0
     """Latest start of a fault after the arm is up, in seconds. Without jobs it must not exceed ``seconds``."""
     kinds: OneOrMore[str] | None = None
-    """Kinds of faults. None means all kinds that the arm can have."""
+    """Kinds of faults. None: all kinds that are possible on the arm."""
     promises: Promises = Promises()
-    """Conditions that the campaign must examine and visit. It fails if it does not."""
+    """Conditions that the campaign must examine and visit. Otherwise the campaign fails."""
 
     @field_validator("job")
     @classmethod
@@ -191,7 +191,7 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 
     Args:
         schedule: The schedule.
-        prepare: Function called with the stack before it comes up.
+        prepare: Function called with the stack before the stack starts.
 
     Raises:
         FaultError: A fault of the schedule cannot happen to the arm.
@@ -221,7 +221,7 @@ def run_schedule_of(schedule: Schedule, prepare: Callable[[FaultyStack], None] =
 
 @cache
 def files_of(arm: str) -> Files:
-    """Return the files of an arm, by its name or folder. They are read once."""
+    """Return the files of an arm, by its name or folder. The files are read only once."""
     return read_arm_files(find_arm(arm))
 
 

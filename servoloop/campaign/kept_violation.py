@@ -21,7 +21,7 @@ BEFORE_S: Final = 2.0
 CYCLES_BEHIND: Final = 4
 """Length of a trace after the violation, in cycles."""
 NOTHING: Final = CycleRecording((), (), (), {})
-"""Recording of a run that was not recorded."""
+"""Empty recording, for a run that was not recorded."""
 AS_DRAWN: Final = {
     NO_HANG: "The schedule is not minimized: every further run of it would last until the limit.",
     NOT_KILLED: "The schedule is not minimized: every further run of it would end its process.",
@@ -32,7 +32,7 @@ UNSEEN: Final = "The schedule is not minimized: the violation did not recur in a
 
 @dataclass(frozen=True, slots=True)
 class KeptViolation:
-    """A violation with the schedule that reproduces it, and the files in which both are kept."""
+    """A violation, the schedule that reproduces it, and the files of the schedule and the trace."""
 
     violation: Violation
     schedule: Schedule
@@ -42,7 +42,7 @@ class KeptViolation:
     trace_path: Path | None
     """None if the schedule was not run again."""
     note: str = ""
-    """Reason why the schedule is not minimized; empty if it is."""
+    """Reason why the schedule is not minimized; empty if it is minimized."""
 
     @property
     def command(self) -> str:

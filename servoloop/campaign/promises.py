@@ -1,4 +1,4 @@
-"""Promises of a campaign: conditions that it must examine and visit, because a pass proves nothing about others."""
+"""Promises of a campaign: conditions that must occur. A pass proves nothing about conditions that never occur."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping

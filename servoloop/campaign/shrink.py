@@ -15,11 +15,11 @@ from sim_backend.faults.errors import FaultError
 from sim_backend.faults.event import Event
 
 Breaks = Callable[[Schedule], bool]
-"""Returns whether a run of the schedule violates the invariant."""
+"""Function that returns whether a run of the schedule violates the invariant."""
 Violated = Callable[[Schedule], set[str]]
-"""Runs a schedule and returns the invariants that it violates."""
+"""Function that runs a schedule and returns the invariants that it violates."""
 ROUND_S = (1.0, 0.1, 0.01)
-"""Grids to which the times of faults are rounded, coarsest first, in seconds."""
+"""Steps to which the times of faults are rounded, coarsest first, in seconds."""
 SECONDS = (1.0, 3.0, 5.0)
 """Shorter times that the arm may stay up, in seconds."""
 LAST: Final = {NO_HANG, NOT_KILLED}

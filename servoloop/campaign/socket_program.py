@@ -27,7 +27,7 @@ from servoloop.simulation.faulty_stack import FaultyStack
 SET_POINT_S: Final = 0.3
 """Time until the arm rests at a set point, in seconds."""
 INVALID: Final = "invalid"
-"""Beginning of the ID of a message that the stack must refuse."""
+"""Prefix of the ID of a message that the stack must refuse."""
 
 
 @dataclass(slots=True)
@@ -106,7 +106,7 @@ class SocketProgram:
         self._write(self._motion(self._number(), act))
 
     def _motion(self, number: int | str, act: SocketMove) -> bytes:
-        """Ask for the motion, and return the message of a motion."""
+        """Request control of the arm, and return the message of a motion."""
         self._ask("take")
         names, values = list(act.positions), list(act.positions.values())
         sent_s, arm = self._now(), self._stack.arm
@@ -176,7 +176,7 @@ class SocketProgram:
         self._write(line_of(number, op, **fields))
 
     def _write(self, data: bytes) -> None:
-        """Send bytes to the stack, which carries out complete messages at once."""
+        """Send bytes to the stack, which immediately carries out complete messages."""
         before = len(self._stack.goals.goals)
         self._session.receive(data)
         self._session.serve()

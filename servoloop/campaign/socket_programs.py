@@ -28,7 +28,7 @@ class ConnectedPrograms:
 
     @property
     def dead_owner(self) -> str:
-        """Name of a program that owns the motion although it has died; empty if there is none."""
+        """Name of a program that has control of the arm although it has died; empty if there is none."""
         owner = self.served.requests.ownership.owner
         open_names = {program.name for program in self._programs.values() if program.open}
         return "" if owner in open_names else owner

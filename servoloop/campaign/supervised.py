@@ -60,20 +60,20 @@ def longest_s(schedule: Schedule) -> float:
 
 
 def limit(clock: SimulatedClock, schedule: Schedule) -> None:
-    """Make the clock of a run end the run after its longest time, and report its time to the supervisor."""
+    """Let the clock of a run end the run at its time limit, and report its time to the supervisor."""
     clock.last_s = longest_s(schedule)
     clock.on_time = ON_TIME.get()
 
 
 class ClockStandstill:
-    """Detects that a simulated time stands still for too many polls."""
+    """Detector of a simulated time that stands still for too many polls."""
 
     def __init__(self, more_s: float = 0.0) -> None:
         """Add ``more_s`` seconds to the limits."""
         self._more_s, self._count, self._time_s = more_s, 0, -1.0
 
     def poll(self, time_s: float) -> bool:
-        """Return whether the simulated time has not changed in too many consecutive polls."""
+        """Return whether the simulated time has stayed the same for too many consecutive polls."""
         self._count = self._count + 1 if time_s == self._time_s else 0
         self._time_s = time_s
         return self._count >= (_limit_s(time_s) + self._more_s) / POLL_S
@@ -134,7 +134,10 @@ class Loss:
 
 
 class Supervisor:
-    """Does runs in a separate process and replaces that process when it ends or hangs. ``close`` ends the process."""
+    """Supervisor that does runs in a separate process and replaces that process when it ends or hangs.
+
+    ``close`` ends the process.
+    """
 
     def __init__(self) -> None:
         self._process: SpawnProcess | None = None

@@ -14,13 +14,13 @@ from servoloop.campaign.supervised import Loss, Supervisor, blocked_signals
 
 T = TypeVar("T")
 Run = Callable[[int], T]
-"""Runs a seed."""
+"""Function that runs a seed."""
 Lost = Callable[[int, Loss], T]
-"""Returns the result of a seed whose run was lost."""
+"""Function that returns the result of a seed whose run was lost."""
 Stop = Callable[[], bool]
-"""Returns whether to stop and keep the results so far."""
+"""Function that returns whether to stop and keep the results so far."""
 Submit = Callable[[range], Future[list[T]]]
-"""Hands the seeds of one task to a worker."""
+"""Function that hands the seeds of one task to a worker."""
 
 CHUNK: Final = 5
 """Number of seeds in one task."""
@@ -83,7 +83,7 @@ def in_processes(run: Run[T], lost: Lost[T], seeds: range, processes: int, stop:
     """Run the seeds in several processes of this machine and yield their results in the order of the seeds."""
     idle: SimpleQueue[Supervisor] = SimpleQueue()
     over = Event()
-    """Set at the end, so that tasks start no further run."""
+    """Event that is set at the end, so that tasks start no further run."""
     for _ in range(processes):
         idle.put(Supervisor())
 

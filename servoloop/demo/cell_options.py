@@ -11,7 +11,7 @@ from servoloop.stack.arm_folders import OWN, ArmFolder, find_arm
 from servoloop.stack.arm_options import BACKLASH_DEG, ArmOption, BacklashOption, RobotOption, SeedOption
 
 FIRST_TRAY: Final = 2
-"""Seed of the apples without ``--seed``. These apples have all grades."""
+"""Default seed of the apples, used without ``--seed``. It gives apples of all grades."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class CellOptions:
     view: Annotated[bool, typer.Option("--view", help="Show the arm in a browser.")] = False
 
     vision: Annotated[
-        bool, typer.Option("--vision", help="Sort twelve apples by what a virtual camera sees, instead of cubes.")
+        bool, typer.Option("--vision", help="Sort twelve apples by the pictures of a virtual camera, instead of cubes.")
     ] = False
 
     @property

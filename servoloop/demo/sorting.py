@@ -1,4 +1,4 @@
-"""Sort apples by what the virtual camera sees: wait for each job, and compare the grade and the bin with the truth."""
+"""Sort apples by the pictures of the virtual camera: wait for each job, and check its grade and bin."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 APPLES: Final = 12
 """Number of apples of a demo."""
 APPLE_S: Final = 60.0
-"""Maximum time for an apple to come to the stand, and for its job to start, in seconds."""
+"""Maximum time for an apple to arrive at the stand and for its job to start, in seconds."""
 JOB_S: Final = 120.0
 """Maximum duration of a job, in seconds. The node limits each of its motions itself."""
 FALL_S: Final = 3.0
@@ -39,7 +39,7 @@ class SortedApple:
     truth: AppleTruth
     true_grade: str
     job: "SortingJob | None"
-    """Job that the apple started; None if none started in time."""
+    """Job that the apple started; None if no job started in time."""
     bin: str | None
 
     @property
@@ -49,7 +49,7 @@ class SortedApple:
 
     @property
     def diameter_error_mm(self) -> float | None:
-        """Measured diameter minus the true one."""
+        """Measured diameter minus the true diameter."""
         if self.job is None or self.job.apple is None:
             return None
         return self.job.apple.diameter_mm - self.truth.diameter_mm
@@ -79,7 +79,7 @@ def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 
 
 class Sorter:
-    """Watches a cell that sorts apples by itself."""
+    """Observer of a cell that sorts apples by itself."""
 
     def __init__(self, ready: Cell, monitor: "SortingMonitor", camera: SceneCamera, live: Live) -> None:
         self._ready, self._monitor, self._live = ready, monitor, live

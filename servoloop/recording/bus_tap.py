@@ -49,7 +49,7 @@ class BusTap(Generic[AnyPort]):
     clock: Clock
     transfers: deque[Transfer] = field(default_factory=deque)
     on_write: Callable[[bytes], None] | None = None
-    """Called with the bytes of each write before they are written."""
+    """Function called with the bytes of each write before they are written."""
 
     @property
     def sent(self) -> list[tuple[float, bytes]]:

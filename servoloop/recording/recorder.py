@@ -1,4 +1,4 @@
-"""Encode and write samples in a thread of its own, so that the loop thread never waits for the disk."""
+"""Encode and write samples in a separate thread, so that the loop thread never waits for the disk."""
 
 import logging
 import threading
@@ -38,16 +38,19 @@ class Sink(Protocol):
 
     def write(self, sample: CycleSample) -> None: ...
     def flush(self) -> None:
-        """Process the samples written so far. No more samples are available at the moment."""
+        """Process the samples written so far. It is called when no more samples are available at the moment."""
         ...
 
     def close(self, transfers: Sequence[Transfer], failed: bool) -> None:
-        """Write the bus traffic after the last cycle and close. ``failed``: whether the loop ended with an error."""
+        """Write the bus traffic after the last cycle, and close the sink.
+
+        ``failed``: whether the loop ended with an error.
+        """
         ...
 
 
 class Recorder:
-    """Passes each cycle to all sinks. A sink that fails is removed; the others continue."""
+    """Recorder that passes each cycle to all sinks. A sink that fails is removed; the others continue."""
 
     def __init__(self, sampler: Sampler, taps: BusTaps, sinks: Sequence[Sink], scene: Scene = dict) -> None:
         self.dropped = 0
@@ -77,11 +80,13 @@ class Recorder:
                 self._wake.set()
 
     def add(self, sink: Sink) -> None:
-        """Pass the cycles from now on to another sink, too. Any thread may call this method."""
+        """Pass all further cycles to an additional sink. Any thread may call this method."""
         self._sinks.append(sink)
 
     def remove(self, sink: Sink) -> Request[None]:
-        """Request that the recorder thread close a sink after the present cycles. Any thread may call this method.
+        """Request that the recorder thread close a sink after the cycles queued so far.
+
+        Any thread may call this method.
 
         Returns:
             The request. Its result raises RecordingError if the sink has failed.

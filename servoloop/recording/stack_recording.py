@@ -32,7 +32,7 @@ LOG = logging.getLogger("servoloop")
 class StackRecording:
     """Recordings of one stack: the file of ``--record``, fault files and the live feed.
 
-    The bus taps exist before the loop, as the ports are opened first.
+    The bus taps exist before the loop, because the ports are opened first.
     """
 
     def __init__(self, path: Path | None) -> None:

@@ -82,7 +82,7 @@ def find_stack(arm: str | None = None) -> RunningStack:
         arm: Name of the arm, its folder or the process ID of the stack. None: the only running stack.
 
     Raises:
-        LiveError: No stack matches, or several do.
+        LiveError: No stack matches, or several stacks match.
     """
     running = running_stacks()
     found = [stack for stack in running if arm is None or _is_of(stack, arm)]
@@ -94,7 +94,7 @@ def find_stack(arm: str | None = None) -> RunningStack:
     if not found:
         raise LiveError(f"no stack of {arm} is running. Running stacks: {names}")
     raise LiveError(
-        f"several stacks are running: {names}. Choose one with --arm (its name, folder or process number), or end the "
+        f"several stacks are running: {names}. Choose one with --arm (its name, folder or process ID), or end the "
         "others"
     )
 

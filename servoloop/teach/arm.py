@@ -64,7 +64,7 @@ def build_arm(
         rate_hz: Rate of the loop.
         clock: Clock of the loop.
         worker: Worker for tasks that take longer than a cycle.
-        soft: Whether the arm is guided by hand with compensated gravity.
+        soft: Whether the arm is guided by hand while gravity is compensated.
         tap: Function that wraps each port, for example to record its bytes.
     """
     files, buses = side.files, dict[str, Bus]()

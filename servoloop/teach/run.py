@@ -54,7 +54,7 @@ def record(side: Side, rate_hz: int, limp: bool, poses: bool, person: TeachOpera
         limp: Whether to record a limp arm instead of a soft one.
         poses: Whether to record marked poses instead of the path.
         person: User interface.
-        keep: Function that saves the motion. Called before torque is enabled again.
+        keep: Function that saves the motion. It is called before torque is enabled again.
 
     Returns:
         Exit status.
@@ -131,7 +131,7 @@ def play(side: Side, rate_hz: int, motion: RecordedMotion, speed: float, permiss
 def _run(
     arm: TeachArm, run: LoopThread, recording: StackRecording, begin: Callable[[], None], poll: Callable[[], None]
 ) -> None:
-    """Call ``begin``, then run the loop and call ``poll`` until the end. Serve the live feed meanwhile."""
+    """Call ``begin``, then run the loop and call ``poll`` until the end, while the live feed is served."""
     offset_s = wall_offset_s(arm.loop.clock, time.time)
     with recording.of(arm.loop, arm.files, offset_s, lambda: run.failed):
         claim_realtime_priority()

@@ -1,4 +1,4 @@
-"""Play a motion on an arm whose control loop already runs, while a key is held."""
+"""Play a motion on an arm whose control loop is already running, while a key is held."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -76,7 +76,7 @@ class RunningPlay:
         return True
 
     def _pause(self) -> None:
-        """Stop the arm, and continue from there later."""
+        """Stop the arm, so that the motion can continue from there later."""
         if self._running is None:
             return
         state = self._arm.state
@@ -87,7 +87,7 @@ class RunningPlay:
 
 
 class _Leg:
-    """Part of a motion between two rests: a path, or a single pose."""
+    """Part of a motion from rest to rest: a path, or a single pose."""
 
     def __init__(self, joints: Sequence[str], times_s: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
         """Create a path with k points: times (k,), positions (k, n) and velocities (k, n)."""

@@ -29,7 +29,7 @@ class EndsAsChosen(Invariant):
         self._driven: set[str] = set()
         """Joints without a fault that were driven in the last cycle."""
         self._inactive = False
-        """Whether a client had deactivated the hardware by the last cycle. Its torque then stays as it is."""
+        """Whether a client had deactivated the hardware by the last cycle. The torque is then left unchanged."""
         self._happened = 0
         """Number of faults that had begun or ended by the last cycle."""
 

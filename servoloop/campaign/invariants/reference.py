@@ -42,7 +42,7 @@ class ReferenceJoint:
     def readings(self, position: float, noise_counts: float) -> list[float]:
         """Return the positions that the servo may report at a true position.
 
-        A servo that counts no turns reports a joint past its seam a whole turn away.
+        A servo that does not count turns reports a position beyond its encoder wrap with an error of a whole turn.
         """
         counts = self.zero_counts + position / self.units_per_count
         near = (counts - noise_counts, counts, counts + noise_counts)

@@ -96,9 +96,10 @@ def divided(values: FloatArray, times_s: Sequence[float]) -> FloatArray:
 class SmoothEnd(Invariant):
     """While the program ends, every joint stops and parks within its acceleration limit.
 
-    Commands that a controller with a fault makes jump are limited in speed only, so they are not examined. Neither are
-    commands of joints without torque: they follow joints that fall. A command leads its reference by the servo lag, so
-    it stays at a limit of the joint while the reference still brakes before it, and is not examined there.
+    If a controller with a fault makes commands jump, only their speed is limited, so they are not examined. Commands of
+    joints without torque are not examined either, because they follow joints that fall. A command leads its reference
+    by the servo lag, so it stays at a limit of the joint while the reference still brakes before it, and is not
+    examined there.
     """
 
     name = "smooth end"

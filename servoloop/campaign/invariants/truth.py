@@ -21,7 +21,7 @@ READING_AGE_S: Final = 0.004
 OFFSET_SHARE: Final = 0.03
 """Largest compensation offset between goal and command, as a share of the joint's range."""
 ARRIVED: Final = 0.02
-"""Deviation in rad or m that is allowed on top of the goal tolerance, which the stack compares with a reading."""
+"""Deviation allowed in addition to the goal tolerance, in rad or m, because the stack checks it with a reading."""
 
 
 class ReportedTruly(Invariant):
